@@ -1,0 +1,1 @@
+//! Autoswing's firmware tasks flown by a simulated aircraft, in virtual time.

@@ -1,0 +1,104 @@
+//! Calibration: pure mathematics from samples to the twelve deviation coefficients. No I/O, no clock, no allocation.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `conic.rs` | least-squares conic and plane of one turn |
+//! | `two_plane.rs` | closed form from two planes: the start of the refinement |
+//! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
+//! | `expected_error.rs` | covariance to heading error in degrees |
+//! | `verification.rs` | a candidate against the incumbent on held-back samples |
+//! | `orientation.rs` | the 24 right-angle mountings |
+
+mod orientation;
+
+pub use orientation::Orientation;
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::frames::{Attitude, Body, Field, Sensor};
+
+/// One measurement paired with the attitude at its instant: what calibration works on. 24 bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Raw field in the chip's axes, microtesla.
+    pub field: Field<Sensor>,
+    /// Attitude interpolated to the instant of the measurement.
+    pub attitude: Attitude,
+    /// Milliseconds since start, wrapping. Only the order and differences within one turn are used.
+    pub time_ms: u32,
+}
+
+/// Which way a turn goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Side {
+    /// Left wing down, heading decreasing.
+    Left,
+    /// Right wing down, heading increasing.
+    Right,
+}
+
+/// Samples of left and right turns, each in the order of time.
+#[derive(Clone, Copy, Debug)]
+pub struct Turns<'a> {
+    /// Samples of left turns.
+    pub left: &'a [Sample],
+    /// Samples of right turns.
+    pub right: &'a [Sample],
+}
+
+/// The twelve deviation coefficients, with the Earth field they were found in.
+///
+/// Liu 2007 eq. 8 solved for the field: `h_body = W (m - b)`, `W = A^-1`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// `W`, row-major, dimensionless, normalised to determinant 1: takes the field less hard iron from the chip's axes
+    /// to the body frame. Holds soft iron, scale, non-orthogonality and mounting.
+    pub w: [[f32; 3]; 3],
+    /// `b`, microtesla, chip axes: hard iron and zero offset.
+    pub b_ut: [f32; 3],
+    /// Inclination of the Earth field the calibration was found in, radians, positive down.
+    pub inclination_rad: f32,
+    /// Total intensity of the corrected field in the scale of `w`, microtesla.
+    pub total_ut: f32,
+}
+
+impl Calibration {
+    /// No iron at all, only a mounting: what an uncalibrated module would show.
+    #[must_use]
+    pub fn uncalibrated(mount: Orientation) -> Self {
+        let rotation = mount.body_from_sensor();
+        Self { w: rows(&rotation), b_ut: [0.0; 3], inclination_rad: 0.0, total_ut: 0.0 }
+    }
+
+    /// `W` as a matrix.
+    #[must_use]
+    pub fn w_matrix(&self) -> Matrix3<f32> {
+        Matrix3::from_fn(|row, column| self.w[row][column])
+    }
+
+    /// `b` as a vector, microtesla.
+    #[must_use]
+    pub fn b_vector_ut(&self) -> Vector3<f32> {
+        Vector3::from(self.b_ut)
+    }
+
+    /// The corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla.
+    #[must_use]
+    pub fn apply(&self, sensor: Field<Sensor>) -> Field<Body> {
+        Field::new(self.w_matrix() * (sensor.ut - self.b_vector_ut()))
+    }
+
+    /// Whether every coefficient is a finite number: asked of whatever comes out of flash or of a solver.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.w.as_flattened().iter().chain(&self.b_ut).all(|c| c.is_finite())
+            && self.inclination_rad.is_finite()
+            && self.total_ut.is_finite()
+    }
+}
+
+/// A matrix as an array of rows.
+pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
+    core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
+}

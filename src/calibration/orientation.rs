@@ -1,0 +1,127 @@
+//! The 24 right-angle mountings of a sensor.
+
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+
+/// How the chip sits in the aircraft: one of the 24 right-angle rotations from chip to body axes.
+///
+/// Names and meaning are those of MAVLink's `MAV_SENSOR_ORIENTATION`: the chip is turned from the body axes by yaw,
+/// then pitch, then roll (Euler ZYX). Where MAVLink has two names for one rotation, the lower number is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Orientation(u8);
+
+/// Name and roll, pitch, yaw in quarter turns.
+const TABLE: [(&str, [u8; 3]); 24] = [
+    ("none", [0, 0, 0]),
+    ("yaw90", [0, 0, 1]),
+    ("yaw180", [0, 0, 2]),
+    ("yaw270", [0, 0, 3]),
+    ("roll180", [2, 0, 0]),
+    ("roll180-yaw90", [2, 0, 1]),
+    ("pitch180", [0, 2, 0]),
+    ("roll180-yaw270", [2, 0, 3]),
+    ("roll90", [1, 0, 0]),
+    ("roll90-yaw90", [1, 0, 1]),
+    ("roll270", [3, 0, 0]),
+    ("roll270-yaw90", [3, 0, 1]),
+    ("pitch90", [0, 1, 0]),
+    ("pitch270", [0, 3, 0]),
+    ("roll90-pitch90", [1, 1, 0]),
+    ("roll180-pitch90", [2, 1, 0]),
+    ("roll270-pitch90", [3, 1, 0]),
+    ("roll90-pitch180", [1, 2, 0]),
+    ("roll270-pitch180", [3, 2, 0]),
+    ("roll90-pitch270", [1, 3, 0]),
+    ("roll180-pitch270", [2, 3, 0]),
+    ("roll270-pitch270", [3, 3, 0]),
+    ("roll90-pitch180-yaw90", [1, 2, 1]),
+    ("roll90-yaw270", [1, 0, 3]),
+];
+
+impl Orientation {
+    /// Chip axes equal to body axes.
+    pub const NONE: Self = Self(0);
+
+    /// All 24, in the order of MAVLink's numbers.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..24).map(Self)
+    }
+
+    /// The orientation of this name, as [`name`](Self::name) prints it.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::all().find(|orientation| orientation.name() == name)
+    }
+
+    /// Lower-case name, for example `roll180-yaw90`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.entry().0
+    }
+
+    /// The rotation that takes components in chip axes to body axes.
+    #[must_use]
+    pub fn body_from_sensor(self) -> Matrix3<f32> {
+        let [roll, pitch, yaw] = self.entry().1.map(quarter_turn);
+        let about_x = Matrix3::new(1.0, 0.0, 0.0, 0.0, roll.1, -roll.0, 0.0, roll.0, roll.1);
+        let about_y = Matrix3::new(pitch.1, 0.0, pitch.0, 0.0, 1.0, 0.0, -pitch.0, 0.0, pitch.1);
+        let about_z = Matrix3::new(yaw.1, -yaw.0, 0.0, yaw.0, yaw.1, 0.0, 0.0, 0.0, 1.0);
+        about_z * about_y * about_x
+    }
+
+    /// The orientation nearest to a matrix `W` that takes chip axes to body axes: the rotation with the largest
+    /// `trace(R^T W)`.
+    #[must_use]
+    pub fn nearest(w: &Matrix3<f32>) -> Self {
+        let likeness = |orientation: &Self| orientation.body_from_sensor().component_mul(w).sum();
+        Self::all().max_by(|a, b| likeness(a).total_cmp(&likeness(b))).unwrap_or(Self::NONE)
+    }
+
+    fn entry(self) -> (&'static str, [u8; 3]) {
+        // A record in flash can hold any number; those past the end read as the last one and are refused by `is_valid`.
+        TABLE[usize::from(self.0).min(TABLE.len() - 1)]
+    }
+
+    /// Whether the number is one of the 24: asked of what comes out of flash.
+    #[must_use]
+    pub fn is_valid(self) -> bool {
+        usize::from(self.0) < TABLE.len()
+    }
+}
+
+/// Sine and cosine of so many quarter turns, exact.
+fn quarter_turn(turns: u8) -> (f32, f32) {
+    match turns % 4 {
+        0 => (0.0, 1.0),
+        1 => (1.0, 0.0),
+        2 => (0.0, -1.0),
+        _ => (-1.0, 0.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The table must hold each of the 24 proper right-angle rotations exactly once: an entry that repeats another
+    /// would make one mounting impossible to configure.
+    #[test]
+    fn all_24_rotations_are_proper_and_distinct() {
+        for a in Orientation::all() {
+            let rotation = a.body_from_sensor();
+            assert!((rotation.determinant() - 1.0).abs() < f32::EPSILON, "{}", a.name());
+            assert_eq!(Orientation::nearest(&rotation), a);
+            for b in Orientation::all().filter(|&b| b != a) {
+                assert_ne!(rotation, b.body_from_sensor(), "{} = {}", a.name(), b.name());
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_read_back() {
+        for orientation in Orientation::all() {
+            assert_eq!(Orientation::from_name(orientation.name()), Some(orientation));
+        }
+        assert_eq!(Orientation::from_name("upside-down"), None);
+    }
+}

@@ -1,0 +1,144 @@
+//! Frames in types, attitude, and angles.
+//!
+//! A magnetic field is a [`Field`]`<F>` where `F` says in which frame its components are; only the functions of this
+//! module and [`Calibration::apply`](crate::calibration::Calibration::apply) take a field from one frame to another,
+//! so a frame cannot be forgotten. Frames and signs are those of the [crate docs](crate).
+
+use core::f32::consts::{PI, TAU};
+use core::marker::PhantomData;
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Axes of the magnetometer chip, as its registers report them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensor {}
+
+/// Axes of the attitude source, FRD: x forward, y right, z down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Body {}
+
+/// Body axes with roll and pitch taken out: x along the horizontal projection of the nose, z down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {}
+
+/// A magnetic field in microtesla, in frame `F`.
+#[derive(Debug, PartialEq)]
+pub struct Field<F> {
+    /// Components x, y, z in microtesla.
+    pub ut: Vector3<f32>,
+    frame: PhantomData<F>,
+}
+
+// Derived implementations would ask `F: Copy`, which says nothing about the field.
+impl<F> Clone for Field<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<F> Copy for Field<F> {}
+
+impl<F> Field<F> {
+    /// A field from its components x, y, z in microtesla.
+    #[must_use]
+    pub const fn from_ut(x: f32, y: f32, z: f32) -> Self {
+        Self::new(Vector3::new(x, y, z))
+    }
+
+    /// A field from its vector in microtesla.
+    #[must_use]
+    pub const fn new(ut: Vector3<f32>) -> Self {
+        Self { ut, frame: PhantomData }
+    }
+
+    /// Total intensity in microtesla.
+    #[must_use]
+    pub fn total_ut(&self) -> f32 {
+        self.ut.norm()
+    }
+}
+
+/// Roll and pitch of the aircraft. Heading is what this crate is asked for, so it is not a part of it.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Attitude {
+    /// Roll phi in radians, right wing down positive, -pi..pi.
+    pub roll_rad: f32,
+    /// Pitch theta in radians, nose up positive, -pi/2..pi/2.
+    pub pitch_rad: f32,
+}
+
+impl Attitude {
+    /// An attitude from roll and pitch in degrees.
+    #[must_use]
+    pub fn from_deg(roll_deg: f32, pitch_deg: f32) -> Self {
+        Self { roll_rad: roll_deg.to_radians(), pitch_rad: pitch_deg.to_radians() }
+    }
+
+    /// The rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components
+    /// (Liu 2007 eq. 7 in FRD axes). Its last row is the down direction in body axes.
+    #[must_use]
+    pub fn level_from_body(&self) -> Matrix3<f32> {
+        let (sin_roll, cos_roll) = libm::sincosf(self.roll_rad);
+        let (sin_pitch, cos_pitch) = libm::sincosf(self.pitch_rad);
+        Matrix3::new(
+            cos_pitch,
+            sin_pitch * sin_roll,
+            sin_pitch * cos_roll,
+            0.0,
+            cos_roll,
+            -sin_roll,
+            -sin_pitch,
+            cos_pitch * sin_roll,
+            cos_pitch * cos_roll,
+        )
+    }
+
+    /// Takes roll and pitch out of a body field.
+    #[must_use]
+    pub fn level(&self, body: Field<Body>) -> Field<Level> {
+        Field::new(self.level_from_body() * body.ut)
+    }
+
+    /// Puts roll and pitch into a level field: the inverse of [`level`](Self::level).
+    #[must_use]
+    pub fn body(&self, level: Field<Level>) -> Field<Body> {
+        Field::new(self.level_from_body().tr_mul(&level.ut))
+    }
+}
+
+impl Field<Level> {
+    /// The Earth field in the level frame at a heading: `H0 [cos psi, -sin psi, tan I]` (Liu 2007 eq. 7).
+    #[must_use]
+    pub fn earth(total_ut: f32, inclination_rad: f32, heading_rad: f32) -> Self {
+        let (sin_inclination, cos_inclination) = libm::sincosf(inclination_rad);
+        let (sin_heading, cos_heading) = libm::sincosf(heading_rad);
+        let horizontal_ut = total_ut * cos_inclination;
+        Self::from_ut(horizontal_ut * cos_heading, -horizontal_ut * sin_heading, total_ut * sin_inclination)
+    }
+
+    /// Magnetic heading `psi = atan2(-l_y, l_x)` in radians, 0..2 pi (Liu 2007 eq. 3). A field without a horizontal
+    /// part has no heading; the result is then 0.
+    #[must_use]
+    pub fn heading_rad(&self) -> f32 {
+        wrap_two_pi(libm::atan2f(-self.ut.y, self.ut.x))
+    }
+
+    /// Inclination (dip) in radians, positive down.
+    #[must_use]
+    pub fn inclination_rad(&self) -> f32 {
+        libm::atan2f(self.ut.z, libm::hypotf(self.ut.x, self.ut.y))
+    }
+}
+
+/// Wraps an angle in radians to -pi..pi. Not finite stays not finite.
+#[must_use]
+pub fn wrap_pi(angle_rad: f32) -> f32 {
+    angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU)
+}
+
+/// Wraps an angle in radians to 0..2 pi; the upper end is never returned.
+#[must_use]
+pub fn wrap_two_pi(angle_rad: f32) -> f32 {
+    let wrapped = angle_rad - TAU * libm::floorf(angle_rad / TAU);
+    // A tiny negative angle rounds to 2 pi itself.
+    if wrapped >= TAU { 0.0 } else { wrapped }
+}

@@ -1,0 +1,35 @@
+//! Autoswing: a magnetic heading module that swings its own compass.
+//!
+//! Iron in an airframe bends a magnetic compass by tens of degrees. This crate collects magnetometer and attitude
+//! samples while the aircraft flies left and right turns, solves the twelve deviation coefficients on the device
+//! without any heading reference, keeps them in flash and streams corrected heading. It implements and extends
+//! Liu Shibin, "Study on Automatic Magnetic Deviation Compensation of Magnetic Heading Measurement for UAV",
+//! Acta Aeronautica et Astronautica Sinica 28(2), 2007, 411-414 (cited below as *Liu 2007*).
+//!
+//! # The way of a sample (read the modules in this order)
+//!
+//! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla at an instant -> paired with the
+//! attitude interpolated to that instant ([`attitude`]) -> [`calibration::Sample`]
+//! -> [ turn detector and dataset ([`turns`]) -> solver ([`calibration`]) -> verification on held-back samples
+//! ([`compass`]) -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading
+//! ([`heading`]) -> NMEA out ([`wire`]).
+//!
+//! The asynchronous tasks that move it along are in [`app`]; they run unchanged on a board and, in virtual time, on
+//! the host. What is board-specific is in `board`, which exists only when built for bare metal.
+//!
+//! # Frames and signs
+//!
+//! - Body frame FRD: x forward, y right wing, z down. Attitude: Euler ZYX; roll phi > 0 is right wing down, pitch
+//!   theta > 0 is nose up, heading psi is clockwise from magnetic north. The same as MAVLink, PX4 and `ArduPilot`.
+//! - Level frame: x along the horizontal projection of the nose, y to the right, z down.
+//! - Liu 2007 uses x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`.
+//! - Earth field in the level frame at heading psi: `H0 [cos psi, -sin psi, D]`, `D = tan(inclination)`, inclination
+//!   positive down. So `psi = atan2(-l_y, l_x)` (Liu 2007 eq. 3).
+//! - Sensor model (Liu 2007 eq. 8): `m = A h_body + b`. `A` holds soft iron, scale, non-orthogonality and the rotation
+//!   between sensor and attitude frame; `b` holds hard iron and zero offset. The device keeps `W = A^-1` and `b`.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+pub mod calibration;
+pub mod frames;
+pub mod magnetometer;

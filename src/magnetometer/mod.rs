@@ -1,0 +1,77 @@
+//! Magnetometers: one trait, one file a chip.
+
+use crate::frames::{Field, Sensor};
+
+/// What a magnetometer reported at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// The field in the chip's own axes.
+    pub field: Field<Sensor>,
+    /// At least one axis is at the end of its range: the field is not to be used.
+    pub saturated: bool,
+    /// The chip overwrote at least one measurement that was never read.
+    pub overrun: bool,
+}
+
+/// Which chip answered, kept with a calibration so that one is never applied to another sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Identity {
+    /// The chip's model.
+    pub model: Model,
+    /// Its 7-bit I2C address.
+    pub address: u8,
+}
+
+/// Supported magnetometers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Model {
+    /// ST LIS3MDL.
+    Lis3mdl,
+}
+
+impl Model {
+    /// The name as printed on the chip's data sheet.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lis3mdl => "LIS3MDL",
+        }
+    }
+}
+
+/// Why a magnetometer could not be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error<E> {
+    /// The bus failed; the bus's own error.
+    Bus(E),
+    /// Something answered at the address, but its identity register held this byte.
+    WrongIdentity(u8),
+    /// A register written with the first value read back as the second: the chip lost power or is not what it says.
+    Configuration {
+        /// The value written.
+        written: u8,
+        /// The value read back.
+        read: u8,
+    },
+    /// No new measurement came within the chip's time.
+    NoData,
+}
+
+#[allow(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
+/// A 3-axis magnetometer that configures itself.
+///
+/// The order is [`init`](Self::init), then [`read`](Self::read) for every measurement. After any error the owner calls
+/// `init` again. The driver waits with `embassy_time`, so that it runs in the host's virtual time too.
+pub trait Magnetometer {
+    /// The bus's error.
+    type BusError: core::fmt::Debug;
+
+    /// Checks the identity, sets range and rate, starts continuous measurement.
+    async fn init(&mut self) -> Result<Identity, Error<Self::BusError>>;
+
+    /// Waits for the next measurement and reads it.
+    async fn read(&mut self) -> Result<Reading, Error<Self::BusError>>;
+
+    /// The period between measurements in microseconds, as configured by [`init`](Self::init).
+    fn period_us(&self) -> u32;
+}
