@@ -30,6 +30,8 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod app;
 pub mod calibration;
 pub mod frames;
+mod log;
 pub mod magnetometer;

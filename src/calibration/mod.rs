@@ -98,6 +98,43 @@ impl Calibration {
     }
 }
 
+/// How a calibration was found, from the least data to the most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Method {
+    /// Closed form from the planes of a left and a right turn.
+    TwoPlane,
+    /// Maximum likelihood with per-sample attitude.
+    MaximumLikelihood,
+}
+
+impl Method {
+    /// The name shown to people and in JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TwoPlane => "two-plane",
+            Self::MaximumLikelihood => "maximum-likelihood",
+        }
+    }
+}
+
+/// How good a calibration is expected to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// How it was found.
+    pub method: Method,
+    /// Expected heading error, RMS over all headings and bank -30..30 deg, degrees (1 sigma).
+    pub expected_rms_deg: f32,
+    /// Expected heading error (1 sigma) at the worst heading and bank of that envelope, degrees.
+    pub expected_worst_deg: f32,
+    /// Robust scale of `|h| / F - 1` over the samples of the fit, dimensionless.
+    pub norm_residual: f32,
+    /// Robust scale of the inclination residual over the samples of the fit, degrees.
+    pub dip_residual_deg: f32,
+    /// Samples of the fit.
+    pub samples: u16,
+}
+
 /// A matrix as an array of rows.
 pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))

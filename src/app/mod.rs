@@ -1,0 +1,30 @@
+//! The asynchronous tasks: everything that waits. They are generic over the embedded-hal traits and run unchanged on
+//! a board's executors and on the host's virtual clock.
+
+/// What a board can do for the tasks beyond its wires.
+pub trait Platform {
+    /// Restarts the module. On a board this does not return; on the host the simulator takes the tasks down at their
+    /// next wait.
+    fn reboot(&mut self);
+}
+
+/// A hardware watchdog: resets the module when [`feed`](Self::feed) stays away for longer than its period.
+pub trait Watchdog {
+    /// Starts the period anew.
+    fn feed(&mut self);
+}
+
+/// Why the module started, as far as the hardware remembers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power was switched on.
+    PowerOn,
+    /// The reset pin, or a debugger.
+    Pin,
+    /// The console's `reboot`.
+    Software,
+    /// A task hung and the watchdog struck.
+    Watchdog,
+    /// The firmware panicked or faulted; what it left as its last words.
+    Panic(heapless::String<96>),
+}
