@@ -20,7 +20,7 @@
 //! # Frames and signs
 //!
 //! - Body frame FRD: x forward, y right wing, z down. Attitude: Euler ZYX; roll phi > 0 is right wing down, pitch
-//!   theta > 0 is nose up, heading psi is clockwise from magnetic north. The same as MAVLink, PX4 and `ArduPilot`.
+//!   theta > 0 is nose up, heading psi is clockwise from magnetic north. The same as MAVLink, PX4 and ArduPilot.
 //! - Level frame: x along the horizontal projection of the nose, y to the right, z down.
 //! - Liu 2007 uses x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`.
 //! - Earth field in the level frame at heading psi: `H0 [cos psi, -sin psi, D]`, `D = tan(inclination)`, inclination
