@@ -31,7 +31,11 @@
 #![forbid(unsafe_code)]
 
 pub mod app;
+pub mod attitude;
 pub mod calibration;
 pub mod frames;
+pub mod heading;
 mod log;
+pub mod turns;
+pub mod wire;
 pub mod magnetometer;

@@ -1,0 +1,128 @@
+//! Corrected field and attitude to heading, and when not to believe it.
+
+use crate::calibration::Calibration;
+use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+
+/// A heading to be trusted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Heading {
+    /// Magnetic heading, radians, 0..2 pi.
+    pub magnetic_rad: f32,
+}
+
+impl Heading {
+    /// Magnetic heading in degrees, 0..360.
+    #[must_use]
+    pub fn magnetic_deg(&self) -> f32 {
+        self.magnetic_rad.to_degrees()
+    }
+}
+
+/// Why there is no heading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoHeading {
+    /// No measurement has come from the sensor yet, or not for too long.
+    SensorSilent,
+    /// The sensor is at the end of its range.
+    SensorSaturated,
+    /// No attitude, or too old.
+    AttitudeStale,
+    /// There is no calibration for this sensor and mounting.
+    Uncalibrated,
+    /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer fits.
+    FieldDisturbed,
+}
+
+impl NoHeading {
+    /// Stable code, as `status` shows it.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::SensorSilent => "sensor-silent",
+            Self::SensorSaturated => "sensor-saturated",
+            Self::AttitudeStale => "attitude-stale",
+            Self::Uncalibrated => "uncalibrated",
+            Self::FieldDisturbed => "field-disturbed",
+        }
+    }
+}
+
+/// Fixed numbers of this module.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Largest relative difference of the corrected total field from the one the calibration was found in. The Earth's
+    /// own changes by some 10 % over 1000 km; twice that is something else.
+    pub max_total_deviation: f32,
+    /// Largest difference of the inclination from the one the calibration was found in, radians: 12 deg, again twice
+    /// what 1000 km make, and more than the attitude error of a sharp manoeuvre.
+    pub max_dip_deviation_rad: f32,
+}
+
+impl Config {
+    /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
+    pub const DEFAULT: Self = Self { max_total_deviation: 0.2, max_dip_deviation_rad: 0.21 };
+}
+
+/// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
+///
+/// # Errors
+///
+/// [`NoHeading::FieldDisturbed`] when the corrected field is not the one the calibration was found in.
+pub fn heading(
+    config: &Config,
+    calibration: &Calibration,
+    field: Field<Sensor>,
+    attitude: Attitude,
+) -> Result<Heading, NoHeading> {
+    let level = attitude.level(calibration.apply(field));
+    if is_disturbed(config, calibration, &level) {
+        return Err(NoHeading::FieldDisturbed);
+    }
+    Ok(Heading { magnetic_rad: level.heading_rad() })
+}
+
+/// Whether the field is not that of the calibration; what is not finite counts as disturbed.
+fn is_disturbed(config: &Config, calibration: &Calibration, level: &Field<Level>) -> bool {
+    let total_deviation = level.total_ut() / calibration.total_ut - 1.0;
+    let dip_deviation_rad = wrap_pi(level.inclination_rad() - calibration.inclination_rad);
+    let as_calibrated =
+        total_deviation.abs() <= config.max_total_deviation && dip_deviation_rad.abs() <= config.max_dip_deviation_rad;
+    !as_calibrated
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Orientation;
+
+    fn clean() -> Calibration {
+        Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    }
+
+    fn measured(total_ut: f32, inclination_rad: f32, heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+        Field::new(attitude.body(Field::earth(total_ut, inclination_rad, heading_rad)).ut)
+    }
+
+    /// f32 carries 7 digits, so a heading at any attitude comes back to a few 1e-5 deg; 0.001 leaves room.
+    #[test]
+    fn heading_is_exact_at_any_attitude() {
+        for heading_deg in (0_u16..360).step_by(15) {
+            for (roll_deg, pitch_deg) in [(0.0, 0.0), (25.0, 3.0), (-60.0, -20.0), (170.0, 10.0), (10.0, 80.0)] {
+                let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                let field = measured(50.0, 1.0, f32::from(heading_deg).to_radians(), attitude);
+                let found = heading(&Config::DEFAULT, &clean(), field, attitude).unwrap();
+                let error = wrap_pi(found.magnetic_rad - f32::from(heading_deg).to_radians()).to_degrees();
+                assert!(error.abs() < 0.001, "heading {heading_deg} roll {roll_deg} pitch {pitch_deg}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn another_field_is_not_a_heading() {
+        let level = Attitude::default();
+        for (total_ut, inclination_rad) in [(65.0, 1.0), (38.0, 1.0), (50.0, 0.7), (50.0, 1.3), (f32::NAN, 1.0)] {
+            let field = measured(total_ut, inclination_rad, 0.5, level);
+            assert_eq!(heading(&Config::DEFAULT, &clean(), field, level), Err(NoHeading::FieldDisturbed));
+        }
+    }
+}

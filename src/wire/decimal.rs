@@ -1,0 +1,81 @@
+//! Decimal numbers as text in fixed point: core's float formatting and parsing cost 20 KB of flash and are not linked.
+
+use core::fmt;
+
+/// Shows a number with so many decimals, rounded half away from zero; what is not finite shows as `-`.
+///
+/// Exact to 7 digits, the precision of `f32`; numbers beyond +-2 000 000 are shown as that bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decimal<const DECIMALS: u32>(pub f32);
+
+impl<const DECIMALS: u32> fmt::Display for Decimal<DECIMALS> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.0.is_finite() {
+            return f.pad("-");
+        }
+        let scale = 10_i64.pow(DECIMALS);
+        let scaled = libm::round(f64::from(self.0.clamp(-2e6, 2e6)) * scale as f64) as i64;
+        let sign = if scaled < 0 { "-" } else { "" };
+        let magnitude = scaled.unsigned_abs();
+        let (whole, fraction) = (magnitude / scale.unsigned_abs(), magnitude % scale.unsigned_abs());
+        let mut text = heapless::String::<24>::new();
+        if DECIMALS == 0 {
+            fmt::write(&mut text, format_args!("{sign}{whole}"))?;
+        } else {
+            fmt::write(&mut text, format_args!("{sign}{whole}.{fraction:0width$}", width = DECIMALS as usize))?;
+        }
+        f.pad(&text)
+    }
+}
+
+/// Reads a number such as `12`, `-3.75`, `+0.5` or `.5`: a sign, up to 6 digits, up to 6 decimals.
+///
+/// `None` for anything else: no exponent, no white space, no `nan`.
+#[must_use]
+pub fn parse(text: &str) -> Option<f32> {
+    let (negative, digits) = match text.as_bytes() {
+        [b'-', rest @ ..] => (true, rest),
+        [b'+', rest @ ..] => (false, rest),
+        all => (false, all),
+    };
+    let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
+    let (whole, fraction) = digits.split_at(point);
+    let fraction = fraction.get(1..).unwrap_or(&[]);
+    if whole.len() > 6 || fraction.len() > 6 || whole.len() + fraction.len() == 0 {
+        return None;
+    }
+    let number = |digits: &[u8]| {
+        digits.iter().try_fold(0_u32, |value, &b| b.is_ascii_digit().then(|| value * 10 + u32::from(b - b'0')))
+    };
+    let decimals = 10_u32.pow(fraction.len() as u32);
+    let magnitude = f64::from(number(whole)?) + f64::from(number(fraction)?) / f64::from(decimals);
+    Some(if negative { -magnitude } else { magnitude } as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shows_rounded_fixed_point() {
+        for (value, text) in
+            [(0.0, "0.0"), (359.96, "360.0"), (-0.04, "0.0"), (-0.05, "-0.1"), (7.25, "7.3"), (f32::NAN, "-")]
+        {
+            assert_eq!(Decimal::<1>(value).to_string(), text);
+        }
+        assert_eq!(Decimal::<3>(1.0625).to_string(), "1.063");
+        assert_eq!(Decimal::<0>(-12.5).to_string(), "-13");
+        assert_eq!(format!("{:>7}", Decimal::<2>(1.5)), "   1.50");
+        assert_eq!(Decimal::<0>(f32::MAX).to_string(), "2000000");
+    }
+
+    #[test]
+    fn reads_what_people_type_and_nothing_else() {
+        for (text, value) in [("12", 12.0), ("-3.75", -3.75), ("+0.5", 0.5), (".5", 0.5), ("180.", 180.0)] {
+            assert_eq!(parse(text), Some(value), "{text}");
+        }
+        for text in ["", "-", ".", "1e3", "nan", " 1", "1.2.3", "--1", "1234567", "0.1234567", "1,5"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! Bytes to meaning and back: what crosses a cable.
+
+pub mod decimal;
+pub mod mavlink;
+pub mod nmea;
