@@ -33,9 +33,12 @@
 pub mod app;
 pub mod attitude;
 pub mod calibration;
+pub mod compass;
+pub mod console;
 pub mod frames;
 pub mod heading;
 mod log;
+pub mod store;
 pub mod turns;
 pub mod wire;
 pub mod magnetometer;

@@ -1,5 +1,25 @@
 //! The asynchronous tasks: everything that waits. They are generic over the embedded-hal traits and run unchanged on
 //! a board's executors and on the host's virtual clock.
+//!
+//! ```text
+//! interrupt executor                                     thread executor
+//! sensor ---readings---> stream ---samples------------>  compass ---notices---> console
+//! attitude ---track------^   ^---active calibration---   compass <--requests--- console
+//! watchdog <--heartbeats of the three
+//! ```
+//!
+//! What makes a heading runs above everything that may take long (a solve, an erase, a person), so none of that delays
+//! a sentence. All wires between tasks are in one [`Links`]; there are no globals.
+
+pub mod attitude;
+pub mod compass;
+pub mod console;
+mod links;
+pub mod sensor;
+pub mod stream;
+pub mod watchdog;
+
+pub use links::{Counts, Links};
 
 /// What a board can do for the tasks beyond its wires.
 pub trait Platform {

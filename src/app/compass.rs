@@ -1,0 +1,75 @@
+//! Drives the state machine: feeds it samples and requests, runs its solves in steps, writes its saves.
+
+use embassy_futures::select::{Either3, select3};
+use embassy_futures::yield_now;
+use embedded_storage_async::nor_flash::NorFlash;
+
+use super::Links;
+use super::links::{Active, count};
+use crate::compass::{Compass, Config, Effect, Event, Save};
+use crate::log::{info, warning};
+use crate::store::{Generations, Settings, Store, StoreError};
+
+/// Loads what flash holds, then runs the state machine for ever.
+pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
+    let settings = loaded(links, store.load_settings().await).unwrap_or_default();
+    let generations = loaded(links, store.load_generations().await).unwrap_or_default();
+    let mut compass = Compass::new(Config::DEFAULT, settings, generations);
+    loop {
+        publish(links, &compass);
+        let event = next_event(links, &compass).await;
+        let mut effect = compass.step(event);
+        while let Effect::Save(save) = effect {
+            let result = write(links, &mut store, &save).await;
+            effect = compass.step(Event::Saved(save, result));
+        }
+        publish(links, &compass);
+        match effect {
+            Effect::Reply(reply) => links.replies.send(reply).await,
+            Effect::Notify(outcome) => {
+                info!("solve ended, ok {=bool}", outcome.is_ok());
+                links.notices.signal(outcome);
+            }
+            Effect::None | Effect::Save(_) => {}
+        }
+    }
+}
+
+/// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
+async fn next_event(links: &Links, compass: &Compass) -> Event {
+    if compass.is_busy() {
+        // Between two steps of a solve the console gets its turn.
+        yield_now().await;
+        return links.requests.try_receive().map_or(Event::Advance, Event::Command);
+    }
+    match select3(links.requests.receive(), links.found.wait(), links.samples.receive()).await {
+        Either3::First(command) => Event::Command(command),
+        Either3::Second(identity) => Event::SensorFound(identity),
+        Either3::Third(sample) => Event::Sample(sample),
+    }
+}
+
+/// What flash held, with a damaged record counted and treated as absent: the module starts uncalibrated and says so.
+fn loaded<T>(links: &Links, result: Result<T, StoreError>) -> Option<T> {
+    result
+        .inspect_err(|error| {
+            warning!("load: {=str}", error.code());
+            count(&links.counters.store_errors);
+        })
+        .ok()
+}
+
+async fn write<F: NorFlash>(links: &Links, store: &mut Store<F>, save: &Save) -> Result<(), StoreError> {
+    let result = match save {
+        Save::Calibration(generations) | Save::Undo(generations) | Save::Clear(generations) => {
+            store.save_generations(generations).await
+        }
+        Save::Settings(settings) => store.save_settings(settings).await,
+    };
+    count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
+    result
+}
+
+fn publish(links: &Links, compass: &Compass) {
+    links.set_active(Active { calibration: compass.calibration().copied(), settings: compass.settings().clone() });
+}

@@ -1,0 +1,113 @@
+//! Talks to a person, or to a script.
+
+use core::cell::RefCell;
+
+use embassy_futures::select::{Either, select};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
+use embedded_io_async::{Read, Write};
+
+use super::{Links, Platform, ResetCause};
+use crate::compass::{Command, Refusal, Reply};
+use crate::console::report::{self, Health};
+use crate::console::session::{Output, Session};
+use crate::console::{LineError, Request};
+
+/// A terminal that takes nothing for so long loses what was to be shown.
+const WRITE_PATIENCE: Duration = Duration::from_millis(500);
+
+/// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
+const PAUSE: Duration = Duration::from_micros(200);
+
+/// The reply to `reboot` gets so long to leave the port.
+const LAST_WORDS: Duration = Duration::from_millis(50);
+
+/// Runs the console for ever.
+pub async fn run(
+    links: &Links,
+    mut rx: impl Read,
+    mut tx: impl Write,
+    mut platform: impl Platform,
+    reset: ResetCause,
+) -> ! {
+    let output = RefCell::new(Output::new());
+    let mut session = Session::new(&output, |out| report::greeting(out, &reset));
+    let mut bytes = [0; 32];
+    loop {
+        drain(&output, &mut tx).await;
+        match select(rx.read(&mut bytes), links.notices.wait()).await {
+            Either::First(Ok(read)) if read > 0 => {
+                for &byte in bytes.get(..read).unwrap_or_default() {
+                    if let Some(entered) = session.byte(byte) {
+                        answer(links, &mut session, entered, &mut platform, &reset, &output, &mut tx).await;
+                    }
+                    drain(&output, &mut tx).await;
+                }
+            }
+            Either::First(_) => Timer::after(PAUSE).await,
+            Either::Second(outcome) => session.notice(|out| report::outcome(out, &outcome)),
+        }
+    }
+}
+
+/// Carries out what a line asks for and writes the reply.
+async fn answer(
+    links: &Links,
+    session: &mut Session<'_>,
+    entered: Result<Request, LineError>,
+    platform: &mut impl Platform,
+    reset: &ResetCause,
+    output: &RefCell<Output>,
+    tx: &mut impl Write,
+) {
+    match entered {
+        Err(error) => session.reply(|out| report::line_error(out, &error)),
+        Ok(Request::Version) => session.reply(report::version),
+        Ok(Request::Reboot) => {
+            session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
+            drain(output, tx).await;
+            Timer::after(LAST_WORDS).await;
+            platform.reboot();
+        }
+        Ok(Request::Status) => match ask(links, Command::Report).await {
+            Ok(Reply::Report(found)) => session.reply(|out| report::status(out, &found, &health(links, reset))),
+            other => reply(session, &other),
+        },
+        Ok(Request::CalShow) => match ask(links, Command::Report).await {
+            Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
+            other => reply(session, &other),
+        },
+        Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
+    }
+}
+
+fn reply(session: &mut Session<'_>, reply: &Result<Reply, Refusal>) {
+    match reply {
+        Ok(done) => session.reply(|out| report::done(out, done)),
+        Err(refusal) => session.reply(|out| report::refusal(out, refusal)),
+    }
+}
+
+/// Asks the state machine. It answers within one step of a solve or one save.
+async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
+    links.requests.send(command).await;
+    links.replies.receive().await
+}
+
+fn health(links: &Links, reset: &ResetCause) -> Health {
+    Health {
+        sensor: links.identity(),
+        heading: links.heading(),
+        counts: links.counts(),
+        reset: reset.clone(),
+        uptime_s: Instant::now().as_secs() as u32,
+    }
+}
+
+/// Sends what has been written; while it waits nothing else writes, so the copy loses nothing.
+async fn drain(output: &RefCell<Output>, tx: &mut impl Write) {
+    let waiting = core::mem::take(&mut *output.borrow_mut());
+    if !waiting.is_empty() {
+        // A terminal that takes nothing loses it: see `WRITE_PATIENCE`.
+        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(&waiting)).await;
+    }
+}

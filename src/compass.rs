@@ -1,0 +1,506 @@
+//! The one state machine of the module: uncalibrated -> collecting -> solving -> verifying -> calibrated.
+//!
+//! [`Compass::step`] takes an [`Event`] and says what is to be done ([`Effect`]); it waits for nothing and touches no
+//! hardware. A solve is cut into [`Event::Advance`] steps, so that whoever drives the machine can do other work between
+//! them. The calibration in use is replaced only by one that was verified on held-back samples, beats it there, and is
+//! completely written.
+
+use crate::calibration::maximum_likelihood::{self, Prior, Progress as Refining, Refinement};
+use crate::calibration::{Calibration, Orientation, Quality, Sample, Solution, SolveError, verification};
+use crate::magnetometer::Identity;
+use crate::store::{Generations, Record, Settings, StoreError};
+use crate::turns::{Collector, Progress};
+
+/// Fixed numbers of the machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// A calibration expected to be worse than this is refused, degrees RMS: an uncalibrated compass in a clean
+    /// airframe is about as good.
+    pub max_expected_rms_deg: f32,
+    /// Held-back samples needed on each side: one for every sector but a few.
+    pub min_held_back: u16,
+}
+
+impl Config {
+    /// Numbers for every vehicle.
+    pub const DEFAULT: Self = Self { max_expected_rms_deg: 3.0, min_held_back: 8 };
+}
+
+/// What happened.
+#[derive(Debug)]
+pub enum Event {
+    /// A magnetometer answered.
+    SensorFound(Identity),
+    /// The next averaged sample of the flight.
+    Sample(Sample),
+    /// Somebody asked for something.
+    Command(Command),
+    /// Time for the next step of a solve: wanted while [`Compass::is_busy`].
+    Advance,
+    /// A save asked for by [`Effect::Save`] has ended.
+    Saved(Save, Result<(), StoreError>),
+}
+
+/// What can be asked of the module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Begin collecting, from nothing.
+    CalStart,
+    /// Stop collecting, keep the samples.
+    CalStop,
+    /// Solve with the samples there are.
+    CalSolve,
+    /// Stop whatever runs, forget the samples.
+    CalAbort,
+    /// Forget the stored calibrations.
+    CalClear,
+    /// Back to the calibration before.
+    CalUndo,
+    /// State, progress, settings and the calibration in use.
+    Report,
+    /// Heading sentences on or off.
+    StreamOn(bool),
+    /// Heading sentences a second.
+    StreamRate(u8),
+    /// Variation (declination) for the sentences, degrees, east positive.
+    SetDeclination(f32),
+    /// How the sensor sits in the aircraft.
+    SetMount(Orientation),
+}
+
+/// What is to be done next.
+#[derive(Debug)]
+pub enum Effect {
+    /// Nothing.
+    None,
+    /// Tell the one who asked.
+    Reply(Result<Reply, Refusal>),
+    /// Tell whoever listens: a solve has ended.
+    Notify(Outcome),
+    /// Write this to flash and come back with [`Event::Saved`].
+    Save(Save),
+}
+
+/// Something to be written, and what it was for.
+#[derive(Clone, Debug)]
+pub enum Save {
+    /// A calibration that passed verification.
+    Calibration(Generations),
+    /// `cal undo`.
+    Undo(Generations),
+    /// `cal clear`.
+    Clear(Generations),
+    /// Changed settings.
+    Settings(Settings),
+}
+
+/// An answer that is not a refusal.
+#[derive(Clone, Debug)]
+pub enum Reply {
+    /// Done; the state the module is in now.
+    Done(State),
+    /// Everything there is to know.
+    Report(Report),
+}
+
+/// The states of the module, as people see them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// No calibration for this sensor and mounting.
+    Uncalibrated,
+    /// Collecting samples of turns.
+    Collecting,
+    /// Solving for the coefficients.
+    Solving,
+    /// Verifying on held-back samples, and writing.
+    Verifying,
+    /// A calibration is in use.
+    Calibrated,
+}
+
+impl State {
+    /// The word shown to people.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uncalibrated => "uncalibrated",
+            Self::Collecting => "collecting",
+            Self::Solving => "solving",
+            Self::Verifying => "verifying",
+            Self::Calibrated => "calibrated",
+        }
+    }
+}
+
+/// State, progress, settings and the calibration in use.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The state.
+    pub state: State,
+    /// Progress of the collection.
+    pub progress: Progress,
+    /// Settings in force.
+    pub settings: Settings,
+    /// The stored calibration, whether or not it fits this sensor and mounting.
+    pub current: Option<Record>,
+    /// The one `cal undo` would bring back.
+    pub previous: Option<Record>,
+    /// How the last solve ended.
+    pub last: Option<Outcome>,
+}
+
+/// How a solve ended.
+pub type Outcome = Result<Quality, Refusal>;
+
+/// Why the module did not do what was asked or tried.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refusal {
+    /// A solve or save is running.
+    Busy,
+    /// `cal stop` without a collection.
+    NotCollecting,
+    /// `cal solve` without samples.
+    NoSamples,
+    /// The magnetometer has not answered yet, so a calibration could not be tied to it.
+    NoSensor,
+    /// `cal undo` without a calibration before.
+    NothingToUndo,
+    /// A value outside its range; what it must be.
+    OutOfRange(&'static str),
+    /// The samples gave no calibration.
+    Solve(SolveError),
+    /// Too few samples were held back on a side to verify with.
+    TooFewHeldBack {
+        /// How many there are.
+        have: u16,
+        /// How many it takes.
+        need: u16,
+    },
+    /// Solved, but not accurate enough to be of use.
+    NotAccurate {
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+    },
+    /// On held-back samples it is no better than the one in use.
+    NotBetter {
+        /// Score of the new one, smaller is better.
+        candidate: f32,
+        /// Score of the one in use.
+        incumbent: f32,
+    },
+    /// Writing failed; the calibration in use is the old one.
+    Store(StoreError),
+}
+
+/// What runs now.
+#[derive(Debug)]
+enum Phase {
+    Idle,
+    Collecting,
+    Solving(Refinement),
+    Verifying(Solution),
+    Saving,
+}
+
+/// The state machine. About 20 KB, most of it samples.
+#[derive(Debug)]
+pub struct Compass {
+    config: Config,
+    settings: Settings,
+    generations: Generations,
+    sensor: Option<Identity>,
+    collector: Collector,
+    phase: Phase,
+    last: Option<Outcome>,
+}
+
+impl Compass {
+    /// The machine at start, with what flash held.
+    #[must_use]
+    pub const fn new(config: Config, settings: Settings, generations: Generations) -> Self {
+        Self {
+            config,
+            settings,
+            generations,
+            sensor: None,
+            collector: Collector::new(),
+            phase: Phase::Idle,
+            last: None,
+        }
+    }
+
+    /// Whether [`Event::Advance`] is wanted.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        matches!(self.phase, Phase::Solving(_) | Phase::Verifying(_))
+    }
+
+    /// The calibration in use: the stored one, if it is for this sensor and mounting.
+    #[must_use]
+    pub fn calibration(&self) -> Option<&Calibration> {
+        let record = self.generations.current.as_ref()?;
+        let fits = Some(record.sensor) == self.sensor && record.mount == self.settings.mount;
+        fits.then_some(&record.calibration)
+    }
+
+    /// Settings in force.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The state, as people see it.
+    #[must_use]
+    pub fn state(&self) -> State {
+        match self.phase {
+            Phase::Collecting => State::Collecting,
+            Phase::Solving(_) => State::Solving,
+            Phase::Verifying(_) | Phase::Saving => State::Verifying,
+            Phase::Idle if self.calibration().is_some() => State::Calibrated,
+            Phase::Idle => State::Uncalibrated,
+        }
+    }
+
+    /// Takes an event; says what is to be done.
+    pub fn step(&mut self, event: Event) -> Effect {
+        match event {
+            Event::SensorFound(identity) => {
+                self.sensor = Some(identity);
+                Effect::None
+            }
+            Event::Sample(sample) => self.sample(sample),
+            Event::Command(command) => match self.command(command) {
+                Ok(effect) => effect,
+                Err(refusal) => Effect::Reply(Err(refusal)),
+            },
+            Event::Advance => self.advance(),
+            Event::Saved(save, result) => self.saved(save, result),
+        }
+    }
+
+    fn sample(&mut self, sample: Sample) -> Effect {
+        if !matches!(self.phase, Phase::Collecting) {
+            return Effect::None;
+        }
+        self.collector.push(sample);
+        if !self.collector.progress().is_complete() {
+            return Effect::None;
+        }
+        match self.start_solving() {
+            Ok(()) => Effect::None,
+            Err(refusal) => self.end(Err(refusal)),
+        }
+    }
+
+    fn command(&mut self, command: Command) -> Result<Effect, Refusal> {
+        let runs = self.is_busy() || matches!(self.phase, Phase::Saving);
+        let asks_only = matches!(command, Command::Report | Command::CalAbort);
+        if runs && !asks_only {
+            return Err(Refusal::Busy);
+        }
+        match command {
+            Command::CalStart => {
+                self.sensor.ok_or(Refusal::NoSensor)?;
+                self.collector.clear();
+                self.phase = Phase::Collecting;
+            }
+            Command::CalStop => match self.phase {
+                Phase::Collecting => self.phase = Phase::Idle,
+                _ => return Err(Refusal::NotCollecting),
+            },
+            Command::CalSolve => self.start_solving()?,
+            // A save that has begun is finished: half a save is nobody's wish.
+            Command::CalAbort if matches!(self.phase, Phase::Saving) => return Err(Refusal::Busy),
+            Command::CalAbort => {
+                self.collector.clear();
+                self.phase = Phase::Idle;
+            }
+            Command::CalClear => return Ok(Effect::Save(Save::Clear(Generations::default()))),
+            Command::CalUndo => return self.undo(),
+            Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
+            Command::StreamOn(_)
+            | Command::StreamRate(_)
+            | Command::SetDeclination(_)
+            | Command::SetMount(_) => return self.change(command),
+        }
+        Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
+    }
+
+    fn undo(&self) -> Result<Effect, Refusal> {
+        self.generations.previous.as_ref().ok_or(Refusal::NothingToUndo)?;
+        let mut generations = self.generations.clone();
+        generations.undo();
+        Ok(Effect::Save(Save::Undo(generations)))
+    }
+
+    /// A settings command, as a change to be saved.
+    fn change(&self, command: Command) -> Result<Effect, Refusal> {
+        let mut settings = self.settings.clone();
+        match command {
+            Command::StreamOn(on) => settings.stream_on = on,
+            Command::StreamRate(hz) => settings.stream_rate_hz = hz,
+            Command::SetDeclination(deg) => settings.declination_deg = Some(deg),
+            Command::SetMount(mount) => settings.mount = mount,
+            _ => {}
+        }
+        settings.check().map_err(Refusal::OutOfRange)?;
+        Ok(Effect::Save(Save::Settings(settings)))
+    }
+
+    fn start_solving(&mut self) -> Result<(), Refusal> {
+        self.sensor.ok_or(Refusal::NoSensor)?;
+        let turns = self.collector.dataset().fit();
+        if turns.left.is_empty() && turns.right.is_empty() {
+            return Err(Refusal::NoSamples);
+        }
+        let prior = Prior { mount: self.settings.mount, ..Prior::default() };
+        let refinement =
+            Refinement::new(turns, &prior, &maximum_likelihood::Config::DEFAULT).map_err(Refusal::Solve)?;
+        self.phase = Phase::Solving(refinement);
+        Ok(())
+    }
+
+    /// One step of a solve or the verification.
+    fn advance(&mut self) -> Effect {
+        match &mut self.phase {
+            Phase::Solving(refinement) => match refinement.step(self.collector.dataset().fit()) {
+                Refining::Continue => Effect::None,
+                Refining::Finished(Ok(solution)) => {
+                    self.phase = Phase::Verifying(solution);
+                    Effect::None
+                }
+                Refining::Finished(Err(error)) => self.end(Err(Refusal::Solve(error))),
+            },
+            Phase::Verifying(solution) => {
+                let (calibration, quality) = (solution.calibration, solution.quality);
+                match self.verify(&calibration, &quality) {
+                    Ok(generations) => {
+                        self.phase = Phase::Saving;
+                        Effect::Save(Save::Calibration(generations))
+                    }
+                    Err(refusal) => self.end(Err(refusal)),
+                }
+            }
+            Phase::Idle | Phase::Collecting | Phase::Saving => Effect::None,
+        }
+    }
+
+    /// Whether a candidate may replace the calibration in use; what is to be stored if it may.
+    fn verify(&self, candidate: &Calibration, quality: &Quality) -> Result<Generations, Refusal> {
+        let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
+        let held_back = self.collector.dataset().held_back();
+        let have = held_back.left.len().min(held_back.right.len()) as u16;
+        if have < self.config.min_held_back {
+            return Err(Refusal::TooFewHeldBack { have, need: self.config.min_held_back });
+        }
+        let expected_rms_deg = quality.expected_rms_deg;
+        // Written so that a NaN is refused.
+        if !(expected_rms_deg <= self.config.max_expected_rms_deg) {
+            return Err(Refusal::NotAccurate { expected_rms_deg });
+        }
+        let incumbent = self.calibration().copied().unwrap_or(Calibration::uncalibrated(self.settings.mount));
+        let scores = verification::verify(held_back, candidate, &incumbent);
+        if !(scores.candidate < scores.incumbent) {
+            return Err(Refusal::NotBetter { candidate: scores.candidate, incumbent: scores.incumbent });
+        }
+        let mut generations = self.generations.clone();
+        generations.push(Record {
+            calibration: *candidate,
+            quality: *quality,
+            sensor,
+            mount: self.settings.mount,
+            serial: generations.current.as_ref().map_or(1, |current| current.serial.wrapping_add(1)),
+        });
+        Ok(generations)
+    }
+
+    fn saved(&mut self, save: Save, result: Result<(), StoreError>) -> Effect {
+        match (save, result) {
+            (Save::Calibration(generations), Ok(())) => {
+                let outcome = generations.current.as_ref().map(|record| record.quality).ok_or(Refusal::NoSamples);
+                self.generations = generations;
+                self.end(outcome)
+            }
+            (Save::Calibration(_), Err(error)) => self.end(Err(Refusal::Store(error))),
+            (Save::Undo(generations) | Save::Clear(generations), Ok(())) => {
+                self.generations = generations;
+                self.done()
+            }
+            (Save::Settings(settings), Ok(())) => {
+                self.settings = settings;
+                self.done()
+            }
+            (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
+        }
+    }
+
+    fn done(&self) -> Effect {
+        Effect::Reply(Ok(Reply::Done(self.state())))
+    }
+
+    /// A solve has ended; the samples stay for another with other settings.
+    fn end(&mut self, outcome: Outcome) -> Effect {
+        self.phase = Phase::Idle;
+        self.last = Some(outcome.clone());
+        Effect::Notify(outcome)
+    }
+
+    fn report(&self) -> Report {
+        Report {
+            state: self.state(),
+            progress: self.collector.progress(),
+            settings: self.settings.clone(),
+            current: self.generations.current.clone(),
+            previous: self.generations.previous.clone(),
+            last: self.last.clone(),
+        }
+    }
+}
+
+impl Refusal {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Busy => "busy",
+            Self::NotCollecting => "not-collecting",
+            Self::NoSamples => "no-samples",
+            Self::NoSensor => "no-sensor",
+            Self::NothingToUndo => "nothing-to-undo",
+            Self::OutOfRange(_) => "out-of-range",
+            Self::Solve(error) => error.code(),
+            Self::TooFewHeldBack { .. } => "too-few-held-back",
+            Self::NotAccurate { .. } => "not-accurate",
+            Self::NotBetter { .. } => "not-better",
+            Self::Store(error) => error.code(),
+        }
+    }
+}
+
+/// What to do about it, in words.
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        use crate::wire::decimal::Decimal;
+        match self {
+            Self::Busy => f.write_str("a solve is running; wait for it, or cal abort"),
+            Self::NotCollecting => f.write_str("nothing is being collected; cal start begins"),
+            Self::NoSamples => f.write_str("there are no samples; cal start, then fly left and right turns"),
+            Self::NoSensor => f.write_str("the magnetometer has not answered; check its wiring, see status"),
+            Self::NothingToUndo => f.write_str("there is no calibration before this one"),
+            Self::OutOfRange(what) => f.write_str(what),
+            Self::Solve(error) => error.fmt(f),
+            Self::TooFewHeldBack { have, need } => {
+                write!(f, "{have} of {need} samples to verify with on the thinner side; fly longer turns each way")
+            }
+            Self::NotAccurate { expected_rms_deg } => {
+                let expected = Decimal::<1>(*expected_rms_deg);
+                write!(f, "expected error {expected} deg; fly full circles both ways with steadier bank")
+            }
+            Self::NotBetter { candidate, incumbent } => {
+                let (candidate, incumbent) = (Decimal::<2>(*candidate), Decimal::<2>(*incumbent));
+                write!(f, "score {candidate} against {incumbent} of the one in use, which stays")
+            }
+            Self::Store(error) => error.fmt(f),
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! The console's language: what a person types and what it means.
+//!
+//! Line editing, history, Tab and help come from `embedded-cli` ([`session`]); its parser is used as it is, but every
+//! complaint of it becomes an `error <code>: what to do` of ours, so that scripts can rely on the codes. The replies'
+//! texts are in [`report`].
+
+pub mod report;
+pub mod session;
+
+use core::fmt;
+
+use embedded_cli::arguments::{FromArgument, FromArgumentError};
+use embedded_cli::command::RawCommand;
+use embedded_cli::service::{FromRaw, ParseError};
+use session::MINUS;
+
+use crate::calibration::Orientation;
+use crate::compass;
+use crate::wire::decimal;
+
+/// What a line asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Request {
+    /// The firmware's version.
+    Version,
+    /// Everything there is to know.
+    Status,
+    /// The calibration in use.
+    CalShow,
+    /// Restart.
+    Reboot,
+    /// Something for the state machine.
+    Compass(compass::Command),
+}
+
+/// Why a line means nothing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LineError {
+    /// No such command.
+    UnknownCommand,
+    /// An argument is missing; its name.
+    MissingArgument(heapless::String<24>),
+    /// An argument is not what it must be; what that is.
+    BadValue(heapless::String<80>),
+    /// More, or other, arguments than the command takes.
+    UnexpectedArgument,
+    /// A destructive command without its word; the whole command.
+    NeedsWord(&'static str),
+    /// More characters than a line holds.
+    TooLong,
+}
+
+impl LineError {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::UnknownCommand => "unknown-command",
+            Self::MissingArgument(_) => "missing-argument",
+            Self::BadValue(_) => "bad-value",
+            Self::UnexpectedArgument => "unexpected-argument",
+            Self::NeedsWord(_) => "needs-word",
+            Self::TooLong => "line-too-long",
+        }
+    }
+}
+
+impl fmt::Display for LineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownCommand => f.write_str("no such command; help lists them"),
+            Self::MissingArgument(name) => write!(f, "{name} is missing; help shows how"),
+            Self::BadValue(expected) => write!(f, "expected {expected}"),
+            Self::UnexpectedArgument => f.write_str("too many words; help shows how"),
+            Self::NeedsWord(command) => write!(f, "this cannot be undone; type {command}"),
+            Self::TooLong => write!(f, "a line holds {LINE_CAPACITY} characters"),
+        }
+    }
+}
+
+/// The grammar. The comments are the help that the console shows.
+#[derive(Debug, embedded_cli::Command)]
+enum Line<'a> {
+    /// Show the firmware's version
+    Version,
+    /// Show state, sensors, progress, settings, counters
+    Status,
+    /// Calibration: start stop solve show clear undo abort
+    Cal {
+        #[command(subcommand)]
+        command: Cal<'a>,
+    },
+    /// Heading sentences: on, off, rate HZ
+    Stream {
+        #[command(subcommand)]
+        command: Stream,
+    },
+    /// Settings: declination DEG, mount ORIENTATION
+    Set {
+        #[command(subcommand)]
+        command: Set,
+    },
+    /// Restart the module
+    Reboot,
+}
+
+#[derive(Debug, embedded_cli::Command)]
+enum Cal<'a> {
+    /// Begin collecting; then fly three circles each way. Solves by itself when it has enough
+    Start,
+    /// Stop collecting, keep the samples
+    Stop,
+    /// Solve with the samples there are
+    Solve,
+    /// Show the calibration in use
+    Show,
+    /// Forget the stored calibrations: cal clear all
+    Clear {
+        /// The word all
+        word: Option<&'a str>,
+    },
+    /// Back to the calibration before; again: forward
+    Undo,
+    /// Stop what runs, forget the samples
+    Abort,
+}
+
+#[derive(Debug, embedded_cli::Command)]
+enum Stream {
+    /// Send heading sentences
+    On,
+    /// Stop sending them
+    Off,
+    /// Set how many a second
+    Rate {
+        /// 1 to 80
+        hz: u8,
+    },
+}
+
+#[derive(Debug, embedded_cli::Command)]
+enum Set {
+    /// Variation (declination), degrees, east positive
+    Declination {
+        /// -180 to 180
+        deg: Number,
+    },
+    /// How the sensor sits: none, yaw90, roll180-yaw270, ...
+    Mount {
+        /// One of the 24 names
+        orientation: Orientation,
+    },
+}
+
+/// A number in fixed point.
+#[derive(Debug)]
+struct Number(f32);
+
+impl<'a> FromArgument<'a> for Number {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        // The minus sign travels as another character, see `Session::byte`.
+        let mut plain = heapless::String::<16>::new();
+        let fits = text.chars().try_for_each(|c| plain.push(if c == MINUS { '-' } else { c }));
+        let number = fits.ok().and_then(|()| decimal::parse(&plain));
+        number.map(Self).ok_or(FromArgumentError { value: text, expected: "a number such as -3.5" })
+    }
+}
+
+impl<'a> FromArgument<'a> for Orientation {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        Self::from_name(text)
+            .ok_or(FromArgumentError { value: text, expected: "none, yaw90, roll180, pitch90-... (README lists all 24)" })
+    }
+}
+
+impl Line<'_> {
+    fn meaning(self) -> Result<Request, LineError> {
+        use compass::Command;
+        Ok(Request::Compass(match self {
+            Line::Version => return Ok(Request::Version),
+            Line::Status => return Ok(Request::Status),
+            Line::Reboot => return Ok(Request::Reboot),
+            Line::Cal { command } => match command {
+                Cal::Show => return Ok(Request::CalShow),
+                Cal::Start => Command::CalStart,
+                Cal::Stop => Command::CalStop,
+                Cal::Solve => Command::CalSolve,
+                Cal::Clear { word: Some("all") } => Command::CalClear,
+                Cal::Clear { .. } => return Err(LineError::NeedsWord("cal clear all")),
+                Cal::Undo => Command::CalUndo,
+                Cal::Abort => Command::CalAbort,
+            },
+            Line::Stream { command } => match command {
+                Stream::On => Command::StreamOn(true),
+                Stream::Off => Command::StreamOn(false),
+                Stream::Rate { hz } => Command::StreamRate(hz),
+            },
+            Line::Set { command } => match command {
+                Set::Declination { deg } => Command::SetDeclination(deg.0),
+                Set::Mount { orientation } => Command::SetMount(orientation),
+            },
+        }))
+    }
+}
+
+fn parse(raw: RawCommand<'_>) -> Result<Request, LineError> {
+    Line::parse(raw).map_err(LineError::from).and_then(Line::meaning)
+}
+
+impl From<ParseError<'_>> for LineError {
+    fn from(error: ParseError<'_>) -> Self {
+        match error {
+            ParseError::MissingRequiredArgument { name } => Self::MissingArgument(cut(name)),
+            ParseError::ParseValueError { expected, .. } => Self::BadValue(cut(expected)),
+            ParseError::UnknownCommand => Self::UnknownCommand,
+            _ => Self::UnexpectedArgument,
+        }
+    }
+}
+
+/// As much of a text as fits.
+fn cut<const N: usize>(text: &str) -> heapless::String<N> {
+    let mut out = heapless::String::new();
+    // The rest of an overlong text is left away.
+    let _ = text.chars().try_for_each(|c| out.push(c));
+    out
+}
+
+/// Characters in a line.
+pub const LINE_CAPACITY: usize = 64;

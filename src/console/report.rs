@@ -1,0 +1,194 @@
+//! What the console answers. Every answer begins with `ok` or `error <code>: what to do`; what comes unasked begins
+//! with `note`.
+
+use core::fmt::{self, Display, Write};
+
+use super::LineError;
+use crate::app::{Counts, ResetCause};
+use crate::calibration::Quality;
+use crate::compass::{Outcome, Refusal, Reply, Report};
+use crate::heading::{Heading, NoHeading};
+use crate::magnetometer::Identity;
+use crate::store::Record;
+use crate::turns::dataset::{Coverage, SECTORS};
+use crate::wire::decimal::Decimal;
+
+/// The firmware's version.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What the module shows of itself beside the state machine's report.
+#[derive(Clone, Debug)]
+pub struct Health {
+    /// The magnetometer that answered.
+    pub sensor: Option<Identity>,
+    /// The last heading, or why there is none.
+    pub heading: Result<Heading, NoHeading>,
+    /// Event counters.
+    pub counts: Counts,
+    /// Why the module started.
+    pub reset: ResetCause,
+    /// Since when, seconds.
+    pub uptime_s: u32,
+}
+
+/// `error <code>: what to do`.
+pub fn error(out: &mut impl Write, code: &str, what_to_do: impl Display) -> fmt::Result {
+    writeln!(out, "error {code}: {what_to_do}")
+}
+
+/// A line that means nothing.
+pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
+    error(out, line.code(), line)
+}
+
+/// A refusal of the state machine.
+pub fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
+    error(out, refusal.code(), refusal)
+}
+
+/// `version`.
+pub fn version(out: &mut impl Write) -> fmt::Result {
+    writeln!(out, "ok autoswing {VERSION}")
+}
+
+/// The greeting after a start.
+pub fn greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
+    writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", Reset(reset))
+}
+
+/// A command that was carried out.
+pub fn done(out: &mut impl Write, reply: &Reply) -> fmt::Result {
+    match reply {
+        Reply::Done(state) => writeln!(out, "ok {}", state.name()),
+        Reply::Report(report) => writeln!(out, "ok {}", report.state.name()),
+    }
+}
+
+/// A solve has ended by itself.
+pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
+    match outcome {
+        Ok(quality) => writeln!(out, "note calibrated: {}", Expected(quality)),
+        Err(refusal) => writeln!(out, "note refused {}: {refusal}", refusal.code()),
+    }
+}
+
+/// `status`.
+pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
+    writeln!(out, "ok {}", report.state.name())?;
+    heading_lines(out, health)?;
+    writeln!(out, "left: {}", Side(&report.progress.left))?;
+    writeln!(out, "right: {}", Side(&report.progress.right))?;
+    match &report.current {
+        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Expected(&record.quality))?,
+        None => writeln!(out, "calibration: none")?,
+    }
+    match &report.last {
+        Some(Ok(_)) => writeln!(out, "last solve: ok")?,
+        Some(Err(refusal)) => writeln!(out, "last solve: {}: {refusal}", refusal.code())?,
+        None => writeln!(out, "last solve: none")?,
+    }
+    let settings = &report.settings;
+    let stream = if settings.stream_on { "on" } else { "off" };
+    writeln!(out, "stream: {stream}, {} Hz", settings.stream_rate_hz)?;
+    match settings.declination_deg {
+        Some(deg) => writeln!(out, "declination: {} deg", Decimal::<1>(deg))?,
+        None => writeln!(out, "declination: not set")?,
+    }
+    writeln!(out, "mount: {}", settings.mount.name())?;
+    counters(out, &health.counts)?;
+    writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
+    match health.sensor {
+        Some(identity) => writeln!(out, "sensor: {} at {:02x}", identity.model.name(), identity.address)?,
+        None => writeln!(out, "sensor: not found")?,
+    }
+    match health.heading {
+        Ok(heading) => writeln!(out, "heading: {} deg magnetic", Decimal::<1>(heading.magnetic_deg())),
+        Err(why) => writeln!(out, "heading: none, {}", why.code()),
+    }
+}
+
+fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
+    writeln!(
+        out,
+        "sensor: {} readings, {} overruns, {} saturated, {} errors",
+        counts.readings, counts.overruns, counts.saturated, counts.sensor_errors
+    )?;
+    writeln!(
+        out,
+        "attitude: {} reports, {} rejected, {} line errors",
+        counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors
+    )?;
+    writeln!(
+        out,
+        "stream: {} sentences, {} empty, {} not sent; samples: {} unpaired, {} dropped",
+        counts.sentences, counts.sentences_empty, counts.stream_errors, counts.unpaired, counts.samples_dropped
+    )?;
+    writeln!(out, "flash: {} saves, {} errors", counts.saves, counts.store_errors)
+}
+
+/// `cal show`.
+pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
+    let Some(record) = &report.current else {
+        return error(out, "no-calibration", "nothing is stored; cal start, then fly left and right turns");
+    };
+    writeln!(out, "ok number {} of {}, {}", record.serial, record.quality.method.name(), Expected(&record.quality))?;
+    coefficients(out, record)?;
+    let before = if report.previous.is_some() { "kept, cal undo brings it back" } else { "none" };
+    writeln!(out, "before: {before}")
+}
+
+fn coefficients(out: &mut impl Write, record: &Record) -> fmt::Result {
+    let calibration = &record.calibration;
+    for (name, row) in ["wx", "wy", "wz"].iter().zip(&calibration.w) {
+        let [x, y, z] = row.map(Decimal::<5>);
+        writeln!(out, "{name}: {x:>9} {y:>9} {z:>9}")?;
+    }
+    let [x, y, z] = calibration.b_ut.map(Decimal::<3>);
+    writeln!(out, "b: {x} {y} {z} uT")?;
+    let inclination = Decimal::<1>(calibration.inclination_rad.to_degrees());
+    writeln!(out, "field: {} uT, inclination {inclination} deg", Decimal::<1>(calibration.total_ut))?;
+    let quality = &record.quality;
+    writeln!(
+        out,
+        "fit: {} samples, norm {} %, inclination {} deg",
+        quality.samples,
+        Decimal::<2>(quality.norm_residual * 100.0),
+        Decimal::<2>(quality.dip_residual_deg)
+    )?;
+    writeln!(out, "sensor: {} at {:02x}, mount {}", record.sensor.model.name(), record.sensor.address, record.mount.name())
+}
+
+struct Expected<'a>(&'a Quality);
+
+impl Display for Expected<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (rms, worst) = (Decimal::<2>(self.0.expected_rms_deg), Decimal::<2>(self.0.expected_worst_deg));
+        write!(f, "expected error {rms} deg rms, {worst} deg worst")
+    }
+}
+
+struct Side<'a>(&'a Coverage);
+
+impl Display for Side<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Coverage { samples, held_back, sectors, percent } = *self.0;
+        write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
+    }
+}
+
+struct Reset<'a>(&'a ResetCause);
+
+impl Display for Reset<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            ResetCause::PowerOn => f.write_str("power-on"),
+            ResetCause::Pin => f.write_str("reset pin"),
+            ResetCause::Software => f.write_str("reboot"),
+            ResetCause::Watchdog => f.write_str("watchdog"),
+            ResetCause::Panic(words) => write!(f, "panic: {words}"),
+        }
+    }
+}
