@@ -35,3 +35,4 @@ pub mod calibration;
 pub mod frames;
 mod log;
 pub mod magnetometer;
+pub mod store;
