@@ -42,3 +42,4 @@ pub mod store;
 pub mod turns;
 pub mod wire;
 pub mod magnetometer;
+pub mod store;

@@ -1,5 +1,7 @@
 //! Magnetometers: one trait, one file a chip.
 
+pub mod lis3mdl;
+
 use crate::frames::{Field, Sensor};
 
 /// What a magnetometer reported at one instant.

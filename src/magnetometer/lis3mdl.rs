@@ -1,0 +1,306 @@
+//! ST LIS3MDL (data sheet DocID024204).
+//!
+//! The chip measures continuously at 80 Hz in its ultra-high-performance mode, the fastest of the plain data rates and
+//! the mode of the lowest noise (0.35 microtesla RMS). Block data update is on, so that the two bytes of an axis are
+//! always of one measurement.
+
+use embassy_time::{Duration, Instant, Timer};
+use embedded_hal_async::i2c::I2c;
+
+use super::{Error, Identity, Magnetometer, Model, Reading};
+use crate::frames::Field;
+
+/// Time between two measurements at 80 Hz.
+const PERIOD_US: u32 = 12_500;
+/// How long to sleep after a measurement before asking for the next: most of the period, and early enough for a chip
+/// that runs 10 % fast (the data sheet gives no tolerance of its oscillator).
+const SLEEP: Duration = Duration::from_micros(11_000);
+/// How often to ask from then on. It bounds the age of a measurement when it is read, at 4 % of the bus's time.
+const POLL: Duration = Duration::from_micros(500);
+/// Four periods without a measurement: the chip has stopped.
+const TIMEOUT: Duration = Duration::from_micros(4 * PERIOD_US as u64);
+
+const WHO_AM_I: u8 = 0x0F;
+const WHO_AM_I_VALUE: u8 = 0x3D;
+const CTRL_REG1: u8 = 0x20;
+const STATUS_REG: u8 = 0x27;
+const OUT_X_L: u8 = 0x28;
+/// Set in the register address to have it advance by itself in a longer transfer.
+const AUTO_INCREMENT: u8 = 0x80;
+/// `STATUS_REG`: a new measurement of all three axes is there.
+const ZYXDA: u8 = 0x08;
+/// `STATUS_REG`: a measurement was overwritten before it was read.
+const ZYXOR: u8 = 0x80;
+
+/// Measurement range of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Range {
+    /// +-4 gauss = +-400 microtesla.
+    Gauss4,
+    /// +-8 gauss = +-800 microtesla.
+    Gauss8,
+    /// +-12 gauss = +-1200 microtesla.
+    Gauss12,
+    /// +-16 gauss = +-1600 microtesla.
+    Gauss16,
+}
+
+impl Range {
+    /// The range in gauss.
+    const fn gauss(self) -> i32 {
+        match self {
+            Self::Gauss4 => 4,
+            Self::Gauss8 => 8,
+            Self::Gauss12 => 12,
+            Self::Gauss16 => 16,
+        }
+    }
+
+    /// Sensitivity in counts per gauss, data sheet table 3.
+    const fn counts_per_gauss(self) -> i32 {
+        match self {
+            Self::Gauss4 => 6842,
+            Self::Gauss8 => 3421,
+            Self::Gauss12 => 2281,
+            Self::Gauss16 => 1711,
+        }
+    }
+
+    /// The FS bits of `CTRL_REG2`.
+    const fn bits(self) -> u8 {
+        (self as u8) << 5
+    }
+}
+
+/// What can be chosen; the rest is fixed by what a compass needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// 7-bit I2C address: 0x1C with pin SDO/SA1 low, 0x1E with it high.
+    pub address: u8,
+    /// Measurement range.
+    pub range: Range,
+}
+
+impl Default for Config {
+    /// +-4 gauss: six times the strongest Earth field (66 microtesla), so that hard iron of several times that field
+    /// still fits, at the finest resolution (0.015 microtesla). Address 0x1E.
+    fn default() -> Self {
+        Self { address: 0x1E, range: Range::Gauss4 }
+    }
+}
+
+/// A LIS3MDL on an I2C bus.
+#[derive(Debug)]
+pub struct Lis3mdl<B> {
+    bus: B,
+    config: Config,
+    /// When it is worth asking for the next measurement.
+    wake_at: Option<Instant>,
+}
+
+impl<B: I2c> Lis3mdl<B> {
+    /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
+    pub const fn new(bus: B, config: Config) -> Self {
+        Self { bus, config, wake_at: None }
+    }
+
+    /// `CTRL_REG1` to `CTRL_REG5`.
+    const fn control(&self) -> [u8; 5] {
+        [
+            0b0111_1100, // 1: x and y in ultra-high-performance mode, 80 Hz, temperature sensor off
+            self.config.range.bits(),
+            0b0000_0000, // 3: continuous conversion
+            0b0000_1100, // 4: z in ultra-high-performance mode, little endian
+            0b0100_0000, // 5: block data update
+        ]
+    }
+
+    async fn registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], Error<B::Error>> {
+        let mut values = [0; N];
+        self.bus.write_read(self.config.address, &[first | AUTO_INCREMENT], &mut values).await.map_err(Error::Bus)?;
+        Ok(values)
+    }
+
+    async fn write_control(&mut self) -> Result<(), Error<B::Error>> {
+        let [c1, c2, c3, c4, c5] = self.control();
+        let message = [CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5];
+        self.bus.write(self.config.address, &message).await.map_err(Error::Bus)
+    }
+
+    async fn check_control(&mut self) -> Result<(), Error<B::Error>> {
+        let read_back: [u8; 5] = self.registers(CTRL_REG1).await?;
+        match self.control().into_iter().zip(read_back).find(|(written, read)| written != read) {
+            Some((written, read)) => Err(Error::Configuration { written, read }),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits for a new measurement; returns the status register that announced it.
+    async fn data_ready(&mut self) -> Result<u8, Error<B::Error>> {
+        if let Some(instant) = self.wake_at {
+            Timer::at(instant).await;
+        }
+        let give_up_at = Instant::now() + TIMEOUT;
+        loop {
+            let [status] = self.registers(STATUS_REG).await?;
+            if status & ZYXDA != 0 {
+                self.wake_at = Some(Instant::now() + SLEEP);
+                return Ok(status);
+            }
+            if Instant::now() >= give_up_at {
+                return Err(Error::NoData);
+            }
+            Timer::after(POLL).await;
+        }
+    }
+}
+
+impl<B: I2c> Magnetometer for Lis3mdl<B> {
+    type BusError = B::Error;
+
+    async fn init(&mut self) -> Result<Identity, Error<B::Error>> {
+        self.wake_at = None;
+        match self.registers(WHO_AM_I).await? {
+            [WHO_AM_I_VALUE] => {}
+            [other] => return Err(Error::WrongIdentity(other)),
+        }
+        self.write_control().await?;
+        self.check_control().await?;
+        // A transfer that broke off between the two bytes of an axis has left that axis frozen at an old measurement
+        // (block data update). Reading all of them frees it.
+        let _old: [u8; 6] = self.registers(OUT_X_L).await?;
+        Ok(Identity { model: Model::Lis3mdl, address: self.config.address })
+    }
+
+    async fn read(&mut self) -> Result<Reading, Error<B::Error>> {
+        let status = self.data_ready().await?;
+        let data = self.registers(OUT_X_L).await?;
+        Ok(decode(status, data, self.config.range))
+    }
+
+    fn period_us(&self) -> u32 {
+        PERIOD_US
+    }
+}
+
+/// A reading from the status register and the six bytes from `OUT_X_L` on. The chip's axes are right-handed.
+fn decode(status: u8, data: [u8; 6], range: Range) -> Reading {
+    let [x_low, x_high, y_low, y_high, z_low, z_high] = data;
+    let counts = [[x_low, x_high], [y_low, y_high], [z_low, z_high]].map(i16::from_le_bytes);
+    let full_scale = range.gauss() * range.counts_per_gauss();
+    let microtesla_per_count = 100.0 / range.counts_per_gauss() as f32;
+    let [x_ut, y_ut, z_ut] = counts.map(|count| f32::from(count) * microtesla_per_count);
+    Reading {
+        field: Field::from_ut(x_ut, y_ut, z_ut),
+        saturated: counts.iter().any(|&count| i32::from(count).abs() > full_scale),
+        overrun: status & ZYXOR != 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::convert::Infallible;
+
+    use embassy_futures::block_on;
+    use embedded_hal_async::i2c::{ErrorType, Operation};
+
+    use super::*;
+
+    /// The chip's registers, and one of them that may refuse to be written.
+    struct Registers {
+        values: [u8; 0x40],
+        broken: Option<u8>,
+    }
+
+    impl Registers {
+        fn new() -> Self {
+            let mut values = [0; 0x40];
+            values[usize::from(WHO_AM_I)] = WHO_AM_I_VALUE;
+            Self { values, broken: None }
+        }
+
+        fn write(&mut self, message: &[u8]) -> u8 {
+            let first = message[0] & !AUTO_INCREMENT;
+            for (register, &value) in (first..).zip(&message[1..]) {
+                if self.broken != Some(register) {
+                    self.values[usize::from(register)] = value;
+                }
+            }
+            first
+        }
+    }
+
+    impl ErrorType for Registers {
+        type Error = Infallible;
+    }
+
+    impl I2c for Registers {
+        async fn transaction(&mut self, _: u8, operations: &mut [Operation<'_>]) -> Result<(), Infallible> {
+            let mut address = 0;
+            for operation in operations {
+                match operation {
+                    Operation::Write(message) => address = usize::from(self.write(message)),
+                    Operation::Read(buffer) => buffer.copy_from_slice(&self.values[address..address + buffer.len()]),
+                }
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn init_writes_what_the_data_sheet_asks_for() {
+        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
+        let identity = block_on(driver.init());
+        assert_eq!(identity, Ok(Identity { model: Model::Lis3mdl, address: 0x1E }));
+        // UHP 80 Hz, 4 gauss, continuous, UHP, BDU: data sheet sections 7.3 to 7.7.
+        assert_eq!(driver.bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
+    }
+
+    #[test]
+    fn range_goes_to_bits_5_and_6_of_control_register_2() {
+        for (range, bits) in [(Range::Gauss8, 0x20), (Range::Gauss12, 0x40), (Range::Gauss16, 0x60)] {
+            let mut driver = Lis3mdl::new(Registers::new(), Config { range, ..Config::default() });
+            block_on(driver.init()).unwrap();
+            assert_eq!(driver.bus.values[0x21], bits);
+        }
+    }
+
+    #[test]
+    fn another_chip_is_not_configured() {
+        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
+        driver.bus.values[usize::from(WHO_AM_I)] = 0x40;
+        assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0x40)));
+        assert_eq!(driver.bus.values[0x20..0x25], [0; 5]);
+    }
+
+    #[test]
+    fn a_control_register_that_does_not_hold_is_reported() {
+        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
+        driver.bus.broken = Some(0x24);
+        assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x40, read: 0x00 }));
+    }
+
+    /// 6842 counts are one gauss, 100 microtesla, at the range of 4 gauss (data sheet table 3).
+    #[test]
+    fn counts_become_microtesla_on_the_chips_axes() {
+        let [x, y, z] = [6842_i16, -3421, 0].map(i16::to_le_bytes);
+        let reading = decode(ZYXDA, [x[0], x[1], y[0], y[1], z[0], z[1]], Range::Gauss4);
+        assert_eq!(reading, Reading { field: Field::from_ut(100.0, -50.0, 0.0), saturated: false, overrun: false });
+    }
+
+    #[test]
+    fn either_end_of_the_range_is_saturation() {
+        for (counts, saturated) in
+            [(27_368, false), (27_369, true), (-27_369, true), (i16::MAX, true), (i16::MIN, true)]
+        {
+            let [low, high] = counts.to_le_bytes();
+            let reading = decode(ZYXDA, [0, 0, 0, 0, low, high], Range::Gauss4);
+            assert_eq!(reading.saturated, saturated, "{counts}");
+        }
+    }
+
+    #[test]
+    fn overrun_is_seen_in_the_status() {
+        assert!(decode(ZYXDA | ZYXOR, [0; 6], Range::Gauss4).overrun);
+    }
+}

@@ -1,0 +1,221 @@
+//! What is stored, and its bytes.
+
+use core::ops::RangeInclusive;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use serde::{Deserialize, Serialize};
+
+use super::StoreError;
+use crate::calibration::{Calibration, Orientation, Quality};
+use crate::magnetometer::Identity;
+
+/// Version of the format. To be raised when the meaning of the bytes changes.
+const VERSION: u8 = 1;
+/// Room for version, contents and CRC. The contents take at most 190 bytes: 84 for each record, 14 for the settings,
+/// and the tags of the options.
+pub(super) const VALUE_SIZE: usize = 224;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC_SIZE: usize = 4;
+
+/// What the user has chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Magnetic declination (variation), degrees, east positive; none if it was never entered.
+    pub declination_deg: Option<f32>,
+    /// Whether heading is sent on the autopilot port.
+    pub stream_on: bool,
+    /// Headings a second on the autopilot port.
+    pub stream_rate_hz: u8,
+    /// How the chip sits in the aircraft.
+    pub mount: Orientation,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { declination_deg: None, stream_on: true, stream_rate_hz: 10, mount: Orientation::NONE }
+    }
+}
+
+impl Settings {
+    /// Rates that can be chosen. Above 50 Hz there would not be a new measurement for every heading.
+    pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=50;
+
+    /// Whether every setting is within its range: declination -180..180 deg, rate [`Self::STREAM_RATE_HZ`].
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.declination_deg.is_none_or(|declination_deg| declination_deg.abs() <= 180.0)
+            && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
+            && self.mount.is_valid()
+    }
+}
+
+/// A calibration with what is needed to judge whether it may be used.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// How good they are expected to be.
+    pub quality: Quality,
+    /// The sensor they were found with.
+    pub sensor: Identity,
+    /// How that sensor was mounted.
+    pub mount: Orientation,
+    /// Counts the calibrations this module has accepted.
+    pub serial: u32,
+}
+
+impl Record {
+    /// Whether every number is finite and the mounting one of the 24.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let Quality { expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, .. } = self.quality;
+        self.calibration.is_finite()
+            && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg].iter().all(|n| n.is_finite())
+            && self.mount.is_valid()
+    }
+}
+
+/// The calibration in use and the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Generations {
+    /// In use; none if the module is not calibrated.
+    pub current: Option<Record>,
+    /// What [`undo`](Self::undo) brings back.
+    pub previous: Option<Record>,
+}
+
+impl Generations {
+    /// Takes a new calibration into use; the one in use becomes the previous one.
+    pub fn push(&mut self, record: Record) {
+        self.previous = self.current.replace(record);
+    }
+
+    /// Swaps the two, so that a second `undo` undoes the first. When there is no previous calibration the module is
+    /// uncalibrated afterwards.
+    pub fn undo(&mut self) {
+        core::mem::swap(&mut self.current, &mut self.previous);
+    }
+
+    /// Forgets both.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    fn is_valid(&self) -> bool {
+        [&self.current, &self.previous].into_iter().flatten().all(Record::is_valid)
+    }
+}
+
+/// The one value in the flash: version byte, postcard, CRC-32 of both (little endian).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Contents {
+    pub settings: Settings,
+    pub generations: Generations,
+}
+
+impl Contents {
+    fn is_valid(&self) -> bool {
+        self.settings.is_valid() && self.generations.is_valid()
+    }
+
+    /// The bytes to store.
+    pub fn encode<'a>(&self, buffer: &'a mut [u8; VALUE_SIZE]) -> Result<&'a [u8], StoreError> {
+        if !self.is_valid() {
+            return Err(StoreError::Invalid);
+        }
+        let [version, rest @ ..] = buffer;
+        *version = VERSION;
+        let payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
+        let (checked, rest) = buffer.split_at_mut_checked(1 + payload_size).ok_or(StoreError::Full)?;
+        let crc = rest.first_chunk_mut::<CRC_SIZE>().ok_or(StoreError::Full)?;
+        *crc = CRC.checksum(checked).to_le_bytes();
+        buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
+    }
+
+    /// The contents from stored bytes.
+    pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
+        let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;
+        if CRC.checksum(checked) != u32::from_le_bytes(*crc) {
+            return Err(StoreError::Corrupt);
+        }
+        match checked {
+            [VERSION, payload @ ..] => match postcard::from_bytes::<Self>(payload) {
+                Ok(contents) if contents.is_valid() => Ok(contents),
+                _ => Err(StoreError::Corrupt),
+            },
+            [version, ..] => Err(StoreError::UnknownVersion(*version)),
+            [] => Err(StoreError::Corrupt),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::tests::record;
+
+    fn contents() -> Contents {
+        let settings = Settings { declination_deg: Some(-3.5), ..Settings::default() };
+        Contents { settings, generations: Generations { current: Some(record(2)), previous: Some(record(u32::MAX)) } }
+    }
+
+    #[test]
+    fn the_largest_contents_fit_and_come_back() {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = contents().encode(&mut buffer).unwrap();
+        assert_eq!(Contents::decode(value), Ok(contents()));
+    }
+
+    /// CRC-32 finds every single-bit error, wherever it is.
+    #[test]
+    fn a_flipped_bit_is_never_taken_for_contents() {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = contents().encode(&mut buffer).unwrap().to_vec();
+        for bit in 0..value.len() * 8 {
+            let mut damaged = value.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(Contents::decode(&damaged), Err(StoreError::Corrupt), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn another_version_is_named() {
+        let mut value = std::vec![9, 1, 2, 3];
+        value.extend(CRC.checksum(&value).to_le_bytes());
+        assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(9)));
+    }
+
+    #[test]
+    fn values_out_of_range_are_neither_stored_nor_believed() {
+        let good = contents();
+        let declination = Settings { declination_deg: Some(f32::NAN), ..good.settings };
+        let rate = Settings { stream_rate_hz: 0, ..good.settings };
+        let mut infinite = record(1);
+        infinite.calibration.b_ut[1] = f32::INFINITY;
+        let current = Generations { current: Some(infinite), ..good.generations };
+        for bad in [
+            Contents { settings: declination, ..good },
+            Contents { settings: rate, ..good },
+            Contents { generations: current, ..good },
+        ] {
+            assert_eq!(bad.encode(&mut [0; VALUE_SIZE]), Err(StoreError::Invalid));
+            let mut value = std::vec![VERSION];
+            value.extend(postcard::to_slice(&bad, &mut [0; VALUE_SIZE]).unwrap().iter());
+            value.extend(CRC.checksum(&value).to_le_bytes());
+            assert_eq!(Contents::decode(&value), Err(StoreError::Corrupt));
+        }
+    }
+
+    #[test]
+    fn undo_twice_is_redo() {
+        let mut generations = Generations::default();
+        generations.push(record(1));
+        generations.push(record(2));
+        let before = generations;
+        generations.undo();
+        assert_eq!(generations.current, Some(record(1)));
+        generations.undo();
+        assert_eq!(generations, before);
+    }
+}
