@@ -147,7 +147,7 @@ impl SenderClock {
     /// When the report was sent, on the module's clock.
     fn on_module_clock(&mut self, arrival_us: u64, sender_ms: u32, config: &Config) -> u64 {
         let sender_us = i64::from(sender_ms) * 1000;
-        let observed_us = arrival_us as i64 - sender_us;
+        let observed_us = arrival_us.cast_signed() - sender_us;
         let offset_us = match self.last {
             Some((last_ms, offset_us))
                 if sender_ms > last_ms

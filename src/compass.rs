@@ -95,6 +95,7 @@ pub enum Save {
 }
 
 /// An answer that is not a refusal.
+#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.
@@ -328,23 +329,34 @@ impl Compass {
 
     fn undo(&self) -> Result<Effect, Refusal> {
         self.generations.previous.as_ref().ok_or(Refusal::NothingToUndo)?;
-        let mut generations = self.generations.clone();
+        let mut generations = self.generations;
         generations.undo();
         Ok(Effect::Save(Save::Undo(generations)))
     }
 
     /// A settings command, as a change to be saved.
     fn change(&self, command: Command) -> Result<Effect, Refusal> {
-        let mut settings = self.settings.clone();
-        match command {
-            Command::StreamOn(on) => settings.stream_on = on,
-            Command::StreamRate(hz) => settings.stream_rate_hz = hz,
-            Command::SetDeclination(deg) => settings.declination_deg = Some(deg),
-            Command::SetMount(mount) => settings.mount = mount,
-            _ => {}
-        }
-        settings.check().map_err(Refusal::OutOfRange)?;
-        Ok(Effect::Save(Save::Settings(settings)))
+        let mut settings = self.settings;
+        let range = match command {
+            Command::StreamRate(hz) => {
+                settings.stream_rate_hz = hz;
+                "a rate is 1 to 80 sentences a second"
+            }
+            Command::SetDeclination(deg) => {
+                settings.declination_deg = Some(deg);
+                "a declination is -180 to 180 degrees"
+            }
+            Command::SetMount(mount) => {
+                settings.mount = mount;
+                "a mounting is one of the 24 right-angle ones"
+            }
+            Command::StreamOn(on) => {
+                settings.stream_on = on;
+                "on or off"
+            }
+            _ => "not a setting",
+        };
+        if settings.is_valid() { Ok(Effect::Save(Save::Settings(settings))) } else { Err(Refusal::OutOfRange(range)) }
     }
 
     fn start_solving(&mut self) -> Result<(), Refusal> {
@@ -394,16 +406,17 @@ impl Compass {
             return Err(Refusal::TooFewHeldBack { have, need: self.config.min_held_back });
         }
         let expected_rms_deg = quality.expected_rms_deg;
-        // Written so that a NaN is refused.
-        if !(expected_rms_deg <= self.config.max_expected_rms_deg) {
+        // What is not a number is not accurate either.
+        if expected_rms_deg.is_nan() || expected_rms_deg > self.config.max_expected_rms_deg {
             return Err(Refusal::NotAccurate { expected_rms_deg });
         }
         let incumbent = self.calibration().copied().unwrap_or(Calibration::uncalibrated(self.settings.mount));
         let scores = verification::verify(held_back, candidate, &incumbent);
-        if !(scores.candidate < scores.incumbent) {
+        let better = scores.candidate < scores.incumbent;
+        if !better {
             return Err(Refusal::NotBetter { candidate: scores.candidate, incumbent: scores.incumbent });
         }
-        let mut generations = self.generations.clone();
+        let mut generations = self.generations;
         generations.push(Record {
             calibration: *candidate,
             quality: *quality,
@@ -449,9 +462,9 @@ impl Compass {
         Report {
             state: self.state(),
             progress: self.collector.progress(),
-            settings: self.settings.clone(),
-            current: self.generations.current.clone(),
-            previous: self.generations.previous.clone(),
+            settings: self.settings,
+            current: self.generations.current,
+            previous: self.generations.previous,
             last: self.last.clone(),
         }
     }

@@ -69,7 +69,7 @@ impl Config {
 ///
 /// [`NoHeading::FieldDisturbed`] when the corrected field is not the one the calibration was found in.
 pub fn heading(
-    config: &Config,
+    config: Config,
     calibration: &Calibration,
     field: Field<Sensor>,
     attitude: Attitude,
@@ -82,7 +82,7 @@ pub fn heading(
 }
 
 /// Whether the field is not that of the calibration; what is not finite counts as disturbed.
-fn is_disturbed(config: &Config, calibration: &Calibration, level: &Field<Level>) -> bool {
+fn is_disturbed(config: Config, calibration: &Calibration, level: &Field<Level>) -> bool {
     let total_deviation = level.total_ut() / calibration.total_ut - 1.0;
     let dip_deviation_rad = wrap_pi(level.inclination_rad() - calibration.inclination_rad);
     let as_calibrated =
@@ -110,7 +110,7 @@ mod tests {
             for (roll_deg, pitch_deg) in [(0.0, 0.0), (25.0, 3.0), (-60.0, -20.0), (170.0, 10.0), (10.0, 80.0)] {
                 let attitude = Attitude::from_deg(roll_deg, pitch_deg);
                 let field = measured(50.0, 1.0, f32::from(heading_deg).to_radians(), attitude);
-                let found = heading(&Config::DEFAULT, &clean(), field, attitude).unwrap();
+                let found = heading(Config::DEFAULT, &clean(), field, attitude).unwrap();
                 let error = wrap_pi(found.magnetic_rad - f32::from(heading_deg).to_radians()).to_degrees();
                 assert!(error.abs() < 0.001, "heading {heading_deg} roll {roll_deg} pitch {pitch_deg}: {error}");
             }
@@ -122,7 +122,7 @@ mod tests {
         let level = Attitude::default();
         for (total_ut, inclination_rad) in [(65.0, 1.0), (38.0, 1.0), (50.0, 0.7), (50.0, 1.3), (f32::NAN, 1.0)] {
             let field = measured(total_ut, inclination_rad, 0.5, level);
-            assert_eq!(heading(&Config::DEFAULT, &clean(), field, level), Err(NoHeading::FieldDisturbed));
+            assert_eq!(heading(Config::DEFAULT, &clean(), field, level), Err(NoHeading::FieldDisturbed));
         }
     }
 }

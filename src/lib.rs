@@ -42,4 +42,3 @@ pub mod store;
 pub mod turns;
 pub mod wire;
 pub mod magnetometer;
-pub mod store;

@@ -61,6 +61,20 @@ impl StoreError {
     }
 }
 
+/// What to do about it, in words.
+impl core::fmt::Display for StoreError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Flash => "the flash memory failed; try again, then replace the board",
+            Self::Corrupt => "what was stored is damaged; calibrate anew",
+            Self::UnknownVersion(_) => "it was stored by another firmware; calibrate anew or load that firmware",
+            Self::Full => "it does not fit; this is a fault of the firmware, please report it",
+            Self::Verify => "what was written reads back differently; try again, then replace the board",
+            Self::Invalid => "a value is out of its range; nothing was written",
+        })
+    }
+}
+
 impl<E> From<sequential_storage::Error<E>> for StoreError {
     fn from(error: sequential_storage::Error<E>) -> Self {
         use sequential_storage::Error;

@@ -8,7 +8,7 @@ use super::Links;
 use super::links::{Active, count};
 use crate::compass::{Compass, Config, Effect, Event, Save};
 use crate::log::{info, warning};
-use crate::store::{Generations, Settings, Store, StoreError};
+use crate::store::{Store, StoreError};
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
@@ -71,5 +71,5 @@ async fn write<F: NorFlash>(links: &Links, store: &mut Store<F>, save: &Save) ->
 }
 
 fn publish(links: &Links, compass: &Compass) {
-    links.set_active(Active { calibration: compass.calibration().copied(), settings: compass.settings().clone() });
+    links.set_active(Active { calibration: compass.calibration().copied(), settings: *compass.settings() });
 }

@@ -32,7 +32,6 @@ pub(super) struct Active {
 
 /// All wires between tasks. The tasks run at two priorities, so every wire is closed by a critical section, of some
 /// hundred instructions at most.
-#[derive(Debug)]
 pub struct Links {
     pub(super) readings: Channel<CriticalSectionRawMutex, StampedReading, 4>,
     pub(super) samples: Channel<CriticalSectionRawMutex, Sample, 8>,

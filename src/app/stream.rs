@@ -28,15 +28,15 @@ pub async fn run(links: &Links, mut tx: impl Write) -> ! {
         let reading = with_timeout(SENSOR_SILENCE, links.readings.receive()).await;
         count(&links.heartbeats.stream);
         let active = links.active();
-        let heading = match reading {
+        let heading = match &reading {
             Ok(stamped) => {
-                pairing.push(links, &stamped);
-                heading_of(links, &active, &stamped)
+                pairing.push(links, stamped);
+                heading_of(links, &active, stamped)
             }
             Err(_silent) => Err(NoHeading::SensorSilent),
         };
         links.set_heading(heading);
-        let now_us = reading.map_or_else(|_| Instant::now().as_micros(), |stamped| stamped.time_us);
+        let now_us = reading.as_ref().map_or_else(|_| Instant::now().as_micros(), |stamped| stamped.time_us);
         if active.settings.stream_on && pace.is_due(now_us, active.settings.stream_rate_hz) {
             send(links, &mut tx, heading.ok(), active.settings.declination_deg).await;
         }
@@ -52,7 +52,7 @@ fn heading_of(links: &Links, active: &Active, stamped: &StampedReading) -> Resul
         Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => attitude,
         Lookup::Missing | Lookup::Stale => return Err(NoHeading::AttitudeStale),
     };
-    heading::heading(&heading::Config::DEFAULT, calibration, stamped.reading.field, attitude)
+    heading::heading(heading::Config::DEFAULT, calibration, stamped.reading.field, attitude)
 }
 
 async fn send(links: &Links, tx: &mut impl Write, heading: Option<Heading>, declination_deg: Option<f32>) {
@@ -123,11 +123,10 @@ impl Pairing {
     }
 
     fn pair(&mut self, links: &Links, time_us: u64, field: Field<Sensor>, attitude: Attitude) {
-        let sample = self.averager.push(time_us, field, attitude);
-        if let Some(sample) = sample {
-            if links.samples.try_send(sample).is_err() {
-                count(&links.counters.samples_dropped);
-            }
+        if let Some(sample) = self.averager.push(time_us, field, attitude)
+            && links.samples.try_send(sample).is_err()
+        {
+            count(&links.counters.samples_dropped);
         }
     }
 }

@@ -1,12 +1,11 @@
 //! A console session: bytes in, requests out, echo and replies gathered for sending.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use core::fmt;
 
 use embedded_cli::cli::{Cli, CliBuilder, CliHandle};
 use embedded_cli::command::RawCommand;
-use embedded_cli::service::ProcessError;
 
 use super::{LINE_CAPACITY, Line, LineError, Request, parse};
 
@@ -119,13 +118,14 @@ impl<'a> Session<'a> {
     }
 
     fn feed(&mut self, byte: u8) -> Option<Result<Request, LineError>> {
-        let mut entered = None;
-        let mut process = |_: &mut CliHandle<'_, Sink<'a>, Infallible>, raw: RawCommand<'_>| {
-            entered = Some(parse(raw));
-            Ok::<(), ProcessError<'_, Infallible>>(())
-        };
+        // A cell, because the processor's opaque type keeps its borrow to the end of this function.
+        let entered = Cell::new(None);
+        let mut process = RawCommand::processor(|_: &mut CliHandle<'_, Sink<'a>, Infallible>, raw| {
+            entered.set(Some(parse(raw)));
+            Ok(())
+        });
         let Ok(()) = self.cli.process_byte::<Line<'_>, _>(byte, &mut process);
-        entered
+        entered.take()
     }
 
     /// Writes the reply to the line just entered, then the prompt.

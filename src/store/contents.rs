@@ -33,13 +33,17 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { declination_deg: None, stream_on: true, stream_rate_hz: 10, mount: Orientation::NONE }
+        Self::DEFAULT
     }
 }
 
 impl Settings {
-    /// Rates that can be chosen. Above 50 Hz there would not be a new measurement for every heading.
-    pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=50;
+    /// As delivered: ten sentences a second is what autopilots expect of a compass.
+    pub const DEFAULT: Self =
+        Self { declination_deg: None, stream_on: true, stream_rate_hz: 10, mount: Orientation::NONE };
+
+    /// Rates that can be chosen: up to one heading for every measurement.
+    pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
     /// Whether every setting is within its range: declination -180..180 deg, rate [`Self::STREAM_RATE_HZ`].
     #[must_use]

@@ -105,7 +105,7 @@ fn candidate(bytes: &[u8]) -> Candidate {
     const SIGNED: u8 = 0x01;
     let id = ATTITUDE_DATA::ID.to_le_bytes();
     match *bytes {
-        [] | [V1] | [V2] => Candidate::Unknown,
+        [] | [V1 | V2] => Candidate::Unknown,
         [V1, length, ..] if usize::from(length) != ATTITUDE_DATA::ENCODED_LEN => Candidate::No,
         [V1, length, _, _, _, message, ..] if message == id[0] => Candidate::Yes(Layout {
             version: MavlinkVersion::V1,
