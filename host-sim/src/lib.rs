@@ -1,1 +1,17 @@
 //! Autoswing's firmware tasks flown by a simulated aircraft, in virtual time.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`clock`] | the virtual clock behind `embassy_time` |
+//! | [`simulation`] | the executor: tasks, priorities, power off |
+//! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
+//! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
+//! | [`random`] | one seeded stream of random numbers per purpose |
+//!
+//! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
+
+pub mod clock;
+pub mod devices;
+pub mod random;
+pub mod simulation;
+pub mod world;

@@ -1,0 +1,137 @@
+//! ST LIS3MDL three-axis magnetometer at register level, after its data sheet (DocID024204) and application note
+//! AN4602.
+//!
+//! Modelled: identity, reset values, power-down / single / continuous conversion, data rates including `FAST_ODR`, full
+//! scales, operating modes (rate and noise), data-ready and overrun flags, block data update, address auto-increment
+//! with its wrap from the last output register to the first, soft reset, temperature. Interrupt registers only keep
+//! what is written. Not modelled: self-test, the interrupt generator, SPI, the time over which a conversion averages
+//! (a measurement is the field at the end of its conversion).
+
+mod conversion;
+mod registers;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use autoswing::frames::{Field, Sensor};
+
+use self::conversion::{Converter, Due};
+use self::registers::Registers;
+use crate::clock;
+use crate::devices::i2c::Target;
+use crate::random::{Purpose, Random};
+
+/// Address with the SA1 pin high, as on ST's boards.
+pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
+/// Address with the SA1 pin low.
+pub const ADDRESS_SA1_LOW: u8 = 0x1C;
+
+/// The field in the chip's axes at a time in microseconds of the virtual clock. The time is never in the future, and
+/// at most one measurement period (1.6 s) in the past.
+pub type FieldSource = Box<dyn FnMut(u64) -> Field<Sensor>>;
+
+/// What differs from chip to chip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// 7-bit I2C address.
+    pub address: u8,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// Noise relative to the data sheet's; 0 leaves only quantisation.
+    pub noise_scale: f64,
+    /// Temperature of the die, degrees Celsius.
+    pub temperature_c: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0, temperature_c: 30.0 }
+    }
+}
+
+/// The chip. Attach it to a [`Bus`](crate::devices::i2c::Bus); conversions due since the last access are caught up
+/// with at the next one.
+pub struct Lis3mdl {
+    config: Config,
+    registers: Registers,
+    converter: Converter,
+    source: FieldSource,
+    noise: Random,
+    silent: bool,
+    frozen: bool,
+}
+
+impl Lis3mdl {
+    /// A chip that has just got power, in a field.
+    #[must_use]
+    pub fn new(config: Config, source: FieldSource) -> Rc<RefCell<Self>> {
+        Rc::new(RefCell::new(Self {
+            config,
+            registers: Registers::default(),
+            converter: Converter::default(),
+            source,
+            noise: Random::new(config.seed, Purpose::Magnetometer),
+            silent: false,
+            frozen: false,
+        }))
+    }
+
+    /// Fault: while `silent` the chip does not answer on the bus.
+    pub fn set_silent(&mut self, silent: bool) {
+        self.silent = silent;
+    }
+
+    /// Fault: while `frozen` new measurements are announced but repeat the old values.
+    pub fn set_frozen(&mut self, frozen: bool) {
+        self.frozen = frozen;
+    }
+
+    /// Fault: the supply dipped; all registers are back at their reset values.
+    pub fn power_cycle(&mut self) {
+        self.registers = Registers::default();
+        self.converter = Converter::default();
+    }
+
+    /// Makes the conversions that are due. Of several, only the last can still be seen.
+    fn catch_up(&mut self) {
+        if let Some(due) = self.converter.take_due(&mut self.registers, clock::now_us()) {
+            self.convert(&due);
+        }
+    }
+
+    fn convert(&mut self, due: &Due) {
+        if !self.frozen {
+            let field = (self.source)(due.at_us);
+            let counts = conversion::counts(&field, &self.registers.mode(), self.config.noise_scale, &mut self.noise);
+            self.registers.set_measurement(counts);
+        }
+        self.registers.set_temperature_c(self.config.temperature_c);
+        self.registers.announce(due.missed);
+    }
+}
+
+impl Target for Lis3mdl {
+    fn acknowledges(&self, address: u8) -> bool {
+        !self.silent && address == self.config.address
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        self.catch_up();
+        if let Some((&pointer, data)) = bytes.split_first() {
+            self.registers.point_to(pointer);
+            for &byte in data {
+                if self.registers.write(byte) {
+                    self.converter.restart(&self.registers, clock::now_us());
+                }
+            }
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) {
+        self.catch_up();
+        bytes.fill_with(|| self.registers.read());
+    }
+}
+
+#[cfg(test)]
+mod tests;

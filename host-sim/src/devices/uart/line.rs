@@ -1,0 +1,158 @@
+//! One direction of a cable: bytes on the wire, bytes received.
+
+use std::collections::VecDeque;
+use std::task::{Poll, Waker};
+
+use super::{Delivery, Timed, UartError};
+
+/// Start bit, eight data bits, stop bit.
+const BITS_PER_BYTE: u64 = 10;
+const MICROSECONDS_PER_SECOND: u64 = 1_000_000;
+
+pub(super) struct Line {
+    baud: u64,
+    /// When the last byte has been sent, in microseconds times baud: exact, however long the line is busy.
+    free_at: u64,
+    /// Bytes sent whose time of arrival has not been looked at.
+    wire: VecDeque<Timed>,
+    /// Bytes that have arrived and wait to be read.
+    received: VecDeque<Timed>,
+    capacity: usize,
+    lost_bytes: u64,
+    error: Option<UartError>,
+    delivery: Delivery,
+    reader: Option<Waker>,
+}
+
+impl Line {
+    pub fn new(baud: u32, capacity: usize, delivery: Delivery) -> Self {
+        Self {
+            baud: u64::from(baud),
+            free_at: 0,
+            wire: VecDeque::new(),
+            received: VecDeque::new(),
+            capacity,
+            lost_bytes: 0,
+            error: None,
+            delivery,
+            reader: None,
+        }
+    }
+
+    pub fn send(&mut self, bytes: &[u8], now_us: u64) {
+        self.settle(now_us);
+        self.free_at = self.free_at.max(now_us * self.baud);
+        for &byte in bytes {
+            self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
+            self.wire.push_back(Timed { at_us: self.free_at_us(), byte });
+        }
+        if let Some(reader) = self.reader.take() {
+            self.wake_on_delivery(&reader);
+            self.reader = Some(reader);
+        }
+    }
+
+    /// When everything sent will have arrived.
+    pub fn free_at_us(&self) -> u64 {
+        self.free_at.div_ceil(self.baud)
+    }
+
+    /// Bytes sent that have not arrived.
+    pub fn outstanding(&self, now_us: u64) -> usize {
+        self.wire.len() - self.wire.partition_point(|timed| timed.at_us <= now_us)
+    }
+
+    /// The sender is gone: what is still to be sent never will be.
+    pub fn cut(&mut self, now_us: u64) {
+        self.settle(now_us);
+        self.wire.clear();
+        self.free_at = now_us * self.baud;
+    }
+
+    /// The receiver has just been switched on.
+    pub fn clear_received(&mut self, now_us: u64) {
+        self.settle(now_us);
+        self.received.clear();
+        self.error = None;
+        self.reader = None;
+    }
+
+    /// Takes up to `limit` bytes that have arrived.
+    pub fn take(&mut self, limit: usize, now_us: u64) -> Vec<Timed> {
+        self.settle(now_us);
+        let count = limit.min(self.received.len());
+        self.received.drain(..count).collect()
+    }
+
+    pub fn fail(&mut self, error: UartError) {
+        self.error = Some(error);
+        if let Some(reader) = &self.reader {
+            reader.wake_by_ref();
+        }
+    }
+
+    pub fn take_error(&mut self) -> Option<UartError> {
+        self.error.take()
+    }
+
+    pub fn lost_bytes(&self) -> u64 {
+        self.lost_bytes
+    }
+
+    /// Ready when there is a byte or an error to be taken.
+    pub fn poll_readable(&mut self, now_us: u64, waker: &Waker) -> Poll<()> {
+        self.settle(now_us);
+        if self.error.is_some() || !self.received.is_empty() {
+            self.reader = None;
+            return Poll::Ready(());
+        }
+        self.wake_on_delivery(waker);
+        self.reader = Some(waker.clone());
+        Poll::Pending
+    }
+
+    pub fn wake_at_next_arrival(&self, now_us: u64, waker: &Waker) {
+        if let Some(next) = self.wire.iter().find(|timed| timed.at_us > now_us) {
+            embassy_time_driver::schedule_wake(next.at_us, waker);
+        }
+    }
+
+    /// Moves bytes that have arrived into the receive buffer. What does not fit is lost, and the next read says so.
+    fn settle(&mut self, now_us: u64) {
+        while let Some(timed) = self.wire.pop_front_if(|timed| timed.at_us <= now_us) {
+            if self.received.len() < self.capacity {
+                self.received.push_back(timed);
+            } else {
+                self.lost_bytes += 1;
+                self.error = Some(UartError::Overrun);
+            }
+        }
+    }
+
+    fn wake_on_delivery(&self, waker: &Waker) {
+        if let Some(at_us) = self.delivery_us() {
+            embassy_time_driver::schedule_wake(at_us, waker);
+        }
+    }
+
+    /// When a reader who finds nothing now is to look again.
+    fn delivery_us(&self) -> Option<u64> {
+        match self.delivery {
+            Delivery::EachByte => self.wire.front().map(|timed| timed.at_us),
+            Delivery::IdleLine => {
+                // The first byte after which there is a pause, or which fills half of the buffer.
+                let pause_us = 2 * self.byte_time_us();
+                let half = self.capacity / 2;
+                let next = self.wire.iter().skip(1).map(|timed| Some(timed.at_us)).chain([None]);
+                self.wire.iter().zip(next).zip(1..).find_map(|((timed, next), count)| {
+                    let idle = next.is_none_or(|next_us| next_us > timed.at_us + pause_us);
+                    if count >= half { Some(timed.at_us) } else { idle.then(|| timed.at_us + self.byte_time_us()) }
+                })
+            }
+        }
+    }
+
+    fn byte_time_us(&self) -> u64 {
+        (BITS_PER_BYTE * MICROSECONDS_PER_SECOND).div_ceil(self.baud)
+    }
+}

@@ -1,0 +1,163 @@
+use std::cell::RefCell;
+
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, Instant, Ticker, Timer, with_timeout};
+
+use super::*;
+
+type Log = Rc<RefCell<Vec<(u64, &'static str)>>>;
+
+fn note(log: &Log, what: &'static str) {
+    log.borrow_mut().push((clock::now_us(), what));
+}
+
+#[test]
+fn timers_fire_at_their_instant_and_in_order() {
+    let mut simulation = Simulation::new();
+    let log = Log::default();
+    for (name, delay_us) in [("late", 3_600_000_000), ("second", 500), ("first", 499), ("third", 500)] {
+        let log = Rc::clone(&log);
+        simulation.spawn(Level::Thread, name, async move {
+            Timer::after_micros(delay_us).await;
+            assert_eq!(Instant::now().as_micros(), clock::now_us());
+            note(&log, name);
+        });
+    }
+    assert_eq!(simulation.run_until(3_600_000_000), Ended::Time);
+    assert_eq!(*log.borrow(), [(499, "first"), (500, "second"), (500, "third"), (3_600_000_000, "late")]);
+    assert_eq!(simulation.tasks(), 0);
+}
+
+#[test]
+fn more_urgent_levels_go_first_and_equals_take_turns() {
+    let mut simulation = Simulation::new();
+    let log = Log::default();
+    let tasks = [
+        ("thread a", Level::Thread),
+        ("thread b", Level::Thread),
+        ("interrupt", Level::Interrupt),
+        ("world", Level::World),
+    ];
+    for (name, level) in tasks {
+        let log = Rc::clone(&log);
+        simulation.spawn(level, name, async move {
+            for _ in 0..2 {
+                note(&log, name);
+                yield_now().await;
+            }
+        });
+    }
+    simulation.run_until(0);
+    let names: Vec<_> = log.borrow().iter().map(|entry| entry.1).collect();
+    assert_eq!(names, ["world", "world", "interrupt", "interrupt", "thread a", "thread b", "thread a", "thread b"]);
+}
+
+#[test]
+fn embassy_channels_tickers_and_timeouts_work() {
+    let mut simulation = Simulation::new();
+    let log = Log::default();
+    let channel = Rc::new(Channel::<CriticalSectionRawMutex, u32, 1>::new());
+    let (sender, receiver, received) = (Rc::clone(&channel), channel, Rc::clone(&log));
+    simulation.spawn(Level::Thread, "sender", async move {
+        let mut ticker = Ticker::every(Duration::from_millis(10));
+        for value in 0..3 {
+            ticker.next().await;
+            sender.send(value).await;
+        }
+    });
+    simulation.spawn(Level::Interrupt, "receiver", async move {
+        while with_timeout(Duration::from_millis(15), receiver.receive()).await.is_ok() {
+            note(&received, "value");
+        }
+        note(&received, "timeout");
+    });
+    simulation.run_until(1_000_000);
+    assert_eq!(*log.borrow(), [(10_000, "value"), (20_000, "value"), (30_000, "value"), (45_000, "timeout")]);
+}
+
+/// Sets a flag when dropped.
+struct Dropped(Rc<Cell<bool>>);
+
+impl Drop for Dropped {
+    fn drop(&mut self) {
+        self.0.set(true);
+    }
+}
+
+#[test]
+fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
+    let mut simulation = Simulation::new();
+    let (dropped, log) = (Rc::new(Cell::new(false)), Log::default());
+    let (guard, world_log) = (Dropped(Rc::clone(&dropped)), Rc::clone(&log));
+    simulation.spawn(Level::Thread, "module", async move {
+        let _guard = guard;
+        Timer::after_millis(10).await;
+        unreachable!("the power went at 5 ms");
+    });
+    simulation.spawn(Level::World, "world", async move {
+        Timer::after_millis(20).await;
+        note(&world_log, "world");
+    });
+    simulation.run_until(5_000);
+    simulation.power_off();
+    assert!(dropped.get());
+    assert_eq!(clock::next_deadline_us(), Some(20_000), "the module's timer is gone, the world's is not");
+
+    let log_again = Rc::clone(&log);
+    simulation.spawn(Level::Thread, "module again", async move {
+        Timer::after_millis(10).await;
+        note(&log_again, "module");
+    });
+    simulation.run_until(100_000);
+    assert_eq!(*log.borrow(), [(15_000, "module"), (20_000, "world")], "time went on over the reboot");
+    assert_eq!(clock::next_deadline_us(), None);
+
+    let simulation = Simulation::new();
+    assert_eq!(simulation.now_us(), 0, "a new simulation begins at zero");
+}
+
+#[test]
+fn a_waker_that_outlives_its_task_wakes_nobody() {
+    let mut simulation = Simulation::new();
+    let channel = Rc::new(Channel::<CriticalSectionRawMutex, u32, 4>::new());
+    let receiver = Rc::clone(&channel);
+    simulation.spawn(Level::Thread, "before", async move {
+        receiver.receive().await;
+        unreachable!("dropped before anything was sent");
+    });
+    simulation.run_until(10);
+    simulation.power_off();
+    simulation.spawn(Level::Thread, "after", std::future::pending());
+    channel.try_send(1).unwrap();
+    assert_eq!(simulation.run_until(20), Ended::Time);
+}
+
+#[test]
+fn stop_ends_the_run_at_its_instant() {
+    let mut simulation = Simulation::new();
+    let stop = simulation.stop();
+    simulation.spawn(Level::Thread, "reboot", async move {
+        Timer::after_millis(7).await;
+        stop.request();
+        Timer::after_millis(1).await;
+    });
+    assert_eq!(simulation.run_until(1_000_000), Ended::Stopped);
+    assert_eq!((simulation.now_us(), simulation.tasks()), (7_000, 1));
+    assert_eq!(simulation.run_until(1_000_000), Ended::Time, "a stop lasts for one run");
+    assert_eq!(simulation.tasks(), 0);
+}
+
+#[test]
+#[should_panic(expected = "task `spinner` is in a busy loop: 100001 polls at 3 us")]
+fn a_busy_loop_is_named() {
+    let mut simulation = Simulation::new();
+    simulation.spawn(Level::Thread, "spinner", async {
+        Timer::after_micros(3).await;
+        loop {
+            yield_now().await;
+        }
+    });
+    simulation.run_until(10);
+}
