@@ -228,7 +228,7 @@ fn garbage_is_survived() {
         let density = 1_u64 << (seed % 12);
         let mut flash = flash_after(seed as u32 % 45);
         for byte in &mut flash.bytes {
-            if noise.next() % density == 0 {
+            if noise.next().is_multiple_of(density) {
                 *byte = noise.next() as u8;
             }
         }
