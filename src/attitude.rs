@@ -170,11 +170,7 @@ mod tests {
     const CONFIG: Config = Config::DEFAULT;
 
     fn report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> Report {
-        Report {
-            sender_ms,
-            attitude: Attitude::from_deg(roll_deg, 0.0),
-            rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0],
-        }
+        Report { sender_ms, attitude: Attitude::from_deg(roll_deg, 0.0), rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0] }
     }
 
     fn roll_deg(lookup: Lookup) -> f32 {

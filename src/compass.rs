@@ -319,10 +319,9 @@ impl Compass {
             Command::CalClear => return Ok(Effect::Save(Save::Clear(Generations::default()))),
             Command::CalUndo => return self.undo(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
-            Command::StreamOn(_)
-            | Command::StreamRate(_)
-            | Command::SetDeclination(_)
-            | Command::SetMount(_) => return self.change(command),
+            Command::StreamOn(_) | Command::StreamRate(_) | Command::SetDeclination(_) | Command::SetMount(_) => {
+                return self.change(command);
+            }
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }

@@ -38,7 +38,7 @@ pub mod console;
 pub mod frames;
 pub mod heading;
 mod log;
+pub mod magnetometer;
 pub mod store;
 pub mod turns;
 pub mod wire;
-pub mod magnetometer;

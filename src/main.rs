@@ -1,5 +1,14 @@
-//! The firmware.
+//! The firmware: the tasks of the library on a board.
 #![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod board;
+
+#[cfg(target_os = "none")]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    board::b_l475e_iot01a::start()
+}
 
 #[cfg(not(target_os = "none"))]
 fn main() {

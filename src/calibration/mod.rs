@@ -139,9 +139,27 @@ pub struct Quality {
 pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
 }
-#[derive(Debug)] pub struct Solution { pub calibration: Calibration, pub quality: Quality }
-#[derive(Debug, Clone, PartialEq)] pub struct SolveError;
-impl SolveError { pub fn code(&self) -> &'static str { "x" } }
-impl core::fmt::Display for SolveError { fn fmt(&self, _f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result { Ok(()) } }
-impl Default for Orientation { fn default() -> Self { Self::NONE } }
-pub mod maximum_likelihood; pub mod verification;
+#[derive(Debug)]
+pub struct Solution {
+    pub calibration: Calibration,
+    pub quality: Quality,
+}
+#[derive(Debug, Clone, PartialEq)]
+pub struct SolveError;
+impl SolveError {
+    pub fn code(&self) -> &'static str {
+        "x"
+    }
+}
+impl core::fmt::Display for SolveError {
+    fn fmt(&self, _f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        Ok(())
+    }
+}
+impl Default for Orientation {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+pub mod maximum_likelihood;
+pub mod verification;

@@ -168,8 +168,10 @@ impl<'a> FromArgument<'a> for Number {
 
 impl<'a> FromArgument<'a> for Orientation {
     fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
-        Self::from_name(text)
-            .ok_or(FromArgumentError { value: text, expected: "none, yaw90, roll180, pitch90-... (README lists all 24)" })
+        Self::from_name(text).ok_or(FromArgumentError {
+            value: text,
+            expected: "none, yaw90, roll180, pitch90-... (README lists all 24)",
+        })
     }
 }
 

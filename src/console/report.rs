@@ -158,7 +158,13 @@ fn coefficients(out: &mut impl Write, record: &Record) -> fmt::Result {
         Decimal::<2>(quality.norm_residual * 100.0),
         Decimal::<2>(quality.dip_residual_deg)
     )?;
-    writeln!(out, "sensor: {} at {:02x}, mount {}", record.sensor.model.name(), record.sensor.address, record.mount.name())
+    writeln!(
+        out,
+        "sensor: {} at {:02x}, mount {}",
+        record.sensor.model.name(),
+        record.sensor.address,
+        record.mount.name()
+    )
 }
 
 struct Expected<'a>(&'a Quality);

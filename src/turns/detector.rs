@@ -66,17 +66,15 @@ impl Detector {
     /// The sustained turn the aircraft is in.
     #[must_use]
     pub fn turning(&self) -> Option<Side> {
-        self.bank
-            .filter(|bank| bank.last_ms.wrapping_sub(bank.since_ms) >= self.config.settle_ms)
-            .map(|bank| bank.side)
+        self.bank.filter(|bank| bank.last_ms.wrapping_sub(bank.since_ms) >= self.config.settle_ms).map(|bank| bank.side)
     }
 
     fn follow(&self, sample: &Sample) -> Option<Bank> {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
-        let held = self.bank.filter(|bank| {
-            bank.side == side && sample.time_ms.wrapping_sub(bank.last_ms) <= self.config.max_gap_ms
-        });
+        let held = self
+            .bank
+            .filter(|bank| bank.side == side && sample.time_ms.wrapping_sub(bank.last_ms) <= self.config.max_gap_ms);
         let least_rad = if held.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
         let usable = (least_rad..=self.config.max_roll_rad).contains(&roll_rad.abs())
             && sample.attitude.pitch_rad.abs() <= self.config.max_pitch_rad;

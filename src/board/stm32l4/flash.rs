@@ -1,0 +1,150 @@
+//! The store's pages in bank 2 of the internal flash.
+//!
+//! The program runs from bank 1 meanwhile: an erase (22 ms) is waited for, a write (90 us for each double word) keeps
+//! only the tasks of the thread executor waiting.
+
+use core::ops::Range;
+
+use embassy_stm32::flash::{Async, Flash};
+use embassy_stm32::pac;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+/// Where the flash begins in the address space.
+const FLASH_BASE: u32 = embassy_stm32::flash::FLASH_BASE as u32;
+
+unsafe extern "C" {
+    // Bounds of the region STORE in memory.x; only their addresses mean anything.
+    static __store_start: u8;
+    static __store_end: u8;
+}
+
+/// Why the flash refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlashError {
+    /// Outside of the store's pages, or not on the grid of double words or pages.
+    Bounds,
+    /// The hardware reported an error.
+    Hardware(embassy_stm32::flash::Error),
+    /// What was written or erased reads back differently.
+    Verify,
+}
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Bounds => NorFlashErrorKind::OutOfBounds,
+            Self::Hardware(_) | Self::Verify => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// The store's pages; offsets count from the first of them, so that the program cannot be overwritten.
+pub struct StoreFlash {
+    flash: Flash<'static, Async>,
+    /// As offsets from the start of the flash.
+    pages: Range<u32>,
+}
+
+impl StoreFlash {
+    /// The pages that memory.x keeps for the store.
+    pub fn new(flash: Flash<'static, Async>) -> Self {
+        let start = (&raw const __store_start).addr() as u32 - FLASH_BASE;
+        let end = (&raw const __store_end).addr() as u32 - FLASH_BASE;
+        Self { flash, pages: start..end }
+    }
+
+    /// All pages, as offsets.
+    pub fn region(&self) -> Range<u32> {
+        0..self.pages.end - self.pages.start
+    }
+
+    /// Offset in the whole flash of so many bytes at an offset in the store.
+    fn locate(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
+        let room = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
+        if size as u64 > u64::from(room) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
+    }
+
+    /// Reads past everything the compiler might remember of this memory.
+    fn byte(offset: u32) -> u8 {
+        let address = (FLASH_BASE + offset) as *const u8;
+        // SAFETY: callers have located the offset within the store, which is flash, always readable.
+        unsafe { address.read_volatile() }
+    }
+}
+
+impl ErrorType for StoreFlash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for StoreFlash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        let start = self.locate(offset, bytes.len())?;
+        for (offset, byte) in (start..).zip(bytes) {
+            *byte = Self::byte(offset);
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.pages.len()
+    }
+}
+
+impl NorFlash for StoreFlash {
+    const WRITE_SIZE: usize = embassy_stm32::flash::WRITE_SIZE;
+    const ERASE_SIZE: usize = embassy_stm32::flash::MAX_ERASE_SIZE;
+
+    /// Erases pages. The HAL clears the hardware's error flags before it looks at them, so the result is read back.
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        let size = to.checked_sub(from).ok_or(FlashError::Bounds)?;
+        let start = self.locate(from, size as usize)?;
+        let cache = DataCacheOff::new();
+        self.flash.erase(start, start + size).await.map_err(FlashError::Hardware)?;
+        drop(cache);
+        if (start..start + size).all(|offset| Self::byte(offset) == 0xFF) { Ok(()) } else { Err(FlashError::Verify) }
+    }
+
+    /// Writes double words. Blocking, because only the blocking writes of the HAL report errors.
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        let start = self.locate(offset, bytes.len())?;
+        let cache = DataCacheOff::new();
+        self.flash.blocking_write(start, bytes).map_err(FlashError::Hardware)?;
+        drop(cache);
+        let same = (start..).zip(bytes).all(|(offset, &byte)| Self::byte(offset) == byte);
+        if same { Ok(()) } else { Err(FlashError::Verify) }
+    }
+}
+
+/// The data cache is off while this lives, and empty afterwards.
+///
+/// Device errata of the STM32L47x, "Data cache might be corrupted during Flash memory read-while-write operation":
+/// bank 1 must not be read through the data cache while bank 2 is written.
+struct DataCacheOff;
+
+impl DataCacheOff {
+    fn new() -> Self {
+        pac::FLASH.acr().modify(|acr| acr.set_dcen(false));
+        Self
+    }
+}
+
+impl Drop for DataCacheOff {
+    fn drop(&mut self) {
+        // What it held may be of before the change. A reset is only allowed while it is off.
+        pac::FLASH.acr().modify(|acr| acr.set_dcrst(true));
+        pac::FLASH.acr().modify(|acr| acr.set_dcrst(false));
+        pac::FLASH.acr().modify(|acr| acr.set_dcen(true));
+    }
+}
+
+/// A double word whose programming was cut off by a power failure raises this when it is read. The read goes on with
+/// whatever is there, and the store's CRC refuses it. In the program's bank it is the end.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    let eccr = pac::FLASH.eccr().read();
+    assert!(eccr.eccd() && eccr.bk_ecc(), "NMI, ECCR {:08x}", eccr.0);
+    // Writing one clears it.
+    pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
+}
