@@ -364,7 +364,7 @@ impl Compass {
         if turns.left.is_empty() && turns.right.is_empty() {
             return Err(Refusal::NoSamples);
         }
-        let prior = Prior { mount: self.settings.mount, ..Prior::default() };
+        let prior = Prior { mount: self.settings.mount };
         let refinement =
             Refinement::new(turns, &prior, &maximum_likelihood::Config::DEFAULT).map_err(Refusal::Solve)?;
         self.phase = Phase::Solving(refinement);

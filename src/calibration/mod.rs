@@ -2,15 +2,23 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `conic.rs` | least-squares conic and plane of one turn |
+//! | `conic.rs` | plane and ellipse of one turn |
 //! | `two_plane.rs` | closed form from two planes: the start of the refinement |
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
 //! | `expected_error.rs` | covariance to heading error in degrees |
 //! | `verification.rs` | a candidate against the incumbent on held-back samples |
 //! | `orientation.rs` | the 24 right-angle mountings |
 
+mod conic;
+mod error;
+pub mod expected_error;
+pub mod maximum_likelihood;
 mod orientation;
+mod two_plane;
+pub mod verification;
 
+pub use error::SolveError;
+pub use maximum_likelihood::Solution;
 pub use orientation::Orientation;
 
 use nalgebra::{Matrix3, Vector3};
@@ -36,6 +44,17 @@ pub enum Side {
     Left,
     /// Right wing down, heading increasing.
     Right,
+}
+
+impl Side {
+    /// The word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
 }
 
 /// Samples of left and right turns, each in the order of time.
@@ -139,27 +158,3 @@ pub struct Quality {
 pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
 }
-#[derive(Debug)]
-pub struct Solution {
-    pub calibration: Calibration,
-    pub quality: Quality,
-}
-#[derive(Debug, Clone, PartialEq)]
-pub struct SolveError;
-impl SolveError {
-    pub fn code(&self) -> &'static str {
-        "x"
-    }
-}
-impl core::fmt::Display for SolveError {
-    fn fmt(&self, _f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        Ok(())
-    }
-}
-impl Default for Orientation {
-    fn default() -> Self {
-        Self::NONE
-    }
-}
-pub mod maximum_likelihood;
-pub mod verification;

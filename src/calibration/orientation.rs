@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// Names and meaning are those of MAVLink's `MAV_SENSOR_ORIENTATION`: the chip is turned from the body axes by yaw,
 /// then pitch, then roll (Euler ZYX). Where MAVLink has two names for one rotation, the lower number is used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Orientation(u8);
 
 /// Name and roll, pitch, yaw in quarter turns.

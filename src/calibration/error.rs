@@ -1,0 +1,69 @@
+//! Why samples gave no calibration.
+
+use core::fmt;
+
+use super::{Orientation, Side};
+
+/// Why samples gave no calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SolveError {
+    /// One side has too few samples for any solution.
+    TooFewSamples {
+        /// The side.
+        side: Side,
+        /// Samples it has.
+        have: u16,
+        /// Samples it takes.
+        need: u16,
+    },
+    /// A sample is not a finite number.
+    NotFinite,
+    /// The samples of a side do not lie on an ellipse round a centre: too short an arc, or not a turn.
+    NotAnEllipse(Side),
+    /// Both sides have about the same bank, so that the two planes do not intersect.
+    SamePlane,
+    /// No start led to a fit that explains the samples.
+    NotConverged,
+    /// The headings run against the turns: the roll of the attitude source has the wrong sign.
+    TurnsReversed,
+    /// The samples say that the sensor is mounted otherwise than configured.
+    MountContradicted {
+        /// The right-angle mounting nearest to what the samples say.
+        found: Orientation,
+    },
+}
+
+impl SolveError {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::TooFewSamples { .. } => "too-few-samples",
+            Self::NotFinite => "not-finite",
+            Self::NotAnEllipse(_) => "not-an-ellipse",
+            Self::SamePlane => "same-plane",
+            Self::NotConverged => "not-converged",
+            Self::TurnsReversed => "turns-reversed",
+            Self::MountContradicted { .. } => "mount-contradicted",
+        }
+    }
+}
+
+/// What to do about it, in words.
+impl fmt::Display for SolveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooFewSamples { side, have, need } => {
+                write!(f, "{have} of {need} samples of {} turns; fly more of them", side.name())
+            }
+            Self::NotFinite => f.write_str("a sample is not a number; this is a fault of the firmware, please report it"),
+            Self::NotAnEllipse(side) => write!(f, "the {} turns are no full circles; fly them round", side.name()),
+            Self::SamePlane => f.write_str("left and right bank differ too little; bank 15 deg or more each way"),
+            Self::NotConverged => f.write_str("no coefficients explain the samples; fly again away from iron and wires"),
+            Self::TurnsReversed => f.write_str("headings run against the turns; check the sign of the source's roll"),
+            Self::MountContradicted { found } => {
+                write!(f, "the sensor seems mounted {0}; set mount {0}, then cal solve", found.name())
+            }
+        }
+    }
+}
