@@ -56,10 +56,14 @@ impl fmt::Display for SolveError {
             Self::TooFewSamples { side, have, need } => {
                 write!(f, "{have} of {need} samples of {} turns; fly more of them", side.name())
             }
-            Self::NotFinite => f.write_str("a sample is not a number; this is a fault of the firmware, please report it"),
+            Self::NotFinite => {
+                f.write_str("a sample is not a number; this is a fault of the firmware, please report it")
+            }
             Self::NotAnEllipse(side) => write!(f, "the {} turns are no full circles; fly them round", side.name()),
             Self::SamePlane => f.write_str("left and right bank differ too little; bank 15 deg or more each way"),
-            Self::NotConverged => f.write_str("no coefficients explain the samples; fly again away from iron and wires"),
+            Self::NotConverged => {
+                f.write_str("no coefficients explain the samples; fly again away from iron and wires")
+            }
             Self::TurnsReversed => f.write_str("headings run against the turns; check the sign of the source's roll"),
             Self::MountContradicted { found } => {
                 write!(f, "the sensor seems mounted {0}; set mount {0}, then cal solve", found.name())

@@ -344,7 +344,8 @@ impl Refinement {
 
     /// Checks what was found and puts it into the module's units.
     fn finish(&self, turns: Turns<'_>) -> Result<Solution, SolveError> {
-        let explained = self.sigma.norm <= self.config.max_norm_sigma && self.sigma.dip <= self.config.max_dip_sigma_rad;
+        let explained =
+            self.sigma.norm <= self.config.max_norm_sigma && self.sigma.dip <= self.config.max_dip_sigma_rad;
         let point = Point::new(&self.unknowns);
         let determinant = point.w.determinant();
         if !explained || !determinant.is_finite() || determinant <= 0.0 {
@@ -392,7 +393,9 @@ fn check(turns: Turns<'_>) -> Result<(), SolveError> {
             return Err(SolveError::TooFewSamples { side, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
         }
         let finite = |s: &Sample| {
-            s.field.ut.iter().all(|c| c.abs() < 1e6) && s.attitude.roll_rad.is_finite() && s.attitude.pitch_rad.is_finite()
+            s.field.ut.iter().all(|c| c.abs() < 1e6)
+                && s.attitude.roll_rad.is_finite()
+                && s.attitude.pitch_rad.is_finite()
         };
         if !samples.iter().all(finite) {
             return Err(SolveError::NotFinite);
@@ -511,11 +514,8 @@ impl Whitened {
     fn new(residual: f32, sigma: f32, huber: f32) -> Self {
         let value = residual / sigma;
         let size = value.abs();
-        let (weight, loss) = if size <= huber {
-            (1.0, 0.5 * size * size)
-        } else {
-            (huber / size, huber * (size - 0.5 * huber))
-        };
+        let (weight, loss) =
+            if size <= huber { (1.0, 0.5 * size * size) } else { (huber / size, huber * (size - 0.5 * huber)) };
         let bounded = size.min(CLIP);
         Self { value, weight: weight / (sigma * sigma), loss, clipped: bounded * bounded }
     }

@@ -158,3 +158,8 @@ pub struct Quality {
 pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
 }
+
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;

@@ -94,9 +94,8 @@ impl<'a> Turn<'a> {
     /// The semi-axis conjugate to `u`, with the sign that lets heading run the way of the turn.
     fn conjugate_ut(&self, u_ut: &Vector3<f64>) -> Vector3<f64> {
         let v_ut = self.ellipse.conjugate_ut(u_ut);
-        let phase = |s: &Sample| {
-            self.ellipse.phase_rad(&(self.rotation * s.field.ut).cast::<f64>(), u_ut, &v_ut) as f32
-        };
+        let phase =
+            |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut).cast::<f64>(), u_ut, &v_ut) as f32;
         if runs_round(self.samples, self.side, phase) { v_ut } else { -v_ut }
     }
 }

@@ -1,9 +1,9 @@
 //! An I2C bus that recovers.
 
+use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AnyPin, Level, OutputOpenDrain, Speed};
 use embassy_stm32::i2c::{Config, Error, I2c, Master};
 use embassy_stm32::mode::Async;
-use embassy_stm32::Peri;
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::{ErrorType, Operation};
 

@@ -1,0 +1,206 @@
+//! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::{Calibration, Orientation, Sample, Side, Turns};
+use crate::frames::{Attitude, Field, Level, wrap_pi};
+
+/// Seeded random numbers: splitmix64, and the sum of twelve uniform ones for a normal one.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        low + (high - low) * ((z >> 40) as f32 / (1_u64 << 24) as f32)
+    }
+
+    pub fn normal(&mut self) -> f32 {
+        (0..12).map(|_| self.uniform(-0.5, 0.5)).sum()
+    }
+
+    pub fn vector(&mut self, bound: f32) -> Vector3<f32> {
+        Vector3::from_fn(|_, _| self.uniform(-bound, bound))
+    }
+}
+
+/// Noise that forgets with time constant `tau_s`.
+struct GaussMarkov {
+    sigma: f32,
+    keep: f32,
+    value: f32,
+}
+
+impl GaussMarkov {
+    fn new(random: &mut Random, sigma: f32, tau_s: f32, step_s: f32) -> Self {
+        Self { sigma, keep: (-step_s / tau_s).exp(), value: sigma * random.normal() }
+    }
+
+    fn next(&mut self, random: &mut Random) -> f32 {
+        self.value = self.keep * self.value + self.sigma * (1.0 - self.keep * self.keep).sqrt() * random.normal();
+        self.value
+    }
+}
+
+/// An airframe in a field.
+#[derive(Clone, Copy, Debug)]
+pub struct Airframe {
+    pub a: Matrix3<f32>,
+    pub b_ut: Vector3<f32>,
+    pub total_ut: f32,
+    pub inclination_rad: f32,
+}
+
+impl Airframe {
+    /// Soft iron to `soft` (relative), hard iron to `hard` H0, mounting to `mount_deg`.
+    pub fn random(random: &mut Random, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> Self {
+        let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
+        let total_ut = random.uniform(40.0, 60.0);
+        let half = Matrix3::from_fn(|_, _| random.uniform(-soft, soft));
+        let axis = nalgebra::Unit::new_normalize(random.vector(1.0));
+        let turn = Rotation3::from_axis_angle(&axis, random.uniform(0.0, mount_deg).to_radians());
+        let soft_iron = (half + half.transpose()) / 2.0;
+        let h0_ut = total_ut * inclination_rad.cos();
+        let direction = random.vector(1.0).normalize();
+        Self {
+            a: turn.matrix() * (Matrix3::identity() + soft_iron),
+            b_ut: direction * h0_ut * random.uniform(0.0, hard),
+            total_ut,
+            inclination_rad,
+        }
+    }
+
+    pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<super::Sensor> {
+        let level = Field::<Level>::earth(self.total_ut, self.inclination_rad, heading_rad);
+        Field::new(self.a * attitude.body(level).ut + self.b_ut)
+    }
+
+    /// Heading errors in degrees at exact field and attitude, twelve headings by level, right and left bank.
+    pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f32> {
+        let mut errors = Vec::new();
+        for bank_deg in [0.0, 25.0, -25.0] {
+            for step in 0..12_u8 {
+                let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
+                let attitude = Attitude::from_deg(bank_deg, 0.0);
+                let found = attitude.level(calibration.apply(self.field(attitude, heading_rad))).heading_rad();
+                errors.push(wrap_pi(found - heading_rad).to_degrees());
+            }
+        }
+        errors
+    }
+}
+
+/// How turns are flown and measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    pub bank_deg: f32,
+    pub samples: u16,
+    /// Wander of bank and pitch, 1 sigma, correlated over 1.5 s.
+    pub wander_deg: f32,
+    pub sensor_noise_ut: f32,
+    /// Attitude noise, 1 sigma, correlated over 0.5 s.
+    pub attitude_noise_deg: f32,
+    pub attitude_bias_deg: f32,
+    pub bank_scale: f32,
+}
+
+impl Flight {
+    /// Constant attitude, nothing wrong.
+    pub const PERFECT: Self = Self {
+        bank_deg: 25.0,
+        samples: 150,
+        wander_deg: 0.0,
+        sensor_noise_ut: 0.0,
+        attitude_noise_deg: 0.0,
+        attitude_bias_deg: 0.0,
+        bank_scale: 0.0,
+    };
+
+    /// Light weather, a good autopilot, LIS3MDL readings averaged by eight.
+    pub const REAL: Self = Self {
+        wander_deg: 2.0,
+        sensor_noise_ut: 0.12,
+        attitude_noise_deg: 0.3,
+        attitude_bias_deg: 0.2,
+        bank_scale: 0.01,
+        ..Self::PERFECT
+    };
+
+    pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> Recorded {
+        let bias =
+            Attitude::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
+        Recorded {
+            left: self.turn(airframe, random, Side::Left, bias),
+            right: self.turn(airframe, random, Side::Right, bias),
+        }
+    }
+
+    fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: Attitude) -> Vec<Sample> {
+        const STEP_S: f32 = 0.5;
+        let sign = if side == Side::Left { -1.0 } else { 1.0 };
+        let mut wander = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
+        let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
+        let mut heading_rad = random.uniform(0.0, 6.28);
+        (0..self.samples)
+            .map(|i| {
+                let roll_deg = sign * self.bank_deg + wander[0].next(random);
+                let pitch_deg = 2.0 + wander[1].next(random);
+                let truth = Attitude::from_deg(roll_deg, pitch_deg);
+                heading_rad += STEP_S * 9.81 * truth.roll_rad.tan() / 22.0;
+                let error_deg = noise.each_mut().map(|n| n.next(random));
+                let told =
+                    Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
+                let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
+                Sample {
+                    field: Field::new(airframe.field(truth, heading_rad).ut + sensor_noise),
+                    attitude: Attitude {
+                        roll_rad: told.roll_rad + bias.roll_rad,
+                        pitch_rad: told.pitch_rad + bias.pitch_rad,
+                    },
+                    time_ms: u32::from(i) * 500,
+                }
+            })
+            .collect()
+    }
+}
+
+/// The samples of a flight.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    pub left: Vec<Sample>,
+    pub right: Vec<Sample>,
+}
+
+impl Recorded {
+    pub fn turns(&self) -> Turns<'_> {
+        Turns { left: &self.left, right: &self.right }
+    }
+
+    /// The same flight with the chip mounted otherwise.
+    pub fn in_mount(&self, mount: Orientation) -> Self {
+        let sensor_from_body = mount.body_from_sensor().transpose();
+        let turned = |s: &Sample| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s };
+        Self { left: self.left.iter().map(turned).collect(), right: self.right.iter().map(turned).collect() }
+    }
+}
+
+pub fn rms(values: &[f32]) -> f32 {
+    (values.iter().map(|v| v * v).sum::<f32>() / values.len() as f32).sqrt()
+}
+
+pub fn mean(values: &[f32]) -> f32 {
+    values.iter().sum::<f32>() / values.len() as f32
+}
+
+pub fn largest(values: &[f32]) -> f32 {
+    values.iter().fold(0.0, |largest, v| largest.max(v.abs()))
+}
+
+/// The p-th fraction of sorted values.
+pub fn quantile(values: &[f32], fraction: f32) -> f32 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted[((sorted.len() - 1) as f32 * fraction).round() as usize]
+}

@@ -1,0 +1,187 @@
+//! What the solver promises.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::maximum_likelihood::{Config, Prior, solve};
+use super::testing::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms};
+use super::{Calibration, Orientation, Side, SolveError, rows, two_plane, verification};
+use crate::frames::Field;
+
+const NO_PRIOR: Prior = Prior { mount: Orientation::NONE };
+
+fn solved(recorded: &Recorded) -> Result<super::Solution, SolveError> {
+    solve(recorded.turns(), &NO_PRIOR, &Config::DEFAULT)
+}
+
+/// Soft iron to 30 %, hard iron to 3 H0, mounting to 20 deg: the worst airframes there are.
+fn harsh(random: &mut Random) -> Airframe {
+    Airframe::random(random, 0.3, 3.0, 20.0, [-60.0, 75.0])
+}
+
+/// At constant bank and zero pitch the closed form leaves nothing out. f32 samples carry 7 digits; a conic takes the
+/// square root of them, and 0.05 deg is what is left on the worst of these airframes.
+#[test]
+fn two_planes_are_exact_on_perfect_turns() {
+    for seed in 0..50 {
+        let mut random = Random(seed);
+        let airframe = harsh(&mut random);
+        let mut flight = Flight { bank_deg: random.uniform(15.0, 45.0), ..Flight::PERFECT };
+        flight.samples = 200;
+        let mut recorded = flight.fly(&airframe, &mut random);
+        for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
+            // The generator flies at 2 deg of pitch; the closed form is exact at none.
+            let heading = sample
+                .attitude
+                .level(Field::new(airframe.a.try_inverse().unwrap() * (sample.field.ut - airframe.b_ut)));
+            sample.attitude.pitch_rad = 0.0;
+            sample.field = airframe.field(sample.attitude, heading.heading_rad());
+        }
+        let planes = two_plane::solve(recorded.turns(), &Matrix3::identity()).unwrap();
+        let w = planes.response_ut.try_inverse().unwrap().cast::<f32>();
+        let calibration =
+            Calibration { w: rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), inclination_rad: 0.0, total_ut: 1.0 };
+        let error = largest(&airframe.errors_deg(&calibration));
+        assert!(error < 0.05, "seed {seed}: {error} deg");
+    }
+}
+
+/// With the attitude of every sample known, wandering attitude costs nothing but f32's digits.
+#[test]
+fn maximum_likelihood_is_exact_without_noise() {
+    for seed in 0..50 {
+        let mut random = Random(seed);
+        let airframe = harsh(&mut random);
+        let flight = Flight { wander_deg: 2.0, ..Flight::PERFECT };
+        let solution = solved(&flight.fly(&airframe, &mut random)).unwrap();
+        let error = largest(&airframe.errors_deg(&solution.calibration));
+        // The priors pull by their share of the information: the residual floors leave 0.1 deg at worst.
+        assert!(error < 0.1, "seed {seed}: {error} deg");
+    }
+}
+
+#[test]
+fn every_start_converges() {
+    for seed in 0..200 {
+        let mut random = Random(1000 + seed);
+        let airframe = harsh(&mut random);
+        let flight = Flight { bank_deg: random.uniform(15.0, 45.0), sensor_noise_ut: 0.3, ..Flight::REAL };
+        let solution = solved(&flight.fly(&airframe, &mut random)).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let errors = airframe.errors_deg(&solution.calibration);
+        let expected = solution.quality.expected_rms_deg;
+        assert!(rms(&errors) < 3.0 * expected, "seed {seed}: {} deg, expected {expected}", rms(&errors));
+    }
+}
+
+/// The product's promise on ordinary airframes, and that the expected error is honest.
+#[test]
+fn accuracy_and_its_forecast() {
+    let mut actual = Vec::new();
+    let mut constant = Vec::new();
+    let mut ratios = Vec::new();
+    for seed in 0..100 {
+        let mut random = Random(5000 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let solution = solved(&Flight::REAL.fly(&airframe, &mut random)).unwrap();
+        let errors = airframe.errors_deg(&solution.calibration);
+        actual.push(rms(&errors));
+        constant.push(mean(&errors).abs());
+        ratios.push(rms(&errors) / solution.quality.expected_rms_deg);
+    }
+    println!(
+        "rms median {} worst {}; constant worst {}; actual/expected median {} worst {}, mean square {}",
+        quantile(&actual, 0.5),
+        largest(&actual),
+        largest(&constant),
+        quantile(&ratios, 0.5),
+        largest(&ratios),
+        mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>())
+    );
+    assert!(quantile(&actual, 0.5) <= 0.4);
+    assert!(largest(&actual) <= 1.0);
+    assert!(largest(&constant) <= 0.6);
+    assert!(largest(&ratios) <= 3.0);
+    // One would be a perfect forecast; the samples' own scatter and 100 flights allow half of it either way.
+    let mean_square = mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>());
+    assert!((0.5..1.5).contains(&mean_square), "{mean_square}");
+}
+
+#[test]
+fn every_right_angle_mounting_is_solved_and_a_wrong_one_named() {
+    let mut random = Random(7);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [60.0, 60.0]);
+    let recorded = Flight::REAL.fly(&airframe, &mut random);
+    for mount in Orientation::all() {
+        let turned = recorded.in_mount(mount);
+        let solution = solve(turned.turns(), &Prior { mount }, &Config::DEFAULT).unwrap();
+        let in_chip_axes = Airframe {
+            a: mount.body_from_sensor().transpose() * airframe.a,
+            b_ut: mount.body_from_sensor().transpose() * airframe.b_ut,
+            ..airframe
+        };
+        assert!(rms(&in_chip_axes.errors_deg(&solution.calibration)) < 1.0, "{}", mount.name());
+        if mount != Orientation::NONE {
+            let contradicted = solved(&turned).unwrap_err();
+            assert_eq!(contradicted, SolveError::MountContradicted { found: mount });
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_solved_is_refused_with_its_reason() {
+    let mut random = Random(11);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 50.0]);
+    let good = Flight::REAL.fly(&airframe, &mut random);
+    let refused = |change: &dyn Fn(&mut Recorded)| {
+        let mut recorded = good.clone();
+        change(&mut recorded);
+        solved(&recorded).map(|s| s.quality.expected_rms_deg)
+    };
+    assert!(matches!(refused(&|r| r.left.clear()), Err(SolveError::TooFewSamples { side: Side::Left, have: 0, .. })));
+    assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
+    assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
+    // The source's roll has the wrong sign: what it calls right turns are left ones.
+    let reversed = refused(&|r| {
+        core::mem::swap(&mut r.left, &mut r.right);
+        for s in r.left.iter_mut().chain(&mut r.right) {
+            s.attitude.roll_rad = -s.attitude.roll_rad;
+        }
+    });
+    assert!(reversed.is_err(), "{reversed:?}");
+    // A held heading: either no solution, or one that says how little it knows.
+    let held = refused(&|r| {
+        for s in r.left.iter_mut().chain(&mut r.right) {
+            s.field = airframe.field(s.attitude, 1.0);
+        }
+    });
+    assert!(held.is_err() || held.is_ok_and(|expected_deg| expected_deg > 3.0), "{held:?}");
+    // Magnetic chaos.
+    let mut noise = Random(3);
+    let mut chaos = good.clone();
+    for s in chaos.left.iter_mut().chain(&mut chaos.right) {
+        s.field = Field::new(noise.vector(60.0));
+    }
+    assert!(solved(&chaos).is_err());
+}
+
+#[test]
+fn verification_prefers_the_truth() {
+    let mut random = Random(21);
+    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [60.0, 60.0]);
+    let held_back = Flight::REAL.fly(&airframe, &mut random);
+    let truth = Calibration {
+        w: rows(&airframe.a.try_inverse().unwrap()),
+        b_ut: airframe.b_ut.into(),
+        inclination_rad: airframe.inclination_rad,
+        total_ut: airframe.total_ut,
+    };
+    let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+    // 2 uT of hard iron is about 4 deg of heading in this field.
+    let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
+    for worse in [uncalibrated, moved] {
+        let scores = verification::verify(held_back.turns(), &truth, &worse);
+        assert!(scores.candidate < scores.incumbent, "{scores:?}");
+    }
+    let none = Recorded { left: Vec::new(), right: Vec::new() };
+    let scores = verification::verify(none.turns(), &truth, &uncalibrated);
+    assert!(scores.candidate.is_nan() && scores.incumbent.is_nan());
+}
