@@ -21,8 +21,10 @@ pub enum Purpose {
     GustAcross = 5,
     /// Gusts from below.
     GustVertical = 6,
-    /// Noise of the attitude source.
-    AttitudeNoise = 7,
+    /// Noise of the attitude source's roll.
+    RollNoise = 7,
+    /// Noise of the attitude source's pitch.
+    PitchNoise = 11,
     /// Direction of the attitude source's bias.
     AttitudeBias = 8,
     /// Noise of the magnetometer.

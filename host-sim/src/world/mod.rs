@@ -1,1 +1,158 @@
-//! World.
+//! The simulated world: an aircraft in its weather, the Earth's field, the airframe's iron, the autopilot's attitude.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `config.rs` | all settings, the airframe file |
+//! | `aircraft.rs`, `autopilot.rs`, `weather.rs` | how it flies, who flies it, what the air does |
+//! | `state.rs` | the truth at one instant |
+//! | `earth.rs`, `airframe.rs` | the field, and what the iron makes of it |
+//! | `table1.rs` | the airframe of Liu 2007 table 1 and the published errors |
+//! | `attitude_source.rs` | MAVLink attitude with the errors of a real source |
+//! | `gauss_markov.rs` | coloured noise |
+
+pub mod aircraft;
+pub mod airframe;
+pub mod attitude_source;
+pub mod autopilot;
+mod config;
+pub mod earth;
+pub mod gauss_markov;
+mod state;
+pub mod table1;
+pub mod weather;
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use autoswing::frames::{Field, Sensor};
+use nalgebra::Vector3;
+
+use self::aircraft::{Aircraft, STEP_US};
+use self::attitude_source::AttitudeSource;
+use self::autopilot::Leg;
+pub use self::config::{ConfigError, WorldConfig};
+pub use self::state::TrueState;
+use crate::clock;
+use crate::devices::lis3mdl::FieldSource;
+
+/// How far back the truth can be asked for, in steps: 2 s. The slowest sensor looks back 1.6 s.
+const HISTORY_STEPS: usize = 400;
+
+struct Inner {
+    config: WorldConfig,
+    aircraft: Aircraft,
+    /// Past states, one a step, the newest last; never empty.
+    history: VecDeque<TrueState>,
+    disturbance_ut: Vector3<f64>,
+}
+
+/// The world: a handle, cloned freely. It moves on when somebody asks for a time that it has not reached, so asking
+/// costs nothing twice and the flight does not depend on who asks how often.
+#[derive(Clone)]
+pub struct World(Rc<RefCell<Inner>>);
+
+impl World {
+    /// A world that begins now, with the aircraft straight and level.
+    #[must_use]
+    pub fn new(config: WorldConfig) -> Self {
+        let aircraft = Aircraft::new(config.aircraft, config.weather, config.seed, clock::now_us());
+        let history = VecDeque::from([*aircraft.state()]);
+        Self(Rc::new(RefCell::new(Inner { config, aircraft, history, disturbance_ut: Vector3::zeros() })))
+    }
+
+    /// The settings it was made from.
+    #[must_use]
+    pub fn config(&self) -> WorldConfig {
+        self.0.borrow().config
+    }
+
+    /// The truth at a time: now, or up to two seconds ago.
+    #[must_use]
+    pub fn true_state(&self, at_us: u64) -> TrueState {
+        self.0.borrow_mut().true_state(at_us)
+    }
+
+    /// The field in the chip's axes at a time: now, or up to two seconds ago.
+    #[must_use]
+    pub fn sensor_field(&self, at_us: u64) -> Field<Sensor> {
+        self.0.borrow_mut().sensor_field(at_us)
+    }
+
+    /// What a [`Lis3mdl`](crate::devices::lis3mdl::Lis3mdl) in this world measures.
+    #[must_use]
+    pub fn magnetometer_source(&self) -> FieldSource {
+        let world = self.clone();
+        Box::new(move |at_us| world.sensor_field(at_us))
+    }
+
+    /// The attitude source of this world; its [`run`](AttitudeSource::run) is the task to spawn.
+    #[must_use]
+    pub fn attitude_source(&self) -> AttitudeSource {
+        let config = self.config();
+        AttitudeSource::new(config.attitude_source, config.seed)
+    }
+
+    /// Drops the flight plan and holds a bank and a pitch from now on.
+    pub fn command(&self, bank_deg: f64, pitch_deg: f64) {
+        self.up_to_now().aircraft.autopilot_mut().command(bank_deg, pitch_deg);
+    }
+
+    /// Appends a leg to the flight plan.
+    pub fn fly(&self, leg: Leg) {
+        self.up_to_now().aircraft.autopilot_mut().fly(leg);
+    }
+
+    /// Legs that are not finished, the one under way included.
+    #[must_use]
+    pub fn legs_left(&self) -> usize {
+        self.up_to_now().aircraft.autopilot().legs_left()
+    }
+
+    /// Fault: adds a field in the chip's axes, microtesla, from now on, as a switched-on motor or a passing ferry
+    /// does. Zero takes it away; a few hundred microtesla saturate the chip.
+    pub fn disturb(&self, field_ut: [f64; 3]) {
+        self.up_to_now().disturbance_ut = field_ut.into();
+    }
+
+    /// What was flown until now was flown under the old orders.
+    fn up_to_now(&self) -> std::cell::RefMut<'_, Inner> {
+        let mut inner = self.0.borrow_mut();
+        inner.advance(clock::now_us());
+        inner
+    }
+}
+
+impl Inner {
+    fn advance(&mut self, to_us: u64) {
+        while self.aircraft.state().time_us < to_us {
+            self.aircraft.step();
+            if self.history.len() == HISTORY_STEPS {
+                self.history.pop_front();
+            }
+            self.history.push_back(*self.aircraft.state());
+        }
+    }
+
+    fn true_state(&mut self, at_us: u64) -> TrueState {
+        self.advance(at_us);
+        let oldest_us = self.history[0].time_us;
+        let passed_us = at_us.saturating_sub(oldest_us);
+        let index = (passed_us / STEP_US) as usize;
+        let earlier = &self.history[index];
+        match self.history.get(index + 1) {
+            Some(later) if at_us > earlier.time_us => earlier.interpolate(later, at_us),
+            _ => *earlier,
+        }
+    }
+
+    fn sensor_field(&mut self, at_us: u64) -> Field<Sensor> {
+        let truth = self.true_state(at_us);
+        let body = truth.attitude().body(self.config.earth.level_field(truth.heading_rad));
+        let measured = self.config.airframe.measure(body);
+        Field::new(measured.ut + self.disturbance_ut.cast())
+    }
+}
+
+#[cfg(test)]
+mod tests;

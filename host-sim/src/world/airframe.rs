@@ -1,0 +1,161 @@
+//! The airframe's iron and the mounting of the sensor: `m = A h_body + b` (Liu 2007 eq. 8).
+
+use autoswing::calibration::Calibration;
+use autoswing::frames::{Body, Field, Sensor};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::earth::Earth;
+use super::table1;
+use crate::random::{Purpose, Random};
+
+/// Largest soft iron of a random airframe: symmetric part, relative.
+const RANDOM_SOFT_IRON: f64 = 0.20;
+/// Largest asymmetric part: soft iron is nearly symmetric when it is near the sensor.
+const RANDOM_ASYMMETRY: f64 = 0.02;
+/// Largest hard iron of a random airframe, in units of the horizontal field.
+const RANDOM_HARD_IRON: f64 = 1.5;
+/// Largest mounting error of a random airframe, degrees about a random axis.
+const RANDOM_MOUNTING_DEG: f64 = 10.0;
+
+/// What the airframe does to the field before the chip measures it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Airframe {
+    /// `A`, dimensionless: body axes to chip axes. Soft iron, then mounting.
+    pub a: Matrix3<f64>,
+    /// `b`, microtesla, chip axes: hard iron and zero offset.
+    pub b_ut: Vector3<f64>,
+}
+
+/// An airframe as a person writes it down. `A = mounting * soft_iron`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// Soft iron as rows: what the field in body axes becomes, dimensionless; the unit matrix is none.
+    pub soft_iron: [[f64; 3]; 3],
+    /// Hard iron and zero offset, microtesla, chip axes.
+    pub hard_iron_ut: [f64; 3],
+    /// How the chip is turned from the body axes: roll, pitch, yaw in degrees, Euler ZYX.
+    pub mounting_deg: [f64; 3],
+}
+
+impl From<Description> for Airframe {
+    fn from(description: Description) -> Self {
+        let [roll, pitch, yaw] = description.mounting_deg.map(f64::to_radians);
+        // Euler angles give the chip's axes in the body frame; the field needs the way back.
+        let chip_from_body = Rotation3::from_euler_angles(roll, pitch, yaw).inverse();
+        let [x, y, z] = description.soft_iron.map(Into::into);
+        let soft_iron = Matrix3::from_columns(&[x, y, z]).transpose();
+        Self { a: chip_from_body * soft_iron, b_ut: description.hard_iron_ut.into() }
+    }
+}
+
+impl Airframe {
+    /// No iron, chip axes equal to body axes.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { a: Matrix3::identity(), b_ut: Vector3::zeros() }
+    }
+
+    /// The aircraft of Liu 2007 table 1; see [`table1`].
+    #[must_use]
+    pub fn table1() -> Self {
+        let a = Matrix3::from_row_slice(table1::SOFT_IRON.as_flattened());
+        Self { a, b_ut: Vector3::from(table1::HARD_IRON) * Earth::default().horizontal_ut() }
+    }
+
+    /// Soft iron to 20 %, hard iron to 1.5 times the horizontal field, mounting to 10 degrees.
+    #[must_use]
+    pub fn random(seed: u64, earth: &Earth) -> Self {
+        let mut random = Random::new(seed, Purpose::Airframe);
+        let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
+        let symmetric = raw + raw.transpose();
+        let asymmetric = raw - raw.transpose();
+        let soft_iron = Matrix3::identity()
+            + scaled(symmetric, random.uniform(0.0, RANDOM_SOFT_IRON))
+            + scaled(asymmetric, random.uniform(0.0, RANDOM_ASYMMETRY));
+        let hard_iron = random.direction() * random.uniform(0.0, RANDOM_HARD_IRON);
+        let mounting = random.rotation(RANDOM_MOUNTING_DEG);
+        Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
+    }
+
+    /// What reaches the chip.
+    #[must_use]
+    pub fn measure(&self, body: Field<Body>) -> Field<Sensor> {
+        Field::new((self.a * body.ut.cast() + self.b_ut).cast())
+    }
+
+    /// The calibration that undoes this airframe exactly; `None` when `A` has no inverse.
+    #[must_use]
+    pub fn true_calibration(&self, earth: &Earth) -> Option<Calibration> {
+        let w = self.a.try_inverse()?;
+        let scale = w.determinant().cbrt().recip();
+        let w = (w * scale).cast::<f32>();
+        Some(Calibration {
+            w: std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)])),
+            b_ut: self.b_ut.cast().into(),
+            inclination_rad: earth.inclination_deg.to_radians() as f32,
+            total_ut: (earth.total_ut * scale) as f32,
+        })
+    }
+}
+
+/// The matrix with a largest singular value of `size`.
+fn scaled(matrix: Matrix3<f64>, size: f64) -> Matrix3<f64> {
+    matrix * (size / matrix.singular_values().max())
+}
+
+#[cfg(test)]
+mod tests {
+    use autoswing::frames::Attitude;
+
+    use super::*;
+
+    #[test]
+    fn random_airframes_stay_within_their_limits_and_use_them() {
+        let mut largest = [0.0_f64; 3];
+        for seed in 0..1000 {
+            let earth = Earth::random(seed);
+            let airframe = Airframe::random(seed, &earth);
+            let svd = airframe.a.svd(true, true);
+            let soft_iron = svd.singular_values.map(|s| (s - 1.0).abs()).max();
+            let rotation = Rotation3::from_matrix(&airframe.a);
+            let hard_iron = airframe.b_ut.norm() / earth.horizontal_ut();
+            for (largest, value) in largest.iter_mut().zip([soft_iron, rotation.angle().to_degrees(), hard_iron]) {
+                *largest = largest.max(value);
+            }
+        }
+        // The asymmetric part adds to soft iron 2 % and to the mounting the angle of 2 %, 1.1 degrees.
+        assert!((0.18..0.22).contains(&largest[0]), "soft iron {}", largest[0]);
+        assert!((9.0..11.2).contains(&largest[1]), "mounting {} deg", largest[1]);
+        assert!((1.4..1.5).contains(&largest[2]), "hard iron {} H0", largest[2]);
+    }
+
+    /// The chain from Earth to chip, undone by the library's own correction: f32 leaves some 1e-5 of 50 microtesla.
+    #[test]
+    fn the_true_calibration_recovers_heading_and_field() {
+        for seed in 0..50 {
+            let earth = Earth::random(seed);
+            let airframe = Airframe::random(seed, &earth);
+            let calibration = airframe.true_calibration(&earth).unwrap();
+            let attitude = Attitude::from_deg(25.0, -4.0);
+            let body = attitude.body(earth.level_field(1.0));
+            let level = attitude.level(calibration.apply(airframe.measure(body)));
+            assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
+            assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
+            assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
+        }
+    }
+
+    /// A chip turned by yaw 90 degrees has its x axis on the right wing: it sees the body's y field on x.
+    #[test]
+    fn mounting_turns_the_chip_not_the_field() {
+        let description = Description {
+            soft_iron: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            hard_iron_ut: [0.0; 3],
+            mounting_deg: [0.0, 0.0, 90.0],
+        };
+        let measured = Airframe::from(description).measure(Field::from_ut(10.0, 20.0, 30.0));
+        assert!((measured.ut - Vector3::new(20.0, -10.0, 30.0)).norm() < 1e-5, "{measured:?}");
+    }
+}

@@ -1,0 +1,189 @@
+//! The autopilot's attitude, as the module gets it: MAVLink 2 over a UART, with the errors that such sources have.
+
+use std::f64::consts::{PI, TAU};
+
+use embassy_time::{Instant, Timer};
+use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use serde::{Deserialize, Serialize};
+
+use super::World;
+use super::gauss_markov::FirstOrder;
+use super::state::TrueState;
+use crate::clock;
+use crate::devices::uart::HostEnd;
+use crate::random::{Purpose, Random};
+
+/// The autopilot's MAVLink identity.
+const SYSTEM_ID: u32 = 1;
+const COMPONENT_ID: u8 = 1;
+/// The `mavlink_version` of a heartbeat in the common dialect.
+const HEARTBEAT_VERSION: u8 = 3;
+const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
+
+/// What the source says about yaw. Never the truth: the module is to do without.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Yaw {
+    /// A gyro's yaw: off by an offset that grows.
+    Drifting,
+    /// Not a number.
+    Absent,
+}
+
+/// How good the source is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Messages per second.
+    pub rate_hz: f64,
+    /// Standard deviation of the noise of roll and of pitch, degrees.
+    pub noise_deg: f64,
+    /// Correlation time of that noise, seconds.
+    pub noise_time_s: f64,
+    /// Constant error, degrees: a tilt about an axis in the plane of the wings that the seed chooses.
+    pub bias_deg: f64,
+    /// Age of the attitude when its message begins, milliseconds.
+    pub latency_ms: f64,
+    /// Part of the bank that is not reported: a source aided by accelerometers leans into the turn.
+    pub turn_error: f64,
+    /// What is reported as yaw.
+    pub yaw: Yaw,
+    /// Error of a drifting yaw at the start, degrees.
+    pub yaw_offset_deg: f64,
+    /// Growth of that error, degrees per second.
+    pub yaw_drift_deg_s: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            rate_hz: 50.0,
+            noise_deg: 0.3,
+            noise_time_s: 0.5,
+            bias_deg: 0.2,
+            latency_ms: 20.0,
+            turn_error: 0.01,
+            yaw: Yaw::Drifting,
+            yaw_offset_deg: 37.0,
+            yaw_drift_deg_s: 0.1,
+        }
+    }
+}
+
+/// An attitude as reported, radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reported {
+    /// Bank.
+    pub roll_rad: f64,
+    /// Pitch.
+    pub pitch_rad: f64,
+    /// Yaw, -pi..pi, or not a number.
+    pub yaw_rad: f64,
+}
+
+/// The source.
+#[derive(Clone, Debug)]
+pub struct AttitudeSource {
+    config: Config,
+    roll_noise_rad: FirstOrder,
+    pitch_noise_rad: FirstOrder,
+    roll_bias_rad: f64,
+    pitch_bias_rad: f64,
+    sequence: u8,
+}
+
+impl AttitudeSource {
+    /// A source of this quality.
+    #[must_use]
+    pub fn new(config: Config, seed: u64) -> Self {
+        let noise = |purpose| {
+            let sigma_rad = config.noise_deg.to_radians();
+            FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, Random::new(seed, purpose))
+        };
+        let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
+        Self {
+            config,
+            roll_noise_rad: noise(Purpose::RollNoise),
+            pitch_noise_rad: noise(Purpose::PitchNoise),
+            roll_bias_rad: config.bias_deg.to_radians() * direction_rad.cos(),
+            pitch_bias_rad: config.bias_deg.to_radians() * direction_rad.sin(),
+            sequence: 0,
+        }
+    }
+
+    /// What the source makes of the truth. Each call advances the noise by one message.
+    pub fn report(&mut self, truth: &TrueState) -> Reported {
+        Reported {
+            roll_rad: truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.step(),
+            pitch_rad: truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.step(),
+            yaw_rad: self.yaw_rad(truth),
+        }
+    }
+
+    fn yaw_rad(&self, truth: &TrueState) -> f64 {
+        let seconds = truth.time_us as f64 / 1e6;
+        let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * seconds;
+        match self.config.yaw {
+            Yaw::Drifting => (truth.heading_rad + error_deg.to_radians() + PI).rem_euclid(TAU) - PI,
+            Yaw::Absent => f64::NAN,
+        }
+    }
+
+    /// The next ATTITUDE message, made at `now_us` of the truth some time before.
+    pub fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> Vec<u8> {
+        let reported = self.report(truth);
+        let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
+        self.encode(&ATTITUDE_DATA {
+            // Stamped when sent, as ArduPilot does: the stamp does not give the latency away.
+            time_boot_ms: (now_us / 1000) as u32,
+            roll: reported.roll_rad as f32,
+            pitch: reported.pitch_rad as f32,
+            yaw: reported.yaw_rad as f32,
+            rollspeed: roll_rate as f32,
+            pitchspeed: pitch_rate as f32,
+            yawspeed: yaw_rate as f32,
+        })
+    }
+
+    /// The next HEARTBEAT message.
+    pub fn heartbeat_message(&mut self) -> Vec<u8> {
+        self.encode(&HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_FIXED_WING,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            base_mode: MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: HEARTBEAT_VERSION,
+        })
+    }
+
+    fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
+        let header = MavHeader { system_id: SYSTEM_ID, component_id: COMPONENT_ID, sequence: self.sequence };
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message_data(header, message);
+        frame.raw_bytes().to_vec()
+    }
+
+    /// Sends attitude at its rate and a heartbeat every second, for ever: a task of the world.
+    pub async fn run(mut self, world: World, uart: HostEnd) {
+        let period_us = 1e6 / self.config.rate_hz;
+        let latency_us = (self.config.latency_ms * 1e3) as u64;
+        let began_us = clock::now_us();
+        let mut heartbeat_us = began_us + period_us as u64;
+        for tick in 1_u64.. {
+            let now_us = began_us + (tick as f64 * period_us).round() as u64;
+            Timer::at(Instant::from_micros(now_us)).await;
+            if now_us >= heartbeat_us {
+                heartbeat_us += HEARTBEAT_PERIOD_US;
+                uart.send(&self.heartbeat_message());
+            }
+            let truth = world.true_state(now_us.saturating_sub(latency_us));
+            uart.send(&self.attitude_message(&truth, now_us));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

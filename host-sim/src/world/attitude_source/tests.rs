@@ -1,0 +1,143 @@
+use mavlink::dialects::common::MavMessage;
+use mavlink::{MavlinkVersion, Message};
+
+use super::*;
+use crate::devices::uart::{Cable, Timed};
+use crate::simulation::{Level, Simulation};
+use crate::world::{WorldConfig, aircraft};
+
+const EXACT: Config = Config {
+    rate_hz: 50.0,
+    noise_deg: 0.0,
+    noise_time_s: 0.5,
+    bias_deg: 0.0,
+    latency_ms: 20.0,
+    turn_error: 0.0,
+    yaw: Yaw::Drifting,
+    yaw_offset_deg: 37.0,
+    yaw_drift_deg_s: 0.1,
+};
+
+/// Bytes that a source delivers in a turn, as they come over the cable; the far end plays the module.
+fn delivered(config: Config, seed: u64, seconds: u64) -> (World, Vec<Timed>) {
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
+    world.command(25.0, 0.0);
+    let cable = Cable::new(crate::devices::uart::Config { receive_buffer: 1 << 20, ..Default::default() });
+    let (mut receiver, _transmitter) = cable.module();
+    let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
+    let log = std::rc::Rc::clone(&bytes);
+    simulation.spawn(Level::Thread, "module", async move {
+        use embedded_io_async::Read;
+        let mut buffer = [0; 1024];
+        loop {
+            let count = receiver.read(&mut buffer).await.unwrap();
+            let at_us = clock::now_us();
+            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| Timed { at_us, byte }));
+        }
+    });
+    let source = AttitudeSource::new(config, seed);
+    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host()));
+    simulation.run_until(seconds * 1_000_000 + 10_000);
+    (world, bytes.take())
+}
+
+/// Splits a clean stream into messages with the time at which each was delivered and its sequence number.
+fn messages(stream: &[Timed]) -> Vec<(u64, u8, MavMessage)> {
+    let mut rest = stream;
+    let mut messages = Vec::new();
+    while let [first, length, ..] = rest {
+        assert_eq!(first.byte, 0xFD, "MAVLink 2 begins with FD");
+        let frame_length = usize::from(length.byte) + 12;
+        let frame: Vec<u8> = rest[..frame_length].iter().map(|timed| timed.byte).collect();
+        let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+        let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
+        assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
+        let message = MavMessage::parse(MavlinkVersion::V2, id, &frame[10..frame_length - 2]).unwrap();
+        messages.push((rest[frame_length - 1].at_us, frame[4], message));
+        rest = &rest[frame_length..];
+    }
+    messages
+}
+
+fn attitudes(stream: &[Timed]) -> Vec<(u64, ATTITUDE_DATA)> {
+    let attitude = |(at_us, _, message)| match message {
+        MavMessage::ATTITUDE(data) => Some((at_us, data)),
+        _ => None,
+    };
+    messages(stream).into_iter().filter_map(attitude).collect()
+}
+
+#[test]
+fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
+    let (_, stream) = delivered(Config::default(), 1, 10);
+    let messages = messages(&stream);
+    let heartbeats = messages.iter().filter(|(_, _, message)| matches!(message, MavMessage::HEARTBEAT(_))).count();
+    assert_eq!((heartbeats, messages.len() - heartbeats), (10, 500));
+    for (index, (_, sequence, _)) in messages.iter().enumerate() {
+        assert_eq!(usize::from(*sequence), index % 256, "sequence numbers count all messages");
+    }
+}
+
+/// With all errors off, what arrives is the truth of 20 ms before the message began.
+#[test]
+fn an_exact_source_reports_the_truth_late_by_its_latency() {
+    let (world, stream) = delivered(EXACT, 1, 2);
+    // The world remembers two seconds.
+    for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
+        let sent_us = u64::from(data.time_boot_ms) * 1000;
+        let truth = world.true_state(sent_us - 20_000);
+        assert!((f64::from(data.roll) - truth.roll_rad).abs() < 1e-6);
+        assert!((f64::from(data.pitch) - truth.pitch_rad).abs() < 1e-6);
+        let yaw_rate = truth.body_rates_rad_s()[2];
+        assert!((f64::from(data.yawspeed) - yaw_rate).abs() < 1e-6 * (1.0 + yaw_rate.abs()));
+        // 40 bytes of attitude, before them perhaps 21 of a heartbeat, and one byte time of idle line, in 87 us each.
+        let transfer_us = at_us - sent_us;
+        assert!((41 * 86..63 * 87).contains(&transfer_us), "{transfer_us} us");
+    }
+}
+
+/// 600 s hold 1200 correlation times of the noise: sigma is known to 2 %, the mean to 0.3 deg / sqrt(600) = 0.012 deg.
+#[test]
+fn errors_are_those_of_the_configuration() {
+    let config = Config { latency_ms: 0.0, ..Config::default() };
+    let mut source = AttitudeSource::new(config, 4);
+    let bank_rad = 25_f64.to_radians();
+    let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
+    let reports: Vec<Reported> = (0..30_000).map(|_| source.report(&truth)).collect();
+    let statistics_deg = |error: fn(&Reported, f64) -> f64| {
+        let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / errors.len() as f64;
+        (mean, variance.sqrt())
+    };
+    let (roll_mean, roll_sigma) = statistics_deg(|r, bank| r.roll_rad - bank);
+    let (pitch_mean, pitch_sigma) = statistics_deg(|r, _| r.pitch_rad);
+    assert!((roll_sigma - 0.3).abs() < 0.03 && (pitch_sigma - 0.3).abs() < 0.03, "{roll_sigma} {pitch_sigma}");
+    // 1 % of 25 degrees are missing from the bank; what is left is the bias.
+    let bias_deg = (roll_mean + 0.25).hypot(pitch_mean);
+    assert!((bias_deg - 0.2).abs() < 0.06, "{bias_deg}");
+}
+
+#[test]
+fn yaw_is_never_the_heading() {
+    let (world, stream) = delivered(EXACT, 1, 2);
+    let (_, last) = &attitudes(&stream)[99];
+    let truth = world.true_state(1_980_000);
+    let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
+    assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
+    let (_, stream) = delivered(Config { yaw: Yaw::Absent, ..EXACT }, 1, 1);
+    assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_at_the_same_times() {
+    let run = |seed| delivered(Config::default(), seed, 20).1;
+    assert_eq!(run(8), run(8));
+    assert_ne!(run(8), run(9));
+    // A quieter sensor must not change the flight.
+    let (loud, _) = delivered(Config::default(), 8, 20);
+    let (quiet, _) = delivered(EXACT, 8, 20);
+    assert_eq!(loud.true_state(20_000_000), quiet.true_state(20_000_000));
+    assert!(loud.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));
+}

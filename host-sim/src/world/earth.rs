@@ -1,0 +1,65 @@
+//! The Earth's field: uniform over the flight. Heading is magnetic heading; variation is a matter for whoever wants
+//! true north.
+
+use autoswing::frames::{Field, Level};
+use serde::{Deserialize, Serialize};
+
+use crate::random::{Purpose, Random};
+
+/// The field at the place of the flight.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Earth {
+    /// Total intensity, microtesla.
+    pub total_ut: f64,
+    /// Inclination, degrees, positive down (northern hemisphere).
+    pub inclination_deg: f64,
+}
+
+/// Xi'an, where the aircraft of Liu 2007 table 1 was measured.
+impl Default for Earth {
+    fn default() -> Self {
+        Self { total_ut: 53.0, inclination_deg: 54.0 }
+    }
+}
+
+impl Earth {
+    /// A place between 70 degrees inclination north and south, with the strength that a dipole has there give or take
+    /// what the real field deviates: 25..60 microtesla.
+    #[must_use]
+    pub fn random(seed: u64) -> Self {
+        let mut random = Random::new(seed, Purpose::Earth);
+        let inclination_deg = random.uniform(-70.0, 70.0);
+        let magnetic_latitude_rad = (inclination_deg.to_radians().tan() / 2.0).atan();
+        let dipole_ut = 30.0 * (1.0 + 3.0 * magnetic_latitude_rad.sin().powi(2)).sqrt();
+        Self { total_ut: dipole_ut * random.uniform(0.85, 1.15), inclination_deg }
+    }
+
+    /// Horizontal intensity `H0`, microtesla.
+    #[must_use]
+    pub fn horizontal_ut(&self) -> f64 {
+        self.total_ut * self.inclination_deg.to_radians().cos()
+    }
+
+    /// The field in the level frame of an aircraft at a heading.
+    #[must_use]
+    pub fn level_field(&self, heading_rad: f64) -> Field<Level> {
+        // The heading counts whole turns; they would cost f32 its resolution.
+        let heading_rad = heading_rad.rem_euclid(std::f64::consts::TAU);
+        Field::earth(self.total_ut as f32, self.inclination_deg.to_radians() as f32, heading_rad as f32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The Earth's surface field lies between 22 and 67 microtesla.
+    #[test]
+    fn random_places_are_on_earth() {
+        for seed in 0..1000 {
+            let earth = Earth::random(seed);
+            assert!(earth.inclination_deg.abs() <= 70.0 && (25.0..65.0).contains(&earth.total_ut), "{earth:?}");
+        }
+    }
+}

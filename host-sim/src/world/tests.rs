@@ -1,0 +1,138 @@
+use super::*;
+use crate::devices::i2c::Bus;
+use crate::devices::lis3mdl::{self, Lis3mdl};
+use crate::devices::uart::{self, Cable};
+use crate::simulation::{Level, Simulation};
+
+const EXAMPLE: &str = include_str!("../../airframes/example.toml");
+
+#[test]
+fn the_example_file_shows_the_defaults() {
+    let config = WorldConfig::from_toml(EXAMPLE, 3).unwrap();
+    let defaults = WorldConfig::table1(3);
+    assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
+    // Iron of 8 % and 24.8 uT as written; singular values are what mounting leaves alone.
+    assert!((config.airframe.b_ut.norm() - 24.8).abs() < 0.1);
+    assert!((config.airframe.a.singular_values().max() - 1.085).abs() < 0.01);
+}
+
+#[test]
+fn mistakes_in_a_file_are_named() {
+    let message = |from: &str, to: &str| {
+        assert!(EXAMPLE.contains(from));
+        WorldConfig::from_toml(&EXAMPLE.replace(from, to), 0).unwrap_err().to_string()
+    };
+    assert_eq!(
+        message("inclination_deg = 54.0", "inclination_deg = 95.0"),
+        "earth.inclination_deg is 95; it must lie in -85 to 85"
+    );
+    assert!(message("[1.08, 0.02, 0.01]", "[-1.08, 0.02, 0.01]").starts_with("determinant of airframe.soft_iron"));
+    assert!(message("gust_m_s = 0.5", "gust_m_s = nan").starts_with("weather.gust_m_s is NaN"));
+    assert!(message("noise_deg", "noise_dge").contains("unknown field `noise_dge`"));
+    assert!(message("[12.0, -8.5, 20.0]", "[12.0, -8.5]").contains("hard_iron_ut"));
+    let missing = WorldConfig::named("no/such.toml", 0).unwrap_err().to_string();
+    assert!(missing.starts_with("no/such.toml: ") && missing.contains("`table1`"), "{missing}");
+}
+
+/// What is asked in between, and how often, must not change the flight; nor may orders reach into the past.
+#[test]
+fn the_flight_does_not_depend_on_who_looks() {
+    let flight = |look_every_us: u64| {
+        let mut simulation = Simulation::new();
+        let world = World::new(WorldConfig::random(5));
+        let looker = world.clone();
+        simulation.spawn(Level::World, "looker", async move {
+            loop {
+                embassy_time::Timer::after_micros(look_every_us).await;
+                let _ = looker.sensor_field(clock::now_us());
+            }
+        });
+        simulation.run_until(1_234_567);
+        world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
+        simulation.run_until(20_000_000);
+        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.legs_left())
+    };
+    assert_eq!(flight(777), flight(10_000_000));
+}
+
+/// Interpolation between steps of 5 ms: a steady turn is met exactly, so asking at odd times costs no accuracy.
+#[test]
+fn the_past_two_seconds_can_be_asked_for() {
+    let mut simulation = Simulation::new();
+    let config = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
+    let world = World::new(config);
+    world.command(30.0, 0.0);
+    simulation.run_until(20_000_000);
+    let [now, then] = [20_000_000, 18_006_789].map(|at_us| world.true_state(at_us));
+    assert_eq!(then.time_us, 18_006_789);
+    let turned_rad = now.heading_rad - then.heading_rad;
+    let expected_rad = now.heading_rate_rad_s * 1.993_211;
+    assert!((turned_rad - expected_rad).abs() < 1e-6, "{turned_rad} for {expected_rad}");
+    assert_eq!(world.true_state(0).time_us, 18_005_000, "older times give the oldest state");
+}
+
+#[test]
+fn a_disturbance_adds_to_the_field_until_it_is_taken_away() {
+    let _simulation = Simulation::new();
+    let world = World::new(WorldConfig::table1(1));
+    let clean = world.sensor_field(0);
+    world.disturb([500.0, 0.0, -3.0]);
+    let difference = world.sensor_field(0).ut - clean.ut;
+    assert!((difference - Vector3::new(500.0, 0.0, -3.0)).norm() < 1e-3);
+    world.disturb([0.0; 3]);
+    assert_eq!(world.sensor_field(0), clean);
+}
+
+/// Ten minutes with everything connected: an 80 Hz magnetometer that is polled and 50 Hz attitude that is read. Two
+/// flights of one seed give the same bytes on both wires, two seeds do not.
+#[test]
+fn a_whole_flight_is_a_function_of_its_seed() {
+    let minute_us = 60_000_000;
+    assert_eq!(fly_everything(7, minute_us), fly_everything(7, minute_us));
+    assert_ne!(fly_everything(7, minute_us).0, fly_everything(8, minute_us).0);
+}
+
+/// A hash of all bytes read by a stand-in for the module, and how many there were.
+fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
+    use std::hash::{DefaultHasher, Hasher};
+
+    use embedded_hal_async::i2c::I2c;
+    use embedded_io_async::Read;
+
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig::random(seed));
+    let mut bus = Bus::new();
+    bus.attach(Lis3mdl::new(lis3mdl::Config { seed, ..Default::default() }, world.magnetometer_source()));
+    let cable = Cable::new(uart::Config::default());
+    let (mut receiver, _transmitter) = cable.module();
+    let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
+    let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {
+        let mut seen = seen.borrow_mut();
+        seen.0.write(bytes);
+        seen.1 += bytes.len();
+    };
+
+    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host()));
+    let seen_attitude = Rc::clone(&seen);
+    simulation.spawn(Level::Interrupt, "attitude", async move {
+        let mut buffer = [0; 128];
+        loop {
+            let count = receiver.read(&mut buffer).await.unwrap();
+            note(&seen_attitude, &buffer[..count]);
+        }
+    });
+    let seen_field = Rc::clone(&seen);
+    simulation.spawn(Level::Interrupt, "magnetometer", async move {
+        bus.write(lis3mdl::ADDRESS_SA1_HIGH, &[0xA0, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
+        loop {
+            embassy_time::Timer::after_micros(12_500).await;
+            let mut bytes = [0; 7];
+            bus.write_read(lis3mdl::ADDRESS_SA1_HIGH, &[0xA7], &mut bytes).await.unwrap();
+            note(&seen_field, &bytes);
+        }
+    });
+    world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 7200.0 });
+    simulation.run_until(duration_us);
+    let seen = seen.borrow();
+    (seen.0.finish(), seen.1)
+}
