@@ -10,8 +10,13 @@
 //!
 //! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
 
+pub mod bench;
 pub mod clock;
 pub mod devices;
+pub mod mission;
+pub mod nmea;
 pub mod random;
+pub mod score;
 pub mod simulation;
+pub mod told;
 pub mod world;

@@ -148,8 +148,8 @@ fn coefficients(out: &mut impl Write, record: &Record) -> fmt::Result {
     }
     let [x, y, z] = calibration.b_ut.map(Decimal::<3>);
     writeln!(out, "b: {x} {y} {z} uT")?;
-    let inclination = Decimal::<1>(calibration.inclination_rad.to_degrees());
-    writeln!(out, "field: {} uT, inclination {inclination} deg", Decimal::<1>(calibration.total_ut))?;
+    let inclination = Decimal::<2>(calibration.inclination_rad.to_degrees());
+    writeln!(out, "field: {} uT, inclination {inclination} deg", Decimal::<2>(calibration.total_ut))?;
     let quality = &record.quality;
     writeln!(
         out,

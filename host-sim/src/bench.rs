@@ -1,0 +1,210 @@
+//! The module on the bench: the firmware's own tasks, wired to simulated hardware in a simulated world.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use autoswing::app::{self, Links, Platform, ResetCause, Watchdog};
+use autoswing::magnetometer::lis3mdl;
+use autoswing::store::Store;
+use embassy_time::{Duration, Timer};
+
+use crate::clock;
+use crate::devices::i2c::Bus;
+use crate::devices::lis3mdl::{Config as ChipConfig, Lis3mdl};
+use crate::devices::nor_flash::{Flash, PAGE_BYTES};
+use crate::devices::uart::{Cable, Config as CableConfig, HostEnd};
+use crate::simulation::{Ended, Level, Simulation, Stop};
+use crate::world::{World, WorldConfig};
+
+/// Pages of the store, as on the board.
+const STORE_PAGES: usize = 8;
+
+/// The watchdog's period, as on the board.
+const WATCHDOG_US: u64 = 2_000_000;
+
+/// Why [`Bench::run_until`] returned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ran {
+    /// The time asked for has come.
+    Time,
+    /// The power went; [`Bench::power_on`] brings it back.
+    PowerCut,
+}
+
+/// A module in an aircraft, with cables to its two ports.
+pub struct Bench {
+    simulation: Simulation,
+    /// The world it flies in.
+    pub world: World,
+    /// The far end of the console's cable.
+    pub console: HostEnd,
+    /// The far end of the autopilot's cable.
+    pub autopilot: HostEnd,
+    /// The flash chip.
+    pub flash: Flash,
+    /// The magnetometer chip.
+    pub chip: Rc<RefCell<Lis3mdl>>,
+    bus: Bus,
+    console_cable: Cable,
+    autopilot_cable: Cable,
+    reset: Rc<ResetLine>,
+}
+
+/// What can restart the module.
+struct ResetLine {
+    stop: Stop,
+    cause: RefCell<Option<ResetCause>>,
+    watchdog_due_us: Cell<u64>,
+}
+
+impl ResetLine {
+    fn pull(&self, cause: ResetCause) {
+        *self.cause.borrow_mut() = Some(cause);
+        self.stop.request();
+    }
+}
+
+struct SimulatedPlatform(Rc<ResetLine>);
+
+impl Platform for SimulatedPlatform {
+    fn reboot(&mut self) {
+        self.0.pull(ResetCause::Software);
+    }
+}
+
+struct SimulatedWatchdog(Rc<ResetLine>);
+
+impl Watchdog for SimulatedWatchdog {
+    fn feed(&mut self) {
+        self.0.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+    }
+}
+
+impl Bench {
+    /// A module with empty flash, switched on now, in a world of these settings.
+    #[must_use]
+    pub fn new(config: WorldConfig) -> Self {
+        let mut simulation = Simulation::new();
+        let world = World::new(config);
+        let console_cable = Cable::new(CableConfig::default());
+        let autopilot_cable = Cable::new(CableConfig::default());
+        let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, world.magnetometer_source());
+        let bus = Bus::new();
+        bus.attach(chip.clone());
+        let reset = Rc::new(ResetLine {
+            stop: simulation.stop(),
+            cause: RefCell::new(None),
+            watchdog_due_us: Cell::new(u64::MAX),
+        });
+        let autopilot = autopilot_cable.host();
+        simulation.spawn(Level::World, "attitude source", world.attitude_source().run(world.clone(), autopilot.clone()));
+        simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
+        let mut bench = Self {
+            simulation,
+            world,
+            console: console_cable.host(),
+            autopilot,
+            flash: Flash::new(STORE_PAGES, config.seed),
+            chip,
+            bus,
+            console_cable,
+            autopilot_cable,
+            reset,
+        };
+        bench.power_on(ResetCause::PowerOn);
+        bench
+    }
+
+    /// Microseconds since the simulation began.
+    #[must_use]
+    pub fn now_us(&self) -> u64 {
+        self.simulation.now_us()
+    }
+
+    /// Cuts the power: the module's tasks are gone at this instant, wherever they were.
+    pub fn power_off(&mut self) {
+        self.simulation.power_off();
+        self.reset.watchdog_due_us.set(u64::MAX);
+    }
+
+    /// Starts the module anew; only the flash remembers.
+    pub fn power_on(&mut self, cause: ResetCause) {
+        self.power_off();
+        self.flash.power_on();
+        self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+        let links = Rc::new(Links::new());
+        let (console_rx, console_tx) = self.console_cable.module();
+        let (autopilot_rx, autopilot_tx) = self.autopilot_cable.module();
+        let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Config::default());
+        let store = Store::new(self.flash.clone(), 0..(STORE_PAGES * PAGE_BYTES) as u32);
+        let platform = SimulatedPlatform(self.reset.clone());
+        let dog = SimulatedWatchdog(self.reset.clone());
+        let simulation = &mut self.simulation;
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&l, driver).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "attitude", async move { app::attitude::run(&l, autopilot_rx).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "stream", async move { app::stream::run(&l, autopilot_tx).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
+        let l = links.clone();
+        simulation.spawn(Level::Thread, "compass", async move { app::compass::run(&l, store).await });
+        simulation.spawn(Level::Thread, "console", async move {
+            app::console::run(&links, console_rx, console_tx, platform, cause).await;
+        });
+    }
+
+    /// Flies on to a time; restarts the module when it asks for it or its watchdog strikes.
+    pub fn run_until(&mut self, until_us: u64) -> Ran {
+        loop {
+            match self.simulation.run_until(until_us) {
+                Ended::Time => return Ran::Time,
+                Ended::Stopped => {
+                    let cause = self.reset.cause.borrow_mut().take();
+                    match cause {
+                        Some(cause) => self.power_on(cause),
+                        None => {
+                            self.power_off();
+                            return Ran::PowerCut;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Flies on for some seconds.
+    pub fn run_for_s(&mut self, seconds: f64) -> Ran {
+        self.run_until(self.now_us() + (seconds * 1e6) as u64)
+    }
+
+    /// Types a line on the console, waits until the module has answered it, and gives what it printed.
+    pub fn type_line(&mut self, line: &str) -> String {
+        self.console.send(format!("{line}\r").as_bytes());
+        // 64 characters there and 1500 back take 0.14 s at 115200 baud, a save with an erase 0.1 s.
+        self.run_for_s(0.5);
+        self.printed()
+    }
+
+    /// What the console has printed since the last look.
+    #[must_use]
+    pub fn printed(&self) -> String {
+        String::from_utf8_lossy(&self.console.receive()).into_owned()
+    }
+
+    /// Arms a power cut: the flash operation after so many more is cut short, and the module is off.
+    pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
+        self.flash.cut_power_after(operations, outcome, self.simulation.stop());
+    }
+}
+
+/// Strikes when it was not fed in time.
+async fn watchdog_timer(reset: Rc<ResetLine>) {
+    loop {
+        Timer::after(Duration::from_millis(50)).await;
+        if clock::now_us() > reset.watchdog_due_us.get() {
+            reset.pull(ResetCause::Watchdog);
+        }
+    }
+}

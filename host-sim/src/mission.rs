@@ -1,0 +1,250 @@
+//! The main job: take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
+//!
+//! The pilot has what a person has: the console's cable to type on and the heading sentences to read. Only the score
+//! looks at the truth.
+
+use autoswing::calibration::{Calibration, Orientation};
+use autoswing::frames::{Attitude, Field, Sensor};
+use serde::Serialize;
+
+use crate::bench::Bench;
+use crate::nmea::Reader;
+use crate::score::{Errors, wrap_180};
+use crate::told::{self, Notice, Shown};
+use crate::world::WorldConfig;
+use crate::world::autopilot::Leg;
+
+/// How the calibration turns are flown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// Bank in the turns, degrees.
+    pub bank_deg: f64,
+    /// Full circles each way.
+    pub circles: f64,
+}
+
+impl Default for Plan {
+    /// What a pilot is asked for: a bank of 25 deg and four circles, one more than the module needs in calm air.
+    fn default() -> Self {
+        Self { bank_deg: 25.0, circles: 4.0 }
+    }
+}
+
+/// A part of the mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Boot and take-off, uncalibrated.
+    TakeOff,
+    /// Right turns.
+    Right,
+    /// Left turns.
+    Left,
+    /// Solving, verifying, storing.
+    Solve,
+    /// Restart, then headings all round.
+    Stream,
+}
+
+impl Stage {
+    /// All, in order.
+    pub const ALL: [Self; 5] = [Self::TakeOff, Self::Right, Self::Left, Self::Solve, Self::Stream];
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::TakeOff => "take-off, uncalibrated",
+            Self::Right => "right turns",
+            Self::Left => "left turns",
+            Self::Solve => "solve, verify, store",
+            Self::Stream => "restart, fly on",
+        }
+    }
+}
+
+/// A measurement taken in a turn: for the report's pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glimpse {
+    /// The field in the chip's axes.
+    pub field: Field<Sensor>,
+    /// The true attitude.
+    pub attitude: Attitude,
+}
+
+/// Errors of streamed headings against the true heading at the instant each sentence had arrived: calibration,
+/// attitude, noise and age together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Streamed {
+    /// Root mean square, degrees.
+    pub rms_deg: f64,
+    /// Largest, degrees.
+    pub max_deg: f64,
+    /// Sentences with a heading.
+    pub headings: usize,
+    /// Sentences without one, the start included.
+    pub empty: usize,
+}
+
+/// What came of a mission.
+#[derive(Clone, Debug)]
+pub struct Flown {
+    /// The world's settings.
+    pub world: WorldConfig,
+    /// What the module stored, as its console shows it; or why it refused, as its console says it.
+    pub result: Result<Shown, Notice>,
+    /// Errors of an uncalibrated module.
+    pub before: Errors,
+    /// Errors with the stored calibration; of the uncalibrated module if there is none.
+    pub after: Errors,
+    /// Errors of the headings streamed after the restart; none when it refused.
+    pub streamed: Option<Streamed>,
+    /// What the chip saw in the turns.
+    pub glimpses: Vec<Glimpse>,
+    /// The console session, as the pilot saw it.
+    pub session: String,
+    /// How long it took, seconds of virtual time.
+    pub duration_s: f64,
+}
+
+/// Flies a mission. `watch` hears the stage and how much of it is done, 0..1.
+pub fn fly(world: WorldConfig, plan: Plan, watch: &mut dyn FnMut(Stage, f64)) -> Flown {
+    let mut mission = Mission { bench: Bench::new(world), session: String::new(), glimpses: Vec::new(), watch };
+    let before = Errors::of(&Calibration::uncalibrated(Orientation::NONE), &world);
+    let result = mission.calibrate(plan);
+    let streamed = result.is_ok().then(|| mission.stream());
+    let after = result.as_ref().map_or_else(|_| before.clone(), |shown| Errors::of(&shown.calibration, &world));
+    Flown {
+        world,
+        result,
+        before,
+        after,
+        streamed,
+        glimpses: mission.glimpses,
+        session: mission.session,
+        duration_s: mission.bench.now_us() as f64 / 1e6,
+    }
+}
+
+struct Mission<'a> {
+    bench: Bench,
+    session: String,
+    glimpses: Vec<Glimpse>,
+    watch: &'a mut dyn FnMut(Stage, f64),
+}
+
+/// The mission is flown in pieces of this length, seconds.
+const PIECE_S: f64 = 0.5;
+
+/// A solve, a verification and a save take a second; a module silent for longer has nothing to say.
+const PATIENCE_S: f64 = 10.0;
+
+impl Mission<'_> {
+    fn calibrate(&mut self, plan: Plan) -> Result<Shown, Notice> {
+        (self.watch)(Stage::TakeOff, 0.0);
+        let heading_deg = self.bench.world.config().aircraft.heading_deg;
+        self.leg(Stage::TakeOff, Leg::Straight { heading_deg, seconds: 5.0 });
+        self.type_line("status");
+        self.type_line("cal start");
+        for (stage, sign) in [(Stage::Right, 1.0), (Stage::Left, -1.0)] {
+            self.leg(stage, Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: sign * 360.0 * plan.circles });
+            self.type_line("status");
+        }
+        let notice = self.outcome();
+        match notice {
+            Notice::Calibrated(_) => told::shown(&self.type_line("cal show")).ok_or(notice),
+            refused => Err(refused),
+        }
+    }
+
+    /// How the solve ended. The module solves by itself when it has enough; if it does not, the pilot asks for it.
+    fn outcome(&mut self) -> Notice {
+        let waits = (PATIENCE_S / PIECE_S) as usize;
+        for piece in 0..2 * waits {
+            if let Some(notice) = told::notice(&self.session) {
+                return notice;
+            }
+            if piece == waits
+                && let Some(error) = told::error(&self.type_line("cal solve"))
+            {
+                return error;
+            }
+            (self.watch)(Stage::Solve, piece as f64 / (2 * waits) as f64);
+            self.bench.run_for_s(PIECE_S);
+            self.listen();
+        }
+        Notice::refused("silent", "the module did not say how its solve ended")
+    }
+
+    /// Restarts the module and flies all round the compass, comparing what it streams with the truth.
+    fn stream(&mut self) -> Streamed {
+        let _ = self.bench.autopilot.receive();
+        self.type_line("reboot");
+        let mut errors_deg = Vec::new();
+        let mut empty = 0;
+        let mut reader = Reader::default();
+        let legs = [
+            Leg::Turn { bank_deg: 20.0, heading_change_deg: 360.0 },
+            Leg::Straight { heading_deg: 60.0, seconds: 15.0 },
+            Leg::Turn { bank_deg: 30.0, heading_change_deg: -360.0 },
+            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+        ];
+        for (done, leg) in legs.into_iter().enumerate() {
+            self.bench.world.fly(leg);
+            while self.bench.world.legs_left() > 0 {
+                (self.watch)(Stage::Stream, done as f64 / legs.len() as f64);
+                self.bench.run_for_s(PIECE_S);
+                for timed in self.bench.autopilot.receive_timed() {
+                    let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "HCHDM") else {
+                        continue;
+                    };
+                    match received.heading_deg {
+                        Some(deg) => {
+                            errors_deg.push(wrap_180(deg - self.bench.world.true_state(timed.at_us).heading_deg()));
+                        }
+                        None => empty += 1,
+                    }
+                }
+            }
+        }
+        (self.watch)(Stage::Stream, 1.0);
+        self.listen();
+        let squares: f64 = errors_deg.iter().map(|e| e * e).sum();
+        Streamed {
+            rms_deg: (squares / errors_deg.len() as f64).sqrt(),
+            max_deg: errors_deg.iter().map(|e| e.abs()).fold(0.0, f64::max),
+            headings: errors_deg.len(),
+            empty,
+        }
+    }
+
+    /// Flies a leg to its end, taking glimpses in turns.
+    fn leg(&mut self, stage: Stage, leg: Leg) {
+        let began = self.bench.world.true_state(self.bench.now_us());
+        self.bench.world.fly(leg);
+        while self.bench.world.legs_left() > 0 {
+            self.bench.run_for_s(PIECE_S);
+            self.listen();
+            let now = self.bench.world.true_state(self.bench.now_us());
+            let done = match leg {
+                Leg::Straight { seconds, .. } => (now.time_us - began.time_us) as f64 / 1e6 / seconds,
+                Leg::Turn { heading_change_deg, .. } => {
+                    let glimpse =
+                        Glimpse { field: self.bench.world.sensor_field(now.time_us), attitude: now.attitude() };
+                    self.glimpses.push(glimpse);
+                    (now.heading_rad - began.heading_rad).to_degrees() / heading_change_deg
+                }
+            };
+            (self.watch)(stage, done.clamp(0.0, 1.0));
+        }
+    }
+
+    fn type_line(&mut self, line: &str) -> String {
+        let printed = self.bench.type_line(line);
+        self.session.push_str(&printed);
+        printed
+    }
+
+    fn listen(&mut self) {
+        self.session.push_str(&self.bench.printed());
+    }
+}

@@ -1,0 +1,68 @@
+//! NMEA as a receiver reads it: a reader of our own, so that the sentences are checked by something that did not write
+//! them.
+
+/// A heading sentence with the time of its last byte.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Received {
+    /// Microseconds of the virtual clock.
+    pub at_us: u64,
+    /// `HCHDM`, `HCHDG`.
+    pub kind: String,
+    /// Magnetic heading in degrees; none where the field is empty.
+    pub heading_deg: Option<f64>,
+}
+
+/// Collects bytes into sentences.
+#[derive(Clone, Debug, Default)]
+pub struct Reader {
+    line: Vec<u8>,
+    /// Lines that were no valid sentence.
+    pub invalid: u32,
+}
+
+impl Reader {
+    /// Takes a byte; gives a sentence when it ends a valid one.
+    pub fn push(&mut self, at_us: u64, byte: u8) -> Option<Received> {
+        if byte != b'\n' {
+            self.line.push(byte);
+            return None;
+        }
+        let line = std::mem::take(&mut self.line);
+        let received = parse(at_us, &line);
+        self.invalid += u32::from(received.is_none());
+        received
+    }
+}
+
+fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
+    let line = std::str::from_utf8(line).ok()?.strip_suffix('\r')?;
+    let (body, checksum) = line.strip_prefix('$')?.rsplit_once('*')?;
+    let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
+    if u8::from_str_radix(checksum, 16) != Ok(sum) {
+        return None;
+    }
+    let mut fields = body.split(',');
+    let kind = fields.next()?.to_owned();
+    let heading = fields.next()?;
+    let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
+    Some(Received { at_us, kind, heading_deg })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> (Vec<Received>, u32) {
+        let mut reader = Reader::default();
+        let received = text.bytes().filter_map(|byte| reader.push(7, byte)).collect();
+        (received, reader.invalid)
+    }
+
+    #[test]
+    fn valid_sentences_are_read_and_others_counted() {
+        let (received, invalid) = read("$HCHDM,101.1,M*28\r\n$HCHDM,,M*07\r\n$HCHDM,101.2,M*28\r\nnoise\r\n");
+        let headings: Vec<_> = received.iter().map(|r| r.heading_deg).collect();
+        assert_eq!(headings, [Some(101.1), None]);
+        assert_eq!(invalid, 2);
+    }
+}

@@ -1,0 +1,65 @@
+//! How good a calibration is: heading errors at exact field and true attitude, against true magnetic heading.
+
+use std::f64::consts::FRAC_PI_6;
+
+use autoswing::calibration::Calibration;
+use autoswing::frames::Attitude;
+use serde::Serialize;
+
+use crate::world::WorldConfig;
+
+/// Banks at which a calibration is scored, degrees.
+pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
+
+/// Heading errors, indicated less true, in degrees: twelve headings from north, 30 deg apart, at each of
+/// [`BANKS_DEG`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Errors(pub [[f64; 12]; 3]);
+
+/// Figures of [`Errors`], degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Figures {
+    /// Largest error.
+    pub max_deg: f64,
+    /// The constant error: the mean over all.
+    pub mean_deg: f64,
+    /// Root mean square.
+    pub rms_deg: f64,
+    /// Largest error less the constant one.
+    pub max_demeaned_deg: f64,
+}
+
+impl Errors {
+    /// Scores a calibration in a world.
+    #[must_use]
+    pub fn of(calibration: &Calibration, world: &WorldConfig) -> Self {
+        let error_deg = |bank_deg: f64, heading_rad: f64| {
+            let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
+            let sensed = world.airframe.measure(attitude.body(world.earth.level_field(heading_rad)));
+            let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
+            wrap_180((f64::from(indicated) - heading_rad).to_degrees())
+        };
+        Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))
+    }
+
+    /// The figures.
+    #[must_use]
+    pub fn figures(&self) -> Figures {
+        let all = self.0.as_flattened();
+        let number = all.len() as f64;
+        let mean_deg = all.iter().sum::<f64>() / number;
+        let largest = |offset: f64| all.iter().map(|e| (e - offset).abs()).fold(0.0, f64::max);
+        Figures {
+            max_deg: largest(0.0),
+            mean_deg,
+            rms_deg: (all.iter().map(|e| e * e).sum::<f64>() / number).sqrt(),
+            max_demeaned_deg: largest(mean_deg),
+        }
+    }
+}
+
+/// Wraps an angle in degrees to -180..180.
+#[must_use]
+pub fn wrap_180(angle_deg: f64) -> f64 {
+    (angle_deg + 180.0).rem_euclid(360.0) - 180.0
+}

@@ -1,0 +1,92 @@
+//! What the console prints, read back as a script would read it.
+
+use autoswing::calibration::Calibration;
+
+/// An unasked `note` or an `error`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// `note calibrated: ...`; the words.
+    Calibrated(String),
+    /// `note refused <code>: ...` or `error <code>: ...`.
+    Refused {
+        /// The stable code.
+        code: String,
+        /// What to do about it.
+        words: String,
+    },
+}
+
+impl Notice {
+    /// A refusal.
+    #[must_use]
+    pub fn refused(code: &str, words: &str) -> Self {
+        Self::Refused { code: code.to_owned(), words: words.to_owned() }
+    }
+}
+
+/// The last note of a session.
+#[must_use]
+pub fn notice(session: &str) -> Option<Notice> {
+    lines(session).filter_map(|line| line.strip_prefix("note ")).next_back().and_then(|note| {
+        match note.strip_prefix("refused ") {
+            Some(refused) => coded(refused),
+            None => note.strip_prefix("calibrated: ").map(|words| Notice::Calibrated(words.to_owned())),
+        }
+    })
+}
+
+/// The error of a reply.
+#[must_use]
+pub fn error(reply: &str) -> Option<Notice> {
+    lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(coded)
+}
+
+fn coded(text: &str) -> Option<Notice> {
+    text.split_once(": ").map(|(code, words)| Notice::refused(code, words))
+}
+
+/// `cal show`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shown {
+    /// The name of the method.
+    pub method: String,
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// Expected heading error, degrees RMS.
+    pub expected_rms_deg: f64,
+    /// Expected heading error at the worst heading, degrees.
+    pub expected_worst_deg: f64,
+}
+
+/// Reads the reply to `cal show`.
+#[must_use]
+pub fn shown(reply: &str) -> Option<Shown> {
+    let line = |prefix: &str| lines(reply).find_map(|line| line.strip_prefix(prefix));
+    let head = line("ok number ")?;
+    let method = head.split_once(" of ")?.1.split_once(',')?.0.to_owned();
+    let expected: [f32; 2] = numbers(head.split_once("expected error ")?.1)?;
+    let field: [f32; 2] = numbers(line("field: ")?)?;
+    let calibration = Calibration {
+        w: [numbers(line("wx: ")?)?, numbers(line("wy: ")?)?, numbers(line("wz: ")?)?],
+        b_ut: numbers(line("b: ")?)?,
+        total_ut: field[0],
+        inclination_rad: field[1].to_radians(),
+    };
+    Some(Shown {
+        method,
+        calibration,
+        expected_rms_deg: f64::from(expected[0]),
+        expected_worst_deg: f64::from(expected[1]),
+    })
+}
+
+/// The words of a line that are numbers; `None` unless there are just as many as asked for.
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let found: Vec<f32> = text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
+    found.try_into().ok()
+}
+
+/// Lines without terminal control sequences.
+fn lines(text: &str) -> impl DoubleEndedIterator<Item = &str> {
+    text.split('\n').map(|line| line.trim_end().rsplit("\u{1b}[2K").next().unwrap_or_default())
+}
