@@ -21,6 +21,9 @@ pub trait Target {
     fn read(&mut self, bytes: &mut [u8]);
 }
 
+/// A device that is on the bus and in somebody's hands, who can make it fail.
+pub type SharedTarget = Rc<RefCell<dyn Target>>;
+
 /// What can go wrong on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusError {
@@ -39,7 +42,7 @@ impl Error for BusError {
 /// The bus: a handle, cloned freely. A transaction takes the time of its bytes and happens at its end.
 #[derive(Clone, Default)]
 pub struct Bus {
-    targets: Rc<RefCell<Vec<Rc<RefCell<dyn Target>>>>>,
+    targets: Rc<RefCell<Vec<SharedTarget>>>,
 }
 
 impl Bus {
@@ -50,11 +53,11 @@ impl Bus {
     }
 
     /// Connects a device.
-    pub fn attach(&self, target: Rc<RefCell<dyn Target>>) {
+    pub fn attach(&self, target: SharedTarget) {
         self.targets.borrow_mut().push(target);
     }
 
-    fn target_at(&self, address: SevenBitAddress) -> Option<Rc<RefCell<dyn Target>>> {
+    fn target_at(&self, address: SevenBitAddress) -> Option<SharedTarget> {
         self.targets.borrow().iter().find(|target| target.borrow().acknowledges(address)).cloned()
     }
 }

@@ -83,7 +83,7 @@ fn a_disturbance_adds_to_the_field_until_it_is_taken_away() {
     assert_eq!(world.sensor_field(0), clean);
 }
 
-/// Ten minutes with everything connected: an 80 Hz magnetometer that is polled and 50 Hz attitude that is read. Two
+/// A minute with everything connected: an 80 Hz magnetometer that is polled and 50 Hz attitude that is read. Two
 /// flights of one seed give the same bytes on both wires, two seeds do not.
 #[test]
 fn a_whole_flight_is_a_function_of_its_seed() {
