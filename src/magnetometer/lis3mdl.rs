@@ -201,6 +201,8 @@ mod tests {
 
     use embassy_futures::block_on;
     use embedded_hal_async::i2c::{ErrorType, Operation};
+    // Brings the virtual clock.
+    use host_sim as _;
 
     use super::*;
 
