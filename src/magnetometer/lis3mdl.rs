@@ -95,13 +95,13 @@ pub struct Lis3mdl<B> {
     bus: B,
     config: Config,
     /// When it is worth asking for the next measurement.
-    wake_at: Option<Instant>,
+    wake_at: Instant,
 }
 
 impl<B: I2c> Lis3mdl<B> {
     /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
     pub const fn new(bus: B, config: Config) -> Self {
-        Self { bus, config, wake_at: None }
+        Self { bus, config, wake_at: Instant::MIN }
     }
 
     /// `CTRL_REG1` to `CTRL_REG5`.
@@ -137,14 +137,12 @@ impl<B: I2c> Lis3mdl<B> {
 
     /// Waits for a new measurement; returns the status register that announced it.
     async fn data_ready(&mut self) -> Result<u8, Error<B::Error>> {
-        if let Some(instant) = self.wake_at {
-            Timer::at(instant).await;
-        }
+        Timer::at(self.wake_at).await;
         let give_up_at = Instant::now() + TIMEOUT;
         loop {
             let [status] = self.registers(STATUS_REG).await?;
             if status & ZYXDA != 0 {
-                self.wake_at = Some(Instant::now() + SLEEP);
+                self.wake_at = Instant::now() + SLEEP;
                 return Ok(status);
             }
             if Instant::now() >= give_up_at {
@@ -159,7 +157,6 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
     type BusError = B::Error;
 
     async fn init(&mut self) -> Result<Identity, Error<B::Error>> {
-        self.wake_at = None;
         match self.registers(WHO_AM_I).await? {
             [WHO_AM_I_VALUE] => {}
             [other] => return Err(Error::WrongIdentity(other)),
@@ -169,6 +166,7 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         // A transfer that broke off between the two bytes of an axis has left that axis frozen at an old measurement
         // (block data update). Reading all of them frees it.
         let _old: [u8; 6] = self.registers(OUT_X_L).await?;
+        self.wake_at = Instant::now() + SLEEP;
         Ok(Identity { model: Model::Lis3mdl, address: self.config.address })
     }
 
@@ -203,6 +201,8 @@ mod tests {
 
     use embassy_futures::block_on;
     use embedded_hal_async::i2c::{ErrorType, Operation};
+    // Brings the virtual clock.
+    use host_sim as _;
 
     use super::*;
 

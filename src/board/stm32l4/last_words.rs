@@ -117,7 +117,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 /// A fault, as the processor calls it: an access to nowhere, an undefined instruction. All kinds end here.
 ///
 /// The stack pointer may be past the end of the stack, where a handler cannot run: it is set back first, to the start;
-/// what was there is not needed any more.
+/// what was there is not needed any more. Should the processor not even get here then, the watchdog resets it.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() -> ! {
