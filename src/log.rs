@@ -19,10 +19,13 @@ macro_rules! warning {
 }
 
 /// Uses the arguments, so that a value that is only logged is no warning on the host.
+#[cfg(not(target_os = "none"))]
 macro_rules! discard {
     ($format:literal $(, $arg:expr)* $(,)?) => {{
         $( let _ = &$arg; )*
     }};
 }
 
-pub(crate) use {discard, info, warning};
+#[cfg(not(target_os = "none"))]
+pub(crate) use discard;
+pub(crate) use {info, warning};

@@ -16,6 +16,7 @@ pub mod devices;
 pub mod mission;
 pub mod nmea;
 pub mod random;
+pub mod report;
 pub mod score;
 pub mod simulation;
 pub mod told;

@@ -113,20 +113,20 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
 fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(
         out,
-        "sensor: {} readings, {} overruns, {} saturated, {} errors",
+        "readings: {}, {} overruns, {} saturated, {} errors",
         counts.readings, counts.overruns, counts.saturated, counts.sensor_errors
     )?;
     writeln!(
         out,
-        "attitude: {} reports, {} rejected, {} line errors",
+        "reports: {}, {} rejected, {} line errors",
         counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors
     )?;
     writeln!(
         out,
-        "stream: {} sentences, {} empty, {} not sent; samples: {} unpaired, {} dropped",
+        "sentences: {}, {} empty, {} not sent; readings: {} unpaired, {} dropped",
         counts.sentences, counts.sentences_empty, counts.stream_errors, counts.unpaired, counts.samples_dropped
     )?;
-    writeln!(out, "flash: {} saves, {} errors", counts.saves, counts.store_errors)
+    writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
 }
 
 /// `cal show`.

@@ -1,0 +1,143 @@
+//! `host-sim fly`.
+
+use std::process::ExitCode;
+
+use comfy_table::{Cell, CellAlignment, Table, presets};
+use host_sim::mission::{self, Flown, Plan, Stage};
+use host_sim::report;
+use host_sim::score::{Errors, Figures};
+use host_sim::told::Notice;
+use host_sim::world::WorldConfig;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+
+use super::{Failure, Fly};
+
+pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
+    let world = WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))?;
+    let plan = Plan { bank_deg: options.bank, circles: options.circles };
+    let flown = fly(world, plan);
+    let written = match &options.report {
+        Some(directory) => report::write(&flown, directory)
+            .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?,
+        None => Vec::new(),
+    };
+    if options.json {
+        println!("{}", summary(&flown));
+    } else {
+        show(options, &flown);
+        for path in written {
+            println!("wrote {}", path.display());
+        }
+    }
+    Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.
+fn fly(world: WorldConfig, plan: Plan) -> Flown {
+    const TICKS: u64 = 1000;
+    let mut current: Option<(Stage, ProgressBar)> = None;
+    let flown = mission::fly(world, plan, &mut |stage, fraction| {
+        if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
+            finish(current.take());
+            let bar = ProgressBar::new(TICKS).with_message(stage.name());
+            if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
+                bar.set_style(style);
+            }
+            current = Some((stage, bar));
+        }
+        if let Some((_, bar)) = &current {
+            bar.set_position((fraction * TICKS as f64) as u64);
+        }
+    });
+    finish(current);
+    flown
+}
+
+fn finish(current: Option<(Stage, ProgressBar)>) {
+    if let Some((_, bar)) = current {
+        bar.finish();
+    }
+}
+
+/// The JSON object that scripts depend on.
+fn summary(flown: &Flown) -> Value {
+    let (before, after) = (flown.before.figures(), flown.after.figures());
+    let shown = flown.result.as_ref().ok();
+    let refusal = match &flown.result {
+        Err(Notice::Refused { code, words }) => json!({ "code": code, "words": words }),
+        Err(Notice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
+        Ok(_) => Value::Null,
+    };
+    json!({
+        "accepted": shown.is_some(),
+        "refusal": refusal,
+        "method": shown.map(|s| &s.method),
+        "coefficients": shown.map(|s| json!({
+            "w": s.calibration.w.as_flattened().iter().copied().map(shortest).collect::<Vec<_>>(),
+            "b_ut": s.calibration.b_ut.map(shortest),
+        })),
+        "inclination_deg": shown.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
+        "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
+        "before": before,
+        "after": shown.map(|_| after),
+        "streamed": flown.streamed,
+        "duration_s": flown.duration_s,
+        "seed": flown.world.seed,
+    })
+}
+
+/// The f64 that prints as the f32 does: 0.1 and not 0.10000000149.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+fn show(options: &Fly, flown: &Flown) {
+    if options.console {
+        println!("{}\n", flown.session.replace("\r\n", "\n").replace("\r\u{1b}[2K", ""));
+    }
+    println!("Heading error in degrees, indicated less true");
+    println!("{}", errors_table(&flown.before, &flown.after));
+    match &flown.result {
+        Ok(shown) => {
+            println!(
+                "calibrated by {}: expected error {:.2} deg rms, {:.2} at worst; actual {}",
+                shown.method,
+                shown.expected_rms_deg,
+                shown.expected_worst_deg,
+                words(&flown.after.figures())
+            );
+            println!("uncalibrated: {}", words(&flown.before.figures()));
+        }
+        Err(Notice::Refused { code, words }) => println!("the module refused: {code}: {words}"),
+        Err(Notice::Calibrated(words)) => println!("calibrated, but cal show could not be read: {words}"),
+    }
+    if let Some(streamed) = &flown.streamed {
+        println!(
+            "streamed after the restart: {} headings, {:.2} deg rms, {:.2} at most (attitude noise and age included)",
+            streamed.headings, streamed.rms_deg, streamed.max_deg
+        );
+    }
+    println!("{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
+}
+
+fn words(figures: &Figures) -> String {
+    format!("{:.2} rms, {:.2} at worst, {:.2} constant", figures.rms_deg, figures.max_deg, figures.mean_deg)
+}
+
+fn errors_table(before: &Errors, after: &Errors) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_NO_BORDERS);
+    table.set_header(
+        ["heading", "before: level", "right 25", "left 25", "after: level", "right 25", "left 25"].map(right_aligned),
+    );
+    for step in 0..12 {
+        let errors = before.0.iter().chain(&after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
+        table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));
+    }
+    table
+}
+
+fn right_aligned(text: impl ToString) -> Cell {
+    Cell::new(text).set_alignment(CellAlignment::Right)
+}
