@@ -97,7 +97,11 @@ impl Bench {
             watchdog_due_us: Cell::new(u64::MAX),
         });
         let autopilot = autopilot_cable.host();
-        simulation.spawn(Level::World, "attitude source", world.attitude_source().run(world.clone(), autopilot.clone()));
+        simulation.spawn(
+            Level::World,
+            "attitude source",
+            world.attitude_source().run(world.clone(), autopilot.clone()),
+        );
         simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
         let mut bench = Self {
             simulation,
@@ -187,8 +191,8 @@ impl Bench {
         self.printed()
     }
 
-    /// What the console has printed since the last look.
-    #[must_use]
+    /// Takes what the console has printed since the last look.
+    #[allow(clippy::must_use_candidate, reason = "taking what was printed before is a use of it")]
     pub fn printed(&self) -> String {
         String::from_utf8_lossy(&self.console.receive()).into_owned()
     }

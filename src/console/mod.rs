@@ -176,6 +176,16 @@ impl<'a> FromArgument<'a> for Orientation {
 }
 
 impl Line<'_> {
+    /// How many words may follow the first.
+    fn most_words(&self) -> usize {
+        match self {
+            Line::Version | Line::Status | Line::Reboot => 0,
+            Line::Cal { command: Cal::Clear { .. } } | Line::Stream { command: Stream::Rate { .. } } => 2,
+            Line::Cal { .. } | Line::Stream { .. } => 1,
+            Line::Set { .. } => 2,
+        }
+    }
+
     fn meaning(self) -> Result<Request, LineError> {
         use compass::Command;
         Ok(Request::Compass(match self {
@@ -206,7 +216,10 @@ impl Line<'_> {
 }
 
 fn parse(raw: RawCommand<'_>) -> Result<Request, LineError> {
-    Line::parse(raw).map_err(LineError::from).and_then(Line::meaning)
+    let words = raw.args().args().count();
+    let line = Line::parse(raw)?;
+    // embedded-cli passes over words after a command that takes none.
+    if words > line.most_words() { Err(LineError::UnexpectedArgument) } else { line.meaning() }
 }
 
 impl From<ParseError<'_>> for LineError {

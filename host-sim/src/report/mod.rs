@@ -1,2 +1,4 @@
 //! stub
-pub fn write(_: &crate::mission::Flown, _: &std::path::Path) -> std::io::Result<Vec<std::path::PathBuf>> { Ok(vec![]) }
+pub fn write(_: &crate::mission::Flown, _: &std::path::Path) -> std::io::Result<Vec<std::path::PathBuf>> {
+    Ok(vec![])
+}

@@ -1,0 +1,137 @@
+//! The console as a person meets it: text in, text out, through the cable.
+
+use host_sim::bench::Bench;
+use host_sim::world::WorldConfig;
+
+fn bench() -> Bench {
+    let mut bench = Bench::new(WorldConfig::table1(1));
+    bench.run_for_s(1.0);
+    bench
+}
+
+/// The lines of a reply, without the echo of what was typed and without the prompt.
+fn reply(bench: &mut Bench, line: &str) -> Vec<String> {
+    let text = bench.type_line(line);
+    let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
+    assert_eq!(lines.pop().as_deref(), Some("> "), "{text:?} ends with a prompt");
+    lines.remove(0);
+    lines
+}
+
+#[test]
+fn it_greets_and_says_why_it_started() {
+    let bench = bench();
+    assert_eq!(bench.printed(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
+}
+
+#[test]
+fn every_command_answers_ok_or_error_with_a_code() {
+    let mut bench = bench();
+    bench.printed();
+    for (line, answer) in [
+        ("version", "ok autoswing 0.1.0"),
+        ("status", "ok uncalibrated"),
+        ("cal start", "ok collecting"),
+        ("cal stop", "ok uncalibrated"),
+        ("cal stop", "error not-collecting: "),
+        ("cal solve", "error no-samples: "),
+        ("cal show", "error no-calibration: "),
+        ("cal clear", "error needs-word: this cannot be undone; type cal clear all"),
+        ("cal clear everything", "error needs-word: "),
+        ("cal clear all", "ok uncalibrated"),
+        ("cal undo", "error nothing-to-undo: "),
+        ("cal abort", "ok uncalibrated"),
+        ("stream off", "ok "),
+        ("stream on", "ok "),
+        ("stream rate 20", "ok "),
+        ("stream rate 0", "error out-of-range: a rate is 1 to 80"),
+        ("stream rate 81", "error out-of-range: "),
+        ("stream rate 300", "error bad-value: "),
+        ("stream rate", "error missing-argument: "),
+        ("set declination 3.5", "ok "),
+        ("set declination -11.25", "ok "),
+        ("set declination 181", "error out-of-range: a declination is -180 to 180"),
+        ("set declination east", "error bad-value: expected a number"),
+        ("set mount roll180-yaw90", "ok "),
+        ("set mount sideways", "error bad-value: expected none, yaw90"),
+        ("frobnicate", "error unknown-command: "),
+        ("cal fly", "error unknown-command: "),
+        ("version now please", "error unexpected-argument: "),
+        ("reboot", "ok restarting"),
+    ] {
+        let text = bench.type_line(line);
+        let lines: Vec<&str> = text.split("\r\n").collect();
+        assert_eq!(lines[0], line, "the line is echoed");
+        assert!(lines[1].starts_with(answer), "{line}: {text:?}");
+    }
+}
+
+#[test]
+fn help_lists_every_command() {
+    let mut bench = bench();
+    bench.printed();
+    let help = reply(&mut bench, "help").join("\n");
+    for word in ["version", "status", "cal", "stream", "set", "reboot"] {
+        assert!(help.contains(word), "{word} in {help}");
+    }
+    let cal = reply(&mut bench, "help cal").join("\n");
+    for word in ["start", "stop", "solve", "show", "clear", "undo", "abort"] {
+        assert!(cal.contains(word), "{word} in {cal}");
+    }
+}
+
+#[test]
+fn tab_completes_up_recalls_backspace_deletes() {
+    let mut bench = bench();
+    bench.printed();
+    assert!(bench.type_line("vers\t").contains("ok autoswing"));
+    assert!(bench.type_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
+    assert!(bench.type_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
+    assert!(bench.type_line("versionx\x08").contains("ok autoswing"), "so does BS");
+}
+
+#[test]
+fn settings_last_over_a_restart() {
+    let mut bench = bench();
+    bench.type_line("set declination -11.3");
+    bench.type_line("stream rate 5");
+    bench.type_line("set mount yaw180");
+    assert!(bench.type_line("reboot").contains("started by reboot"));
+    let status = reply(&mut bench, "status").join("\n");
+    for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "mount: yaw180"] {
+        assert!(status.contains(line), "{line} in {status}");
+    }
+}
+
+#[test]
+fn an_overlong_line_is_refused_and_not_cut() {
+    let mut bench = bench();
+    // Cut after 64 characters this would be the valid, destructive command.
+    let line = format!("cal clear all{}oops", " ".repeat(60));
+    assert!(bench.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
+    assert!(bench.type_line("version").contains("ok autoswing"));
+}
+
+/// Garbage of every kind, then a person: the console must live and answer.
+#[test]
+fn no_bytes_stop_it() {
+    let mut bench = bench();
+    let mut state = 12345_u32;
+    for _ in 0..200 {
+        let bytes: Vec<u8> = (0..100)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 24) as u8
+            })
+            // A line that says reboot or clear by chance would be obeyed; letters are left to the other tests.
+            .filter(|byte| !byte.is_ascii_alphabetic())
+            .collect();
+        bench.console.send(&bytes);
+        bench.run_for_s(0.02);
+    }
+    bench.run_for_s(1.0);
+    bench.type_line("\r");
+    let text = bench.type_line("version");
+    assert!(text.contains("ok autoswing"), "{text:?}");
+    assert!(bench.type_line("status").contains("started by power-on"), "it did not restart");
+}

@@ -1,0 +1,141 @@
+//! What is in flash survives; what breaks off leaves the old.
+
+use host_sim::bench::{Bench, Ran};
+use host_sim::devices::nor_flash::CutOutcome;
+use host_sim::told;
+use host_sim::world::WorldConfig;
+use host_sim::world::autopilot::Leg;
+
+/// Flies turns both ways until the module has told how the solve ended.
+fn swing(bench: &mut Bench) -> Ran {
+    bench.type_line("cal start");
+    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+    let mut session = String::new();
+    for _ in 0..300 {
+        if bench.run_for_s(1.0) == Ran::PowerCut {
+            return Ran::PowerCut;
+        }
+        session.push_str(&bench.printed());
+        if told::notice(&session).is_some() {
+            return Ran::Time;
+        }
+    }
+    panic!("no outcome: {session}");
+}
+
+fn show(bench: &mut Bench) -> Option<told::Shown> {
+    told::shown(&bench.type_line("cal show"))
+}
+
+fn calibrated() -> Bench {
+    let mut bench = Bench::new(WorldConfig::table1(3));
+    bench.run_for_s(1.0);
+    assert_eq!(swing(&mut bench), Ran::Time);
+    bench
+}
+
+#[test]
+fn a_calibration_survives_a_restart_and_a_power_cut() {
+    let mut bench = calibrated();
+    let before = show(&mut bench).unwrap();
+    bench.type_line("reboot");
+    bench.run_for_s(1.0);
+    assert_eq!(show(&mut bench).unwrap(), before);
+    bench.power_off();
+    bench.power_on(autoswing::app::ResetCause::PowerOn);
+    bench.run_for_s(1.0);
+    assert_eq!(show(&mut bench).unwrap(), before);
+    assert!(bench.type_line("status").contains("ok calibrated"));
+}
+
+/// Power cut at every operation of the first save, in each of three ways: the module starts uncalibrated or with the
+/// whole new calibration, never with anything else.
+#[test]
+fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
+    let mut whole = calibrated();
+    let new = show(&mut whole).unwrap();
+    let mut seen = [0, 0];
+    for operations in (0..40).step_by(3) {
+        for outcome in CutOutcome::ALL {
+            let mut bench = Bench::new(WorldConfig::table1(3));
+            bench.run_for_s(1.0);
+            bench.cut_power_after(operations, outcome);
+            let ran = swing(&mut bench);
+            if ran == Ran::Time {
+                continue; // The save was over before the cut.
+            }
+            bench.power_on(autoswing::app::ResetCause::PowerOn);
+            bench.run_for_s(1.0);
+            bench.printed();
+            let found = show(&mut bench);
+            assert!(found.is_none() || found.as_ref() == Some(&new), "after {operations} {outcome:?}: {found:?}");
+            seen[usize::from(found.is_some())] += 1;
+        }
+    }
+    assert!(seen[0] > 0, "some cuts come before the record is complete: {seen:?}");
+}
+
+/// The same while something is stored already, with the small save of a setting.
+#[test]
+fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
+    let mut bench = calibrated();
+    let old = show(&mut bench).unwrap();
+    let mut cuts = 0;
+    for operations in 0..40 {
+        for outcome in CutOutcome::ALL {
+            bench.cut_power_after(operations, outcome);
+            bench.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
+            if bench.run_for_s(0.5) == Ran::PowerCut {
+                cuts += 1;
+            }
+            bench.power_off();
+            bench.power_on(autoswing::app::ResetCause::PowerOn);
+            bench.run_for_s(0.5);
+            bench.printed();
+            assert_eq!(show(&mut bench).unwrap(), old, "after {operations} {outcome:?}");
+        }
+    }
+    // Settings and one record are some 110 bytes: with the log's header a dozen double words, cut in three ways each.
+    assert!(cuts >= 36, "the save was cut {cuts} times");
+}
+
+#[test]
+fn undo_goes_back_and_forth_and_clear_needs_its_word() {
+    let mut bench = calibrated();
+    let first = show(&mut bench).unwrap();
+    bench.type_line("cal undo");
+    assert!(show(&mut bench).is_some(), "there is nothing before the first, so it stays");
+    bench.type_line("cal clear");
+    assert_eq!(show(&mut bench).unwrap(), first);
+    assert!(bench.type_line("cal clear all").contains("ok uncalibrated"));
+    assert!(show(&mut bench).is_none());
+    bench.type_line("reboot");
+    bench.run_for_s(1.0);
+    assert!(show(&mut bench).is_none(), "cleared for good");
+}
+
+/// A second swing replaces the first only if it is better on held-back samples; either way nothing is lost.
+#[test]
+fn a_second_swing_replaces_the_first_only_when_it_is_better() {
+    let mut bench = calibrated();
+    let first = show(&mut bench).unwrap();
+    // Another magnet has come aboard: the old calibration is now wrong by several degrees.
+    bench.world.disturb([6.0, -4.0, 3.0]);
+    swing(&mut bench);
+    let second = show(&mut bench).unwrap();
+    let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
+    // 0.5 uT is 1 deg of heading in this field.
+    assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
+    bench.type_line("cal undo");
+    assert_eq!(show(&mut bench).unwrap().calibration, first.calibration);
+    bench.type_line("cal undo");
+    assert_eq!(show(&mut bench).unwrap().calibration, second.calibration);
+}
+
+#[test]
+fn a_calibration_is_not_used_with_another_mounting() {
+    let mut bench = calibrated();
+    assert!(bench.type_line("set mount yaw90").contains("ok uncalibrated"));
+    assert!(bench.type_line("set mount none").contains("ok calibrated"));
+}
