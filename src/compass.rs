@@ -194,6 +194,7 @@ pub enum Refusal {
 }
 
 /// What runs now.
+#[allow(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
 enum Phase {
     Idle,

@@ -153,7 +153,10 @@ impl Bench {
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();
-        simulation.spawn(Level::Thread, "compass", async move { app::compass::run(&l, store).await });
+        simulation.spawn(Level::Thread, "compass", async move {
+            // The state machine with its samples: too large for a future inside a future.
+            Box::pin(app::compass::run(&l, store)).await;
+        });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run(&links, console_rx, console_tx, platform, cause).await;
         });
@@ -166,13 +169,11 @@ impl Bench {
                 Ended::Time => return Ran::Time,
                 Ended::Stopped => {
                     let cause = self.reset.cause.borrow_mut().take();
-                    match cause {
-                        Some(cause) => self.power_on(cause),
-                        None => {
-                            self.power_off();
-                            return Ran::PowerCut;
-                        }
-                    }
+                    let Some(cause) = cause else {
+                        self.power_off();
+                        return Ran::PowerCut;
+                    };
+                    self.power_on(cause);
                 }
             }
         }

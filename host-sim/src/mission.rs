@@ -152,7 +152,7 @@ impl Mission<'_> {
         let notice = self.outcome();
         match notice {
             Notice::Calibrated(_) => told::shown(&self.type_line("cal show")).ok_or(notice),
-            refused => Err(refused),
+            refused @ Notice::Refused { .. } => Err(refused),
         }
     }
 

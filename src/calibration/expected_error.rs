@@ -39,7 +39,7 @@ const BANKS_DEG: [f32; 3] = [-30.0, 0.0, 30.0];
 
 /// Propagates the covariance of the unknowns, widened for noise that is correlated in time, and the considered errors
 /// of the attitude source to heading at true attitude. `None` when the information is singular.
-pub(super) fn expected(system: &System, point: &Point, inclination_rad: f32, consider: &Consider) -> Option<Expected> {
+pub(super) fn expected(system: &System, point: &Point, inclination_rad: f32, consider: Consider) -> Option<Expected> {
     let inverse = system.information().cast::<f64>().cholesky()?.inverse().cast::<f32>();
     let covariance = covariance(system, &inverse);
     let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];

@@ -361,7 +361,7 @@ impl Refinement {
             total_ut: self.unit_ut * per_unit,
         };
         plausible(turns, &calibration, &w, &point.w)?;
-        let expected = expected_error::expected(&self.system, &point, self.unknowns[12], &self.config.consider)
+        let expected = expected_error::expected(&self.system, &point, self.unknowns[12], self.config.consider)
             .ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: Method::MaximumLikelihood,

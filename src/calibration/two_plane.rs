@@ -48,7 +48,7 @@ pub(super) fn solve(turns: Turns<'_>, rotation: &Matrix3<f32>) -> Result<TwoPlan
         return Err(SolveError::SamePlane);
     }
     let common = common.normalize();
-    let radius_ut = (left.ellipse.radius_ut(&common) + right.ellipse.radius_ut(&common)) / 2.0;
+    let radius_ut = left.ellipse.radius_ut(&common).midpoint(right.ellipse.radius_ut(&common));
     let u_ut = common * radius_ut;
     let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
 

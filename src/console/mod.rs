@@ -180,9 +180,10 @@ impl Line<'_> {
     fn most_words(&self) -> usize {
         match self {
             Line::Version | Line::Status | Line::Reboot => 0,
-            Line::Cal { command: Cal::Clear { .. } } | Line::Stream { command: Stream::Rate { .. } } => 2,
+            Line::Cal { command: Cal::Clear { .. } }
+            | Line::Stream { command: Stream::Rate { .. } }
+            | Line::Set { .. } => 2,
             Line::Cal { .. } | Line::Stream { .. } => 1,
-            Line::Set { .. } => 2,
         }
     }
 

@@ -16,7 +16,7 @@ use super::{Failure, Fly};
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
     let world = WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))?;
     let plan = Plan { bank_deg: options.bank, circles: options.circles };
-    let flown = fly(world, plan);
+    let flown = fly(&world, plan);
     let written = match &options.report {
         Some(directory) => report::write(&flown, directory)
             .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?,
@@ -34,10 +34,10 @@ pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
 }
 
 /// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.
-fn fly(world: WorldConfig, plan: Plan) -> Flown {
+fn fly(world: &WorldConfig, plan: Plan) -> Flown {
     const TICKS: u64 = 1000;
     let mut current: Option<(Stage, ProgressBar)> = None;
-    let flown = mission::fly(world, plan, &mut |stage, fraction| {
+    let flown = mission::fly(*world, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish(current.take());
             let bar = ProgressBar::new(TICKS).with_message(stage.name());
