@@ -4,8 +4,8 @@ use host_sim::mission::{Flown, Plan, fly};
 use host_sim::told::Notice;
 use host_sim::world::WorldConfig;
 
-fn flown(world: WorldConfig) -> Flown {
-    fly(world, Plan::default(), &mut |_, _| {})
+fn flown(world: &WorldConfig) -> Flown {
+    fly(*world, Plan::default(), &mut |_, _| {})
 }
 
 fn expected_rms_deg(flown: &Flown) -> f64 {
@@ -18,7 +18,7 @@ fn expected_rms_deg(flown: &Flown) -> f64 {
 #[test]
 fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     for seed in 1..=5 {
-        let flown = flown(WorldConfig::table1(seed));
+        let flown = flown(&WorldConfig::table1(seed));
         let expected_deg = expected_rms_deg(&flown);
         let (before, after) = (flown.before.figures(), flown.after.figures());
         assert!((before.max_deg - 21.5).abs() <= 1.0, "before {before:?}");
@@ -33,7 +33,7 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
 fn fifty_random_airframes_are_calibrated_and_the_forecast_is_honest() {
     // Two halves side by side; each simulation lives on a thread of its own.
     let halves = [1..=25, 26..=50].map(|seeds| {
-        std::thread::spawn(move || seeds.map(|seed| flown(WorldConfig::random(seed))).collect::<Vec<_>>())
+        std::thread::spawn(move || seeds.map(|seed| flown(&WorldConfig::random(seed))).collect::<Vec<_>>())
     });
     let all: Vec<Flown> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
     let mut rms_deg = Vec::new();
@@ -55,7 +55,7 @@ fn fifty_random_airframes_are_calibrated_and_the_forecast_is_honest() {
 /// A run is a function of its seed, down to the last byte of the console.
 #[test]
 fn one_seed_gives_one_flight() {
-    let [first, second, other] = [7, 7, 8].map(|seed| flown(WorldConfig::random(seed)));
+    let [first, second, other] = [7, 7, 8].map(|seed| flown(&WorldConfig::random(seed)));
     assert_eq!(first.session, second.session);
     assert_eq!(first.streamed, second.streamed);
     assert_eq!(first.after, second.after);
