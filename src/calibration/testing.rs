@@ -142,7 +142,7 @@ impl Flight {
         let sign = if side == Side::Left { -1.0 } else { 1.0 };
         let mut wander = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
         let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
-        let mut heading_rad = random.uniform(0.0, 6.28);
+        let mut heading_rad = random.uniform(0.0, core::f32::consts::TAU);
         (0..self.samples)
             .map(|i| {
                 let roll_deg = sign * self.bank_deg + wander[0].next(random);
