@@ -1,32 +1,33 @@
 //! What the module remembers without power: settings and two generations of calibration, in NOR flash.
 //!
-//! Each page of the store holds one copy of everything. A save erases the page after the newest copy, writes the new
-//! copy there and reads it back; a load takes the newest copy whose CRC is right. So the wear goes round all pages
-//! (8 pages of 10,000 erases: 80,000 saves), and there is nothing to clean up, to migrate or to format.
-//!
 //! # What is promised
 //!
-//! - A save is atomic: when power fails at any instant of it, and again in any attempt after that, the next start finds
-//!   what was stored before or what was to be stored, complete. The page of the newest copy is never touched.
-//! - Nothing that comes out of the flash is trusted: every copy is checked by CRC, version and range. No content of
-//!   the flash makes a load or a save panic, and none keeps a save from working.
-//! - A page that has gone bad is passed over.
+//! - A save is atomic: when power fails at any instant of it, the next start finds what was stored before or what was
+//!   to be stored, complete. Settings and calibrations are one item of a log that goes round the region
+//!   ([`sequential_storage`]), and the page that is erased for new items never holds the valid one, so that not even
+//!   an erase that breaks off half-way can touch it.
+//! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
+//!   the region makes a load or a save panic.
+//! - A region that holds garbage does not brick the module: a save that cannot be written in the log erases the region
+//!   and writes again. Only in this case, when the log was unusable anyway, a power failure can lose what was stored.
 
 mod contents;
-mod snapshot;
 #[cfg(test)]
 mod tests;
 
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
 
-use contents::Contents;
+use contents::{Contents, VALUE_SIZE};
 pub use contents::{Generations, Record, Settings};
-use snapshot::{SNAPSHOT_SIZE, Snapshot};
 
-/// A byte of NOR flash after an erase.
-const ERASED: u8 = 0xFF;
+/// The only key of the map.
+const KEY: u8 = 0;
+/// For one item of the map: key and value, rounded up to any flash's word (the map allows 32 bytes).
+const ITEM_SIZE: usize = (1 + VALUE_SIZE).next_multiple_of(32);
 
 /// Why something could not be loaded or stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,9 +36,9 @@ pub enum StoreError {
     Flash,
     /// What is stored cannot be understood.
     Corrupt,
-    /// What is stored was written by a firmware with another version of the format.
+    /// What is stored was written by a firmware with this later (or much earlier) version of the format.
     UnknownVersion(u8),
-    /// The value does not fit into a copy.
+    /// The value does not fit into the region.
     Full,
     /// What was written reads back differently.
     Verify,
@@ -74,25 +75,24 @@ impl core::fmt::Display for StoreError {
     }
 }
 
-/// The store: whole pages of a NOR flash.
-pub struct Store<F> {
-    flash: F,
-    /// Offset of the first page.
-    start: u32,
-    pages: u32,
+impl<E> From<sequential_storage::Error<E>> for StoreError {
+    fn from(error: sequential_storage::Error<E>) -> Self {
+        use sequential_storage::Error;
+        match error {
+            Error::Storage { .. } => Self::Flash,
+            Error::FullStorage | Error::ItemTooBig => Self::Full,
+            // An item longer than the buffer, or without a key, is none that this module wrote.
+            _ => Self::Corrupt,
+        }
+    }
 }
 
-/// What a look through all pages has found.
-struct Found {
-    /// Page and content of the newest copy.
-    newest: Option<(u32, Snapshot)>,
-    /// Pages that hold something, but no copy.
-    unreadable: u32,
+/// The store: a region of a NOR flash.
+pub struct Store<F: NorFlash> {
+    map: MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>,
 }
 
 impl<F: NorFlash> Store<F> {
-    const PAGE_SIZE: u32 = F::ERASE_SIZE as u32;
-
     /// A store in this region of the flash, as offsets from the flash's start. The flash is not touched yet.
     ///
     /// # Panics
@@ -101,10 +101,7 @@ impl<F: NorFlash> Store<F> {
     /// start.
     #[must_use]
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        assert!(region.start.is_multiple_of(Self::PAGE_SIZE) && region.end.is_multiple_of(Self::PAGE_SIZE));
-        let pages = region.end.saturating_sub(region.start) / Self::PAGE_SIZE;
-        assert!(pages >= 2 && SNAPSHOT_SIZE <= F::ERASE_SIZE && SNAPSHOT_SIZE.is_multiple_of(F::WRITE_SIZE));
-        Self { flash, start: region.start, pages }
+        Self { map: MapStorage::new(flash, MapConfig::new(region), Cache::new_uncached()) }
     }
 
     /// The settings; the default ones when none were ever stored.
@@ -117,86 +114,52 @@ impl<F: NorFlash> Store<F> {
         Ok(self.load().await?.generations)
     }
 
-    /// Stores settings, leaving the calibrations as they are. What cannot be understood is not kept.
+    /// Stores settings, leaving the calibrations as they are.
     pub async fn save_settings(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        let found = self.look().await?;
-        let old = found.contents().unwrap_or_default();
-        self.save(&found, &Contents { settings: *settings, ..old }).await
+        let old = self.load_for_change().await?;
+        self.save(&Contents { settings: *settings, ..old }).await
     }
 
-    /// Stores calibrations, leaving the settings as they are. What cannot be understood is not kept.
+    /// Stores calibrations, leaving the settings as they are.
     pub async fn save_generations(&mut self, generations: &Generations) -> Result<(), StoreError> {
-        let found = self.look().await?;
-        let old = found.contents().unwrap_or_default();
-        self.save(&found, &Contents { generations: *generations, ..old }).await
+        let old = self.load_for_change().await?;
+        self.save(&Contents { generations: *generations, ..old }).await
     }
 
     async fn load(&mut self) -> Result<Contents, StoreError> {
-        self.look().await?.contents()
-    }
-
-    const fn offset(&self, page: u32) -> u32 {
-        self.start + page * Self::PAGE_SIZE
-    }
-
-    async fn read(&mut self, page: u32) -> Result<[u8; SNAPSHOT_SIZE], StoreError> {
-        let mut bytes = [0; SNAPSHOT_SIZE];
-        self.flash.read(self.offset(page), &mut bytes).await.map_err(|_| StoreError::Flash)?;
-        Ok(bytes)
-    }
-
-    /// Looks through all pages.
-    async fn look(&mut self) -> Result<Found, StoreError> {
-        let mut found = Found { newest: None, unreadable: 0 };
-        for page in 0..self.pages {
-            let bytes = self.read(page).await?;
-            match Snapshot::from_bytes(bytes) {
-                Some(snapshot) => found.add(page, snapshot),
-                None if bytes.iter().all(|&byte| byte == ERASED) => {}
-                None => found.unreadable += 1,
-            }
-        }
-        Ok(found)
-    }
-
-    /// Writes into the page after the newest copy, or into the next one that works. The newest copy stays.
-    async fn save(&mut self, found: &Found, contents: &Contents) -> Result<(), StoreError> {
-        let (page, serial) = match &found.newest {
-            Some((page, snapshot)) => (*page, snapshot.serial()),
-            None => (self.pages - 1, 0),
-        };
-        let snapshot = Snapshot::new(serial.wrapping_add(1), contents)?;
-        let mut result = Err(StoreError::Flash);
-        for step in 1..self.pages {
-            result = self.write((page + step) % self.pages, &snapshot).await;
-            if result.is_ok() {
-                break;
-            }
-        }
-        result
-    }
-
-    async fn write(&mut self, page: u32, snapshot: &Snapshot) -> Result<(), StoreError> {
-        let offset = self.offset(page);
-        self.flash.erase(offset, offset + Self::PAGE_SIZE).await.map_err(|_| StoreError::Flash)?;
-        self.flash.write(offset, snapshot.bytes()).await.map_err(|_| StoreError::Flash)?;
-        if self.read(page).await? == *snapshot.bytes() { Ok(()) } else { Err(StoreError::Verify) }
-    }
-}
-
-impl Found {
-    fn add(&mut self, page: u32, snapshot: Snapshot) {
-        if self.newest.as_ref().is_none_or(|(_, newest)| snapshot.is_newer_than(newest)) {
-            self.newest = Some((page, snapshot));
+        let mut buffer = [0; ITEM_SIZE];
+        match self.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
+            Some(value) => Contents::decode(value),
+            None => Ok(Contents::default()),
         }
     }
 
-    /// What is stored. One unreadable page and nothing else is a first save that was cut off: nothing is stored.
-    fn contents(&self) -> Result<Contents, StoreError> {
-        match &self.newest {
-            Some((_, snapshot)) => snapshot.contents(),
-            None if self.unreadable <= 1 => Ok(Contents::default()),
-            None => Err(StoreError::Corrupt),
+    /// What a save leaves in place. What cannot be understood has no future: it is replaced by the default. A flash
+    /// that merely failed to read it is no reason to throw it away.
+    async fn load_for_change(&mut self) -> Result<Contents, StoreError> {
+        match self.load().await {
+            Err(StoreError::Corrupt | StoreError::UnknownVersion(_)) => Ok(Contents::default()),
+            other => other,
+        }
+    }
+
+    async fn save(&mut self, contents: &Contents) -> Result<(), StoreError> {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = contents.encode(&mut buffer)?;
+        if self.write(value).await.is_ok() {
+            return Ok(());
+        }
+        self.map.erase_all().await?;
+        self.write(value).await
+    }
+
+    /// Appends the value to the log and reads it back.
+    async fn write(&mut self, value: &[u8]) -> Result<(), StoreError> {
+        let mut buffer = [0; ITEM_SIZE];
+        self.map.store_item(&mut buffer, &KEY, &value).await?;
+        match self.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
+            Some(stored) if stored == value => Ok(()),
+            _ => Err(StoreError::Verify),
         }
     }
 }

@@ -1,11 +1,22 @@
-//! What is stored.
+//! What is stored, and its bytes.
 
 use core::ops::RangeInclusive;
 
+use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
+use super::StoreError;
 use crate::calibration::{Calibration, Orientation, Quality};
 use crate::magnetometer::Identity;
+
+/// Version of the format. To be raised when the meaning of the bytes changes.
+const VERSION: u8 = 1;
+/// Room for version, contents and CRC. The contents take at most 190 bytes: 84 for each record, 14 for the settings,
+/// and the tags of the options.
+pub(super) const VALUE_SIZE: usize = 224;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC_SIZE: usize = 4;
 
 /// What the user has chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,7 +111,7 @@ impl Generations {
     }
 }
 
-/// All that is stored.
+/// The one value in the flash: version byte, postcard, CRC-32 of both (little endian).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contents {
     pub settings: Settings,
@@ -108,8 +119,38 @@ pub(super) struct Contents {
 }
 
 impl Contents {
-    pub fn is_valid(&self) -> bool {
+    fn is_valid(&self) -> bool {
         self.settings.is_valid() && self.generations.is_valid()
+    }
+
+    /// The bytes to store.
+    pub fn encode<'a>(&self, buffer: &'a mut [u8; VALUE_SIZE]) -> Result<&'a [u8], StoreError> {
+        if !self.is_valid() {
+            return Err(StoreError::Invalid);
+        }
+        let [version, rest @ ..] = buffer;
+        *version = VERSION;
+        let payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
+        let (checked, rest) = buffer.split_at_mut_checked(1 + payload_size).ok_or(StoreError::Full)?;
+        let crc = rest.first_chunk_mut::<CRC_SIZE>().ok_or(StoreError::Full)?;
+        *crc = CRC.checksum(checked).to_le_bytes();
+        buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
+    }
+
+    /// The contents from stored bytes.
+    pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
+        let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;
+        if CRC.checksum(checked) != u32::from_le_bytes(*crc) {
+            return Err(StoreError::Corrupt);
+        }
+        match checked {
+            [VERSION, payload @ ..] => match postcard::from_bytes::<Self>(payload) {
+                Ok(contents) if contents.is_valid() => Ok(contents),
+                _ => Err(StoreError::Corrupt),
+            },
+            [version, ..] => Err(StoreError::UnknownVersion(*version)),
+            [] => Err(StoreError::Corrupt),
+        }
     }
 }
 
@@ -117,6 +158,58 @@ impl Contents {
 mod tests {
     use super::*;
     use crate::store::tests::record;
+
+    fn contents() -> Contents {
+        let settings = Settings { declination_deg: Some(-3.5), ..Settings::default() };
+        Contents { settings, generations: Generations { current: Some(record(2)), previous: Some(record(u32::MAX)) } }
+    }
+
+    #[test]
+    fn the_largest_contents_fit_and_come_back() {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = contents().encode(&mut buffer).unwrap();
+        assert_eq!(Contents::decode(value), Ok(contents()));
+    }
+
+    /// CRC-32 finds every single-bit error, wherever it is.
+    #[test]
+    fn a_flipped_bit_is_never_taken_for_contents() {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = contents().encode(&mut buffer).unwrap().to_vec();
+        for bit in 0..value.len() * 8 {
+            let mut damaged = value.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(Contents::decode(&damaged), Err(StoreError::Corrupt), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn another_version_is_named() {
+        let mut value = std::vec![9, 1, 2, 3];
+        value.extend(CRC.checksum(&value).to_le_bytes());
+        assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(9)));
+    }
+
+    #[test]
+    fn values_out_of_range_are_neither_stored_nor_believed() {
+        let good = contents();
+        let declination = Settings { declination_deg: Some(f32::NAN), ..good.settings };
+        let rate = Settings { stream_rate_hz: 0, ..good.settings };
+        let mut infinite = record(1);
+        infinite.calibration.b_ut[1] = f32::INFINITY;
+        let current = Generations { current: Some(infinite), ..good.generations };
+        for bad in [
+            Contents { settings: declination, ..good },
+            Contents { settings: rate, ..good },
+            Contents { generations: current, ..good },
+        ] {
+            assert_eq!(bad.encode(&mut [0; VALUE_SIZE]), Err(StoreError::Invalid));
+            let mut value = std::vec![VERSION];
+            value.extend(postcard::to_slice(&bad, &mut [0; VALUE_SIZE]).unwrap().iter());
+            value.extend(CRC.checksum(&value).to_le_bytes());
+            assert_eq!(Contents::decode(&value), Err(StoreError::Corrupt));
+        }
+    }
 
     #[test]
     fn undo_twice_is_redo() {
