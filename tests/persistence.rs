@@ -139,3 +139,31 @@ fn a_calibration_is_not_used_with_another_mounting() {
     assert!(bench.type_line("set mount yaw90").contains("ok uncalibrated"));
     assert!(bench.type_line("set mount none").contains("ok calibrated"));
 }
+
+/// Power that fails again while the module is still writing after the last failure: the settings stay what they were
+/// or become what was typed.
+#[test]
+fn two_power_cuts_in_a_row_lose_nothing() {
+    let mut bench = Bench::new(WorldConfig::table1(5));
+    bench.run_for_s(0.2);
+    bench.type_line("set declination 7");
+    let mut cuts = 0;
+    for first in (0..14).step_by(3) {
+        for second in 0..14 {
+            for outcomes in CutOutcome::ALL.map(|a| CutOutcome::ALL.map(|b| [a, b])).concat() {
+                for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
+                    bench.cut_power_after(operations, outcome);
+                    bench.console.send(b"stream rate 20\r");
+                    cuts += u32::from(bench.run_for_s(0.3) == Ran::PowerCut);
+                    bench.power_off();
+                    bench.power_on(autoswing::app::ResetCause::PowerOn);
+                    bench.run_for_s(0.2);
+                }
+                bench.printed();
+                let status = bench.type_line("status");
+                assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
+            }
+        }
+    }
+    assert!(cuts >= 300, "{cuts} cuts");
+}
