@@ -5,11 +5,17 @@
 //! them. The calibration in use is replaced only by one that was verified on held-back samples, beats it there, and is
 //! completely written.
 
+mod messages;
+mod refusal;
+
+pub use messages::{Command, Effect, Event, Outcome, Reply, Report, Save, State};
+pub use refusal::Refusal;
+
 use crate::calibration::maximum_likelihood::{self, Prior, Progress as Refining, Refinement};
-use crate::calibration::{Calibration, Orientation, Quality, Sample, Solution, SolveError, verification};
+use crate::calibration::{Calibration, Quality, Sample, Solution, verification};
 use crate::magnetometer::Identity;
 use crate::store::{Generations, Record, Settings, StoreError};
-use crate::turns::{Collector, Progress};
+use crate::turns::Collector;
 
 /// Fixed numbers of the machine.
 #[derive(Clone, Copy, Debug)]
@@ -24,173 +30,6 @@ pub struct Config {
 impl Config {
     /// Numbers for every vehicle.
     pub const DEFAULT: Self = Self { max_expected_rms_deg: 3.0, min_held_back: 8 };
-}
-
-/// What happened.
-#[derive(Debug)]
-pub enum Event {
-    /// A magnetometer answered.
-    SensorFound(Identity),
-    /// The next averaged sample of the flight.
-    Sample(Sample),
-    /// Somebody asked for something.
-    Command(Command),
-    /// Time for the next step of a solve: wanted while [`Compass::is_busy`].
-    Advance,
-    /// A save asked for by [`Effect::Save`] has ended.
-    Saved(Save, Result<(), StoreError>),
-}
-
-/// What can be asked of the module.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Command {
-    /// Begin collecting, from nothing.
-    CalStart,
-    /// Stop collecting, keep the samples.
-    CalStop,
-    /// Solve with the samples there are.
-    CalSolve,
-    /// Stop whatever runs, forget the samples.
-    CalAbort,
-    /// Forget the stored calibrations.
-    CalClear,
-    /// Back to the calibration before.
-    CalUndo,
-    /// State, progress, settings and the calibration in use.
-    Report,
-    /// Heading sentences on or off.
-    StreamOn(bool),
-    /// Heading sentences a second.
-    StreamRate(u8),
-    /// Variation (declination) for the sentences, degrees, east positive.
-    SetDeclination(f32),
-    /// How the sensor sits in the aircraft.
-    SetMount(Orientation),
-}
-
-/// What is to be done next.
-#[derive(Debug)]
-pub enum Effect {
-    /// Nothing.
-    None,
-    /// Tell the one who asked.
-    Reply(Result<Reply, Refusal>),
-    /// Tell whoever listens: a solve has ended.
-    Notify(Outcome),
-    /// Write this to flash and come back with [`Event::Saved`].
-    Save(Save),
-}
-
-/// Something to be written, and what it was for.
-#[derive(Clone, Debug)]
-pub enum Save {
-    /// A calibration that passed verification.
-    Calibration(Generations),
-    /// `cal undo`.
-    Undo(Generations),
-    /// `cal clear`.
-    Clear(Generations),
-    /// Changed settings.
-    Settings(Settings),
-}
-
-/// An answer that is not a refusal.
-#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
-#[derive(Clone, Debug)]
-pub enum Reply {
-    /// Done; the state the module is in now.
-    Done(State),
-    /// Everything there is to know.
-    Report(Report),
-}
-
-/// The states of the module, as people see them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// No calibration for this sensor and mounting.
-    Uncalibrated,
-    /// Collecting samples of turns.
-    Collecting,
-    /// Solving for the coefficients.
-    Solving,
-    /// Verifying on held-back samples, and writing.
-    Verifying,
-    /// A calibration is in use.
-    Calibrated,
-}
-
-impl State {
-    /// The word shown to people.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Uncalibrated => "uncalibrated",
-            Self::Collecting => "collecting",
-            Self::Solving => "solving",
-            Self::Verifying => "verifying",
-            Self::Calibrated => "calibrated",
-        }
-    }
-}
-
-/// State, progress, settings and the calibration in use.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// The state.
-    pub state: State,
-    /// Progress of the collection.
-    pub progress: Progress,
-    /// Settings in force.
-    pub settings: Settings,
-    /// The stored calibration, whether or not it fits this sensor and mounting.
-    pub current: Option<Record>,
-    /// The one `cal undo` would bring back.
-    pub previous: Option<Record>,
-    /// How the last solve ended.
-    pub last: Option<Outcome>,
-}
-
-/// How a solve ended.
-pub type Outcome = Result<Quality, Refusal>;
-
-/// Why the module did not do what was asked or tried.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Refusal {
-    /// A solve or save is running.
-    Busy,
-    /// `cal stop` without a collection.
-    NotCollecting,
-    /// `cal solve` without samples.
-    NoSamples,
-    /// The magnetometer has not answered yet, so a calibration could not be tied to it.
-    NoSensor,
-    /// `cal undo` without a calibration before.
-    NothingToUndo,
-    /// A value outside its range; what it must be.
-    OutOfRange(&'static str),
-    /// The samples gave no calibration.
-    Solve(SolveError),
-    /// Too few samples were held back on a side to verify with.
-    TooFewHeldBack {
-        /// How many there are.
-        have: u16,
-        /// How many it takes.
-        need: u16,
-    },
-    /// Solved, but not accurate enough to be of use.
-    NotAccurate {
-        /// Expected heading error, degrees RMS.
-        expected_rms_deg: f32,
-    },
-    /// On held-back samples it is no better than the one in use.
-    NotBetter {
-        /// Score of the new one, smaller is better.
-        candidate: f32,
-        /// Score of the one in use.
-        incumbent: f32,
-    },
-    /// Writing failed; the calibration in use is the old one.
-    Store(StoreError),
 }
 
 /// What runs now.
@@ -466,54 +305,6 @@ impl Compass {
             current: self.generations.current,
             previous: self.generations.previous,
             last: self.last.clone(),
-        }
-    }
-}
-
-impl Refusal {
-    /// Stable code, kebab-case.
-    #[must_use]
-    pub fn code(&self) -> &'static str {
-        match self {
-            Self::Busy => "busy",
-            Self::NotCollecting => "not-collecting",
-            Self::NoSamples => "no-samples",
-            Self::NoSensor => "no-sensor",
-            Self::NothingToUndo => "nothing-to-undo",
-            Self::OutOfRange(_) => "out-of-range",
-            Self::Solve(error) => error.code(),
-            Self::TooFewHeldBack { .. } => "too-few-held-back",
-            Self::NotAccurate { .. } => "not-accurate",
-            Self::NotBetter { .. } => "not-better",
-            Self::Store(error) => error.code(),
-        }
-    }
-}
-
-/// What to do about it, in words.
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        use crate::wire::decimal::Decimal;
-        match self {
-            Self::Busy => f.write_str("a solve is running; wait for it, or cal abort"),
-            Self::NotCollecting => f.write_str("nothing is being collected; cal start begins"),
-            Self::NoSamples => f.write_str("there are no samples; cal start, then fly left and right turns"),
-            Self::NoSensor => f.write_str("the magnetometer has not answered; check its wiring, see status"),
-            Self::NothingToUndo => f.write_str("there is no calibration before this one"),
-            Self::OutOfRange(what) => f.write_str(what),
-            Self::Solve(error) => error.fmt(f),
-            Self::TooFewHeldBack { have, need } => {
-                write!(f, "{have} of {need} samples to verify with on the thinner side; fly longer turns each way")
-            }
-            Self::NotAccurate { expected_rms_deg } => {
-                let expected = Decimal::<1>(*expected_rms_deg);
-                write!(f, "expected error {expected} deg; fly full circles both ways with steadier bank")
-            }
-            Self::NotBetter { candidate, incumbent } => {
-                let (candidate, incumbent) = (Decimal::<2>(*candidate), Decimal::<2>(*incumbent));
-                write!(f, "score {candidate} against {incumbent} of the one in use, which stays")
-            }
-            Self::Store(error) => error.fmt(f),
         }
     }
 }

@@ -165,5 +165,6 @@ fn two_power_cuts_in_a_row_lose_nothing() {
             }
         }
     }
-    assert!(cuts >= 300, "{cuts} cuts");
+    // A save of the settings alone is six double words; about one attempt in five is cut.
+    assert!(cuts >= 250, "{cuts} cuts");
 }

@@ -14,12 +14,20 @@
 //!
 //! Everything done per sample is in `f32`; the 13 x 13 system is solved in `f64`.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+mod point;
+mod start;
+mod system;
 
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+pub(super) use self::point::Point;
+use self::point::Residuals;
+use self::start::{sphere_start, two_plane_start};
+use self::system::CLIPPED_MEAN_SQUARE;
+pub(super) use self::system::System;
 use super::expected_error::{self, Consider};
-use super::two_plane::{self, MIN_SAMPLES, runs_round};
+use super::two_plane::{MIN_SAMPLES, runs_round};
 use super::{Calibration, Method, Orientation, Quality, Sample, Side, SolveError, Turns, rows};
-use crate::frames::Field;
 
 /// Number of unknowns: `W` row by row, `b`, `I`.
 pub(super) const UNKNOWNS: usize = 13;
@@ -131,59 +139,6 @@ impl Sigma {
     const INITIAL: Self = Self { norm: 0.05, dip: 0.1 };
 }
 
-/// The linearised problem at one set of unknowns.
-#[derive(Clone, Debug)]
-pub(super) struct System {
-    /// Information of the norm residuals.
-    pub norm: Matrix13,
-    /// Information of the dip residuals.
-    pub dip: Matrix13,
-    /// Information of the priors.
-    pub prior: Matrix13,
-    /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
-    pub consider: [Vector13; 3],
-    gradient: Vector13,
-    /// Half the weighted sum of squares.
-    cost: f32,
-    /// Sums of squares of the residuals over their sigma, each clipped.
-    clipped: [f32; 2],
-    /// Lag-1 autocorrelation sums of the dip residuals: products and squares.
-    correlation: [f32; 2],
-    samples: u16,
-}
-
-impl System {
-    fn empty() -> Self {
-        Self {
-            norm: Matrix13::zeros(),
-            dip: Matrix13::zeros(),
-            prior: Matrix13::zeros(),
-            consider: [Vector13::zeros(); 3],
-            gradient: Vector13::zeros(),
-            cost: 0.0,
-            clipped: [0.0; 2],
-            correlation: [0.0; 2],
-            samples: 0,
-        }
-    }
-
-    /// All information there is.
-    pub fn information(&self) -> Matrix13 {
-        self.norm + self.dip + self.prior
-    }
-
-    /// Lag-1 autocorrelation of the dip residuals, 0..0.8.
-    pub fn autocorrelation(&self) -> f32 {
-        let [products, squares] = self.correlation;
-        if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 }
-    }
-}
-
-/// Residuals are clipped here when their sigma is estimated, and this is the mean of the clipped square of a normal
-/// variable: Huber's proposal 2, which one sample in twenty may spoil without harm.
-const CLIP: f32 = 2.0;
-const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
-
 /// The unknowns have settled when a step promises to lower the cost by less than this, in units of half a sigma
 /// squared: 0.03 sigma of the worst direction.
 const SETTLED: f32 = 5e-4;
@@ -283,65 +238,6 @@ impl Refinement {
         self.system = self.linearise(turns, &self.unknowns);
     }
 
-    /// One pass over the samples.
-    fn linearise(&self, turns: Turns<'_>, unknowns: &Vector13) -> System {
-        let mut system = System::empty();
-        let point = Point::new(unknowns);
-        for side in [turns.left, turns.right] {
-            let mut before = 0.0;
-            for sample in side {
-                let field = self.rotation * sample.field.ut / self.unit_ut;
-                before = self.add(&mut system, &point.residuals(field, sample), before);
-            }
-        }
-        self.add_priors(&mut system, unknowns);
-        system
-    }
-
-    /// Adds a sample; gives its whitened dip residual, `before` being that of the sample before.
-    fn add(&self, system: &mut System, residuals: &Residuals, before: f32) -> f32 {
-        let norm = Whitened::new(residuals.norm, self.sigma.norm, self.config.huber);
-        let dip = Whitened::new(residuals.dip, self.sigma.dip, self.config.huber);
-        system.norm.ger(norm.weight, &residuals.norm_row, &residuals.norm_row, 1.0);
-        system.dip.ger(dip.weight, &residuals.dip_row, &residuals.dip_row, 1.0);
-        system.gradient += residuals.norm_row * (norm.weight * residuals.norm);
-        system.gradient += residuals.dip_row * (dip.weight * residuals.dip);
-        for (sum, effect) in system.consider.iter_mut().zip(residuals.attitude_effects) {
-            *sum += residuals.dip_row * (dip.weight * effect);
-        }
-        system.cost += norm.loss + dip.loss;
-        system.clipped[0] += norm.clipped;
-        system.clipped[1] += dip.clipped;
-        let bounded = dip.value.clamp(-CLIP, CLIP);
-        system.correlation[0] += bounded * before;
-        system.correlation[1] += bounded * bounded;
-        system.samples += 1;
-        bounded
-    }
-
-    /// Priors as residuals that are linear in the unknowns.
-    fn add_priors(&self, system: &mut System, unknowns: &Vector13) {
-        let mut add = |row: Vector13, sigma: f32| {
-            let weight = 1.0 / (sigma * sigma);
-            let residual = row.dot(unknowns);
-            system.prior.ger(weight, &row, &row, 1.0);
-            system.gradient += row * (weight * residual);
-            system.cost += 0.5 * weight * residual * residual;
-        };
-        // Indices of W's elements in the unknowns.
-        for (ij, ji) in [(1, 3), (2, 6), (5, 7)] {
-            add(unit(ij, 0.5) + unit(ji, 0.5), self.config.soft_iron_sigma);
-            add(unit(ij, 0.5) - unit(ji, 0.5), self.config.mounting_sigma);
-        }
-        let third_of_trace = unit(0, 1.0 / 3.0) + unit(4, 1.0 / 3.0) + unit(8, 1.0 / 3.0);
-        for ii in [0, 4, 8] {
-            add(unit(ii, 1.0) - third_of_trace, self.config.soft_iron_sigma);
-        }
-        for b in 9..12 {
-            add(unit(b, 1.0), self.config.hard_iron_sigma_ut / self.unit_ut);
-        }
-    }
-
     /// Checks what was found and puts it into the module's units.
     fn finish(&self, turns: Turns<'_>) -> Result<Solution, SolveError> {
         let explained =
@@ -423,12 +319,6 @@ fn plausible(
     Ok(())
 }
 
-fn unit(index: usize, value: f32) -> Vector13 {
-    let mut vector = Vector13::zeros();
-    vector[index] = value;
-    vector
-}
-
 /// Solves `(H + damping diag H) change = -gradient` in `f64`.
 fn damped_step(system: &System, damping: f32) -> Option<Vector13> {
     let mut information = system.information().cast::<f64>();
@@ -437,140 +327,4 @@ fn damped_step(system: &System, damping: f32) -> Option<Vector13> {
     }
     let change = information.cholesky()?.solve(&(-system.gradient.cast::<f64>()));
     change.iter().all(|c| c.is_finite()).then(|| change.cast::<f32>())
-}
-
-/// `W` and `b` in the unit of field, and the inclination.
-pub(super) struct Point {
-    pub w: Matrix3<f32>,
-    pub b: Vector3<f32>,
-    inclination_rad: f32,
-}
-
-/// The residuals of a sample and their derivatives.
-struct Residuals {
-    norm: f32,
-    norm_row: Vector13,
-    dip: f32,
-    dip_row: Vector13,
-    /// Change of `dip` by a radian of roll bias, of pitch bias, and by a relative bank error of one.
-    attitude_effects: [f32; 3],
-}
-
-impl Point {
-    fn new(unknowns: &Vector13) -> Self {
-        let w = Matrix3::from_fn(|row, column| unknowns[3 * row + column]);
-        Self { w, b: Vector3::new(unknowns[9], unknowns[10], unknowns[11]), inclination_rad: unknowns[12] }
-    }
-
-    /// The derivative by the unknowns of `k . w`, with `w = W x`, `x = m - b`: `k x^T` by `W`, `-W^T k` by `b`.
-    pub fn row(&self, k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
-        let by_b = -self.w.tr_mul(k);
-        let mut row = Vector13::zeros();
-        for i in 0..3 {
-            for j in 0..3 {
-                row[3 * i + j] = k[i] * x[j];
-            }
-            row[9 + i] = by_b[i];
-        }
-        row
-    }
-
-    fn residuals(&self, field: Vector3<f32>, sample: &Sample) -> Residuals {
-        let x = field - self.b;
-        let w = self.w * x;
-        // A field of zero has no direction; the floor keeps its residual finite and large.
-        let f = w.norm().max(1e-6);
-        let u = w / f;
-        let (sin_roll, cos_roll) = libm::sincosf(sample.attitude.roll_rad);
-        let (sin_pitch, cos_pitch) = libm::sincosf(sample.attitude.pitch_rad);
-        let down = Vector3::new(-sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll);
-        let sin_dip = u.dot(&down).clamp(-1.0, 1.0);
-        // Near a pole the dip's derivative grows without bound; 0.05 is 3 deg from it.
-        let cos_dip = libm::sqrtf(1.0 - sin_dip * sin_dip).max(0.05);
-        let mut dip_row = self.row(&((down - u * sin_dip) / (f * cos_dip)), &x);
-        dip_row[12] = -1.0;
-        let by_roll = Vector3::new(0.0, cos_pitch * cos_roll, -cos_pitch * sin_roll).dot(&u) / cos_dip;
-        let by_pitch = Vector3::new(-cos_pitch, -sin_pitch * sin_roll, -sin_pitch * cos_roll).dot(&u) / cos_dip;
-        Residuals {
-            norm: f - 1.0,
-            norm_row: self.row(&u, &x),
-            dip: libm::asinf(sin_dip) - self.inclination_rad,
-            dip_row,
-            attitude_effects: [by_roll, by_pitch, by_roll * sample.attitude.roll_rad],
-        }
-    }
-}
-
-/// A residual over its sigma, with Huber's weight and loss.
-struct Whitened {
-    value: f32,
-    /// Weight of the squared residual, unwhitened.
-    weight: f32,
-    loss: f32,
-    clipped: f32,
-}
-
-impl Whitened {
-    fn new(residual: f32, sigma: f32, huber: f32) -> Self {
-        let value = residual / sigma;
-        let size = value.abs();
-        let (weight, loss) =
-            if size <= huber { (1.0, 0.5 * size * size) } else { (huber / size, huber * (size - 0.5 * huber)) };
-        let bounded = size.min(CLIP);
-        Self { value, weight: weight / (sigma * sigma), loss, clipped: bounded * bounded }
-    }
-}
-
-/// Unit of field and unknowns from the closed form.
-fn two_plane_start(turns: Turns<'_>, rotation: &Matrix3<f32>) -> Option<(f32, Vector13)> {
-    let planes = two_plane::solve(turns, rotation).ok()?;
-    // Total field in units of H0.
-    let total = libm::sqrt(1.0 + planes.tan_inclination * planes.tan_inclination);
-    let w = planes.response_ut.try_inverse()? / total;
-    let unit_ut = 1.0 / libm::cbrt(w.determinant());
-    let inclination_rad = libm::atan(planes.tan_inclination);
-    start(&(w * unit_ut).cast(), &(planes.b_ut / unit_ut).cast(), inclination_rad as f32)
-        .filter(|_| unit_ut.is_finite() && unit_ut > 0.0)
-        .map(|unknowns| (unit_ut as f32, unknowns))
-}
-
-/// Unit of field and unknowns from a sphere through all samples: hard iron only.
-fn sphere_start(turns: Turns<'_>, rotation: &Matrix3<f32>) -> Option<(f32, Vector13)> {
-    let fields = || turns.left.iter().chain(turns.right).map(|s| (rotation * s.field.ut, s));
-    let number = fields().count() as f32;
-    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
-    // |m|^2 = 2 m . b + (r^2 - |b|^2), linear in b and the bracket; fields from their mean, for the digits.
-    let mut normal = SMatrix::<f32, 4, 4>::zeros();
-    let mut right = SVector::<f32, 4>::zeros();
-    for (field, _) in fields() {
-        let p = field - mean;
-        let row = SVector::from([2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0]);
-        normal += row * row.transpose();
-        right += row * p.norm_squared();
-    }
-    let solution = normal.cast::<f64>().cholesky()?.solve(&right.cast::<f64>()).cast::<f32>();
-    let centre = solution.fixed_rows::<3>(0).into_owned();
-    let unit_ut = libm::sqrtf((solution[3] + centre.norm_squared()).max(1.0));
-    let b_ut = mean + centre;
-    let sin_dip = fields()
-        .map(|(field, s)| {
-            let level = s.attitude.level(Field::new(field - b_ut));
-            level.ut.z / level.total_ut().max(1e-6)
-        })
-        .sum::<f32>()
-        / number;
-    start(&Matrix3::identity(), &(b_ut / unit_ut), libm::asinf(sin_dip.clamp(-1.0, 1.0)))
-        .map(|unknowns| (unit_ut, unknowns))
-}
-
-fn start(w: &Matrix3<f32>, b: &Vector3<f32>, inclination_rad: f32) -> Option<Vector13> {
-    let mut unknowns = Vector13::zeros();
-    for i in 0..3 {
-        for j in 0..3 {
-            unknowns[3 * i + j] = w[(i, j)];
-        }
-        unknowns[9 + i] = b[i];
-    }
-    unknowns[12] = inclination_rad;
-    unknowns.iter().all(|u| u.is_finite()).then_some(unknowns)
 }

@@ -1,0 +1,134 @@
+//! What goes into the state machine and comes out of it.
+
+use super::refusal::Refusal;
+use crate::calibration::{Orientation, Quality, Sample};
+use crate::magnetometer::Identity;
+use crate::store::{Generations, Record, Settings, StoreError};
+use crate::turns::Progress;
+
+/// What happened.
+#[derive(Debug)]
+pub enum Event {
+    /// A magnetometer answered.
+    SensorFound(Identity),
+    /// The next averaged sample of the flight.
+    Sample(Sample),
+    /// Somebody asked for something.
+    Command(Command),
+    /// Time for the next step of a solve: wanted while [`Compass::is_busy`](super::Compass::is_busy).
+    Advance,
+    /// A save asked for by [`Effect::Save`] has ended.
+    Saved(Save, Result<(), StoreError>),
+}
+
+/// What can be asked of the module.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Begin collecting, from nothing.
+    CalStart,
+    /// Stop collecting, keep the samples.
+    CalStop,
+    /// Solve with the samples there are.
+    CalSolve,
+    /// Stop whatever runs, forget the samples.
+    CalAbort,
+    /// Forget the stored calibrations.
+    CalClear,
+    /// Back to the calibration before.
+    CalUndo,
+    /// State, progress, settings and the calibration in use.
+    Report,
+    /// Heading sentences on or off.
+    StreamOn(bool),
+    /// Heading sentences a second.
+    StreamRate(u8),
+    /// Variation (declination) for the sentences, degrees, east positive.
+    SetDeclination(f32),
+    /// How the sensor sits in the aircraft.
+    SetMount(Orientation),
+}
+
+/// What is to be done next.
+#[derive(Debug)]
+pub enum Effect {
+    /// Nothing.
+    None,
+    /// Tell the one who asked.
+    Reply(Result<Reply, Refusal>),
+    /// Tell whoever listens: a solve has ended.
+    Notify(Outcome),
+    /// Write this to flash and come back with [`Event::Saved`].
+    Save(Save),
+}
+
+/// Something to be written, and what it was for.
+#[derive(Clone, Debug)]
+pub enum Save {
+    /// A calibration that passed verification.
+    Calibration(Generations),
+    /// `cal undo`.
+    Undo(Generations),
+    /// `cal clear`.
+    Clear(Generations),
+    /// Changed settings.
+    Settings(Settings),
+}
+
+/// An answer that is not a refusal.
+#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
+#[derive(Clone, Debug)]
+pub enum Reply {
+    /// Done; the state the module is in now.
+    Done(State),
+    /// Everything there is to know.
+    Report(Report),
+}
+
+/// The states of the module, as people see them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// No calibration for this sensor and mounting.
+    Uncalibrated,
+    /// Collecting samples of turns.
+    Collecting,
+    /// Solving for the coefficients.
+    Solving,
+    /// Verifying on held-back samples, and writing.
+    Verifying,
+    /// A calibration is in use.
+    Calibrated,
+}
+
+impl State {
+    /// The word shown to people.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uncalibrated => "uncalibrated",
+            Self::Collecting => "collecting",
+            Self::Solving => "solving",
+            Self::Verifying => "verifying",
+            Self::Calibrated => "calibrated",
+        }
+    }
+}
+
+/// State, progress, settings and the calibration in use.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The state.
+    pub state: State,
+    /// Progress of the collection.
+    pub progress: Progress,
+    /// Settings in force.
+    pub settings: Settings,
+    /// The stored calibration, whether or not it fits this sensor and mounting.
+    pub current: Option<Record>,
+    /// The one `cal undo` would bring back.
+    pub previous: Option<Record>,
+    /// How the last solve ended.
+    pub last: Option<Outcome>,
+}
+
+/// How a solve ended.
+pub type Outcome = Result<Quality, Refusal>;
