@@ -1,5 +1,6 @@
 //! `host-sim fly`.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use comfy_table::{Cell, CellAlignment, Table, presets};
@@ -13,22 +14,24 @@ use serde_json::{Value, json};
 
 use super::{Failure, Fly};
 
+/// Where the report goes when a person does not say.
+const DEFAULT_REPORT: &str = "report";
+
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
     let world = WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))?;
     let plan = Plan { bank_deg: options.bank, circles: options.circles };
     let flown = fly(&world, plan);
-    let written = match &options.report {
-        Some(directory) => report::write(&flown, directory)
-            .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?,
-        None => Vec::new(),
-    };
     if options.json {
         println!("{}", summary(&flown));
     } else {
         show(options, &flown);
-        for path in written {
-            println!("wrote {}", path.display());
-        }
+    }
+    let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
+    if let Some(directory) = options.report.as_deref().or(default) {
+        report::write(&flown, directory)
+            .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?;
+        // Not on standard output, whose last line belongs to the JSON object.
+        eprintln!("report: {}", directory.join("index.html").display());
     }
     Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -45,7 +45,7 @@ struct Fly {
     /// Full circles each way
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
-    /// Write pictures and a page of the mission into this folder
+    /// Folder for the pictures and the page of the mission [default: report; none with --json]
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Print one JSON object instead of the table
