@@ -18,6 +18,12 @@ fn reply(bench: &mut Bench, line: &str) -> Vec<String> {
     lines
 }
 
+/// The reply as one text, whatever was printed before thrown away.
+fn reply_after(bench: &mut Bench, line: &str) -> String {
+    bench.printed();
+    reply(bench, line).join("\n")
+}
+
 #[test]
 fn it_greets_and_says_why_it_started() {
     let bench = bench();
@@ -64,6 +70,23 @@ fn every_command_answers_ok_or_error_with_a_code() {
         assert_eq!(lines[0], line, "the line is echoed");
         assert!(lines[1].starts_with(answer), "{line}: {text:?}");
     }
+}
+
+/// What a person who wires a module looks for: does the sensor answer, does attitude come, is there a heading.
+#[test]
+fn status_shows_what_is_connected() {
+    let mut bench = bench();
+    let status = reply_after(&mut bench, "status");
+    assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
+    assert!(status.contains("attitude: roll "), "{status}");
+    assert!(status.contains("heading: none, uncalibrated"), "{status}");
+    bench.chip.borrow_mut().set_silent(true);
+    bench.autopilot.send(&[0; 4000]);
+    bench.run_for_s(0.3);
+    let status = reply_after(&mut bench, "status");
+    // 4000 bytes of nothing hold the line for a third of a second: the attitude behind them is late.
+    assert!(status.contains("attitude: none"), "{status}");
+    assert!(status.contains("heading: none, sensor-silent"), "{status}");
 }
 
 #[test]

@@ -96,6 +96,7 @@ async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
 fn health(links: &Links, reset: &ResetCause) -> Health {
     Health {
         sensor: links.identity(),
+        attitude: links.attitude_at(Instant::now().as_micros()),
         heading: links.heading(),
         counts: links.counts(),
         reset: reset.clone(),

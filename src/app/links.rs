@@ -8,9 +8,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 
-use crate::attitude::{self, Track};
+use crate::attitude::{self, Lookup, Track};
 use crate::calibration::{Calibration, Sample};
 use crate::compass::{Command, Outcome, Refusal, Reply};
+use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::{Identity, Reading};
 use crate::store::Settings;
@@ -71,6 +72,14 @@ impl Links {
 
     pub(super) fn with_track<R>(&self, f: impl FnOnce(&mut Track) -> R) -> R {
         self.track.lock(|track| f(&mut track.borrow_mut()))
+    }
+
+    /// The attitude at an instant, interpolated or carried on; none when the source's reports do not reach it.
+    pub(super) fn attitude_at(&self, time_us: u64) -> Option<Attitude> {
+        match self.with_track(|track| track.at(time_us)) {
+            Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Some(attitude),
+            Lookup::Missing | Lookup::Stale => None,
+        }
     }
 
     pub(super) fn active(&self) -> Active {

@@ -48,10 +48,7 @@ fn heading_of(links: &Links, active: &Active, stamped: &StampedReading) -> Resul
         return Err(NoHeading::SensorSaturated);
     }
     let calibration = active.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
-    let attitude = match links.with_track(|track| track.at(stamped.time_us)) {
-        Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => attitude,
-        Lookup::Missing | Lookup::Stale => return Err(NoHeading::AttitudeStale),
-    };
+    let attitude = links.attitude_at(stamped.time_us).ok_or(NoHeading::AttitudeStale)?;
     heading::heading(heading::Config::DEFAULT, calibration, stamped.reading.field, attitude)
 }
 

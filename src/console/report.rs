@@ -7,6 +7,7 @@ use super::LineError;
 use crate::app::{Counts, ResetCause};
 use crate::calibration::Quality;
 use crate::compass::{Outcome, Refusal, Reply, Report};
+use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::Identity;
 use crate::store::Record;
@@ -21,6 +22,8 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub struct Health {
     /// The magnetometer that answered.
     pub sensor: Option<Identity>,
+    /// The attitude now, if the source sends any.
+    pub attitude: Option<Attitude>,
     /// The last heading, or why there is none.
     pub heading: Result<Heading, NoHeading>,
     /// Event counters.
@@ -103,6 +106,13 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
     match health.sensor {
         Some(identity) => writeln!(out, "sensor: {} at {:02x}", identity.model.name(), identity.address)?,
         None => writeln!(out, "sensor: not found")?,
+    }
+    match health.attitude {
+        Some(Attitude { roll_rad, pitch_rad }) => {
+            let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
+            writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
+        }
+        None => writeln!(out, "attitude: none, no MAVLink ATTITUDE comes")?,
     }
     match health.heading {
         Ok(heading) => writeln!(out, "heading: {} deg magnetic", Decimal::<1>(heading.magnetic_deg())),
