@@ -185,7 +185,9 @@ impl SideSamples {
             samples,
             held_back,
             sectors: counts.iter().filter(|&&n| n > 0).count() as u8,
-            percent: by_sector.min(by_number),
+            // A side that was complete stays so: a later sample can move the circle, and with it a sector's border past
+            // another sample, but it takes nothing away.
+            percent: if self.coverage.is_complete() { 100 } else { by_sector.min(by_number) },
         }
     }
 }
@@ -317,6 +319,19 @@ mod tests {
         assert!(!half.is_complete());
         let full = collect(turn(25.0, 0, 84, 13.0)).coverage(Side::Right);
         assert_eq!((full.sectors, full.percent), (12, 100), "{full:?}");
+    }
+
+    #[test]
+    fn a_complete_side_stays_complete() {
+        let mut dataset = Dataset::new(Config::DEFAULT);
+        let mut completed = false;
+        for sample in turn(25.0, 0, 200, 13.0) {
+            dataset.push(Side::Right, sample);
+            let complete = dataset.coverage(Side::Right).is_complete();
+            assert!(complete || !completed, "at {} ms", sample.time_ms);
+            completed = complete;
+        }
+        assert!(completed);
     }
 
     #[test]
