@@ -323,15 +323,17 @@ mod tests {
 
     #[test]
     fn a_complete_side_stays_complete() {
-        let mut dataset = Dataset::new(Config::DEFAULT);
-        let mut completed = false;
-        for sample in turn(25.0, 0, 200, 13.0) {
-            dataset.push(Side::Right, sample);
-            let complete = dataset.coverage(Side::Right).is_complete();
-            assert!(complete || !completed, "at {} ms", sample.time_ms);
-            completed = complete;
+        for tenths in 100..200_u16 {
+            let mut dataset = Dataset::new(Config::DEFAULT);
+            let mut completed = false;
+            for sample in turn(25.0, 0, 150, f32::from(tenths) / 10.0) {
+                dataset.push(Side::Right, sample);
+                let complete = dataset.coverage(Side::Right).is_complete();
+                assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time_ms);
+                completed = complete;
+            }
+            assert!(completed);
         }
-        assert!(completed);
     }
 
     #[test]
