@@ -119,6 +119,7 @@ impl Compass {
         }
     }
 
+    #[inline(never)]
     fn sample(&mut self, sample: Sample) -> Effect {
         if !matches!(self.phase, Phase::Collecting) {
             return Effect::None;
@@ -133,6 +134,7 @@ impl Compass {
         }
     }
 
+    #[inline(never)]
     fn command(&mut self, command: Command) -> Result<Effect, Refusal> {
         let runs = self.is_busy() || matches!(self.phase, Phase::Saving);
         let asks_only = matches!(command, Command::Report | Command::CalAbort);
@@ -205,13 +207,15 @@ impl Compass {
             return Err(Refusal::NoSamples);
         }
         let prior = Prior { mount: self.settings.mount };
-        let refinement =
-            Refinement::new(turns, &prior, &maximum_likelihood::Config::DEFAULT).map_err(Refusal::Solve)?;
-        self.phase = Phase::Solving(refinement);
+        match Refinement::new(turns, &prior, &maximum_likelihood::Config::DEFAULT) {
+            Ok(refinement) => self.phase = Phase::Solving(refinement),
+            Err(error) => return Err(Refusal::Solve(error)),
+        }
         Ok(())
     }
 
     /// One step of a solve or the verification.
+    #[inline(never)]
     fn advance(&mut self) -> Effect {
         match &mut self.phase {
             Phase::Solving(refinement) => match refinement.step(self.collector.dataset().fit()) {
