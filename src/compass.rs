@@ -103,6 +103,9 @@ impl Compass {
     }
 
     /// Takes an event; says what is to be done.
+    ///
+    /// The paths below are never inlined: each has large values of its own, and in one frame they would all lie on the
+    /// board's stack at once, beside the solver's.
     pub fn step(&mut self, event: Event) -> Effect {
         match event {
             Event::SensorFound(identity) => {
