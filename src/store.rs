@@ -9,7 +9,13 @@
 //! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
 //!   the region makes a load or a save panic.
 //! - A region that holds garbage does not brick the module: a save that cannot be written in the log erases the region
-//!   and writes again. Only in this case, when the log was unusable anyway, a power failure can lose what was stored.
+//!   and writes again.
+//!
+//! # What is not
+//!
+//! That erase is the one moment at which a power failure loses what was stored, and a readable log can lead to it: a
+//! power failure that tears the marker which closes a full page leaves a word that refuses the next save. So two
+//! failures, one at that marker and one in the erase of the save after it, leave the module uncalibrated.
 
 mod contents;
 #[cfg(test)]

@@ -178,6 +178,7 @@ fn a_calibration_is_not_used_with_another_mounting() {
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were
 /// or become what was typed.
+/// Within one page of the log; `store.rs` says what a torn end of a page can cost.
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing() {
     let mut bench = Bench::new(WorldConfig::table1(5));
