@@ -180,7 +180,7 @@ fn a_calibration_is_not_used_with_another_mounting() {
 /// or become what was typed.
 /// Within one page of the log; `store.rs` says what a torn end of a page can cost.
 #[test]
-fn two_power_cuts_in_a_row_lose_nothing() {
+fn two_power_cuts_in_a_row_within_a_page_lose_nothing() {
     let mut bench = Bench::new(WorldConfig::table1(5));
     bench.run_for_s(0.2);
     bench.type_line("set declination 7");
