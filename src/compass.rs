@@ -11,8 +11,7 @@ mod refusal;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, Save, State};
 pub use refusal::Refusal;
 
-use crate::calibration::maximum_likelihood::{self, Prior, Progress as Refining, Refinement};
-use crate::calibration::{Calibration, Quality, Sample, Solution, verification};
+use crate::calibration::{Calibration, Method, Prior, Progress as Solving, Sample, Solution, Solver, verification};
 use crate::magnetometer::Identity;
 use crate::store::{Generations, Record, Settings, StoreError};
 use crate::turns::Collector;
@@ -38,7 +37,7 @@ impl Config {
 enum Phase {
     Idle,
     Collecting,
-    Solving(Refinement),
+    Solving(Solver),
     Verifying(Solution),
     Saving,
 }
@@ -76,12 +75,12 @@ impl Compass {
         matches!(self.phase, Phase::Solving(_) | Phase::Verifying(_))
     }
 
-    /// The calibration in use: the stored one, if it is for this sensor and mounting.
+    /// The record in use: the stored one, if it is for this sensor and mounting.
     #[must_use]
-    pub fn calibration(&self) -> Option<&Calibration> {
+    pub fn in_use(&self) -> Option<&Record> {
         let record = self.generations.current.as_ref()?;
         let fits = Some(record.sensor) == self.sensor && record.mount == self.settings.mount;
-        fits.then_some(&record.calibration)
+        fits.then_some(record)
     }
 
     /// Settings in force.
@@ -97,7 +96,7 @@ impl Compass {
             Phase::Collecting => State::Collecting,
             Phase::Solving(_) => State::Solving,
             Phase::Verifying(_) | Phase::Saving => State::Verifying,
-            Phase::Idle if self.calibration().is_some() => State::Calibrated,
+            Phase::Idle if self.in_use().is_some() => State::Calibrated,
             Phase::Idle => State::Uncalibrated,
         }
     }
@@ -209,9 +208,9 @@ impl Compass {
         if turns.left.is_empty() && turns.right.is_empty() {
             return Err(Refusal::NoSamples);
         }
-        let prior = Prior { mount: self.settings.mount };
-        match Refinement::new(turns, &prior, &maximum_likelihood::Config::DEFAULT) {
-            Ok(refinement) => self.phase = Phase::Solving(refinement),
+        let prior = Prior { mount: self.settings.mount, inclination_rad: None };
+        match Solver::new(Method::MaximumLikelihood, turns, &prior) {
+            Ok(solver) => self.phase = Phase::Solving(solver),
             Err(error) => return Err(Refusal::Solve(error)),
         }
         Ok(())
@@ -221,17 +220,17 @@ impl Compass {
     #[inline(never)]
     fn advance(&mut self) -> Effect {
         match &mut self.phase {
-            Phase::Solving(refinement) => match refinement.step(self.collector.dataset().fit()) {
-                Refining::Continue => Effect::None,
-                Refining::Finished(Ok(solution)) => {
+            Phase::Solving(solver) => match solver.step(self.collector.dataset().fit()) {
+                Solving::Continue => Effect::None,
+                Solving::Finished(Ok(solution)) => {
                     self.phase = Phase::Verifying(solution);
                     Effect::None
                 }
-                Refining::Finished(Err(error)) => self.end(Err(Refusal::Solve(error))),
+                Solving::Finished(Err(error)) => self.end(Err(Refusal::Solve(error))),
             },
             Phase::Verifying(solution) => {
-                let (calibration, quality) = (solution.calibration, solution.quality);
-                match self.verify(&calibration, &quality) {
+                let solution = *solution;
+                match self.verify(&solution) {
                     Ok(generations) => {
                         self.phase = Phase::Saving;
                         Effect::Save(Save::Calibration(generations))
@@ -244,7 +243,8 @@ impl Compass {
     }
 
     /// Whether a candidate may replace the calibration in use; what is to be stored if it may.
-    fn verify(&self, candidate: &Calibration, quality: &Quality) -> Result<Generations, Refusal> {
+    fn verify(&self, solution: &Solution) -> Result<Generations, Refusal> {
+        let Solution { calibration: candidate, quality, uncertainty, .. } = solution;
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         let held_back = self.collector.dataset().held_back();
         let have = held_back.left.len().min(held_back.right.len()) as u16;
@@ -256,7 +256,8 @@ impl Compass {
         if expected_rms_deg.is_nan() || expected_rms_deg > self.config.max_expected_rms_deg {
             return Err(Refusal::NotAccurate { expected_rms_deg });
         }
-        let incumbent = self.calibration().copied().unwrap_or(Calibration::uncalibrated(self.settings.mount));
+        let incumbent =
+            self.in_use().map_or(Calibration::uncalibrated(self.settings.mount), |record| record.calibration);
         let scores = verification::verify(held_back, candidate, &incumbent);
         let better = scores.candidate < scores.incumbent;
         if !better {
@@ -266,6 +267,7 @@ impl Compass {
         generations.push(Record {
             calibration: *candidate,
             quality: *quality,
+            uncertainty: *uncertainty,
             sensor,
             mount: self.settings.mount,
             serial: generations.current.as_ref().map_or(1, |current| current.serial.wrapping_add(1)),

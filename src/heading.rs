@@ -1,13 +1,17 @@
 //! Corrected field and attitude to heading, and when not to believe it.
 
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, Uncertainty};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+use crate::turns::averager;
 
 /// A heading to be trusted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heading {
     /// Magnetic heading, radians, 0..2 pi.
     pub magnetic_rad: f32,
+    /// Its standard deviation, radians: what is left unknown of the coefficients, and the noise of sensor and attitude
+    /// at this attitude and in this field.
+    pub sigma_rad: f32,
 }
 
 impl Heading {
@@ -15,6 +19,12 @@ impl Heading {
     #[must_use]
     pub fn magnetic_deg(&self) -> f32 {
         self.magnetic_rad.to_degrees()
+    }
+
+    /// Its standard deviation in degrees.
+    #[must_use]
+    pub fn sigma_deg(&self) -> f32 {
+        self.sigma_rad.to_degrees()
     }
 }
 
@@ -56,11 +66,14 @@ pub struct Config {
     /// Largest difference of the inclination from the one the calibration was found in, radians: 12 deg, again twice
     /// what 1000 km make, and more than the attitude error of a sharp manoeuvre.
     pub max_dip_deviation_rad: f32,
+    /// How many of the readings that headings are made of were averaged to one sample of the calibration.
+    pub readings_per_sample: f32,
 }
 
 impl Config {
     /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
-    pub const DEFAULT: Self = Self { max_total_deviation: 0.2, max_dip_deviation_rad: 0.21 };
+    pub const DEFAULT: Self =
+        Self { max_total_deviation: 0.2, max_dip_deviation_rad: 0.21, readings_per_sample: averager::READINGS as f32 };
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
@@ -71,14 +84,18 @@ impl Config {
 pub fn heading(
     config: Config,
     calibration: &Calibration,
+    uncertainty: &Uncertainty,
     field: Field<Sensor>,
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
-    let level = attitude.level(calibration.apply(field));
+    let level_from_body = attitude.level_from_body();
+    let level = Field::new(level_from_body * calibration.apply(field).ut);
     if is_disturbed(config, calibration, &level) {
         return Err(NoHeading::FieldDisturbed);
     }
-    Ok(Heading { magnetic_rad: level.heading_rad() })
+    let sigma_rad =
+        uncertainty.heading_sigma_rad(calibration, &field, &level_from_body, &level, config.readings_per_sample);
+    Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
 }
 
 /// Whether the field is not that of the calibration; what is not finite counts as disturbed.
@@ -110,7 +127,7 @@ mod tests {
             for (roll_deg, pitch_deg) in [(0.0, 0.0), (25.0, 3.0), (-60.0, -20.0), (170.0, 10.0), (10.0, 80.0)] {
                 let attitude = Attitude::from_deg(roll_deg, pitch_deg);
                 let field = measured(50.0, 1.0, f32::from(heading_deg).to_radians(), attitude);
-                let found = heading(Config::DEFAULT, &clean(), field, attitude).unwrap();
+                let found = heading(Config::DEFAULT, &clean(), &Uncertainty::NONE, field, attitude).unwrap();
                 let error = wrap_pi(found.magnetic_rad - f32::from(heading_deg).to_radians()).to_degrees();
                 assert!(error.abs() < 0.001, "heading {heading_deg} roll {roll_deg} pitch {pitch_deg}: {error}");
             }
@@ -122,7 +139,10 @@ mod tests {
         let level = Attitude::default();
         for (total_ut, inclination_rad) in [(65.0, 1.0), (38.0, 1.0), (50.0, 0.7), (50.0, 1.3), (f32::NAN, 1.0)] {
             let field = measured(total_ut, inclination_rad, 0.5, level);
-            assert_eq!(heading(Config::DEFAULT, &clean(), field, level), Err(NoHeading::FieldDisturbed));
+            assert_eq!(
+                heading(Config::DEFAULT, &clean(), &Uncertainty::NONE, field, level),
+                Err(NoHeading::FieldDisturbed)
+            );
         }
     }
 }

@@ -10,6 +10,7 @@
 //!
 //! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
 
+pub mod accuracy;
 pub mod bench;
 pub mod clock;
 pub mod devices;

@@ -71,5 +71,6 @@ async fn write<F: NorFlash>(links: &Links, store: &mut Store<F>, save: &Save) ->
 }
 
 fn publish(links: &Links, compass: &Compass) {
-    links.set_active(Active { calibration: compass.calibration().copied(), settings: *compass.settings() });
+    let calibration = compass.in_use().map(|record| (record.calibration, record.uncertainty));
+    links.set_active(Active { calibration, settings: *compass.settings() });
 }

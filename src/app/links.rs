@@ -9,7 +9,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 
 use crate::attitude::{self, Lookup, Track};
-use crate::calibration::{Calibration, Sample};
+use crate::calibration::{Calibration, Sample, Uncertainty};
 use crate::compass::{Command, Outcome, Refusal, Reply};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
@@ -27,7 +27,8 @@ pub(super) struct StampedReading {
 /// What the stream works with: replaced as a whole, so that a sentence never mixes two calibrations.
 #[derive(Clone, Debug)]
 pub(super) struct Active {
-    pub calibration: Option<Calibration>,
+    /// The calibration in use, and how wrong a heading by it may be.
+    pub calibration: Option<(Calibration, Uncertainty)>,
     pub settings: Settings,
 }
 

@@ -47,9 +47,9 @@ fn heading_of(links: &Links, active: &Active, stamped: &StampedReading) -> Resul
     if stamped.reading.saturated {
         return Err(NoHeading::SensorSaturated);
     }
-    let calibration = active.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
+    let (calibration, uncertainty) = active.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
     let attitude = links.attitude_at(stamped.time_us).ok_or(NoHeading::AttitudeStale)?;
-    heading::heading(heading::Config::DEFAULT, calibration, stamped.reading.field, attitude)
+    heading::heading(heading::Config::DEFAULT, calibration, uncertainty, stamped.reading.field, attitude)
 }
 
 async fn send(links: &Links, tx: &mut impl Write, heading: Option<Heading>, declination_deg: Option<f32>) {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use super::{Sample, Side, SolveError};
+use super::{Part, Sample, Side, SolveError};
 
 /// An ellipse in space: `centre + p` for all `p` of the plane with `p^T Q p = 1`. In `f64`, because a conic's
 /// coefficients lose half the digits of its points; it is made once a solve.
@@ -19,8 +19,7 @@ pub(super) struct Ellipse {
 }
 
 impl Ellipse {
-    /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic
-    /// `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear least squares (Liu 2007 eq. 6).
+    /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         let fields = samples.iter().map(|s| (rotation * s.field.ut).cast::<f64>());
         let number = samples.len() as f64;
@@ -34,7 +33,7 @@ impl Ellipse {
         let direction = |step: usize| eigen.eigenvectors.column((smallest + step) % 3).into_owned();
         let axes = [direction(1), direction(2)];
         let points = fields.map(|f| Vector2::from(axes.map(|axis| axis.dot(&(f - mean)) / scale)));
-        let (centre, form) = conic(points).ok_or(SolveError::NotAnEllipse(side))?;
+        let (centre, form) = conic(points).ok_or(SolveError::NotAnEllipse(Part::Turns(side)))?;
         Ok(Self {
             centre_ut: mean + (axes[0] * centre.x + axes[1] * centre.y) * scale,
             normal: direction(0),
@@ -70,8 +69,9 @@ impl Ellipse {
     }
 }
 
-/// Centre and form of the conic through points; `None` if it is not an ellipse.
-fn conic(points: impl Iterator<Item = Vector2<f64>>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+/// Centre and form of the conic through points of a size of about one, `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear
+/// least squares (Liu 2007 eq. 6); `None` if it is not an ellipse.
+pub(super) fn conic(points: impl Iterator<Item = Vector2<f64>>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let mut normal = SMatrix::<f64, 5, 5>::zeros();
     let mut right = SVector::<f64, 5>::zeros();
     for p in points {

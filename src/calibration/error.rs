@@ -2,15 +2,15 @@
 
 use core::fmt;
 
-use super::{Orientation, Side};
+use super::{Orientation, Part};
 
 /// Why samples gave no calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SolveError {
-    /// One side has too few samples for any solution.
+    /// A part has too few samples for any solution.
     TooFewSamples {
-        /// The side.
-        side: Side,
+        /// The part.
+        part: Part,
         /// Samples it has.
         have: u16,
         /// Samples it takes.
@@ -18,8 +18,17 @@ pub enum SolveError {
     },
     /// A sample is not a finite number.
     NotFinite,
-    /// The samples of a side do not lie on an ellipse round a centre: too short an arc, or not a turn.
-    NotAnEllipse(Side),
+    /// Level samples are at too few headings.
+    TooFewHeadings {
+        /// Headings there are, of twelve.
+        have: u8,
+        /// Headings it takes.
+        need: u8,
+    },
+    /// The samples of a part do not lie on an ellipse round a centre: too short an arc, or not a turn.
+    NotAnEllipse(Part),
+    /// The samples leave the coefficients of the method open.
+    NotDetermined(Part),
     /// Both sides have about the same bank, so that the two planes do not intersect.
     SamePlane,
     /// No start led to a fit that explains the samples.
@@ -40,7 +49,9 @@ impl SolveError {
         match self {
             Self::TooFewSamples { .. } => "too-few-samples",
             Self::NotFinite => "not-finite",
+            Self::TooFewHeadings { .. } => "too-few-headings",
             Self::NotAnEllipse(_) => "not-an-ellipse",
+            Self::NotDetermined(_) => "not-determined",
             Self::SamePlane => "same-plane",
             Self::NotConverged => "not-converged",
             Self::TurnsReversed => "turns-reversed",
@@ -53,13 +64,19 @@ impl SolveError {
 impl fmt::Display for SolveError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TooFewSamples { side, have, need } => {
-                write!(f, "{have} of {need} samples of {} turns; fly more of them", side.name())
+            Self::TooFewSamples { part, have, need } => {
+                write!(f, "{have} of {need} samples of {0}; more {0}", part.name())
+            }
+            Self::TooFewHeadings { have, need } => {
+                write!(f, "{have} of {need} headings, 30 deg apart; turn through all of them")
             }
             Self::NotFinite => {
                 f.write_str("a sample is not a number; this is a fault of the firmware, please report it")
             }
-            Self::NotAnEllipse(side) => write!(f, "the {} turns are no full circles; fly them round", side.name()),
+            Self::NotAnEllipse(part) => write!(f, "the {} are no full circle; go round", part.name()),
+            Self::NotDetermined(part) => {
+                write!(f, "the samples of {} leave the coefficients open; see cal advise", part.name())
+            }
             Self::SamePlane => f.write_str("left and right bank differ too little; bank 15 deg or more each way"),
             Self::NotConverged => {
                 f.write_str("no coefficients explain the samples; fly again away from iron and wires")

@@ -1,93 +1,140 @@
-//! From the information in the samples to the heading error to expect, in degrees.
+//! Expected heading error, in degrees, over all headings: the quality figure of a calibration.
 //!
-//! Not the residual of the fit but this is the quality figure: a norm residual of 0.3 % can hide a heading error of
-//! 5 deg in a direction that the turns do not show.
+//! Not the residual of the fit but this is the quality: a norm residual of 0.3 % can hide a heading error of 5 deg in a
+//! direction that the samples do not show.
 
 use core::f32::consts::FRAC_PI_6;
+use core::fmt;
 
-use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::maximum_likelihood::{Matrix13, Point, System, Vector13};
+use super::Calibration;
+use super::uncertainty::{Uncertainty, Vector12, coefficient_row, heading_by_field};
 use crate::frames::{Attitude, Field};
 
-/// Errors of the attitude source that are alike in all samples, 1 sigma. Turns do not reveal them: a bias looks like
-/// mounting, a bank scale like soft iron.
-#[derive(Clone, Copy, Debug)]
-pub struct Consider {
-    /// Constant roll and pitch bias, radians: 0.2 deg, an autopilot levelled with care.
-    pub bias_rad: f32,
-    /// Relative error of bank in turns: 1 %, an estimator that knows its airspeed.
-    pub bank_scale: f32,
+/// Attitudes for which an error is expected: at each of these banks twelve headings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Envelope {
+    /// Bank -30, 0, 30 deg.
+    Banked,
+    /// Level.
+    Level,
 }
 
-impl Consider {
-    /// A good autopilot.
-    pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01 };
+impl Envelope {
+    const fn banks_deg(self) -> &'static [f32] {
+        match self {
+            Self::Banked => &[-30.0, 0.0, 30.0],
+            Self::Level => &[0.0],
+        }
+    }
 }
 
-/// Expected heading error, 1 sigma.
-#[derive(Clone, Copy, Debug)]
+/// Headings of the envelope.
+const HEADINGS: u8 = 12;
+
+/// Expected heading error of a calibration, 1 sigma, without the noise of a single reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Expected {
     /// RMS over the envelope, degrees.
     pub rms_deg: f32,
     /// At the worst heading and bank of the envelope, degrees.
     pub worst_deg: f32,
+    /// Which part of it is the largest, and how large, degrees RMS.
+    pub weakest: (Deviation, f32),
 }
 
-/// The envelope: so many degrees of bank, each at twelve headings.
-const BANKS_DEG: [f32; 3] = [-30.0, 0.0, 30.0];
+/// The parts of a deviation, by the names of compass adjusters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Deviation {
+    /// Coefficient A: the same at all headings.
+    Constant,
+    /// Coefficients B and C: once round the circle.
+    Semicircular,
+    /// Coefficients D and E: twice round the circle.
+    Quadrantal,
+    /// What changes with bank.
+    Heeling,
+}
 
-/// Propagates the covariance of the unknowns, widened for noise that is correlated in time, and the considered errors
-/// of the attitude source to heading at true attitude. `None` when the information is singular.
-pub(super) fn expected(system: &System, point: &Point, inclination_rad: f32, consider: Consider) -> Option<Expected> {
-    let inverse = system.information().cast::<f64>().cholesky()?.inverse().cast::<f32>();
-    let covariance = covariance(system, &inverse);
-    let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
-    let mut shifts = system.consider;
-    for (shift, sigma) in shifts.iter_mut().zip(sigmas) {
-        *shift = inverse * *shift * sigma;
+impl Deviation {
+    const ALL: [Self; 4] = [Self::Constant, Self::Semicircular, Self::Quadrantal, Self::Heeling];
+
+    /// Stable name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Semicircular => "semicircular",
+            Self::Quadrantal => "quadrantal",
+            Self::Heeling => "heeling",
+        }
     }
-    let field_from_body = point.w.try_inverse()?;
+}
+
+/// In a pilot's words.
+impl fmt::Display for Deviation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Constant => "the same error at all headings",
+            Self::Semicircular => "an error that changes once round the circle, opposite on opposite headings",
+            Self::Quadrantal => "an error that changes twice round the circle, alike on opposite headings",
+            Self::Heeling => "an error in turns that level flight does not have",
+        })
+    }
+}
+
+/// The heading error to expect of a calibration over an envelope.
+pub(super) fn expected(calibration: &Calibration, uncertainty: &Uncertainty, envelope: Envelope) -> Option<Expected> {
+    let field_from_body = calibration.w_matrix().try_inverse()?;
+    let row = |bank_deg: f32, step: u8| {
+        let attitude = Attitude::from_deg(bank_deg, 0.0);
+        let level = Field::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let x = field_from_body * attitude.body(level).ut;
+        coefficient_row(&heading_by_field(&attitude.level_from_body(), &level), &x)
+    };
     let mut sum = 0.0;
     let mut worst: f32 = 0.0;
-    for bank_deg in BANKS_DEG {
-        for step in 0..12_u8 {
-            let row = heading_row(point, &field_from_body, inclination_rad, bank_deg, f32::from(step) * FRAC_PI_6);
-            let systematic: f32 = shifts.iter().map(|shift| shift.dot(&row)).map(|d| d * d).sum();
-            let variance = row.dot(&(covariance * row)) + systematic;
+    for &bank_deg in envelope.banks_deg() {
+        for step in 0..HEADINGS {
+            let variance = uncertainty.variance(&row(bank_deg, step));
             sum += variance;
             worst = worst.max(variance);
         }
     }
-    let mean = sum / (12 * BANKS_DEG.len()) as f32;
-    mean.is_finite()
-        .then(|| Expected { rms_deg: libm::sqrtf(mean).to_degrees(), worst_deg: libm::sqrtf(worst).to_degrees() })
+    let mean = sum / (usize::from(HEADINGS) * envelope.banks_deg().len()) as f32;
+    let degrees = |variance: f32| libm::sqrtf(variance).to_degrees();
+    let size = |part: Deviation| degrees(part_variance(part, uncertainty, &row));
+    let weakest = Deviation::ALL
+        .into_iter()
+        .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
+        .map(|part| (part, size(part)))
+        .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
+    mean.is_finite().then(|| Expected { rms_deg: degrees(mean), worst_deg: degrees(worst), weakest })
 }
 
-/// Covariance of the unknowns. Errors of an attitude source stay alike for about half a second; with lag-1
-/// autocorrelation rho of the dip residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so the
-/// estimator's covariance is `H^-1 (H_norm + H_prior + H_dip (1 + rho) / (1 - rho)) H^-1`.
-fn covariance(system: &System, inverse: &Matrix13) -> Matrix13 {
-    let rho = system.autocorrelation();
-    let scatter = system.norm + system.prior + system.dip * ((1.0 + rho) / (1.0 - rho));
-    inverse * scatter * inverse
+/// Mean square of a part of the deviation.
+fn part_variance(part: Deviation, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+    let number = f32::from(HEADINGS);
+    match part {
+        Deviation::Constant => {
+            uncertainty.variance(&((0..HEADINGS).map(|step| row(0.0, step)).sum::<Vector12>() / number))
+        }
+        Deviation::Semicircular => harmonic(1.0, uncertainty, row),
+        Deviation::Quadrantal => harmonic(2.0, uncertainty, row),
+        Deviation::Heeling => {
+            let differences = (0..HEADINGS).map(|step| (row(30.0, step) - row(-30.0, step)) / 2.0);
+            differences.map(|difference| uncertainty.variance(&difference)).sum::<f32>() / number
+        }
+    }
 }
 
-/// Derivative of heading by the unknowns: with `l = C W (m - b)` and `psi = atan2(-l_y, l_x)`,
-/// `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
-fn heading_row(
-    point: &Point,
-    field_from_body: &Matrix3<f32>,
-    inclination_rad: f32,
-    bank_deg: f32,
-    heading_rad: f32,
-) -> Vector13 {
-    let attitude = Attitude::from_deg(bank_deg, 0.0);
-    let level = Field::earth(1.0, inclination_rad, heading_rad);
-    let x: Vector3<f32> = field_from_body * attitude.body(level).ut;
-    let to_level = attitude.level_from_body();
-    let (row_x, row_y) = (to_level.row(0).transpose(), to_level.row(1).transpose());
-    // Next to a magnetic pole there is no heading; the floor keeps the figure finite and huge.
-    let horizontal = (level.ut.x * level.ut.x + level.ut.y * level.ut.y).max(1e-6);
-    point.row(&((row_x * level.ut.y - row_y * level.ut.x) / horizontal), &x)
+/// Mean square of the part of the level deviation that goes so many times round the circle.
+fn harmonic(times: f32, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+    let coefficient = |weight: fn(f32) -> f32| {
+        let weighted = (0..HEADINGS).map(|step| row(0.0, step) * weight(times * f32::from(step) * FRAC_PI_6));
+        uncertainty.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADINGS))))
+    };
+    // A sine of amplitude c has a mean square of c^2 / 2.
+    (coefficient(libm::sinf) + coefficient(libm::cosf)) / 2.0
 }

@@ -2,24 +2,49 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `conic.rs` | plane and ellipse of one turn |
+//! | `ladder.rs` | which method the samples support |
+//! | `solver.rs` | any method, in steps, from samples to a judged calibration |
+//! | `level.rs` | level flight: one ellipse, six coefficients |
+//! | `four_ellipse.rs` | the method of Liu 2007 |
 //! | `two_plane.rs` | closed form from two planes: the start of the refinement |
+//! | `compass_swing.rs` | headings given by a person |
+//! | `ellipsoid.rs` | tumbling without attitude |
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
-//! | `expected_error.rs` | covariance to heading error in degrees |
+//! | `likelihood/` | how likely samples are with a set of coefficients |
+//! | `response.rs`, `conic.rs` | what the closed forms give and are made of |
+//! | `evidence.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
+//! | `expected_error.rs` | the heading error to expect, in degrees |
+//! | `advice.rs` | what to fly to make it smaller |
 //! | `verification.rs` | a candidate against the incumbent on held-back samples |
 //! | `orientation.rs` | the 24 right-angle mountings |
 
+mod advice;
+mod compass_swing;
 mod conic;
+mod ellipsoid;
 mod error;
-pub mod expected_error;
-pub mod maximum_likelihood;
+mod evidence;
+mod expected_error;
+mod four_ellipse;
+pub mod ladder;
+mod level;
+mod likelihood;
+mod maximum_likelihood;
 mod orientation;
+mod response;
+mod solver;
 mod two_plane;
+mod uncertainty;
 pub mod verification;
 
+pub use advice::{Advice, Assumed, Manoeuvre};
 pub use error::SolveError;
-pub use maximum_likelihood::Solution;
+pub use evidence::Consider;
+pub use expected_error::Deviation;
+pub use likelihood::Prior;
 pub use orientation::Orientation;
+pub use solver::{Progress, Solution, Solver, solve};
+pub use uncertainty::Uncertainty;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -57,13 +82,65 @@ impl Side {
     }
 }
 
-/// Samples of left and right turns, each in the order of time.
-#[derive(Clone, Copy, Debug)]
-pub struct Turns<'a> {
+/// Samples of a flight, each part in the order of time. A part may be empty.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Samples<'a> {
     /// Samples of left turns.
     pub left: &'a [Sample],
     /// Samples of right turns.
     pub right: &'a [Sample],
+    /// Samples at little bank, at whatever headings.
+    pub level: &'a [Sample],
+    /// Samples whose heading was given.
+    pub marks: &'a [Mark],
+}
+
+/// A sample at a heading that somebody knows (compass swing). 28 bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// The sample.
+    pub sample: Sample,
+    /// Magnetic heading, radians.
+    pub heading_rad: f32,
+}
+
+/// A part of the [`Samples`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Turns of a side.
+    Turns(Side),
+    /// Level flight.
+    Level,
+    /// Headings given by a person.
+    Marks,
+    /// All of them.
+    All,
+}
+
+impl Part {
+    /// What it is a part of, in the plural.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Turns(Side::Left) => "left turns",
+            Self::Turns(Side::Right) => "right turns",
+            Self::Level => "level headings",
+            Self::Marks => "marks",
+            Self::All => "all attitudes",
+        }
+    }
+}
+
+impl<'a> Samples<'a> {
+    /// The samples without a given heading, one part after the other.
+    pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + use<'a> {
+        self.left.iter().chain(self.right).chain(self.level)
+    }
+
+    /// All samples, marks included.
+    pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + use<'a> {
+        self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
+    }
 }
 
 /// The twelve deviation coefficients, with the Earth field they were found in.
@@ -117,23 +194,51 @@ impl Calibration {
     }
 }
 
-/// How a calibration was found, from the least data to the most.
+/// How a calibration was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
+    /// One ellipse, from level flight.
+    Level,
+    /// The method of Liu 2007, from a left and a right turn.
+    FourEllipse,
     /// Closed form from the planes of a left and a right turn.
     TwoPlane,
     /// Maximum likelihood with per-sample attitude.
     MaximumLikelihood,
+    /// Headings given by a person.
+    CompassSwing,
+    /// Tumbling without attitude.
+    Ellipsoid,
 }
 
 impl Method {
-    /// The name shown to people and in JSON.
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Level, Self::FourEllipse, Self::TwoPlane, Self::MaximumLikelihood, Self::CompassSwing, Self::Ellipsoid];
+
+    /// The name shown to people and in JSON, and typed after `cal solve`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Level => "level",
+            Self::FourEllipse => "four-ellipse",
             Self::TwoPlane => "two-plane",
             Self::MaximumLikelihood => "maximum-likelihood",
+            Self::CompassSwing => "compass-swing",
+            Self::Ellipsoid => "ellipsoid",
         }
+    }
+
+    /// The method of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|method| method.name() == name)
+    }
+
+    /// Whether its closed form, if it has one, only starts a refinement.
+    #[must_use]
+    pub const fn is_refined(self) -> bool {
+        matches!(self, Self::MaximumLikelihood | Self::CompassSwing | Self::Ellipsoid)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::{Calibration, Orientation, Sample, Side, Turns};
+use super::{Calibration, Orientation, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 
 /// Seeded random numbers: splitmix64, and the sum of twelve uniform ones for a normal one.
@@ -174,8 +174,8 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    pub fn turns(&self) -> Turns<'_> {
-        Turns { left: &self.left, right: &self.right }
+    pub fn turns(&self) -> Samples<'_> {
+        Samples { left: &self.left, right: &self.right, ..Samples::default() }
     }
 
     /// The same flight with the chip mounted otherwise.

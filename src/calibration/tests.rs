@@ -2,15 +2,17 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::maximum_likelihood::{Config, Prior, solve};
+use super::ladder::{self, Manner};
 use super::testing::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms};
-use super::{Calibration, Orientation, Side, SolveError, rows, two_plane, verification};
+use super::{
+    Calibration, Method, Orientation, Part, Prior, Samples, Side, SolveError, rows, solve, two_plane, verification,
+};
 use crate::frames::Field;
 
-const NO_PRIOR: Prior = Prior { mount: Orientation::NONE };
+const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None };
 
 fn solved(recorded: &Recorded) -> Result<super::Solution, SolveError> {
-    solve(recorded.turns(), &NO_PRIOR, &Config::DEFAULT)
+    solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
 }
 
 /// Soft iron to 30 %, hard iron to 3 H0, mounting to 20 deg: the worst airframes there are.
@@ -112,7 +114,7 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_named() {
     let recorded = Flight::REAL.fly(&airframe, &mut random);
     for mount in Orientation::all() {
         let turned = recorded.in_mount(mount);
-        let solution = solve(turned.turns(), &Prior { mount }, &Config::DEFAULT).unwrap();
+        let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
         let in_chip_axes = Airframe {
             a: mount.body_from_sensor().transpose() * airframe.a,
             b_ut: mount.body_from_sensor().transpose() * airframe.b_ut,
@@ -136,7 +138,9 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
         change(&mut recorded);
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
-    assert!(matches!(refused(&|r| r.left.clear()), Err(SolveError::TooFewSamples { side: Side::Left, have: 0, .. })));
+    let one_side = Samples { left: &[], ..good.turns() };
+    let missing = ladder::choose(one_side, Manner::Turns);
+    assert!(matches!(missing, Err(SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
     // The source's roll has the wrong sign: what it calls right turns are left ones.

@@ -16,7 +16,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::conic::Ellipse;
-use super::{Sample, Side, SolveError, Turns};
+use super::response::Response;
+use super::{Part, Sample, Samples, Side, SolveError};
 
 /// Samples a side must have: five determine a conic, and each sector of 30 deg should have one.
 pub(super) const MIN_SAMPLES: usize = 12;
@@ -26,21 +27,10 @@ pub(super) const MIN_SAMPLES: usize = 12;
 const MAX_STEP_MS: u32 = 3000;
 
 /// The bank must differ by so much between the sides, as a sine: 10 deg.
-const MIN_SINE_OF_BANKS: f64 = 0.17;
-
-/// What two planes give, in the unit of field microtesla.
-#[derive(Clone, Debug)]
-pub(super) struct TwoPlane {
-    /// Response to a field of H0 in body axes: `A` times H0, microtesla.
-    pub response_ut: Matrix3<f64>,
-    /// Hard iron, microtesla.
-    pub b_ut: Vector3<f64>,
-    /// `D`, the tangent of the inclination.
-    pub tan_inclination: f64,
-}
+pub(super) const MIN_SINE_OF_BANKS: f64 = 0.17;
 
 /// Solves left and right turns whose fields are rotated by `rotation` first.
-pub(super) fn solve(turns: Turns<'_>, rotation: &Matrix3<f32>) -> Result<TwoPlane, SolveError> {
+pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
     let left = Turn::new(turns.left, rotation, Side::Left)?;
     let right = Turn::new(turns.right, rotation, Side::Right)?;
     let common = left.ellipse.normal.cross(&right.ellipse.normal);
@@ -68,7 +58,7 @@ pub(super) fn solve(turns: Turns<'_>, rotation: &Matrix3<f32>) -> Result<TwoPlan
     let b_ut = (centre_left + centre_right - (vertical(sl, cl) + vertical(sr, cr)) * tan_inclination) / 2.0;
     let response_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
     let sign = if response_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
-    Ok(TwoPlane { response_ut: response_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
+    Ok(Response { response_ut: response_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
 }
 
 /// One turn.
@@ -84,11 +74,11 @@ struct Turn<'a> {
 impl<'a> Turn<'a> {
     fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         if samples.len() < MIN_SAMPLES {
-            return Err(SolveError::TooFewSamples { side, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
+            let part = Part::Turns(side);
+            return Err(SolveError::TooFewSamples { part, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
         }
         let ellipse = Ellipse::fit(samples, rotation, side)?;
-        let roll_rad = samples.iter().map(|s| f64::from(s.attitude.roll_rad)).sum::<f64>() / samples.len() as f64;
-        Ok(Self { samples, rotation, side, ellipse, roll_rad })
+        Ok(Self { samples, rotation, side, ellipse, roll_rad: mean_roll_rad(samples) })
     }
 
     /// The semi-axis conjugate to `u`, with the sign that lets heading run the way of the turn.
@@ -96,12 +86,18 @@ impl<'a> Turn<'a> {
         let v_ut = self.ellipse.conjugate_ut(u_ut);
         let phase =
             |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut).cast::<f64>(), u_ut, &v_ut) as f32;
-        if runs_round(self.samples, self.side, phase) { v_ut } else { -v_ut }
+        if progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
     }
 }
 
-/// Whether an angle of the samples runs the way heading does in a turn of this side: up to the right, down to the left.
-pub(super) fn runs_round(samples: &[Sample], side: Side, angle_rad: impl Fn(&Sample) -> f32) -> bool {
+/// Mean bank; 0 without samples.
+pub(super) fn mean_roll_rad(samples: &[Sample]) -> f64 {
+    samples.iter().map(|s| f64::from(s.attitude.roll_rad)).sum::<f64>() / samples.len().max(1) as f64
+}
+
+/// By how much an angle of the samples runs the way heading does in a turn of this side, up to the right, down to the
+/// left: radians, positive if it runs the right way, 0 if the samples are too far apart to say.
+pub(super) fn progress_rad(samples: &[Sample], side: Side, angle_rad: impl Fn(&Sample) -> f32) -> f32 {
     let progress_rad: f32 = samples
         .iter()
         .zip(samples.iter().skip(1))
@@ -109,7 +105,7 @@ pub(super) fn runs_round(samples: &[Sample], side: Side, angle_rad: impl Fn(&Sam
         .map(|(a, b)| crate::frames::wrap_pi(angle_rad(b) - angle_rad(a)))
         .sum();
     match side {
-        Side::Left => progress_rad < 0.0,
-        Side::Right => progress_rad > 0.0,
+        Side::Left => -progress_rad,
+        Side::Right => progress_rad,
     }
 }

@@ -5,7 +5,7 @@
 //! place. What this cannot see is an error that leaves both alone, such as a constant heading offset; that is why a
 //! candidate's expected error is asked for as well.
 
-use super::{Calibration, Sample, Turns};
+use super::{Calibration, Sample, Samples};
 
 /// Scale of the relative deviation of the total field: a good fit's, so that its score is about 1.
 const NORM_SCALE: f32 = 0.004;
@@ -24,12 +24,12 @@ pub struct Scores {
 
 /// Scores two calibrations on the same samples. Without samples both scores are not a number, so neither is better.
 #[must_use]
-pub fn verify(held_back: Turns<'_>, candidate: &Calibration, incumbent: &Calibration) -> Scores {
+pub fn verify(held_back: Samples<'_>, candidate: &Calibration, incumbent: &Calibration) -> Scores {
     Scores { candidate: score(held_back, candidate), incumbent: score(held_back, incumbent) }
 }
 
 /// RMS of the scaled deviations of total field and inclination from their means.
-fn score(turns: Turns<'_>, calibration: &Calibration) -> f32 {
+fn score(turns: Samples<'_>, calibration: &Calibration) -> f32 {
     let observe = |s: &Sample| {
         let level = s.attitude.level(calibration.apply(s.field));
         [level.total_ut(), level.inclination_rad()]

@@ -6,14 +6,14 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
 use super::StoreError;
-use crate::calibration::{Calibration, Orientation, Quality};
+use crate::calibration::{Calibration, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 
 /// Version of the format. To be raised when the meaning of the bytes changes.
-const VERSION: u8 = 1;
-/// Room for version, contents and CRC. The contents take at most 190 bytes: 84 for each record, 14 for the settings,
+const VERSION: u8 = 2;
+/// Room for version, contents and CRC. The contents take at most 850 bytes: 404 for each record, 24 for the settings,
 /// and the tags of the options.
-pub(super) const VALUE_SIZE: usize = 224;
+pub(super) const VALUE_SIZE: usize = 896;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const CRC_SIZE: usize = 4;
@@ -61,6 +61,8 @@ pub struct Record {
     pub calibration: Calibration,
     /// How good they are expected to be.
     pub quality: Quality,
+    /// How wrong a heading may be.
+    pub uncertainty: Uncertainty,
     /// The sensor they were found with.
     pub sensor: Identity,
     /// How that sensor was mounted.
@@ -75,6 +77,7 @@ impl Record {
     pub fn is_valid(&self) -> bool {
         let Quality { expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, .. } = self.quality;
         self.calibration.is_finite()
+            && self.uncertainty.is_finite()
             && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg].iter().all(|n| n.is_finite())
             && self.mount.is_valid()
     }

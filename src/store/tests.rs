@@ -4,7 +4,7 @@ use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
 use super::*;
-use crate::calibration::{Calibration, Method, Orientation, Quality};
+use crate::calibration::{Calibration, Method, Orientation, Quality, Uncertainty};
 use crate::magnetometer::{Identity, Model};
 
 const PAGE: usize = 2048;
@@ -29,7 +29,9 @@ pub(super) fn record(serial: u32) -> Record {
         samples: u16::MAX,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
-    Record { calibration, quality, sensor, mount: Orientation::NONE, serial }
+    let mut uncertainty = Uncertainty::NONE;
+    uncertainty.sensor_sigma = 0.002;
+    Record { calibration, quality, uncertainty, sensor, mount: Orientation::NONE, serial }
 }
 
 fn generations(serial: u32) -> Generations {

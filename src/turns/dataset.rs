@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector2, Vector3};
 
-use crate::calibration::{Sample, Side, Turns};
+use crate::calibration::{Sample, Samples, Side};
 
 /// Sectors a turn is divided into, 30 deg each.
 pub const SECTORS: usize = 12;
@@ -101,14 +101,14 @@ impl Dataset {
 
     /// Samples to solve with.
     #[must_use]
-    pub fn fit(&self) -> Turns<'_> {
-        Turns { left: &self.left.fit, right: &self.right.fit }
+    pub fn fit(&self) -> Samples<'_> {
+        Samples { left: &self.left.fit, right: &self.right.fit, ..Samples::default() }
     }
 
     /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
     #[must_use]
-    pub fn held_back(&self) -> Turns<'_> {
-        Turns { left: &self.left.held_back, right: &self.right.held_back }
+    pub fn held_back(&self) -> Samples<'_> {
+        Samples { left: &self.left.held_back, right: &self.right.held_back, ..Samples::default() }
     }
 
     /// How well a side is covered.

@@ -1,0 +1,4 @@
+//! How accurate the methods are, against the bound of what is possible.
+
+pub mod bound;
+pub mod trial;

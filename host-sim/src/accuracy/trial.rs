@@ -1,0 +1,207 @@
+//! One random airframe, the turns it flies, and what its module would record.
+
+use autoswing::calibration::{Calibration, Sample, Samples};
+use autoswing::frames::{Attitude, Field};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::random::{Purpose, Random};
+use crate::score::wrap_180;
+
+/// Ranges that airframes, places and flights are drawn from.
+#[derive(Clone, Copy, Debug)]
+pub struct Ranges {
+    /// Largest soft iron, relative.
+    pub soft_iron: f64,
+    /// Largest hard iron, in units of the horizontal field.
+    pub hard_iron: f64,
+    /// Largest mounting error about a random axis, degrees.
+    pub mounting_deg: f64,
+    /// Inclination, degrees.
+    pub inclination_deg: [f64; 2],
+    /// Mean bank of the turns, degrees.
+    pub bank_deg: [f64; 2],
+    /// Wander of bank and pitch, 1 sigma, degrees.
+    pub wander_deg: f64,
+    /// Noise of the sensor, relative to the total field.
+    pub sensor_noise: [f64; 2],
+    /// Noise of roll and pitch as told, 1 sigma, degrees.
+    pub attitude_noise_deg: [f64; 2],
+    /// Samples in the turns of one side.
+    pub samples: usize,
+}
+
+impl Ranges {
+    /// The worst airframes there are, with what the module's buffers hold.
+    pub const HARSH: Self = Self {
+        soft_iron: 0.3,
+        hard_iron: 3.0,
+        mounting_deg: 20.0,
+        inclination_deg: [-70.0, 75.0],
+        bank_deg: [15.0, 45.0],
+        wander_deg: 2.0,
+        sensor_noise: [0.003, 0.01],
+        attitude_noise_deg: [0.2, 1.0],
+        samples: autoswing::turns::dataset::FIT_CAPACITY,
+    };
+}
+
+/// An instant of the flight, as it truly was.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant {
+    /// Radians, clockwise from magnetic north.
+    pub heading_rad: f64,
+    /// Radians, right wing down.
+    pub roll_rad: f64,
+    /// Radians, nose up.
+    pub pitch_rad: f64,
+    time_ms: u32,
+}
+
+/// An airframe at a place, its turns, and the noise of its instruments. The unit of field is the total intensity.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    seed: u64,
+    /// `A` of Liu 2007 eq. 8: body axes to chip axes.
+    pub a: Matrix3<f64>,
+    /// `b`, in units of the total field.
+    pub b: Vector3<f64>,
+    /// Radians, positive down.
+    pub inclination_rad: f64,
+    /// Of each axis of the sensor, in units of the total field.
+    pub sensor_sigma: f64,
+    /// Of roll and of pitch.
+    pub attitude_sigma_rad: f64,
+    /// Left turns.
+    pub left: Vec<Instant>,
+    /// Right turns.
+    pub right: Vec<Instant>,
+}
+
+/// The total field in the module's units.
+const TOTAL_UT: f64 = 50.0;
+
+impl Trial {
+    /// Draws airframe, place and flight.
+    #[must_use]
+    pub fn draw(ranges: &Ranges, seed: u64) -> Self {
+        let mut random = Random::new(seed, Purpose::Airframe);
+        let raw = Matrix3::from_fn(|_, _| random.uniform(-1.0, 1.0));
+        let symmetric = raw + raw.transpose();
+        let size = random.uniform(0.0, ranges.soft_iron) / symmetric.singular_values().max();
+        let mounting = random.rotation(ranges.mounting_deg);
+        let inclination_rad = random.uniform(ranges.inclination_deg[0], ranges.inclination_deg[1]).to_radians();
+        let hard_iron = random.direction() * random.uniform(0.0, ranges.hard_iron) * inclination_rad.cos();
+        let bank_deg = random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]);
+        let [left, right] = [-bank_deg, bank_deg].map(|bank_deg| turn(ranges, bank_deg, &mut random));
+        Self {
+            seed,
+            a: mounting * (Matrix3::identity() + symmetric * size),
+            b: hard_iron,
+            inclination_rad,
+            sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
+            attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
+            left,
+            right,
+        }
+    }
+
+    /// Every instant of the flight.
+    pub fn instants(&self) -> impl Iterator<Item = &Instant> {
+        self.left.iter().chain(&self.right)
+    }
+
+    /// The Earth field in the body frame, in units of the total field.
+    #[must_use]
+    pub fn body(&self, heading_rad: f64, roll_rad: f64, pitch_rad: f64) -> Vector3<f64> {
+        body_field(self.inclination_rad, heading_rad, roll_rad, pitch_rad)
+    }
+
+    /// What the module would record: the `repetition`-th draw of the noise.
+    #[must_use]
+    pub fn record(&self, repetition: u64) -> Recorded {
+        let mut random = Random::new(self.seed.wrapping_mul(1_000_003).wrapping_add(repetition), Purpose::Magnetometer);
+        let mut record = |instants: &[Instant]| instants.iter().map(|i| self.sample(i, &mut random)).collect();
+        Recorded { left: record(&self.left), right: record(&self.right) }
+    }
+
+    fn sample(&self, instant: &Instant, random: &mut Random) -> Sample {
+        let body = self.body(instant.heading_rad, instant.roll_rad, instant.pitch_rad);
+        let sensed = self.a * body + self.b + random.normal_vector() * self.sensor_sigma;
+        let [roll_rad, pitch_rad] = [instant.roll_rad, instant.pitch_rad]
+            .map(|truth| (truth + random.normal() * self.attitude_sigma_rad) as f32);
+        Sample {
+            field: Field::new((sensed * TOTAL_UT).cast()),
+            attitude: Attitude { roll_rad, pitch_rad },
+            time_ms: instant.time_ms,
+        }
+    }
+
+    /// Heading errors of a calibration at exact field and attitude, degrees, over the envelope.
+    #[must_use]
+    pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f64> {
+        envelope()
+            .map(|(heading_rad, roll_rad)| {
+                let sensed = (self.a * self.body(heading_rad, roll_rad, 0.0) + self.b) * TOTAL_UT;
+                let attitude = Attitude { roll_rad: roll_rad as f32, pitch_rad: 0.0 };
+                let found = attitude.level(calibration.apply(Field::new(sensed.cast()))).heading_rad();
+                wrap_180((f64::from(found) - heading_rad).to_degrees())
+            })
+            .collect()
+    }
+}
+
+/// The envelope: headings and rolls in radians.
+pub fn envelope() -> impl Iterator<Item = (f64, f64)> {
+    [-30.0_f64, 0.0, 30.0]
+        .into_iter()
+        .flat_map(|bank_deg| (0..12).map(move |step| (f64::from(step * 30).to_radians(), bank_deg.to_radians())))
+}
+
+/// The Earth field in the body frame, in units of the total field.
+pub fn body_field(inclination_rad: f64, heading_rad: f64, roll_rad: f64, pitch_rad: f64) -> Vector3<f64> {
+    let (sin_i, cos_i) = inclination_rad.sin_cos();
+    let level = Vector3::new(cos_i * heading_rad.cos(), -cos_i * heading_rad.sin(), sin_i);
+    body_from_level(roll_rad, pitch_rad) * level
+}
+
+/// Takes level components to body components: `R_x(phi) R_y(theta)`.
+pub fn body_from_level(roll_rad: f64, pitch_rad: f64) -> Matrix3<f64> {
+    let (s, c) = roll_rad.sin_cos();
+    let (sp, cp) = pitch_rad.sin_cos();
+    let roll = Matrix3::new(1.0, 0.0, 0.0, 0.0, c, s, 0.0, -s, c);
+    let pitch = Matrix3::new(cp, 0.0, -sp, 0.0, 1.0, 0.0, sp, 0.0, cp);
+    roll * pitch
+}
+
+/// Turns with bank and pitch that wander with a time constant of 1.5 s, a sample every half second.
+fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<Instant> {
+    const STEP_S: f64 = 0.5;
+    let keep = (-STEP_S / 1.5_f64).exp();
+    let fresh = (1.0 - keep * keep).sqrt() * ranges.wander_deg;
+    let mut wander = [random.normal() * ranges.wander_deg, random.normal() * ranges.wander_deg];
+    let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
+    (0..ranges.samples)
+        .map(|i| {
+            wander = wander.map(|w| keep * w + fresh * random.normal());
+            let roll_rad = (bank_deg + wander[0]).to_radians();
+            // A coordinated turn at 22 m/s, as a small UAV flies.
+            heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
+            Instant { heading_rad, roll_rad, pitch_rad: (2.0 + wander[1]).to_radians(), time_ms: i as u32 * 500 }
+        })
+        .collect()
+}
+
+/// The samples of a flight.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    left: Vec<Sample>,
+    right: Vec<Sample>,
+}
+
+impl Recorded {
+    /// As the solver takes them.
+    #[must_use]
+    pub fn samples(&self) -> Samples<'_> {
+        Samples { left: &self.left, right: &self.right, ..Samples::default() }
+    }
+}

@@ -1,0 +1,133 @@
+//! Advice: what is weakest in a calibration, and which manoeuvre would mend it.
+//!
+//! Each manoeuvre is flown on paper: what its samples would say is added to what the real ones said, and the expected
+//! error computed anew. The one that leaves the least is advised.
+
+use core::f32::consts::TAU;
+use core::fmt;
+
+use super::evidence::{Consider, Evidence};
+use super::expected_error::{self, Deviation, Envelope};
+use super::likelihood::{Likelihood, Point, Quantity, Vector13};
+use super::{Calibration, Side};
+use crate::frames::Attitude;
+
+/// Something to fly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Manoeuvre {
+    /// A full circle to a side at so many degrees of bank.
+    Circle(Side, u8),
+    /// A full circle without bank, or straight legs at eight headings.
+    Level,
+}
+
+impl Manoeuvre {
+    /// What is tried: cheap first, so that of equals the cheaper wins.
+    const ALL: [Self; 7] = [
+        Self::Circle(Side::Left, 25),
+        Self::Circle(Side::Right, 25),
+        Self::Circle(Side::Left, 40),
+        Self::Circle(Side::Right, 40),
+        Self::Circle(Side::Left, 15),
+        Self::Circle(Side::Right, 15),
+        Self::Level,
+    ];
+
+    fn roll_deg(self) -> f32 {
+        match self {
+            Self::Circle(Side::Left, bank_deg) => -f32::from(bank_deg),
+            Self::Circle(Side::Right, bank_deg) => f32::from(bank_deg),
+            Self::Level => 0.0,
+        }
+    }
+}
+
+/// In words.
+impl fmt::Display for Manoeuvre {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.name()),
+            Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
+        }
+    }
+}
+
+/// What is weak, and what would help.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Advice {
+    /// The largest part of the expected error.
+    pub weakest: Deviation,
+    /// Its size, degrees RMS.
+    pub weakest_deg: f32,
+    /// Expected error now, degrees RMS.
+    pub expected_deg: f32,
+    /// What to fly.
+    pub manoeuvre: Manoeuvre,
+    /// Expected error with that, degrees RMS.
+    pub with_it_deg: f32,
+    /// What the samples leave to the assumptions.
+    pub assumed: Assumed,
+}
+
+/// What the samples leave to the assumptions about airframes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Assumed {
+    /// Soft iron is assumed small in some direction.
+    pub soft_iron: bool,
+    /// The mounting is assumed to be the configured one about some axis.
+    pub mounting: bool,
+    /// Hard iron is assumed small along some axis.
+    pub hard_iron: bool,
+}
+
+/// Samples of a circle on paper: what the collection keeps of one at 13 deg/s, less their correlation.
+const SAMPLES: u8 = 24;
+
+/// Looks for the manoeuvre that would help most. `None` when nothing could be computed.
+pub(super) fn advise(
+    evidence: &Evidence,
+    likelihood: &Likelihood,
+    unknowns: &Vector13,
+    calibration: &Calibration,
+    envelope: Envelope,
+) -> Option<Advice> {
+    let consider = Consider::DEFAULT;
+    let expected = |evidence: &Evidence| {
+        let uncertainty = evidence.uncertainty(likelihood, unknowns, &consider)?;
+        expected_error::expected(calibration, &uncertainty, envelope)
+    };
+    let now = expected(evidence)?;
+    let point = Point::new(unknowns);
+    let (manoeuvre, with_it_deg) = Manoeuvre::ALL
+        .into_iter()
+        .filter_map(|manoeuvre| {
+            let mut supposed = evidence.clone();
+            let attitude = Attitude::from_deg(manoeuvre.roll_deg(), 0.0);
+            for i in 0..SAMPLES {
+                supposed.suppose(likelihood, &point, &attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
+            }
+            Some((manoeuvre, expected(&supposed)?.rms_deg))
+        })
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(Advice {
+        weakest: now.weakest.0,
+        weakest_deg: now.weakest.1,
+        expected_deg: now.rms_deg,
+        manoeuvre,
+        with_it_deg,
+        assumed: assumed(evidence, likelihood),
+    })
+}
+
+fn assumed(evidence: &Evidence, likelihood: &Likelihood) -> Assumed {
+    let mut assumed = Assumed::default();
+    for quantity in evidence.left_to_priors(likelihood).into_iter().flatten() {
+        match quantity {
+            Quantity::SoftIron => assumed.soft_iron = true,
+            Quantity::Mounting => assumed.mounting = true,
+            Quantity::HardIron => assumed.hard_iron = true,
+            Quantity::Inclination => {}
+        }
+    }
+    assumed
+}

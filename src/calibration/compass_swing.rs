@@ -1,0 +1,77 @@
+//! Compass swing: coefficients from headings that somebody gives, the classical ground procedure (Liu 2007 ref. 2).
+//!
+//! With heading and attitude known, so is the Earth field in body axes, `h = C^T H0 (cos psi, -sin psi, D)`, and
+//! `m = A h + b` is linear in the twelve coefficients: each axis of the sensor is a regression on the three components
+//! of `h` and a constant, and all three share one 4 x 4 matrix. `D` is not known unless the inclination was told; it is
+//! the one of a few values that leaves the smallest residual. On level ground the vertical response of the sensor cannot
+//! be told from hard iron: it is then taken to be that of a sensor without soft iron.
+
+use nalgebra::{Matrix3, Matrix4, SMatrix, Vector3, Vector4};
+
+use super::response::Response;
+use super::{Mark, Part, SolveError};
+use crate::frames::Field;
+
+/// Marks needed: two horizontal responses and a constant for each axis, and one to show a slip of the pen.
+const MIN_MARKS: usize = 4;
+
+/// Weight of the assumption that there is no soft iron, beside one of every mark: decides only what the marks do not
+/// show.
+const RIDGE: f64 = 1e-3;
+
+/// Inclinations tried, degrees. What follows refines them, so that they need not be close.
+const INCLINATIONS_DEG: [f64; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
+
+/// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.
+pub(super) fn solve(
+    marks: &[Mark],
+    rotation: &Matrix3<f32>,
+    inclination_rad: Option<f32>,
+) -> Result<Response, SolveError> {
+    if marks.len() < MIN_MARKS {
+        let (have, need) = (marks.len() as u16, MIN_MARKS as u16);
+        return Err(SolveError::TooFewSamples { part: Part::Marks, have, need });
+    }
+    let h0_ut = horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(Part::Marks))?;
+    let tried = INCLINATIONS_DEG.map(f64::to_radians);
+    let told = inclination_rad.map(|told_rad| [f64::from(told_rad)]);
+    let best = told
+        .as_ref()
+        .map_or(&tried[..], |told| &told[..])
+        .iter()
+        .filter_map(|&inclination_rad| regression(marks, rotation, libm::tan(inclination_rad), h0_ut));
+    best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, response)| response).ok_or(SolveError::NotDetermined(Part::Marks))
+}
+
+/// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.
+fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f64> {
+    let (_, response) = regression(marks, rotation, 0.0, 0.0)?;
+    let horizontal = response.response_ut.fixed_view::<2, 2>(0, 0).determinant();
+    Some(libm::sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
+}
+
+/// Sum of squared residuals and response at an inclination.
+fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f64, h0_ut: f64) -> Option<(f64, Response)> {
+    let regressors = |mark: &Mark| {
+        let (sin, cos) = libm::sincosf(mark.heading_rad);
+        let level = Field::from_ut(cos, -sin, tan_inclination as f32);
+        mark.sample.attitude.body(level).ut.cast::<f64>().push(1.0)
+    };
+    let field = |mark: &Mark| (rotation * mark.sample.field.ut).cast::<f64>();
+    let mean = marks.iter().map(field).sum::<Vector3<f64>>() / marks.len() as f64;
+    // The assumption: A times H0 is H0 times the unit matrix, nothing about b.
+    let mut normal = Matrix4::from_diagonal(&Vector4::new(RIDGE, RIDGE, RIDGE, 0.0));
+    let mut right = SMatrix::<f64, 4, 3>::zeros();
+    right.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(RIDGE * h0_ut);
+    for mark in marks {
+        let row = regressors(mark);
+        normal += row * row.transpose();
+        right += row * (field(mark) - mean).transpose();
+    }
+    let solution = normal.cholesky()?.solve(&right);
+    let residual =
+        marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
+    let response_ut = solution.fixed_rows::<3>(0).transpose();
+    let b_ut = solution.row(3).transpose() + mean;
+    Some((residual, Response { response_ut, b_ut, tan_inclination }))
+}

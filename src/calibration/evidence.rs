@@ -1,0 +1,150 @@
+//! What the samples leave unknown: from the information in them to the uncertainty of the coefficients.
+
+use nalgebra::{Matrix3, SMatrix};
+
+use super::Samples;
+use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
+use super::uncertainty::{COEFFICIENTS, Matrix12, Uncertainty};
+use crate::frames::Attitude;
+
+/// Errors of the attitude source that are alike in all samples, 1 sigma. Turns do not reveal them: a bias looks like
+/// mounting, a bank scale like soft iron. So they are not estimated but carried.
+#[derive(Clone, Copy, Debug)]
+pub struct Consider {
+    /// Constant roll and pitch bias, radians: 0.2 deg, an autopilot levelled with care.
+    pub bias_rad: f32,
+    /// Relative error of bank in turns: 1 %, an estimator that knows its airspeed.
+    pub bank_scale: f32,
+}
+
+impl Consider {
+    /// A good autopilot.
+    pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01 };
+
+    /// A source without faults of its own.
+    pub const NOTHING: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
+}
+
+/// Noise of an attitude source that no sample has shown, radians: 0.5 deg.
+const UNSEEN_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
+
+/// Everything the samples say of the coefficients near a set of them.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence {
+    pub system: System,
+    /// The part of the information that comes from dips: the lower triangle.
+    dip: Matrix13,
+    /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
+    effects: [Vector13; 3],
+    /// Lag-1 autocorrelation sums of the dip residuals: products, squares, and the last one.
+    correlation: [f32; 3],
+}
+
+impl Evidence {
+    /// One pass over the samples.
+    pub fn new(likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) -> Self {
+        let mut evidence = Self {
+            system: System::of_priors(likelihood, unknowns),
+            dip: Matrix13::zeros(),
+            effects: [Vector13::zeros(); 3],
+            correlation: [0.0; 3],
+        };
+        likelihood.visit(samples, &Point::new(unknowns), &mut |equations| evidence.add(equations));
+        evidence
+    }
+
+    fn add(&mut self, equations: &Equations) {
+        self.system.add(equations);
+        let Some(dip) = &equations.dip else { return };
+        self.dip.syger(dip.weight, &dip.row, &dip.row, 1.0);
+        for (sum, effect) in self.effects.iter_mut().zip(equations.attitude_effects) {
+            sum.axpy(dip.weight * effect, &dip.row, 1.0);
+        }
+        let [products, squares, before] = &mut self.correlation;
+        *products += dip.clipped * *before;
+        *squares += dip.clipped * dip.clipped;
+        *before = dip.clipped;
+    }
+
+    /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
+    pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: &Attitude, heading_rad: f32) {
+        let level_from_body = attitude.level_from_body();
+        let Some(x) = point.expected_field(&level_from_body.transpose(), heading_rad) else { return };
+        let measured = Measured { field: x + point.b, level_from_body, roll_rad: attitude.roll_rad, heading_rad: None };
+        let equations = Equations::new(point, &measured, &likelihood.noise, &likelihood.config, true);
+        let before = self.correlation;
+        self.add(&equations);
+        // Its residual is nothing, which says nothing of the noise.
+        self.correlation = before;
+    }
+
+    /// Covariance of the unknowns. Errors of an attitude source stay alike for about half a second; with lag-1
+    /// autocorrelation rho of the dip residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so
+    /// that the estimator's covariance is `H^-1 (H + H_dip 2 rho / (1 - rho)) H^-1`.
+    ///
+    /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
+    /// which is nothing where these were sought but is the error of a closed form.
+    fn covariance(&self, consider: &Consider) -> Option<Matrix13> {
+        let inverse = self.system.covariance()?;
+        let mut dip = self.dip;
+        dip.fill_upper_triangle_with_lower_triangle();
+        let [products, squares, _] = self.correlation;
+        let rho = if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 };
+        let mut covariance = inverse + inverse * dip * inverse * (2.0 * rho / (1.0 - rho));
+        let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
+        for (effect, sigma) in self.effects.iter().zip(sigmas).chain([(&self.system.gradient, 1.0)]) {
+            let shift = inverse * effect * sigma;
+            covariance.ger(1.0, &shift, &shift, 1.0);
+        }
+        Some(covariance)
+    }
+
+    /// The uncertainty of the coefficients, in the units of the [`Calibration`](super::Calibration) that
+    /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
+    pub fn uncertainty(
+        &self,
+        likelihood: &Likelihood,
+        unknowns: &Vector13,
+        consider: &Consider,
+    ) -> Option<Uncertainty> {
+        let point = Point::new(unknowns);
+        let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
+        let covariance = self.covariance(consider)?;
+        let units = units(&point, &(likelihood.rotation.transpose() * per_unit));
+        let covariance = units * covariance.fixed_view::<COEFFICIENTS, COEFFICIENTS>(0, 0) * units.transpose();
+        let attitude_sigma_rad = if likelihood.config.uses_attitude {
+            likelihood.noise.attitude_sigma_rad()
+        } else {
+            UNSEEN_ATTITUDE_SIGMA_RAD
+        };
+        let uncertainty = Uncertainty::new(&covariance, likelihood.noise.norm / per_unit, attitude_sigma_rad);
+        uncertainty.is_finite().then_some(uncertainty)
+    }
+
+    /// What the samples say nothing of: the quantities of whose prior more than half is left in some direction.
+    pub fn left_to_priors(&self, likelihood: &Likelihood) -> Option<impl Iterator<Item = Quantity>> {
+        let covariance = self.system.covariance()?;
+        let mut left = [None; 4];
+        priors(likelihood, |prior| {
+            let posterior = prior.row.dot(&(covariance * prior.row));
+            if posterior > 0.25 * prior.sigma * prior.sigma
+                && let Some(slot) = left.get_mut(prior.of as usize)
+            {
+                *slot = Some(prior.of);
+            }
+        });
+        Some(left.into_iter().flatten())
+    }
+}
+
+/// Takes changes of the unknowns `W` and `b` to changes of `W` in chip axes with a determinant of one, and of
+/// `beta = W b`.
+fn units(point: &Point, mount: &Matrix3<f32>) -> Matrix12 {
+    let mut units: SMatrix<f32, COEFFICIENTS, COEFFICIENTS> = Matrix12::zeros();
+    // A row of W in mount axes times the rotation is a row in chip axes; as a column, the transpose of it.
+    for i in 0..3 {
+        units.fixed_view_mut::<3, 3>(3 * i, 3 * i).copy_from(mount);
+    }
+    units.fixed_view_mut::<3, 3>(9, 9).copy_from(&point.w);
+    units
+}

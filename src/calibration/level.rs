@@ -1,0 +1,91 @@
+//! Level flight: six coefficients from one ellipse, for vehicles that do not bank.
+//!
+//! In level flight the horizontal field at headings psi runs round a circle, `(H0 cos psi, -H0 sin psi)`, and its
+//! measurement round an ellipse (Liu 2007 eq. 4). An ellipse has five coefficients (eq. 6); the sixth, by which angle
+//! the circle was turned on its way to the ellipse, is set to zero by hypothesis: `A = K P` with `K = diag(Kx, Ky)` and
+//! `P = [cos p, sin p; sin p, cos p]` (eq. 5). What that leaves out is mounting error about the vertical and
+//! unsymmetric soft iron: a constant error of heading, which `set align` takes out where a heading is known.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use super::conic::conic;
+use super::response::Response;
+use super::{Part, Sample, SolveError};
+
+/// Samples needed: a conic has five coefficients, and noise wants some more.
+const MIN_SAMPLES: usize = 8;
+
+/// Headings needed, 30 deg apart (Liu 2007 section 1).
+const MIN_HEADINGS: u8 = 5;
+
+/// The affine map of the ellipse hypothesis (Liu 2007 eq. 5).
+#[derive(Clone, Debug)]
+pub(super) struct Hypothesis {
+    /// `K P` times H0: takes (cos psi, -sin psi) to the measurement less `centre_ut`.
+    pub map_ut: Matrix2<f64>,
+    pub centre_ut: Vector2<f64>,
+}
+
+impl Hypothesis {
+    /// Fits the conic and takes the map from it. With `S` the inverse of the conic's form, `S = K P P^T K`, whose
+    /// diagonal is `K^2` and whose off-diagonal element over `Kx Ky` is `sin 2p`.
+    ///
+    /// `None` when the points are on no ellipse.
+    pub fn fit(points_ut: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<Self> {
+        let number = points_ut.clone().count() as f64;
+        let mean = points_ut.clone().sum::<Vector2<f64>>() / number;
+        let scale = libm::sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f64>() / number);
+        // Points scaled to about 1, or the normal equations would mix units of 1 and uT^4.
+        let (centre, form) = conic(points_ut.map(|p| (p - mean) / scale))?;
+        let s = form.try_inverse()?;
+        let (kx, ky) = (libm::sqrt(s[(0, 0)]), libm::sqrt(s[(1, 1)]));
+        let p = libm::asin((s[(0, 1)] / (kx * ky)).clamp(-1.0, 1.0)) / 2.0;
+        let (sin, cos) = libm::sincos(p);
+        Some(Self {
+            map_ut: Matrix2::new(kx * cos, kx * sin, ky * sin, ky * cos) * scale,
+            centre_ut: mean + centre * scale,
+        })
+    }
+
+    /// At how many of twelve headings there are points.
+    fn headings(&self, points_ut: impl Iterator<Item = Vector2<f64>>) -> u8 {
+        // A map of an ellipse has an inverse; without one no heading is counted.
+        let inverse = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
+        let seen = points_ut.fold(0_u16, |seen, p| {
+            let circle = inverse * (p - self.centre_ut);
+            let turns = libm::atan2(-circle.y, circle.x) / core::f64::consts::TAU + 0.5;
+            // The cast saturates and takes NaN to 0; the remainder keeps the shift below 12.
+            seen | 1 << ((turns * 12.0) as u16 % 12)
+        });
+        seen.count_ones() as u8
+    }
+}
+
+/// Solves samples of level flight, fields rotated by `rotation` first.
+///
+/// What level flight does not show is chosen so that it does not matter there: no hard iron along the vertical axis, the
+/// vertical scale that of the horizontal ones, and the inclination that follows.
+pub(super) fn solve<'a>(
+    samples: impl Iterator<Item = &'a Sample> + Clone,
+    rotation: &Matrix3<f32>,
+) -> Result<Response, SolveError> {
+    let fields = samples.map(|s| (rotation * s.field.ut).cast::<f64>());
+    let have = fields.clone().count();
+    if have < MIN_SAMPLES {
+        return Err(SolveError::TooFewSamples { part: Part::Level, have: have as u16, need: MIN_SAMPLES as u16 });
+    }
+    let found = Hypothesis::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(Part::Level))?;
+    let headings = found.headings(fields.clone().map(|f| f.xy()));
+    if headings < MIN_HEADINGS {
+        return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
+    }
+    let vertical_ut = libm::sqrt(found.map_ut.determinant().abs());
+    let mut response_ut = Matrix3::from_diagonal_element(vertical_ut);
+    response_ut.fixed_view_mut::<2, 2>(0, 0).copy_from(&found.map_ut);
+    let mean_z_ut = fields.map(|f| f.z).sum::<f64>() / have as f64;
+    Ok(Response {
+        response_ut,
+        b_ut: Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0),
+        tan_inclination: mean_z_ut / vertical_ut,
+    })
+}

@@ -1,0 +1,185 @@
+//! How likely samples are with a set of coefficients: the model that every method's result is judged by, and that
+//! maximum likelihood refines.
+//!
+//! Let `w = W (m - b)`, `f = |w|`, and `C` the rotation from body to level axes that the attitude of a sample gives. An
+//! error of attitude can tilt the measured vector but never stretch it, so two residuals with errors of their own are
+//! used (unit of field: the total intensity F):
+//!
+//! - `e_norm = f - 1`, whose variance is the sensor's noise,
+//! - `e_dip = dip(C w) - I`, whose variance is the sensor's and the attitude's,
+//!
+//! and where a heading was given (compass swing) `e_heading = heading(C w) - given`. Unknowns: `W` (9), `b` (3), `I`.
+//! The variances are re-estimated from the residuals; weighting the two alike, as common attitude-aided fits do, is what
+//! ruins them, because attitude errors are often ten times the sensor's. Huber's loss bounds what a gust or a passing
+//! power line can do.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `view.rs` | a measurement seen through a set of coefficients |
+//! | `noise.rs` | how wrong measurements are |
+//! | `equations.rs` | what one sample says, linear in the unknowns |
+//! | `system.rs` | what all samples and the priors say together |
+
+mod equations;
+mod noise;
+mod system;
+mod view;
+
+pub(super) use equations::{Equations, Measured};
+pub(super) use noise::Noise;
+pub(super) use system::{Quantity, System, priors};
+pub(super) use view::Point;
+
+use equations::CLIPPED_MEAN_SQUARE;
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::{Calibration, Orientation, Sample, Samples, SolveError, rows};
+
+/// Number of unknowns: `W` row by row, `b`, `I`.
+pub(super) const UNKNOWNS: usize = 13;
+pub(super) type Vector13 = SVector<f32, UNKNOWNS>;
+pub(super) type Matrix13 = SMatrix<f32, UNKNOWNS, UNKNOWNS>;
+
+/// Fixed numbers of the model.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Whether the samples' attitude is used; without it only the total field is known to be the same everywhere.
+    pub uses_attitude: bool,
+    /// Soft iron, 1 sigma of an element of the symmetric part of `W`, relative: 30 % is a bad airframe.
+    pub soft_iron_sigma: f32,
+    /// Mounting, 1 sigma of an element of the skew part of `W`, radians: 20 deg.
+    pub mounting_sigma: f32,
+    /// Hard iron, 1 sigma, microtesla: three times the Earth's field.
+    pub hard_iron_sigma_ut: f32,
+    /// An inclination told by a person, radians, 1 sigma: 1 deg. A chart is good to half of it, the ground below to the
+    /// rest.
+    pub told_inclination_sigma_rad: f32,
+    /// A heading given by a person, radians, 1 sigma: 1 deg, a compass rose or a bearing compass.
+    pub given_heading_sigma_rad: f32,
+    /// `e_norm` is not believed to be better than this: quantisation and the chip's linearity.
+    pub min_norm_sigma: f32,
+    /// `e_dip` is not believed to be better than this, radians: 0.05 deg.
+    pub min_dip_sigma_rad: f32,
+    /// A fit whose `e_norm` scatters by more does not explain the samples: ten times a poor sensor.
+    pub max_norm_sigma: f32,
+    /// A fit whose `e_dip` scatters by more does not explain the samples, radians: 5 deg.
+    pub max_dip_sigma_rad: f32,
+    /// Residuals beyond so many sigma count linearly (Huber).
+    pub huber: f32,
+}
+
+impl Config {
+    /// Numbers for airframes and sensors of UAVs, with attitude.
+    pub const DEFAULT: Self = Self {
+        uses_attitude: true,
+        soft_iron_sigma: 0.3,
+        mounting_sigma: 0.35,
+        hard_iron_sigma_ut: 150.0,
+        told_inclination_sigma_rad: 0.0175,
+        given_heading_sigma_rad: 0.0175,
+        min_norm_sigma: 0.0005,
+        min_dip_sigma_rad: 0.0009,
+        max_norm_sigma: 0.05,
+        max_dip_sigma_rad: 0.087,
+        huber: 2.0,
+    };
+
+    /// For data that cannot show the mounting: it is taken to be as configured, to half a degree.
+    pub const ALIGNED: Self = Self { mounting_sigma: 0.009, ..Self::DEFAULT };
+
+    /// For tumbling on a bench, where no attitude is known.
+    pub const NO_ATTITUDE: Self = Self { uses_attitude: false, ..Self::ALIGNED };
+}
+
+/// What is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Prior {
+    /// How the sensor is mounted.
+    pub mount: Orientation,
+    /// Inclination of the Earth field here, radians, positive down, where it was told.
+    pub inclination_rad: Option<f32>,
+}
+
+/// The model with its noise and its units.
+#[derive(Clone, Debug)]
+pub(super) struct Likelihood {
+    pub config: Config,
+    pub told_inclination_rad: Option<f32>,
+    /// Chip to body axes as configured: the model works in body axes as far as they are known.
+    pub rotation: Matrix3<f32>,
+    /// Unit of field, microtesla.
+    pub unit_ut: f32,
+    pub noise: Noise,
+    /// Whether the noise has been estimated: see [`Equations::new`].
+    pub refined: bool,
+}
+
+impl Likelihood {
+    /// The model in a unit of field, nothing known of the noise.
+    pub fn new(prior: &Prior, config: Config, unit_ut: f32) -> Self {
+        Self {
+            config,
+            told_inclination_rad: prior.inclination_rad,
+            rotation: prior.mount.body_from_sensor(),
+            unit_ut,
+            noise: Noise::INITIAL,
+            refined: false,
+        }
+    }
+
+    /// The equations of every sample, one after the other.
+    pub fn visit(&self, samples: Samples<'_>, point: &Point, visit: &mut dyn FnMut(&Equations)) {
+        let mut one = |sample: &Sample, heading_rad: Option<f32>| {
+            let measured = Measured {
+                field: self.rotation * sample.field.ut / self.unit_ut,
+                level_from_body: sample.attitude.level_from_body(),
+                roll_rad: sample.attitude.roll_rad,
+                heading_rad,
+            };
+            visit(&Equations::new(point, &measured, &self.noise, &self.config, self.refined));
+        };
+        samples.iter().for_each(|sample| one(sample, None));
+        samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
+    }
+
+    /// One pass over the samples.
+    pub fn linearise(&self, samples: Samples<'_>, unknowns: &Vector13) -> System {
+        let mut system = System::of_priors(self, unknowns);
+        self.visit(samples, &Point::new(unknowns), &mut |equations| system.add(equations));
+        system
+    }
+
+    /// New sigmas from the residuals.
+    pub fn reweight(&mut self, system: &System, unknowns: &Vector13) {
+        // Thirteen unknowns take their share of the scatter, here half from each kind of residual.
+        let freedom = (f32::from(system.samples) - UNKNOWNS as f32 / 2.0).max(1.0) * CLIPPED_MEAN_SQUARE;
+        let [norm, dip] = system.clipped_squares.map(|sum| libm::sqrtf(sum / freedom));
+        self.noise = Noise::new(
+            (self.noise.norm * norm).max(self.config.min_norm_sigma),
+            (self.noise.dip_rad * dip).max(self.config.min_dip_sigma_rad),
+            Point::new(unknowns).w,
+        );
+        self.refined = true;
+    }
+
+    /// Whether the residuals are small enough for the coefficients to explain the samples.
+    pub fn explains(&self) -> bool {
+        self.noise.norm <= self.config.max_norm_sigma && self.noise.dip_rad <= self.config.max_dip_sigma_rad
+    }
+
+    /// The unknowns in the module's units: `W` to a determinant of one, so that the corrected field is in microtesla.
+    pub fn calibration(&self, unknowns: &Vector13) -> Result<Calibration, SolveError> {
+        let point = Point::new(unknowns);
+        let determinant = point.w.determinant();
+        if !determinant.is_finite() || determinant <= 0.0 {
+            return Err(SolveError::NotConverged);
+        }
+        let per_unit = 1.0 / libm::cbrtf(determinant);
+        Ok(Calibration {
+            w: rows(&(point.w * per_unit * self.rotation)),
+            b_ut: (self.rotation.tr_mul(&point.b) * self.unit_ut).into(),
+            inclination_rad: point.inclination_rad,
+            total_ut: self.unit_ut * per_unit,
+        })
+    }
+}

@@ -1,0 +1,118 @@
+//! A measurement seen through a set of coefficients: the field it stands for, and how that depends on everything.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{UNKNOWNS, Vector13};
+use crate::calibration::uncertainty::heading_by_field;
+use crate::frames::Field;
+
+/// `W` and `b` in the unit of field, and the inclination.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct Point {
+    pub w: Matrix3<f32>,
+    pub b: Vector3<f32>,
+    pub inclination_rad: f32,
+}
+
+impl Point {
+    /// From the unknowns: `W` row by row, `b`, `I`.
+    pub fn new(unknowns: &Vector13) -> Self {
+        let w = Matrix3::from_fn(|row, column| unknowns[3 * row + column]);
+        Self { w, b: Vector3::new(unknowns[9], unknowns[10], unknowns[11]), inclination_rad: unknowns[12] }
+    }
+
+    /// The unknowns; `None` if one is not a finite number.
+    pub fn unknowns(&self) -> Option<Vector13> {
+        let mut unknowns = Vector13::zeros();
+        for i in 0..3 {
+            for j in 0..3 {
+                unknowns[3 * i + j] = self.w[(i, j)];
+            }
+            unknowns[9 + i] = self.b[i];
+        }
+        unknowns[12] = self.inclination_rad;
+        unknowns.iter().all(|u| u.is_finite()).then_some(unknowns)
+    }
+
+    /// What a field less `b` looks like from here; `level_from_body` as [`Attitude::level_from_body`] gives it.
+    pub fn view(&self, x: Vector3<f32>, level_from_body: &Matrix3<f32>) -> View {
+        let body = self.w * x;
+        // A field of zero has no direction; the floor keeps its residual finite and large.
+        let total = body.norm().max(1e-6);
+        let direction = body / total;
+        let level = level_from_body * direction;
+        // Next to a magnetic pole the dip's derivative grows without bound; 0.05 is 3 deg from it.
+        let horizontal = libm::sqrtf(level.x * level.x + level.y * level.y).max(0.05);
+        let down = level_from_body.row(2).transpose();
+        View {
+            x,
+            total,
+            direction,
+            towards_down: (down - direction * level.z) / (total * horizontal),
+            level,
+            horizontal,
+            dip_rad: libm::atan2f(level.z, horizontal),
+        }
+    }
+
+    /// The derivative by the unknowns of `k . W (m - b)`: `k x^T` by `W`, `-W^T k` by `b`, none by `I`.
+    pub fn row(&self, k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
+        let by_b = -self.w.tr_mul(k);
+        let mut row = Vector13::zeros();
+        for i in 0..3 {
+            for j in 0..3 {
+                row[3 * i + j] = k[i] * x[j];
+            }
+            row[9 + i] = by_b[i];
+        }
+        row
+    }
+
+    /// The measurement less `b`, noise-free, at an attitude and a heading.
+    pub fn expected_field(&self, body_from_level: &Matrix3<f32>, heading_rad: f32) -> Option<Vector3<f32>> {
+        let level = Field::earth(1.0, self.inclination_rad, heading_rad);
+        Some(self.w.try_inverse()? * (body_from_level * level.ut))
+    }
+}
+
+/// What a measurement looks like through a point.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct View {
+    /// The measurement less `b`.
+    pub x: Vector3<f32>,
+    /// Size of the corrected field; one, if all is right.
+    pub total: f32,
+    /// Direction of the corrected field in body axes: the derivative of `total` by the corrected field.
+    pub direction: Vector3<f32>,
+    /// Derivative of the dip by the corrected field.
+    pub towards_down: Vector3<f32>,
+    /// Direction of the corrected field in level axes.
+    pub level: Vector3<f32>,
+    /// Size of its horizontal part.
+    pub horizontal: f32,
+    pub dip_rad: f32,
+}
+
+impl View {
+    pub fn norm_row(&self, point: &Point) -> Vector13 {
+        point.row(&self.direction, &self.x)
+    }
+
+    /// Of the dip less the inclination.
+    pub fn dip_row(&self, point: &Point) -> Vector13 {
+        let mut row = point.row(&self.towards_down, &self.x);
+        row[UNKNOWNS - 1] = -1.0;
+        row
+    }
+
+    /// Derivative of the heading by the corrected field, in body axes.
+    pub fn heading_by_field(&self, level_from_body: &Matrix3<f32>) -> Vector3<f32> {
+        heading_by_field(level_from_body, &Field::new(self.level)) / self.total
+    }
+
+    /// Change of the dip by a radian of roll and of pitch. Together they are of size one at zero pitch.
+    pub fn dip_by_attitude(&self, level_from_body: &Matrix3<f32>) -> [f32; 2] {
+        let cos_pitch = level_from_body[(0, 0)];
+        [cos_pitch * self.level.y / self.horizontal, -self.level.x / self.horizontal]
+    }
+}

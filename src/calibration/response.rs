@@ -1,0 +1,65 @@
+//! What the closed forms give, and the sphere: where a refinement begins.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::Samples;
+use super::likelihood::{Point, Vector13};
+use crate::frames::Field;
+
+/// The response of the sensor in mount axes, unit of field microtesla: what each closed form gives.
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    /// Response to a field of H0 in body axes: `A` times H0, microtesla.
+    pub response_ut: Matrix3<f64>,
+    /// Hard iron, microtesla.
+    pub b_ut: Vector3<f64>,
+    /// `D`, the tangent of the inclination.
+    pub tan_inclination: f64,
+}
+
+impl Response {
+    /// Unit of field, microtesla, in which `W` has a determinant of one, and the unknowns in that unit. `None` if `A` has
+    /// no inverse or mirrors: a chip's axes are right-handed.
+    pub fn unknowns(&self) -> Option<(f32, Vector13)> {
+        // Total field in units of H0.
+        let total = libm::sqrt(1.0 + self.tan_inclination * self.tan_inclination);
+        let w = self.response_ut.try_inverse()? / total;
+        let unit_ut = 1.0 / libm::cbrt(w.determinant());
+        let point = Point {
+            w: (w * unit_ut).cast(),
+            b: (self.b_ut / unit_ut).cast(),
+            inclination_rad: libm::atan(self.tan_inclination) as f32,
+        };
+        point.unknowns().filter(|_| unit_ut.is_finite() && unit_ut > 0.0).map(|unknowns| (unit_ut as f32, unknowns))
+    }
+}
+
+/// Unit of field and unknowns from a sphere through all samples: hard iron only. The fields are rotated by `rotation`
+/// first.
+pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<(f32, Vector13)> {
+    let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
+    let number = fields().count() as f32;
+    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
+    // |m|^2 = 2 m . b + (r^2 - |b|^2), linear in b and the bracket; fields from their mean, for the digits.
+    let mut normal = SMatrix::<f32, 4, 4>::zeros();
+    let mut right = SVector::<f32, 4>::zeros();
+    for (field, _) in fields() {
+        let p = field - mean;
+        let row = SVector::from([2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0]);
+        normal += row * row.transpose();
+        right += row * p.norm_squared();
+    }
+    let solution = normal.cast::<f64>().cholesky()?.solve(&right.cast::<f64>()).cast::<f32>();
+    let centre = solution.fixed_rows::<3>(0).into_owned();
+    let unit_ut = libm::sqrtf((solution[3] + centre.norm_squared()).max(1.0));
+    let b_ut = mean + centre;
+    let sin_dip = fields()
+        .map(|(field, s)| {
+            let level = s.attitude.level(Field::new(field - b_ut));
+            level.ut.z / level.total_ut().max(1e-6)
+        })
+        .sum::<f32>()
+        / number;
+    let inclination_rad = libm::asinf(sin_dip.clamp(-1.0, 1.0));
+    Point { w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad }.unknowns().map(|unknowns| (unit_ut, unknowns))
+}

@@ -1,0 +1,185 @@
+//! From samples to a calibration, by any method, in steps.
+
+use super::advice::{self, Advice};
+use super::evidence::{Consider, Evidence};
+use super::expected_error::{self, Envelope};
+use super::likelihood::{Config, Likelihood, Prior, Vector13};
+use super::maximum_likelihood::{Progress as Refining, Refinement};
+use super::response::{self, Response};
+use super::two_plane::{MIN_SAMPLES, progress_rad};
+use super::uncertainty::Uncertainty;
+use super::{Calibration, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
+use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
+
+/// What came out.
+#[derive(Clone, Copy, Debug)]
+pub struct Solution {
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// How good they are expected to be.
+    pub quality: Quality,
+    /// How wrong a heading may be.
+    pub uncertainty: Uncertainty,
+    /// What would make them better.
+    pub advice: Option<Advice>,
+}
+
+/// How far a solver is.
+#[allow(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
+#[derive(Debug)]
+pub enum Progress {
+    /// Call [`Solver::step`] again.
+    Continue,
+    /// It has ended.
+    Finished(Result<Solution, SolveError>),
+}
+
+/// A solve under way. Each [`step`](Self::step) is one pass over the samples. About 1.5 KB.
+#[derive(Debug)]
+pub struct Solver {
+    method: Method,
+    prior: Prior,
+    consider: Consider,
+    refinement: Refinement,
+    /// Whether it began, or begins again, with the sphere, the last of the starts.
+    from_sphere: bool,
+}
+
+/// Headings must not run against the turns by more than this, radians: half a circle, which no noise imitates.
+const AGAINST_RAD: f32 = -3.0;
+
+impl Solver {
+    /// Begins to solve. The samples must stay the same until it has ended.
+    pub fn new(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Self, SolveError> {
+        Self::with_consider(method, samples, prior, Consider::DEFAULT)
+    }
+
+    /// As [`new`](Self::new), with other assumptions about the attitude source.
+    pub fn with_consider(
+        method: Method,
+        samples: Samples<'_>,
+        prior: &Prior,
+        consider: Consider,
+    ) -> Result<Self, SolveError> {
+        check(method, samples)?;
+        let rotation = prior.mount.body_from_sensor();
+        let closed_form: Result<Response, SolveError> = match method {
+            Method::Level => level::solve(samples.all(), &rotation),
+            Method::FourEllipse => four_ellipse::solve(samples, &rotation, prior.inclination_rad),
+            Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve(samples, &rotation),
+            Method::CompassSwing => compass_swing::solve(samples.marks, &rotation, prior.inclination_rad),
+            Method::Ellipsoid => Err(SolveError::NotDetermined(Part::All)),
+        };
+        let start = match closed_form {
+            Ok(response) => response.unknowns(),
+            Err(error) if !method.is_refined() || method == Method::CompassSwing => return Err(error),
+            Err(_) => None,
+        };
+        if start.is_none() && !method.is_refined() {
+            return Err(SolveError::NotConverged);
+        }
+        let from_sphere = start.is_none();
+        let start = start.or_else(|| response::sphere(samples, &rotation)).ok_or(SolveError::NotConverged)?;
+        Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, start), from_sphere })
+    }
+
+    /// One pass over the samples, or the end.
+    pub fn step(&mut self, samples: Samples<'_>) -> Progress {
+        let end = match self.refinement.step(samples) {
+            Refining::Continue => return Progress::Continue,
+            Refining::Settled => self.finish(samples),
+            Refining::Failed => Err(SolveError::NotConverged),
+        };
+        if end.is_ok() || self.from_sphere || self.method != Method::MaximumLikelihood {
+            return Progress::Finished(end);
+        }
+        // What a bad start led astray may be found from another.
+        self.from_sphere = true;
+        match (end, response::sphere(samples, &self.prior.mount.body_from_sensor())) {
+            (Err(SolveError::NotConverged), Some(start)) => {
+                self.refinement = begin(self.method, &self.prior, samples, start);
+                Progress::Continue
+            }
+            (end, _) => Progress::Finished(end),
+        }
+    }
+
+    /// Checks what was found, puts it into the module's units, and judges it.
+    #[inline(never)]
+    fn finish(&self, samples: Samples<'_>) -> Result<Solution, SolveError> {
+        let Refinement { likelihood, unknowns, .. } = &self.refinement;
+        if !likelihood.explains() {
+            return Err(SolveError::NotConverged);
+        }
+        let calibration = likelihood.calibration(unknowns)?;
+        self.plausible(samples, &calibration)?;
+        let evidence = Evidence::new(likelihood, samples, unknowns);
+        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(&evidence, likelihood) {
+            return Err(SolveError::NotDetermined(Part::All));
+        }
+        let envelope = if self.method == Method::Level { Envelope::Level } else { Envelope::Banked };
+        let uncertainty = evidence.uncertainty(likelihood, unknowns, &self.consider).ok_or(SolveError::NotConverged)?;
+        let expected =
+            expected_error::expected(&calibration, &uncertainty, envelope).ok_or(SolveError::NotConverged)?;
+        let quality = Quality {
+            method: self.method,
+            expected_rms_deg: expected.rms_deg,
+            expected_worst_deg: expected.worst_deg,
+            norm_residual: likelihood.noise.norm,
+            dip_residual_deg: likelihood.noise.dip_rad.to_degrees(),
+            samples: evidence.system.samples,
+        };
+        let advice = advice::advise(&evidence, likelihood, unknowns, &calibration, envelope);
+        Ok(Solution { calibration, quality, uncertainty, advice })
+    }
+
+    /// Headings must run with the turns, and the mounting must be the configured one.
+    fn plausible(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
+        let heading = |s: &Sample| s.attitude.level(calibration.apply(s.field)).heading_rad();
+        let progress = [(Side::Left, samples.left), (Side::Right, samples.right)]
+            .map(|(side, samples)| progress_rad(samples, side, heading));
+        if self.method != Method::Ellipsoid && progress.iter().sum::<f32>() < AGAINST_RAD {
+            return Err(SolveError::TurnsReversed);
+        }
+        let found = Orientation::nearest(&calibration.w_matrix());
+        if found != self.prior.mount {
+            return Err(SolveError::MountContradicted { found });
+        }
+        Ok(())
+    }
+}
+
+/// Solves to the end.
+pub fn solve(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solution, SolveError> {
+    let mut solver = Solver::new(method, samples, prior)?;
+    // Ends, because a refinement takes a bounded number of steps, and there are at most two.
+    loop {
+        if let Progress::Finished(end) = solver.step(samples) {
+            return end;
+        }
+    }
+}
+
+fn begin(method: Method, prior: &Prior, samples: Samples<'_>, (unit_ut, unknowns): (f32, Vector13)) -> Refinement {
+    let config = match method {
+        Method::Level => Config::ALIGNED,
+        Method::Ellipsoid => Config::NO_ATTITUDE,
+        Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => Config::DEFAULT,
+    };
+    Refinement::new(Likelihood::new(prior, config, unit_ut), samples, unknowns, method.is_refined())
+}
+
+/// Whether the samples can be worked with at all.
+fn check(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
+    let have = samples.all().count();
+    let need = if samples.marks.is_empty() { MIN_SAMPLES } else { 1 };
+    if have < need {
+        let part = if method == Method::Level { Part::Level } else { Part::All };
+        return Err(SolveError::TooFewSamples { part, have: have as u16, need: need as u16 });
+    }
+    let finite = |s: &Sample| {
+        s.field.ut.iter().all(|c| c.abs() < 1e6) && s.attitude.roll_rad.is_finite() && s.attitude.pitch_rad.is_finite()
+    };
+    let given = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());
+    if given && samples.all().all(finite) { Ok(()) } else { Err(SolveError::NotFinite) }
+}
