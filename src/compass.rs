@@ -11,10 +11,15 @@ mod refusal;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, Save, State};
 pub use refusal::Refusal;
 
-use crate::calibration::{Calibration, Method, Prior, Progress as Solving, Sample, Solution, Solver, verification};
+use crate::calibration::ladder::{self, Manner, Selection};
+use crate::calibration::verification::{self, Scores};
+use crate::calibration::{
+    Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
+};
+use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
 use crate::store::{Generations, Record, Settings, StoreError};
-use crate::turns::Collector;
+use crate::turns::{Collector, Recent};
 
 /// Fixed numbers of the machine.
 #[derive(Clone, Copy, Debug)]
@@ -22,13 +27,20 @@ pub struct Config {
     /// A calibration expected to be worse than this is refused, degrees RMS: an uncalibrated compass in a clean
     /// airframe is about as good.
     pub max_expected_rms_deg: f32,
-    /// Held-back samples needed on each side: one for every sector but a few.
+    /// Held-back samples needed of each part that was used: one for every sector but a few.
     pub min_held_back: u16,
+    /// A candidate expected to be worse than the calibration in use by more than this factor, or found by a method that
+    /// determines less, is thinner.
+    pub thinner_by: f32,
+    /// A thinner candidate is only taken when it explains the held-back samples this many times better: then the
+    /// airframe's iron has changed, and the calibration in use is wrong whatever it was expected to be.
+    pub contradicted_by: f32,
 }
 
 impl Config {
     /// Numbers for every vehicle.
-    pub const DEFAULT: Self = Self { max_expected_rms_deg: 3.0, min_held_back: 8 };
+    pub const DEFAULT: Self =
+        Self { max_expected_rms_deg: 3.0, min_held_back: 8, thinner_by: 1.5, contradicted_by: 3.0 };
 }
 
 /// What runs now.
@@ -42,7 +54,7 @@ enum Phase {
     Saving,
 }
 
-/// The state machine. About 20 KB, most of it samples.
+/// The state machine. About 22 KB, most of it samples.
 #[derive(Debug)]
 pub struct Compass {
     config: Config,
@@ -50,8 +62,10 @@ pub struct Compass {
     generations: Generations,
     sensor: Option<Identity>,
     collector: Collector,
+    recent: Recent,
     phase: Phase,
     last: Option<Outcome>,
+    advice: Option<Advice>,
 }
 
 impl Compass {
@@ -64,8 +78,10 @@ impl Compass {
             generations,
             sensor: None,
             collector: Collector::new(),
+            recent: Recent::new(),
             phase: Phase::Idle,
             last: None,
+            advice: None,
         }
     }
 
@@ -73,6 +89,12 @@ impl Compass {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         matches!(self.phase, Phase::Solving(_) | Phase::Verifying(_))
+    }
+
+    /// Whether samples are wanted although no attitude is known.
+    #[must_use]
+    pub fn tumbles(&self) -> bool {
+        matches!(self.phase, Phase::Collecting) && self.collector.manner() == Manner::Tumble
     }
 
     /// The record in use: the stored one, if it is for this sensor and mounting.
@@ -112,7 +134,7 @@ impl Compass {
                 Effect::None
             }
             Event::Sample(sample) => self.sample(sample),
-            Event::Command(command) => match self.command(command) {
+            Event::Command(command, now_ms) => match self.command(command, now_ms) {
                 Ok(effect) => effect,
                 Err(refusal) => Effect::Reply(Err(refusal)),
             },
@@ -123,6 +145,7 @@ impl Compass {
 
     #[inline(never)]
     fn sample(&mut self, sample: Sample) -> Effect {
+        self.recent.push(sample);
         if !matches!(self.phase, Phase::Collecting) {
             return Effect::None;
         }
@@ -130,44 +153,82 @@ impl Compass {
         if !self.collector.progress().is_complete() {
             return Effect::None;
         }
-        match self.start_solving() {
+        match self.start_solving(None) {
             Ok(()) => Effect::None,
             Err(refusal) => self.end(Err(refusal)),
         }
     }
 
     #[inline(never)]
-    fn command(&mut self, command: Command) -> Result<Effect, Refusal> {
+    fn command(&mut self, command: Command, now_ms: u32) -> Result<Effect, Refusal> {
         let runs = self.is_busy() || matches!(self.phase, Phase::Saving);
-        let asks_only = matches!(command, Command::Report | Command::CalAbort);
+        let asks_only = matches!(command, Command::Report | Command::CalAbort | Command::CalAdvise);
         if runs && !asks_only {
             return Err(Refusal::Busy);
         }
         match command {
-            Command::CalStart => {
+            Command::CalStart(manner) => {
                 self.sensor.ok_or(Refusal::NoSensor)?;
-                self.collector.clear();
+                self.collector.begin(manner);
+                self.recent = Recent::new();
                 self.phase = Phase::Collecting;
             }
+            Command::CalMark(heading_deg) => return self.mark(heading_deg, now_ms),
             Command::CalStop => match self.phase {
                 Phase::Collecting => self.phase = Phase::Idle,
                 _ => return Err(Refusal::NotCollecting),
             },
-            Command::CalSolve => self.start_solving()?,
+            Command::CalSolve(method) => self.start_solving(method)?,
+            Command::CalAdvise => {
+                return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
+            }
             // A save that has begun is finished: half a save is nobody's wish.
             Command::CalAbort if matches!(self.phase, Phase::Saving) => return Err(Refusal::Busy),
             Command::CalAbort => {
-                self.collector.clear();
+                self.collector.begin(Manner::Turns);
                 self.phase = Phase::Idle;
             }
             Command::CalClear => return Ok(Effect::Save(Save::Clear(Generations::default()))),
             Command::CalUndo => return self.undo(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
-            Command::StreamOn(_) | Command::StreamRate(_) | Command::SetDeclination(_) | Command::SetMount(_) => {
-                return self.change(command);
-            }
+            Command::SetAlign(heading_deg) => return self.align(heading_deg, now_ms),
+            Command::StreamOn(_)
+            | Command::StreamRate(_)
+            | Command::SetDeclination(_)
+            | Command::SetMount(_)
+            | Command::SetInclination(_) => return self.change(command),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
+    }
+
+    /// Takes the last second of samples as those of a heading.
+    fn mark(&mut self, heading_deg: f32, now_ms: u32) -> Result<Effect, Refusal> {
+        let swinging = matches!(self.phase, Phase::Collecting) && self.collector.manner() == Manner::Swing;
+        if !swinging {
+            return Err(Refusal::NotSwinging);
+        }
+        in_circle(heading_deg)?;
+        let sample = self.recent.steady(now_ms).ok_or(Refusal::NotSteady)?;
+        if !self.collector.mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
+            return Err(Refusal::TooManyMarks);
+        }
+        // The next mark has samples of its own.
+        self.recent = Recent::new();
+        Ok(Effect::Reply(Ok(Reply::Marked(self.collector.progress().marks))))
+    }
+
+    /// What is added to every heading, so that the one of now is the given one.
+    fn align(&self, heading_deg: Option<f32>, now_ms: u32) -> Result<Effect, Refusal> {
+        let mut settings = self.settings;
+        settings.align_deg = 0.0;
+        if let Some(heading_deg) = heading_deg {
+            in_circle(heading_deg)?;
+            let calibration = &self.in_use().ok_or(Refusal::NoCalibration)?.calibration;
+            let now = self.recent.steady(now_ms).ok_or(Refusal::NotSteady)?;
+            let shown_rad = now.attitude.level(calibration.apply(now.field)).heading_rad();
+            settings.align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
+        }
+        Ok(Effect::Save(Save::Settings(settings)))
     }
 
     fn undo(&self) -> Result<Effect, Refusal> {
@@ -193,6 +254,10 @@ impl Compass {
                 settings.mount = mount;
                 "a mounting is one of the 24 right-angle ones"
             }
+            Command::SetInclination(deg) => {
+                settings.inclination_deg = deg;
+                "an inclination is -90 to 90 degrees, positive down"
+            }
             Command::StreamOn(on) => {
                 settings.stream_on = on;
                 "on or off"
@@ -202,17 +267,17 @@ impl Compass {
         if settings.is_valid() { Ok(Effect::Save(Save::Settings(settings))) } else { Err(Refusal::OutOfRange(range)) }
     }
 
-    fn start_solving(&mut self) -> Result<(), Refusal> {
+    fn start_solving(&mut self, method: Option<Method>) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
-        let turns = self.collector.dataset().fit();
-        if turns.left.is_empty() && turns.right.is_empty() {
+        if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
-        let prior = Prior { mount: self.settings.mount, inclination_rad: None };
-        match Solver::new(Method::MaximumLikelihood, turns, &prior) {
-            Ok(solver) => self.phase = Phase::Solving(solver),
-            Err(error) => return Err(Refusal::Solve(error)),
-        }
+        let inclination_rad = self.settings.inclination_deg.map(f32::to_radians);
+        let prior = Prior { mount: self.settings.mount, inclination_rad };
+        let supported = || ladder::choose(self.collector.fit(), self.collector.manner(), &prior);
+        let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
+        let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;
+        self.phase = Phase::Solving(solver);
         Ok(())
     }
 
@@ -220,9 +285,10 @@ impl Compass {
     #[inline(never)]
     fn advance(&mut self) -> Effect {
         match &mut self.phase {
-            Phase::Solving(solver) => match solver.step(self.collector.dataset().fit()) {
+            Phase::Solving(solver) => match solver.step(to_fit(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
+                    self.advice = solution.advice;
                     self.phase = Phase::Verifying(solution);
                     Effect::None
                 }
@@ -243,36 +309,55 @@ impl Compass {
     }
 
     /// Whether a candidate may replace the calibration in use; what is to be stored if it may.
-    fn verify(&self, solution: &Solution) -> Result<Generations, Refusal> {
-        let Solution { calibration: candidate, quality, uncertainty, .. } = solution;
+    fn verify(&self, candidate: &Solution) -> Result<Generations, Refusal> {
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
-        let held_back = self.collector.dataset().held_back();
-        let have = held_back.left.len().min(held_back.right.len()) as u16;
-        if have < self.config.min_held_back {
-            return Err(Refusal::TooFewHeldBack { have, need: self.config.min_held_back });
+        let selection = Selection::of(self.collector.fit(), self.collector.manner());
+        let held_back = selection.from(self.collector.held_back());
+        let (have, need) = (fewest(&to_fit(&self.collector), &held_back), self.config.min_held_back);
+        if have < need {
+            return Err(Refusal::TooFewHeldBack { have, need });
         }
-        let expected_rms_deg = quality.expected_rms_deg;
+        let expected_rms_deg = candidate.quality.expected_rms_deg;
         // What is not a number is not accurate either.
         if expected_rms_deg.is_nan() || expected_rms_deg > self.config.max_expected_rms_deg {
             return Err(Refusal::NotAccurate { expected_rms_deg });
         }
+        let in_use = self.in_use();
         let incumbent =
-            self.in_use().map_or(Calibration::uncalibrated(self.settings.mount), |record| record.calibration);
-        let scores = verification::verify(held_back, candidate, &incumbent);
+            in_use.map_or_else(|| Calibration::uncalibrated(self.settings.mount), |record| record.calibration);
+        let knows_attitude = self.collector.manner() != Manner::Tumble;
+        let scores = verification::verify(held_back, knows_attitude, &candidate.calibration, &incumbent);
         let better = scores.candidate < scores.incumbent;
         if !better {
             return Err(Refusal::NotBetter { candidate: scores.candidate, incumbent: scores.incumbent });
         }
+        if let Some(in_use) = in_use {
+            self.not_thinner(candidate, in_use, scores)?;
+        }
         let mut generations = self.generations;
         generations.push(Record {
-            calibration: *candidate,
-            quality: *quality,
-            uncertainty: *uncertainty,
+            calibration: candidate.calibration,
+            quality: candidate.quality,
+            uncertainty: candidate.uncertainty,
             sensor,
             mount: self.settings.mount,
             serial: generations.current.as_ref().map_or(1, |current| current.serial.wrapping_add(1)),
         });
         Ok(generations)
+    }
+
+    /// Thin data never make the heading worse than the calibration in use: held-back samples of a thin flight show no
+    /// more than those it was fitted to.
+    fn not_thinner(&self, candidate: &Solution, in_use: &Record, scores: Scores) -> Result<(), Refusal> {
+        let (new, old) = (candidate.quality, in_use.quality);
+        let thinner = new.expected_rms_deg > self.config.thinner_by * old.expected_rms_deg
+            || (old.method.finds_everything() && !new.method.finds_everything());
+        let contradicted = scores.incumbent > self.config.contradicted_by * scores.candidate;
+        if thinner && !contradicted {
+            let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
+            return Err(Refusal::Thinner { expected_rms_deg, incumbent_rms_deg });
+        }
+        Ok(())
     }
 
     fn saved(&mut self, save: Save, result: Result<(), StoreError>) -> Effect {
@@ -315,5 +400,26 @@ impl Compass {
             previous: self.generations.previous,
             last: self.last.clone(),
         }
+    }
+}
+
+/// The samples that a solve uses.
+fn to_fit(collector: &Collector) -> Samples<'_> {
+    Selection::of(collector.fit(), collector.manner()).from(collector.fit())
+}
+
+/// How many samples were held back of the part with the fewest, of those that were fitted to. Marks have none of their
+/// own: what was seen between them is held back.
+fn fewest(fitted: &Samples<'_>, held_back: &Samples<'_>) -> u16 {
+    let parts = [(fitted.left, held_back.left), (fitted.right, held_back.right), (fitted.level, held_back.level)];
+    let counts = parts.iter().filter(|(fitted, _)| !fitted.is_empty()).map(|(_, held_back)| held_back.len());
+    counts.min().unwrap_or(0) as u16
+}
+
+fn in_circle(heading_deg: f32) -> Result<(), Refusal> {
+    if (0.0..=360.0).contains(&heading_deg) {
+        Ok(())
+    } else {
+        Err(Refusal::OutOfRange("a magnetic heading is 0 to 360 degrees"))
     }
 }

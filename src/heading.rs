@@ -1,7 +1,7 @@
 //! Corrected field and attitude to heading, and when not to believe it.
 
 use crate::calibration::{Calibration, Uncertainty};
-use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi, wrap_two_pi};
 use crate::turns::averager;
 
 /// A heading to be trusted.
@@ -19,6 +19,12 @@ impl Heading {
     #[must_use]
     pub fn magnetic_deg(&self) -> f32 {
         self.magnetic_rad.to_degrees()
+    }
+
+    /// The heading with so many degrees added.
+    #[must_use]
+    pub fn turned_by(self, degrees: f32) -> Self {
+        Self { magnetic_rad: wrap_two_pi(self.magnetic_rad + degrees.to_radians()), ..self }
     }
 
     /// Its standard deviation in degrees.

@@ -2,11 +2,12 @@
 
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
+use embassy_time::Instant;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
 use super::links::{Active, count};
-use crate::compass::{Compass, Config, Effect, Event, Save};
+use crate::compass::{Command, Compass, Config, Effect, Event, Save};
 use crate::log::{info, warning};
 use crate::store::{Store, StoreError};
 
@@ -40,13 +41,18 @@ async fn next_event(links: &Links, compass: &Compass) -> Event {
     if compass.is_busy() {
         // Between two steps of a solve the console gets its turn.
         yield_now().await;
-        return links.requests.try_receive().map_or(Event::Advance, Event::Command);
+        return links.requests.try_receive().map_or(Event::Advance, command);
     }
     match select3(links.requests.receive(), links.found.wait(), links.samples.receive()).await {
-        Either3::First(command) => Event::Command(command),
+        Either3::First(asked) => command(asked),
         Either3::Second(identity) => Event::SensorFound(identity),
         Either3::Third(sample) => Event::Sample(sample),
     }
+}
+
+fn command(asked: Command) -> Event {
+    // The samples' clock: see `Sample::time_ms`.
+    Event::Command(asked, Instant::now().as_millis() as u32)
 }
 
 /// What flash held, with a damaged record counted and treated as absent: the module starts uncalibrated and says so.
@@ -72,5 +78,5 @@ async fn write<F: NorFlash>(links: &Links, store: &mut Store<F>, save: &Save) ->
 
 fn publish(links: &Links, compass: &Compass) {
     let calibration = compass.in_use().map(|record| (record.calibration, record.uncertainty));
-    links.set_active(Active { calibration, settings: *compass.settings() });
+    links.set_active(Active { calibration, settings: *compass.settings(), without_attitude: compass.tumbles() });
 }

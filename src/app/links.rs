@@ -30,6 +30,8 @@ pub(super) struct Active {
     /// The calibration in use, and how wrong a heading by it may be.
     pub calibration: Option<(Calibration, Uncertainty)>,
     pub settings: Settings,
+    /// Whether samples are wanted although no attitude is known.
+    pub without_attitude: bool,
 }
 
 /// All wires between tasks. The tasks run at two priorities, so every wire is closed by a critical section, of some
@@ -61,7 +63,11 @@ impl Links {
             notices: Signal::new(),
             found: Signal::new(),
             track: Mutex::new(RefCell::new(Track::new(attitude::Config::DEFAULT))),
-            active: Mutex::new(RefCell::new(Active { calibration: None, settings: Settings::DEFAULT })),
+            active: Mutex::new(RefCell::new(Active {
+                calibration: None,
+                settings: Settings::DEFAULT,
+                without_attitude: false,
+            })),
             heading: Mutex::new(Cell::new(Err(NoHeading::SensorSilent))),
             identity: Mutex::new(Cell::new(None)),
             counters: Counters::new(),

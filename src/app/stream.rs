@@ -30,7 +30,7 @@ pub async fn run(links: &Links, mut tx: impl Write) -> ! {
         let active = links.active();
         let heading = match &reading {
             Ok(stamped) => {
-                pairing.push(links, stamped);
+                pairing.push(links, &active, stamped);
                 heading_of(links, &active, stamped)
             }
             Err(_silent) => Err(NoHeading::SensorSilent),
@@ -38,7 +38,7 @@ pub async fn run(links: &Links, mut tx: impl Write) -> ! {
         links.set_heading(heading);
         let now_us = reading.as_ref().map_or_else(|_| Instant::now().as_micros(), |stamped| stamped.time_us);
         if active.settings.stream_on && pace.is_due(now_us, active.settings.stream_rate_hz) {
-            send(links, &mut tx, heading.ok(), active.settings.declination_deg).await;
+            send(links, &mut tx, heading, active.settings.declination_deg).await;
         }
     }
 }
@@ -50,15 +50,16 @@ fn heading_of(links: &Links, active: &Active, stamped: &StampedReading) -> Resul
     let (calibration, uncertainty) = active.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
     let attitude = links.attitude_at(stamped.time_us).ok_or(NoHeading::AttitudeStale)?;
     heading::heading(heading::Config::DEFAULT, calibration, uncertainty, stamped.reading.field, attitude)
+        .map(|heading| heading.turned_by(active.settings.align_deg))
 }
 
-async fn send(links: &Links, tx: &mut impl Write, heading: Option<Heading>, declination_deg: Option<f32>) {
-    let heading_deg = heading.map(|heading| heading.magnetic_deg());
+async fn send(links: &Links, tx: &mut impl Write, heading: Result<Heading, NoHeading>, declination_deg: Option<f32>) {
+    let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
     count(&links.counters.sentences);
-    if heading.is_none() {
+    if heading.is_err() {
         count(&links.counters.sentences_empty);
     }
-    for sentence in [nmea::hdm(heading_deg), nmea::hdg(heading_deg, declination_deg)] {
+    for sentence in [nmea::hdm(heading_deg), nmea::hdg(heading_deg, declination_deg), nmea::quality(&heading)] {
         if !matches!(with_timeout(WRITE_PATIENCE, tx.write_all(sentence.as_bytes())).await, Ok(Ok(()))) {
             count(&links.counters.stream_errors);
         }
@@ -95,7 +96,13 @@ impl Pairing {
         Self { waiting: heapless::Deque::new(), averager: Averager::new() }
     }
 
-    fn push(&mut self, links: &Links, stamped: &StampedReading) {
+    fn push(&mut self, links: &Links, active: &Active, stamped: &StampedReading) {
+        if active.without_attitude {
+            if !stamped.reading.saturated {
+                self.pair(links, stamped.time_us, stamped.reading.field, Attitude::default());
+            }
+            return;
+        }
         if !stamped.reading.saturated {
             if self.waiting.is_full() {
                 self.waiting.pop_front();

@@ -93,7 +93,7 @@ pub(super) fn advise(
 ) -> Option<Advice> {
     let consider = Consider::DEFAULT;
     let expected = |evidence: &Evidence| {
-        let uncertainty = evidence.uncertainty(likelihood, unknowns, &consider)?;
+        let uncertainty = evidence.uncertainty(likelihood, unknowns, consider)?;
         expected_error::expected(calibration, &uncertainty, envelope)
     };
     let now = expected(evidence)?;
@@ -104,7 +104,7 @@ pub(super) fn advise(
             let mut supposed = evidence.clone();
             let attitude = Attitude::from_deg(manoeuvre.roll_deg(), 0.0);
             for i in 0..SAMPLES {
-                supposed.suppose(likelihood, &point, &attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
+                supposed.suppose(likelihood, &point, attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
             }
             Some((manoeuvre, expected(&supposed)?.rms_deg))
         })

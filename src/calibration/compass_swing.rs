@@ -46,7 +46,7 @@ pub(super) fn solve(
 /// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.
 fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f64> {
     let (_, response) = regression(marks, rotation, 0.0, 0.0)?;
-    let horizontal = response.response_ut.fixed_view::<2, 2>(0, 0).determinant();
+    let horizontal = response.a_ut.fixed_view::<2, 2>(0, 0).determinant();
     Some(libm::sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
 }
 
@@ -71,7 +71,7 @@ fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f64, h0_
     let solution = normal.cholesky()?.solve(&right);
     let residual =
         marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
-    let response_ut = solution.fixed_rows::<3>(0).transpose();
+    let a_ut = solution.fixed_rows::<3>(0).transpose();
     let b_ut = solution.row(3).transpose() + mean;
-    Some((residual, Response { response_ut, b_ut, tan_inclination }))
+    Some((residual, Response { a_ut, b_ut, tan_inclination }))
 }

@@ -67,7 +67,7 @@ impl Evidence {
     }
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
-    pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: &Attitude, heading_rad: f32) {
+    pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: Attitude, heading_rad: f32) {
         let level_from_body = attitude.level_from_body();
         let Some(x) = point.expected_field(&level_from_body.transpose(), heading_rad) else { return };
         let measured = Measured { field: x + point.b, level_from_body, roll_rad: attitude.roll_rad, heading_rad: None };
@@ -84,7 +84,7 @@ impl Evidence {
     ///
     /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
     /// which is nothing where these were sought but is the error of a closed form.
-    fn covariance(&self, consider: &Consider) -> Option<Matrix13> {
+    fn covariance(&self, consider: Consider) -> Option<Matrix13> {
         let inverse = self.system.covariance()?;
         let mut dip = self.dip;
         dip.fill_upper_triangle_with_lower_triangle();
@@ -101,12 +101,7 @@ impl Evidence {
 
     /// The uncertainty of the coefficients, in the units of the [`Calibration`](super::Calibration) that
     /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
-    pub fn uncertainty(
-        &self,
-        likelihood: &Likelihood,
-        unknowns: &Vector13,
-        consider: &Consider,
-    ) -> Option<Uncertainty> {
+    pub fn uncertainty(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Uncertainty> {
         let point = Point::new(unknowns);
         let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
         let covariance = self.covariance(consider)?;

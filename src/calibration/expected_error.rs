@@ -136,5 +136,5 @@ fn harmonic(times: f32, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vec
         uncertainty.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADINGS))))
     };
     // A sine of amplitude c has a mean square of c^2 / 2.
-    (coefficient(libm::sinf) + coefficient(libm::cosf)) / 2.0
+    coefficient(libm::sinf).midpoint(coefficient(libm::cosf))
 }

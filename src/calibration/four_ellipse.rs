@@ -44,7 +44,7 @@ pub(super) fn solve(
     let b_ut = (left.centre_ut + right.centre_ut - (vertical(sl, cl) + vertical(sr, cr)) * up) / 2.0;
     // From the paper's axes to FRD.
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
-    Ok(Response { response_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
+    Ok(Response { a_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
 }
 
 /// The two figures of a turn, in the paper's axes.

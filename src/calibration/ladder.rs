@@ -10,7 +10,7 @@
 //! | less | none | |
 
 use super::two_plane::MIN_SAMPLES;
-use super::{Method, Part, Samples, Side, SolveError};
+use super::{Method, Part, Prior, Sample, Samples, Side, SolveError, level};
 
 /// How samples were collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -26,12 +26,55 @@ pub enum Manner {
     Tumble,
 }
 
-/// What a method needs of the samples: level flight sharpens thin turns, but where both sides were flown it only brings
-/// in what the aircraft stood or taxied beside.
-#[must_use]
-pub fn used(samples: Samples<'_>, manner: Manner) -> Samples<'_> {
-    let both = samples.left.len() >= MIN_SAMPLES && samples.right.len() >= MIN_SAMPLES;
-    if manner == Manner::Turns && both { Samples { level: &[], ..samples } } else { samples }
+impl Manner {
+    /// The word typed after `cal start`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Turns => "turns",
+            Self::Level => "level",
+            Self::Swing => "swing",
+            Self::Tumble => "tumble",
+        }
+    }
+
+    /// The manner of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Turns, Self::Level, Self::Swing, Self::Tumble].into_iter().find(|manner| manner.name() == name)
+    }
+}
+
+/// Which parts of the samples are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Selection {
+    left: bool,
+    right: bool,
+    level: bool,
+}
+
+impl Selection {
+    /// Of samples to fit to. Parts too thin to show anything are left out. Level flight sharpens thin turns, but where
+    /// both sides were flown it only brings in what the aircraft taxied beside.
+    #[must_use]
+    pub fn of(fit: Samples<'_>, manner: Manner) -> Self {
+        let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
+        let (left, right) = (enough(fit.left), enough(fit.right));
+        let both = manner == Manner::Turns && left && right;
+        Self { left, right, level: enough(fit.level) && !both }
+    }
+
+    /// The selected parts, and all marks.
+    #[must_use]
+    pub fn from<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
+        let part = |selected: bool, part: &'a [Sample]| if selected { part } else { &[] };
+        Samples {
+            left: part(self.left, samples.left),
+            right: part(self.right, samples.right),
+            level: part(self.level, samples.level),
+            marks: samples.marks,
+        }
+    }
 }
 
 /// The method that the samples support.
@@ -39,16 +82,17 @@ pub fn used(samples: Samples<'_>, manner: Manner) -> Samples<'_> {
 /// # Errors
 ///
 /// [`SolveError::TooFewSamples`] names what is missing.
-pub fn choose(samples: Samples<'_>, manner: Manner) -> Result<Method, SolveError> {
+pub fn choose(samples: Samples<'_>, manner: Manner, prior: &Prior) -> Result<Method, SolveError> {
     match manner {
         Manner::Level => Ok(Method::Level),
         Manner::Swing => Ok(Method::CompassSwing),
         Manner::Tumble => Ok(Method::Ellipsoid),
         Manner::Turns => {
-            let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
-            match (enough(samples.left), enough(samples.right), enough(samples.level)) {
+            let Selection { left, right, .. } = Selection::of(samples, manner);
+            let level = samples.level.len() >= MIN_SAMPLES;
+            match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
-                (false, false, true) => Ok(Method::Level),
+                (false, false, true) if shows_level(samples.level, prior) => Ok(Method::Level),
                 (left, _, _) => {
                     let (side, part) = if left { (Side::Right, samples.right) } else { (Side::Left, samples.left) };
                     let (have, need) = (part.len() as u16, MIN_SAMPLES as u16);
@@ -57,4 +101,9 @@ pub fn choose(samples: Samples<'_>, manner: Manner) -> Result<Method, SolveError
             }
         }
     }
+}
+
+/// Whether level flight went through enough headings for an ellipse.
+fn shows_level(samples: &[Sample], prior: &Prior) -> bool {
+    level::solve(samples.iter(), &prior.mount.body_from_sensor()).is_ok()
 }

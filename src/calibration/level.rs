@@ -15,6 +15,10 @@ use super::{Part, Sample, SolveError};
 /// Samples needed: a conic has five coefficients, and noise wants some more.
 const MIN_SAMPLES: usize = 8;
 
+/// The circle must have this radius, microtesla, to be one of headings: half the horizontal field at 75 deg of
+/// inclination. Less is the noise of a heading that is held.
+const MIN_RADIUS_UT: f64 = 6.0;
+
 /// Headings needed, 30 deg apart (Liu 2007 section 1).
 const MIN_HEADINGS: u8 = 5;
 
@@ -75,16 +79,19 @@ pub(super) fn solve<'a>(
         return Err(SolveError::TooFewSamples { part: Part::Level, have: have as u16, need: MIN_SAMPLES as u16 });
     }
     let found = Hypothesis::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(Part::Level))?;
+    let vertical_ut = libm::sqrt(found.map_ut.determinant().abs());
+    if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
+        return Err(SolveError::NotAnEllipse(Part::Level));
+    }
     let headings = found.headings(fields.clone().map(|f| f.xy()));
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
-    let vertical_ut = libm::sqrt(found.map_ut.determinant().abs());
-    let mut response_ut = Matrix3::from_diagonal_element(vertical_ut);
-    response_ut.fixed_view_mut::<2, 2>(0, 0).copy_from(&found.map_ut);
+    let mut a_ut = Matrix3::from_diagonal_element(vertical_ut);
+    a_ut.fixed_view_mut::<2, 2>(0, 0).copy_from(&found.map_ut);
     let mean_z_ut = fields.map(|f| f.z).sum::<f64>() / have as f64;
     Ok(Response {
-        response_ut,
+        a_ut,
         b_ut: Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0),
         tan_inclination: mean_z_ut / vertical_ut,
     })

@@ -235,6 +235,12 @@ impl Method {
         Self::ALL.into_iter().find(|method| method.name() == name)
     }
 
+    /// Whether it finds all twelve coefficients, mounting included, and not only what shows at some attitudes.
+    #[must_use]
+    pub const fn finds_everything(self) -> bool {
+        matches!(self, Self::FourEllipse | Self::TwoPlane | Self::MaximumLikelihood)
+    }
+
     /// Whether its closed form, if it has one, only starts a refinement.
     #[must_use]
     pub const fn is_refined(self) -> bool {

@@ -10,7 +10,7 @@ use crate::frames::Field;
 #[derive(Clone, Debug)]
 pub(super) struct Response {
     /// Response to a field of H0 in body axes: `A` times H0, microtesla.
-    pub response_ut: Matrix3<f64>,
+    pub a_ut: Matrix3<f64>,
     /// Hard iron, microtesla.
     pub b_ut: Vector3<f64>,
     /// `D`, the tangent of the inclination.
@@ -23,7 +23,7 @@ impl Response {
     pub fn unknowns(&self) -> Option<(f32, Vector13)> {
         // Total field in units of H0.
         let total = libm::sqrt(1.0 + self.tan_inclination * self.tan_inclination);
-        let w = self.response_ut.try_inverse()? / total;
+        let w = self.a_ut.try_inverse()? / total;
         let unit_ut = 1.0 / libm::cbrt(w.determinant());
         let point = Point {
             w: (w * unit_ut).cast(),

@@ -118,7 +118,7 @@ impl Solver {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = if self.method == Method::Level { Envelope::Level } else { Envelope::Banked };
-        let uncertainty = evidence.uncertainty(likelihood, unknowns, &self.consider).ok_or(SolveError::NotConverged)?;
+        let uncertainty = evidence.uncertainty(likelihood, unknowns, self.consider).ok_or(SolveError::NotConverged)?;
         let expected =
             expected_error::expected(&calibration, &uncertainty, envelope).ok_or(SolveError::NotConverged)?;
         let quality = Quality {

@@ -39,7 +39,7 @@ fn two_planes_are_exact_on_perfect_turns() {
             sample.field = airframe.field(sample.attitude, heading.heading_rad());
         }
         let planes = two_plane::solve(recorded.turns(), &Matrix3::identity()).unwrap();
-        let w = planes.response_ut.try_inverse().unwrap().cast::<f32>();
+        let w = planes.a_ut.try_inverse().unwrap().cast::<f32>();
         let calibration =
             Calibration { w: rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), inclination_rad: 0.0, total_ut: 1.0 };
         let error = largest(&airframe.errors_deg(&calibration));
@@ -139,7 +139,7 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
     let one_side = Samples { left: &[], ..good.turns() };
-    let missing = ladder::choose(one_side, Manner::Turns);
+    let missing = ladder::choose(one_side, Manner::Turns, &NO_PRIOR);
     assert!(matches!(missing, Err(SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
@@ -182,10 +182,10 @@ fn verification_prefers_the_truth() {
     // 2 uT of hard iron is about 4 deg of heading in this field.
     let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
     for worse in [uncalibrated, moved] {
-        let scores = verification::verify(held_back.turns(), &truth, &worse);
+        let scores = verification::verify(held_back.turns(), true, &truth, &worse);
         assert!(scores.candidate < scores.incumbent, "{scores:?}");
     }
     let none = Recorded { left: Vec::new(), right: Vec::new() };
-    let scores = verification::verify(none.turns(), &truth, &uncalibrated);
+    let scores = verification::verify(none.turns(), true, &truth, &uncalibrated);
     assert!(scores.candidate.is_nan() && scores.incumbent.is_nan());
 }

@@ -56,9 +56,9 @@ pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Respo
     let between = vertical(sr, cr) - vertical(sl, cl);
     let tan_inclination = between.dot(&(centre_right - centre_left)) / between.norm_squared();
     let b_ut = (centre_left + centre_right - (vertical(sl, cl) + vertical(sr, cr)) * tan_inclination) / 2.0;
-    let response_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
-    let sign = if response_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
-    Ok(Response { response_ut: response_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
+    let a_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
+    let sign = if a_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
+    Ok(Response { a_ut: a_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
 }
 
 /// One turn.

@@ -22,23 +22,30 @@ pub struct Scores {
     pub incumbent: f32,
 }
 
-/// Scores two calibrations on the same samples. Without samples both scores are not a number, so neither is better.
+/// Scores two calibrations on the same samples; by the total field alone where no attitude is known. Without samples both scores are not a number, so neither is better.
 #[must_use]
-pub fn verify(held_back: Samples<'_>, candidate: &Calibration, incumbent: &Calibration) -> Scores {
-    Scores { candidate: score(held_back, candidate), incumbent: score(held_back, incumbent) }
+pub fn verify(
+    held_back: Samples<'_>,
+    knows_attitude: bool,
+    candidate: &Calibration,
+    incumbent: &Calibration,
+) -> Scores {
+    let score = |calibration| score(held_back, knows_attitude, calibration);
+    Scores { candidate: score(candidate), incumbent: score(incumbent) }
 }
 
 /// RMS of the scaled deviations of total field and inclination from their means.
-fn score(turns: Samples<'_>, calibration: &Calibration) -> f32 {
+fn score(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) -> f32 {
+    let dip_weight = if knows_attitude { 1.0 / DIP_SCALE_RAD } else { 0.0 };
     let observe = |s: &Sample| {
         let level = s.attitude.level(calibration.apply(s.field));
         [level.total_ut(), level.inclination_rad()]
     };
-    let observations = || turns.left.iter().chain(turns.right).map(observe);
+    let observations = || samples.iter().map(observe);
     let number = observations().count() as f32;
     let [total_ut, dip_rad] = [0, 1].map(|i| observations().map(|o| o[i]).sum::<f32>() / number);
     let squares: f32 = observations()
-        .map(|[total, dip]| [(total / total_ut - 1.0) / NORM_SCALE, (dip - dip_rad) / DIP_SCALE_RAD])
+        .map(|[total, dip]| [(total / total_ut - 1.0) / NORM_SCALE, (dip - dip_rad) * dip_weight])
         .map(|[norm, dip]| norm * norm + dip * dip)
         .sum();
     libm::sqrtf(squares / (2.0 * number))

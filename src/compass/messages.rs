@@ -1,20 +1,22 @@
 //! What goes into the state machine and comes out of it.
 
 use super::refusal::Refusal;
-use crate::calibration::{Orientation, Quality, Sample};
+use crate::calibration::ladder::Manner;
+use crate::calibration::{Advice, Method, Orientation, Quality, Sample};
 use crate::magnetometer::Identity;
 use crate::store::{Generations, Record, Settings, StoreError};
 use crate::turns::Progress;
 
 /// What happened.
+#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
 #[derive(Debug)]
 pub enum Event {
     /// A magnetometer answered.
     SensorFound(Identity),
     /// The next averaged sample of the flight.
     Sample(Sample),
-    /// Somebody asked for something.
-    Command(Command),
+    /// Somebody asked for something, at so many milliseconds by the samples' clock.
+    Command(Command, u32),
     /// Time for the next step of a solve: wanted while [`Compass::is_busy`](super::Compass::is_busy).
     Advance,
     /// A save asked for by [`Effect::Save`] has ended.
@@ -25,11 +27,15 @@ pub enum Event {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Begin collecting, from nothing.
-    CalStart,
+    CalStart(Manner),
+    /// The vehicle stands at this magnetic heading, degrees.
+    CalMark(f32),
     /// Stop collecting, keep the samples.
     CalStop,
-    /// Solve with the samples there are.
-    CalSolve,
+    /// Solve with the samples there are, by a method or by the one they support.
+    CalSolve(Option<Method>),
+    /// What is weak in the last solve, and what to fly.
+    CalAdvise,
     /// Stop whatever runs, forget the samples.
     CalAbort,
     /// Forget the stored calibrations.
@@ -46,6 +52,11 @@ pub enum Command {
     SetDeclination(f32),
     /// How the sensor sits in the aircraft.
     SetMount(Orientation),
+    /// Inclination of the Earth field here, degrees, positive down; none to find it from the samples.
+    SetInclination(Option<f32>),
+    /// The vehicle stands at this magnetic heading, degrees: from now on that is what is shown there. None takes the
+    /// offset away.
+    SetAlign(Option<f32>),
 }
 
 /// What is to be done next.
@@ -80,6 +91,10 @@ pub enum Save {
 pub enum Reply {
     /// Done; the state the module is in now.
     Done(State),
+    /// So many headings have been given.
+    Marked(u16),
+    /// What is weak in the last solve, and what to fly.
+    Advice(Advice),
     /// Everything there is to know.
     Report(Report),
 }

@@ -14,7 +14,8 @@ use embedded_cli::command::RawCommand;
 use embedded_cli::service::{FromRaw, ParseError};
 use session::MINUS;
 
-use crate::calibration::Orientation;
+use crate::calibration::ladder::Manner;
+use crate::calibration::{Method, Orientation};
 use crate::compass;
 use crate::wire::decimal;
 
@@ -85,7 +86,7 @@ enum Line<'a> {
     Version,
     /// Show state, sensors, progress, settings, counters
     Status,
-    /// Calibration: start stop solve show clear undo abort
+    /// Calibration: start mark stop solve advise show clear undo abort
     Cal {
         #[command(subcommand)]
         command: Cal<'a>,
@@ -95,7 +96,7 @@ enum Line<'a> {
         #[command(subcommand)]
         command: Stream,
     },
-    /// Settings: declination DEG, mount ORIENTATION
+    /// Settings: declination, mount, inclination, align
     Set {
         #[command(subcommand)]
         command: Set,
@@ -107,11 +108,24 @@ enum Line<'a> {
 #[derive(Debug, embedded_cli::Command)]
 enum Cal<'a> {
     /// Begin collecting; then fly three circles each way. Solves by itself when it has enough
-    Start,
+    Start {
+        /// turns (the default), level, swing or tumble
+        manner: Option<Manner>,
+    },
+    /// Give the magnetic heading the vehicle stands at, in a swing
+    Mark {
+        /// 0 to 360
+        heading: Number,
+    },
     /// Stop collecting, keep the samples
     Stop,
     /// Solve with the samples there are
-    Solve,
+    Solve {
+        /// A method; without one, what the samples support
+        method: Option<Method>,
+    },
+    /// Show what is weak in the last solve, and what to fly
+    Advise,
     /// Show the calibration in use
     Show,
     /// Forget the stored calibrations: cal clear all
@@ -150,6 +164,16 @@ enum Set {
         /// One of the 24 names
         orientation: Orientation,
     },
+    /// Inclination of the field here, degrees, positive down; none: found from the samples
+    Inclination {
+        /// -90 to 90, or none
+        deg: Maybe,
+    },
+    /// Magnetic heading the vehicle stands at now, degrees; none: as calibrated
+    Align {
+        /// 0 to 360, or none
+        heading: Maybe,
+    },
 }
 
 /// A number in fixed point.
@@ -163,6 +187,34 @@ impl<'a> FromArgument<'a> for Number {
         let fits = text.chars().try_for_each(|c| plain.push(if c == MINUS { '-' } else { c }));
         let number = fits.ok().and_then(|()| decimal::parse(&plain));
         number.map(Self).ok_or(FromArgumentError { value: text, expected: "a number such as -3.5" })
+    }
+}
+
+/// A number, or the word none.
+#[derive(Debug)]
+struct Maybe(Option<f32>);
+
+impl<'a> FromArgument<'a> for Maybe {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        match text {
+            "none" => Ok(Self(None)),
+            number => Number::from_arg(number).map(|number| Self(Some(number.0))),
+        }
+    }
+}
+
+impl<'a> FromArgument<'a> for Manner {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        Self::from_name(text).ok_or(FromArgumentError { value: text, expected: "turns, level, swing or tumble" })
+    }
+}
+
+impl<'a> FromArgument<'a> for Method {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        Self::from_name(text).ok_or(FromArgumentError {
+            value: text,
+            expected: "maximum-likelihood, two-plane, four-ellipse, level, compass-swing or ellipsoid",
+        })
     }
 }
 
@@ -180,7 +232,7 @@ impl Line<'_> {
     fn most_words(&self) -> usize {
         match self {
             Line::Version | Line::Status | Line::Reboot => 0,
-            Line::Cal { command: Cal::Clear { .. } }
+            Line::Cal { command: Cal::Clear { .. } | Cal::Start { .. } | Cal::Mark { .. } | Cal::Solve { .. } }
             | Line::Stream { command: Stream::Rate { .. } }
             | Line::Set { .. } => 2,
             Line::Cal { .. } | Line::Stream { .. } => 1,
@@ -195,9 +247,11 @@ impl Line<'_> {
             Line::Reboot => return Ok(Request::Reboot),
             Line::Cal { command } => match command {
                 Cal::Show => return Ok(Request::CalShow),
-                Cal::Start => Command::CalStart,
+                Cal::Start { manner } => Command::CalStart(manner.unwrap_or_default()),
+                Cal::Mark { heading } => Command::CalMark(heading.0),
                 Cal::Stop => Command::CalStop,
-                Cal::Solve => Command::CalSolve,
+                Cal::Solve { method } => Command::CalSolve(method),
+                Cal::Advise => Command::CalAdvise,
                 Cal::Clear { word: Some("all") } => Command::CalClear,
                 Cal::Clear { .. } => return Err(LineError::NeedsWord("cal clear all")),
                 Cal::Undo => Command::CalUndo,
@@ -211,6 +265,8 @@ impl Line<'_> {
             Line::Set { command } => match command {
                 Set::Declination { deg } => Command::SetDeclination(deg.0),
                 Set::Mount { orientation } => Command::SetMount(orientation),
+                Set::Inclination { deg } => Command::SetInclination(deg.0),
+                Set::Align { heading } => Command::SetAlign(heading.0),
             },
         }))
     }

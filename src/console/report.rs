@@ -5,12 +5,14 @@ use core::fmt::{self, Display, Write};
 
 use super::LineError;
 use crate::app::{Counts, ResetCause};
-use crate::calibration::Quality;
+use crate::calibration::ladder::Manner;
+use crate::calibration::{Advice, Quality};
 use crate::compass::{Outcome, Refusal, Reply, Report};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::Identity;
 use crate::store::Record;
+use crate::turns::Progress;
 use crate::turns::dataset::{Coverage, SECTORS};
 use crate::wire::decimal::Decimal;
 
@@ -64,7 +66,29 @@ pub fn done(out: &mut impl Write, reply: &Reply) -> fmt::Result {
     match reply {
         Reply::Done(state) => writeln!(out, "ok {}", state.name()),
         Reply::Report(report) => writeln!(out, "ok {}", report.state.name()),
+        Reply::Marked(number) => writeln!(out, "ok mark {number}"),
+        Reply::Advice(advice) => advise(out, advice),
     }
+}
+
+/// `cal advise`.
+fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
+    let [expected, weakest, with_it] = [advice.expected_deg, advice.weakest_deg, advice.with_it_deg].map(Decimal::<2>);
+    writeln!(out, "ok expected error {expected} deg rms")?;
+    writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest.name(), advice.weakest)?;
+    let assumed = [
+        (advice.assumed.soft_iron, " soft iron"),
+        (advice.assumed.mounting, " mounting"),
+        (advice.assumed.hard_iron, " hard iron"),
+    ];
+    if assumed.iter().any(|(is, _)| *is) {
+        write!(out, "assumed, for want of samples:")?;
+        for (_, name) in assumed.iter().filter(|(is, _)| *is) {
+            out.write_str(name)?;
+        }
+        writeln!(out)?;
+    }
+    writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
 }
 
 /// A solve has ended by itself.
@@ -79,8 +103,7 @@ pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
 pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
-    writeln!(out, "left: {}", Side(&report.progress.left))?;
-    writeln!(out, "right: {}", Side(&report.progress.right))?;
+    progress(out, &report.progress)?;
     match &report.current {
         Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Expected(&record.quality))?,
         None => writeln!(out, "calibration: none")?,
@@ -97,9 +120,33 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         Some(deg) => writeln!(out, "declination: {} deg", Decimal::<1>(deg))?,
         None => writeln!(out, "declination: not set")?,
     }
-    writeln!(out, "mount: {}", settings.mount.name())?;
+    match settings.inclination_deg {
+        Some(deg) => writeln!(out, "inclination: {} deg", Decimal::<1>(deg))?,
+        None => writeln!(out, "inclination: not set, found from the samples")?,
+    }
+    writeln!(out, "mount: {}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))?;
     counters(out, &health.counts)?;
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
+    writeln!(out, "collection: {}", progress.manner.name())?;
+    match progress.manner {
+        Manner::Turns => {
+            writeln!(out, "left: {}", Side(&progress.left))?;
+            writeln!(out, "right: {}", Side(&progress.right))?;
+            writeln!(out, "level: {}", Side(&progress.level))
+        }
+        Manner::Level => writeln!(out, "level: {}", Side(&progress.level)),
+        Manner::Swing => {
+            writeln!(out, "marks: {}", progress.marks)?;
+            writeln!(out, "level: {}", Side(&progress.level))
+        }
+        Manner::Tumble => {
+            let Coverage { samples, held_back, .. } = progress.left;
+            writeln!(out, "attitudes: {samples} samples, {held_back} held back")
+        }
+    }
 }
 
 fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
@@ -115,7 +162,10 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
         None => writeln!(out, "attitude: none, no MAVLink ATTITUDE comes")?,
     }
     match health.heading {
-        Ok(heading) => writeln!(out, "heading: {} deg magnetic", Decimal::<1>(heading.magnetic_deg())),
+        Ok(heading) => {
+            let [heading_deg, sigma_deg] = [heading.magnetic_deg(), heading.sigma_deg()].map(Decimal::<1>);
+            writeln!(out, "heading: {heading_deg} deg magnetic, sigma {sigma_deg} deg")
+        }
         Err(why) => writeln!(out, "heading: none, {}", why.code()),
     }
 }

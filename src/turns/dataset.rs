@@ -1,14 +1,10 @@
 //! Samples of left and right turns in buffers of fixed capacity, evenly spread over heading.
 //!
-//! The heading is not known while a compass is being calibrated, and hard iron several times the horizontal field turns
-//! the raw direction into a few degrees to and fro. What is known is that a turn at constant bank is a plane ellipse in
-//! sensor space. So each side's samples are projected on their own principal plane, a circle is fitted there, and the
-//! angle about its centre divides the turn into sectors. No axis convention enters: a wrongly configured mounting
-//! collects as well as a right one.
+//! What a sample adds depends on where it lies on the side's circle (`circle.rs`), and for samples of all attitudes on
+//! how far it is from the others.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector2, Vector3};
-
-use crate::calibration::{Sample, Samples, Side};
+use super::circle::Circle;
+use crate::calibration::{Part, Sample, Samples, Side};
 
 /// Sectors a turn is divided into, 30 deg each.
 pub const SECTORS: usize = 12;
@@ -18,6 +14,12 @@ pub const FIT_CAPACITY: usize = 192;
 
 /// Samples held back for verification, a side: 5 a sector. 1.4 KB.
 pub const HELD_BACK_CAPACITY: usize = 60;
+
+/// Samples of level flight for the fit: 5 a sector. 1.5 KB.
+pub const LEVEL_FIT_CAPACITY: usize = 64;
+
+/// Samples of level flight held back. 0.5 KB.
+pub const LEVEL_HELD_BACK_CAPACITY: usize = 20;
 
 /// Fixed numbers of the dataset.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +38,10 @@ pub struct Config {
     pub min_radius_ut: f32,
     /// and the heading is only told from noise with so many samples.
     pub min_samples: u16,
+    /// Samples of all attitudes are so far apart, microtesla: a thirtieth of a circle in a weak field.
+    pub apart_ut: f32,
+    /// When there is no room for more of them, this is multiplied by so much and the crowded ones go.
+    pub apart_growth: f32,
 }
 
 impl Config {
@@ -47,7 +53,12 @@ impl Config {
         side_target: 132,
         min_radius_ut: 4.0,
         min_samples: 10,
+        apart_ut: 5.0,
+        apart_growth: 1.3,
     };
+
+    /// For level flight, whose part is smaller: two circles.
+    const LEVEL: Self = Self { sector_target: 4, side_target: 48, ..Self::DEFAULT };
 }
 
 /// How well one side is covered.
@@ -71,73 +82,94 @@ impl Coverage {
     }
 }
 
-/// The samples of both sides, each in the order of time.
+/// The samples of both sides and of level flight, each in the order of time.
 #[derive(Debug)]
 pub struct Dataset {
-    config: Config,
-    left: SideSamples,
-    right: SideSamples,
+    left: PartSamples<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+    right: PartSamples<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+    level: PartSamples<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
+    /// Distance that samples of all attitudes keep now, microtesla.
+    apart_ut: f32,
 }
 
 impl Dataset {
     /// No samples.
     #[must_use]
-    pub const fn new(config: Config) -> Self {
-        Self { config, left: SideSamples::new(), right: SideSamples::new() }
+    pub const fn new() -> Self {
+        Self {
+            left: PartSamples::new(),
+            right: PartSamples::new(),
+            level: PartSamples::new(),
+            apart_ut: Config::DEFAULT.apart_ut,
+        }
     }
 
     /// Offers a sample of a turn; keeps it if it adds something.
-    pub fn push(&mut self, side: Side, sample: Sample) {
-        let config = self.config;
-        self.side_mut(side).push(&config, sample);
+    pub fn push_turn(&mut self, side: Side, sample: Sample) {
+        match side {
+            Side::Left => self.left.push(&Config::DEFAULT, sample),
+            Side::Right => self.right.push(&Config::DEFAULT, sample),
+        }
+    }
+
+    /// Offers a sample of level flight; keeps it if it adds something.
+    pub fn push_level(&mut self, sample: Sample) {
+        self.level.push(&Config::LEVEL, sample);
+    }
+
+    /// Offers a sample of whatever attitude; keeps it if it is far from the others. They lie where left turns would, of
+    /// which there are none then.
+    pub fn push_any(&mut self, sample: Sample) {
+        self.left.push_apart(&Config::DEFAULT, &mut self.apart_ut, sample);
     }
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
-        for side in [Side::Left, Side::Right] {
-            self.side_mut(side).clear();
-        }
+        self.left.clear();
+        self.right.clear();
+        self.level.clear();
+        self.apart_ut = Config::DEFAULT.apart_ut;
     }
 
-    /// Samples to solve with.
+    /// Samples to solve with, without marks.
     #[must_use]
     pub fn fit(&self) -> Samples<'_> {
-        Samples { left: &self.left.fit, right: &self.right.fit, ..Samples::default() }
+        Samples { left: &self.left.fit, right: &self.right.fit, level: &self.level.fit, marks: &[] }
     }
 
     /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
     #[must_use]
     pub fn held_back(&self) -> Samples<'_> {
-        Samples { left: &self.left.held_back, right: &self.right.held_back, ..Samples::default() }
+        Samples { left: &self.left.held_back, right: &self.right.held_back, level: &self.level.held_back, marks: &[] }
     }
 
-    /// How well a side is covered.
+    /// How well a part is covered.
     #[must_use]
-    pub fn coverage(&self, side: Side) -> Coverage {
-        match side {
-            Side::Left => self.left.coverage,
-            Side::Right => self.right.coverage,
-        }
-    }
-
-    fn side_mut(&mut self, side: Side) -> &mut SideSamples {
-        match side {
-            Side::Left => &mut self.left,
-            Side::Right => &mut self.right,
+    pub fn coverage(&self, part: Part) -> Coverage {
+        match part {
+            Part::Turns(Side::Right) => self.right.coverage,
+            Part::Level => self.level.coverage,
+            Part::Turns(Side::Left) | Part::All | Part::Marks => self.left.coverage,
         }
     }
 }
 
+impl Default for Dataset {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 #[derive(Debug)]
-struct SideSamples {
-    fit: heapless::Vec<Sample, FIT_CAPACITY>,
-    held_back: heapless::Vec<Sample, HELD_BACK_CAPACITY>,
+struct PartSamples<const FIT: usize, const HELD: usize> {
+    fit: heapless::Vec<Sample, FIT>,
+    held_back: heapless::Vec<Sample, HELD>,
     /// Time of the last sample taken, and how many were.
     last: Option<(u32, u16)>,
     coverage: Coverage,
 }
 
-impl SideSamples {
+impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
     const fn new() -> Self {
         Self {
             fit: heapless::Vec::new(),
@@ -172,6 +204,37 @@ impl SideSamples {
         self.coverage = self.survey(config, circle);
     }
 
+    /// As [`push`](Self::push), but what counts is the distance from the samples there are.
+    fn push_apart(&mut self, config: &Config, apart_ut: &mut f32, sample: Sample) {
+        if self.last.is_some_and(|(last_ms, _)| sample.time_ms.wrapping_sub(last_ms) < config.spacing_ms) {
+            return;
+        }
+        // What is not finite is near to nothing and far from nothing.
+        let is_apart =
+            |from: &[Sample], apart_ut: f32| from.iter().all(|s| (s.field.ut - sample.field.ut).norm() >= apart_ut);
+        if !(sample.field.ut.iter().all(|c| c.is_finite())
+            && is_apart(&self.fit, *apart_ut)
+            && is_apart(&self.held_back, *apart_ut))
+        {
+            return;
+        }
+        let taken = self.last.map_or(0, |(_, taken)| taken);
+        self.last = Some((sample.time_ms, taken.wrapping_add(1)));
+        if taken % config.hold_back_every == config.hold_back_every - 1 && !self.held_back.is_full() {
+            let _ = self.held_back.push(sample);
+        } else {
+            if self.fit.is_full() {
+                *apart_ut *= config.apart_growth;
+                thin(&mut self.fit, *apart_ut);
+            }
+            // If thinning made no room, the samples are spread as they should be without this one.
+            let _ = self.fit.push(sample);
+        }
+        let samples = self.fit.len() as u16;
+        let held_back = self.held_back.len() as u16;
+        self.coverage = Coverage { samples, held_back, sectors: 0, percent: percent(samples, config.side_target / 2) };
+    }
+
     fn survey(&self, config: &Config, circle: Option<Circle>) -> Coverage {
         let samples = self.fit.len() as u16;
         let held_back = self.held_back.len() as u16;
@@ -185,9 +248,22 @@ impl SideSamples {
             samples,
             held_back,
             sectors: counts.iter().filter(|&&n| n > 0).count() as u8,
-            // A side that was complete stays so: a later sample can move the circle, and with it a sector's border past
+            // A part that was complete stays so: a later sample can move the circle, and with it a sector's border past
             // another sample, but it takes nothing away.
             percent: if self.coverage.is_complete() { 100 } else { by_sector.min(by_number) },
+        }
+    }
+}
+
+/// Removes every sample that is nearer than `apart_ut` to one before it.
+fn thin<const N: usize>(samples: &mut heapless::Vec<Sample, N>, apart_ut: f32) {
+    let mut i = 0;
+    while let Some(sample) = samples.get(i).copied() {
+        let crowded = samples.iter().take(i).any(|s| (s.field.ut - sample.field.ut).norm() < apart_ut);
+        if crowded {
+            samples.remove(i);
+        } else {
+            i += 1;
         }
     }
 }
@@ -230,66 +306,14 @@ fn insert<const N: usize>(
     let _ = samples.push(sample);
 }
 
-/// A circle in the principal plane of a turn's samples.
-#[derive(Clone, Copy, Debug)]
-struct Circle {
-    /// A point of the plane: the samples' mean.
-    origin_ut: Vector3<f32>,
-    /// Two directions that span it.
-    axes: [Vector3<f32>; 2],
-    /// The centre, in the plane's coordinates.
-    centre_ut: Vector2<f32>,
-    radius_ut: f32,
-}
-
-impl Circle {
-    /// Least squares of `x^2 + y^2 + a x + b y + c` (Kasa's fit) in the plane of the largest two principal axes. An arc
-    /// is enough; `None` while there is no arc to speak of.
-    fn through<'a>(samples: impl Iterator<Item = &'a Sample> + Clone) -> Option<Self> {
-        let fields = samples.map(|s| s.field.ut);
-        let number = fields.clone().count() as f32;
-        if number < 3.0 {
-            return None;
-        }
-        let origin_ut = fields.clone().sum::<Vector3<f32>>() / number;
-        let scatter: Matrix3<f32> = fields.clone().map(|f| (f - origin_ut) * (f - origin_ut).transpose()).sum();
-        let axes = principal_axes(scatter)?;
-        let mut normal = Matrix3::zeros();
-        let mut right = Vector3::zeros();
-        for field in fields {
-            let p = axes.map(|axis| axis.dot(&(field - origin_ut)));
-            let row = Vector3::new(p[0], p[1], 1.0);
-            normal += row * row.transpose();
-            right -= row * (p[0] * p[0] + p[1] * p[1]);
-        }
-        let solution = normal.cholesky()?.solve(&right);
-        let centre_ut = Vector2::new(-solution.x / 2.0, -solution.y / 2.0);
-        let radius_ut = libm::sqrtf((centre_ut.norm_squared() - solution.z).max(0.0));
-        radius_ut.is_finite().then_some(Self { origin_ut, axes, centre_ut, radius_ut })
-    }
-
-    /// Which sector a sample lies in, 0..[`SECTORS`].
-    fn sector(&self, sample: &Sample) -> usize {
-        let p = self.axes.map(|axis| axis.dot(&(sample.field.ut - self.origin_ut)));
-        let angle_rad = libm::atan2f(p[1] - self.centre_ut.y, p[0] - self.centre_ut.x);
-        let turns = angle_rad / core::f32::consts::TAU + 0.5;
-        // The cast saturates and takes NaN to 0, so the index is in range for every input.
-        ((turns * SECTORS as f32) as usize).min(SECTORS - 1)
-    }
-}
-
-/// The eigenvectors of the two largest eigenvalues.
-fn principal_axes(scatter: Matrix3<f32>) -> Option<[Vector3<f32>; 2]> {
-    // A bound on iterations, because the unbounded variant never ends on what is not finite.
-    let eigen = SymmetricEigen::try_new(scatter, f32::EPSILON, 100)?;
-    let smallest = eigen.eigenvalues.imin();
-    Some([1, 2].map(|step| eigen.eigenvectors.column((smallest + step) % 3).into_owned()))
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
     use crate::frames::{Attitude, Field, Level};
+
+    const RIGHT: Part = Part::Turns(Side::Right);
 
     const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
@@ -304,9 +328,9 @@ mod tests {
     }
 
     fn collect(samples: impl Iterator<Item = Sample>) -> Dataset {
-        let mut dataset = Dataset::new(Config::DEFAULT);
+        let mut dataset = Dataset::new();
         for sample in samples {
-            dataset.push(Side::Right, sample);
+            dataset.push_turn(Side::Right, sample);
         }
         dataset
     }
@@ -314,21 +338,21 @@ mod tests {
     #[test]
     fn three_circles_fill_a_side_in_spite_of_the_hard_iron() {
         // 28 s a circle. Half a circle is 6 of 12 sectors, one more where it ends inside one.
-        let half = collect(turn(25.0, 0, 14, 13.0)).coverage(Side::Right);
+        let half = collect(turn(25.0, 0, 14, 13.0)).coverage(RIGHT);
         assert!((6..=8).contains(&half.sectors), "{half:?}");
         assert!(!half.is_complete());
-        let full = collect(turn(25.0, 0, 84, 13.0)).coverage(Side::Right);
+        let full = collect(turn(25.0, 0, 84, 13.0)).coverage(RIGHT);
         assert_eq!((full.sectors, full.percent), (12, 100), "{full:?}");
     }
 
     #[test]
     fn a_complete_side_stays_complete() {
         for tenths in 100..200_u16 {
-            let mut dataset = Dataset::new(Config::DEFAULT);
+            let mut dataset = Dataset::new();
             let mut completed = false;
             for sample in turn(25.0, 0, 150, f32::from(tenths) / 10.0) {
-                dataset.push(Side::Right, sample);
-                let complete = dataset.coverage(Side::Right).is_complete();
+                dataset.push_turn(Side::Right, sample);
+                let complete = dataset.coverage(RIGHT).is_complete();
                 assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time_ms);
                 completed = complete;
             }
@@ -338,7 +362,7 @@ mod tests {
 
     #[test]
     fn a_held_heading_is_no_coverage_however_long() {
-        let straight = collect(turn(25.0, 0, 300, 0.0)).coverage(Side::Right);
+        let straight = collect(turn(25.0, 0, 300, 0.0)).coverage(RIGHT);
         // Bank wander draws a short line, which is an arc of two sectors at most.
         assert!(straight.sectors <= 2 && straight.percent < 20, "{straight:?}");
     }
@@ -349,7 +373,7 @@ mod tests {
         let third = (0..12).flat_map(|i| turn(25.0, i * 50, i * 50 + 9, 13.0));
         let later = turn(25.0, 700, 728, 13.0);
         let dataset = collect(third.chain(later));
-        let coverage = dataset.coverage(Side::Right);
+        let coverage = dataset.coverage(RIGHT);
         assert_eq!(coverage.samples as usize, FIT_CAPACITY, "the buffer was full");
         assert_eq!(coverage.sectors, 12);
         assert!(dataset.fit().right.is_sorted_by_key(|s| s.time_ms));
@@ -372,6 +396,6 @@ mod tests {
             attitude: Attitude::from_deg(25.0, 0.0),
             time_ms: i * 400,
         });
-        assert!(collect(samples).coverage(Side::Right).samples > 0);
+        assert!(collect(samples).coverage(RIGHT).samples > 0);
     }
 }

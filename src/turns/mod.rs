@@ -5,36 +5,72 @@
 //! evenly spread over heading for each side, a part of them held back for verification ([`dataset`]).
 
 pub mod averager;
+mod circle;
 pub mod dataset;
 pub mod detector;
+mod recent;
 
-use crate::calibration::{Sample, Side};
+pub use recent::Recent;
+
+use crate::calibration::ladder::Manner;
+use crate::calibration::{Mark, Part, Sample, Samples, Side};
 use dataset::{Coverage, Dataset};
 use detector::Detector;
 
-/// Detector and dataset together: the collection of one calibration flight. About 13 KB.
-#[derive(Debug)]
-pub struct Collector {
-    detector: Detector,
-    dataset: Dataset,
+/// Marks of a compass swing: one every 10 deg. 1 KB.
+pub const MARKS_CAPACITY: usize = 36;
+
+/// Fixed numbers of the collection.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Level flight is below this bank, radians: 7 deg, where turns end.
+    pub level_roll_rad: f32,
+    /// and below this pitch, radians: 12 deg.
+    pub level_pitch_rad: f32,
 }
 
-/// Progress of a collection, by side.
+impl Config {
+    /// Numbers for all vehicles.
+    pub const DEFAULT: Self = Self { level_roll_rad: 0.122, level_pitch_rad: 0.21 };
+}
+
+/// Detector, dataset and marks together: the collection of one calibration. About 15 KB.
+#[derive(Debug)]
+pub struct Collector {
+    manner: Manner,
+    detector: Detector,
+    dataset: Dataset,
+    marks: heapless::Vec<Mark, MARKS_CAPACITY>,
+    /// Whether a turn has been flown since the collection began.
+    turned: bool,
+}
+
+/// Progress of a collection, by part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Progress {
-    /// Left turns.
+    /// How samples are collected.
+    pub manner: Manner,
+    /// Left turns; all attitudes when tumbling.
     pub left: Coverage,
     /// Right turns.
     pub right: Coverage,
+    /// Level flight.
+    pub level: Coverage,
+    /// Headings given.
+    pub marks: u16,
     /// The turn the aircraft is in now.
     pub turning: Option<Side>,
 }
 
 impl Progress {
-    /// Both sides have all the samples they need.
+    /// There are all the samples that can be asked for. Only a person knows when a swing or a tumbling is over.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.left.is_complete() && self.right.is_complete()
+        match self.manner {
+            Manner::Turns => self.left.is_complete() && self.right.is_complete(),
+            Manner::Level => self.level.is_complete(),
+            Manner::Swing | Manner::Tumble => false,
+        }
     }
 }
 
@@ -42,36 +78,78 @@ impl Collector {
     /// Nothing collected.
     #[must_use]
     pub const fn new() -> Self {
-        Self { detector: Detector::new(detector::Config::DEFAULT), dataset: Dataset::new(dataset::Config::DEFAULT) }
-    }
-
-    /// Takes the next averaged sample of the flight.
-    pub fn push(&mut self, sample: Sample) {
-        if let Some(side) = self.detector.push(&sample) {
-            self.dataset.push(side, sample);
+        Self {
+            manner: Manner::Turns,
+            detector: Detector::new(detector::Config::DEFAULT),
+            dataset: Dataset::new(),
+            marks: heapless::Vec::new(),
+            turned: false,
         }
     }
 
-    /// Forgets everything collected.
-    pub fn clear(&mut self) {
+    /// Takes the next averaged sample.
+    pub fn push(&mut self, sample: Sample) {
+        match self.manner {
+            Manner::Turns => self.push_flown(sample),
+            Manner::Level | Manner::Swing if is_level(&sample) => self.dataset.push_level(sample),
+            Manner::Level | Manner::Swing => {}
+            Manner::Tumble => self.dataset.push_any(sample),
+        }
+    }
+
+    fn push_flown(&mut self, sample: Sample) {
+        if let Some(side) = self.detector.push(&sample) {
+            self.turned = true;
+            self.dataset.push_turn(side, sample);
+        } else if self.turned && is_level(&sample) {
+            // Not before the first turn: until then the aircraft may stand beside a hangar.
+            self.dataset.push_level(sample);
+        }
+    }
+
+    /// Takes a sample at a given heading; whether there was room for it.
+    pub fn mark(&mut self, mark: Mark) -> bool {
+        self.marks.push(mark).is_ok()
+    }
+
+    /// Forgets everything collected, to begin again in a manner.
+    pub fn begin(&mut self, manner: Manner) {
+        self.manner = manner;
         self.detector = Detector::new(detector::Config::DEFAULT);
         self.dataset.clear();
+        self.marks.clear();
+        self.turned = false;
+    }
+
+    /// How samples are collected.
+    #[must_use]
+    pub fn manner(&self) -> Manner {
+        self.manner
     }
 
     /// How far the collection is.
     #[must_use]
     pub fn progress(&self) -> Progress {
         Progress {
-            left: self.dataset.coverage(Side::Left),
-            right: self.dataset.coverage(Side::Right),
+            manner: self.manner,
+            left: self.dataset.coverage(Part::Turns(Side::Left)),
+            right: self.dataset.coverage(Part::Turns(Side::Right)),
+            level: self.dataset.coverage(Part::Level),
+            marks: self.marks.len() as u16,
             turning: self.detector.turning(),
         }
     }
 
-    /// The samples.
+    /// Samples to solve with.
     #[must_use]
-    pub fn dataset(&self) -> &Dataset {
-        &self.dataset
+    pub fn fit(&self) -> Samples<'_> {
+        Samples { marks: &self.marks, ..self.dataset.fit() }
+    }
+
+    /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
+    #[must_use]
+    pub fn held_back(&self) -> Samples<'_> {
+        self.dataset.held_back()
     }
 }
 
@@ -79,4 +157,9 @@ impl Default for Collector {
     fn default() -> Self {
         Self::new()
     }
+}
+
+fn is_level(sample: &Sample) -> bool {
+    let Config { level_roll_rad, level_pitch_rad } = Config::DEFAULT;
+    sample.attitude.roll_rad.abs() <= level_roll_rad && sample.attitude.pitch_rad.abs() <= level_pitch_rad
 }

@@ -1,8 +1,9 @@
-//! NMEA 0183 heading sentences out: `HCHDM` and `HCHDG`.
+//! NMEA 0183 heading sentences out: `HCHDM`, `HCHDG`, and the proprietary `PASWH` with the heading's quality.
 
 use core::fmt::{self, Write as _};
 
 use super::decimal::Decimal;
+use crate::heading::{Heading, NoHeading};
 
 /// A sentence with its checksum and line end; at most 82 characters by the standard.
 pub type Sentence = heapless::String<82>;
@@ -37,6 +38,23 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     })
 }
 
+/// `$PASWH,hhh.h,s.s,ok*cs`: magnetic heading, its standard deviation, degrees, and `ok`; or two empty fields and the code
+/// of why there is none.
+#[must_use]
+pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
+    sentence(|body| {
+        body.write_str("PASWH,")?;
+        match heading {
+            Ok(heading) => {
+                write_heading(body, Some(heading.magnetic_deg()))?;
+                // Beyond this the heading says nothing at all.
+                write!(body, ",{},ok", Decimal::<1>(heading.sigma_deg().min(180.0)))
+            }
+            Err(why) => write!(body, ",,{}", why.code()),
+        }
+    })
+}
+
 /// Writes 000.0..359.9, or nothing.
 fn write_heading(body: &mut Sentence, heading_deg: Option<f32>) -> fmt::Result {
     let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Ok(()) };
@@ -46,7 +64,7 @@ fn write_heading(body: &mut Sentence, heading_deg: Option<f32>) -> fmt::Result {
     write!(body, "{:03}.{}", tenths / 10, tenths % 10)
 }
 
-/// Frames a body with `$`, checksum and line end. Bodies here are at most 30 characters, so they always fit; should
+/// Frames a body with `$`, checksum and line end. Bodies here are at most 40 characters, so they always fit; should
 /// one ever not, the sentence is cut and its missing checksum tells the receiver.
 fn sentence(fill: impl FnOnce(&mut Sentence) -> fmt::Result) -> Sentence {
     let mut out = Sentence::new();
@@ -76,6 +94,15 @@ mod tests {
         assert_eq!(hdm(None).as_str(), "$HCHDM,,M*07\r\n");
         assert!(hdg(Some(7.0), Some(-11.56)).starts_with("$HCHDG,007.0,,,11.6,W*"));
         assert!(hdg(None, None).starts_with("$HCHDG,,,,,*"));
+    }
+
+    #[test]
+    fn quality_shows_sigma_or_the_reason() {
+        let heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6 };
+        assert!(quality(&Ok(heading)).starts_with("$PASWH,101.1,0.6,ok*"), "{}", quality(&Ok(heading)));
+        assert!(quality(&Err(NoHeading::AttitudeStale)).starts_with("$PASWH,,,attitude-stale*"));
+        let lost = Heading { sigma_rad: f32::NAN, ..heading };
+        assert!(quality(&Ok(lost)).starts_with("$PASWH,101.1,180.0,ok*"));
     }
 
     #[test]

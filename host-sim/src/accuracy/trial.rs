@@ -158,6 +158,7 @@ pub fn envelope() -> impl Iterator<Item = (f64, f64)> {
 }
 
 /// The Earth field in the body frame, in units of the total field.
+#[must_use]
 pub fn body_field(inclination_rad: f64, heading_rad: f64, roll_rad: f64, pitch_rad: f64) -> Vector3<f64> {
     let (sin_i, cos_i) = inclination_rad.sin_cos();
     let level = Vector3::new(cos_i * heading_rad.cos(), -cos_i * heading_rad.sin(), sin_i);
@@ -165,6 +166,7 @@ pub fn body_field(inclination_rad: f64, heading_rad: f64, roll_rad: f64, pitch_r
 }
 
 /// Takes level components to body components: `R_x(phi) R_y(theta)`.
+#[must_use]
 pub fn body_from_level(roll_rad: f64, pitch_rad: f64) -> Matrix3<f64> {
     let (s, c) = roll_rad.sin_cos();
     let (sp, cp) = pitch_rad.sin_cos();

@@ -68,7 +68,7 @@ impl Equations {
         let covariance = noise.covariance(&view.direction, &view.towards_down, by_attitude);
         let [norm, dip] = [view.total - 1.0, wrap_pi(view.dip_rad - point.inclination_rad)];
         let (view, [norm, dip]) = if refined {
-            corrected(point, measured, noise, &covariance, view, [norm, dip], config)
+            corrected(point, measured, noise, &covariance, &view, [norm, dip], config)
         } else {
             (view, [norm, dip])
         };
@@ -98,7 +98,7 @@ fn corrected(
     measured: &Measured,
     noise: &Noise,
     covariance: &Covariance,
-    view: View,
+    view: &View,
     [norm, dip]: [f32; 2],
     config: &Config,
 ) -> (View, [f32; 2]) {
