@@ -115,13 +115,13 @@ pub(super) fn advise(
         expected_deg: now.rms_deg,
         manoeuvre,
         with_it_deg,
-        assumed: assumed(evidence, likelihood),
+        assumed: assumed(evidence, likelihood, unknowns),
     })
 }
 
-fn assumed(evidence: &Evidence, likelihood: &Likelihood) -> Assumed {
+fn assumed(evidence: &Evidence, likelihood: &Likelihood, unknowns: &Vector13) -> Assumed {
     let mut assumed = Assumed::default();
-    for quantity in evidence.left_to_priors(likelihood).into_iter().flatten() {
+    for quantity in evidence.left_to_priors(likelihood, unknowns).into_iter().flatten() {
         match quantity {
             Quantity::SoftIron => assumed.soft_iron = true,
             Quantity::Mounting => assumed.mounting = true,

@@ -50,7 +50,7 @@ fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f64> {
     Some(libm::sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
 }
 
-/// Sum of squared residuals and response at an inclination.
+/// Response at an inclination, and how little it explains the marks, in square microtesla.
 fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f64, h0_ut: f64) -> Option<(f64, Response)> {
     let regressors = |mark: &Mark| {
         let (sin, cos) = libm::sincosf(mark.heading_rad);
@@ -69,9 +69,10 @@ fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f64, h0_
         right += row * (field(mark) - mean).transpose();
     }
     let solution = normal.cholesky()?.solve(&right);
-    let residual =
+    let residual: f64 =
         marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
     let a_ut = solution.fixed_rows::<3>(0).transpose();
     let b_ut = solution.row(3).transpose() + mean;
-    Some((residual, Response { a_ut, b_ut, tan_inclination }))
+    // On level ground all inclinations fit alike; then the least hard iron is the most likely.
+    Some((residual + RIDGE * b_ut.norm_squared(), Response { a_ut, b_ut, tan_inclination }))
 }

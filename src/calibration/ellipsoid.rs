@@ -9,11 +9,11 @@
 //! must ask [`is_determined`].
 
 use super::evidence::Evidence;
-use super::likelihood::{Likelihood, Quantity};
+use super::likelihood::{Likelihood, Quantity, Vector13};
 
 /// Whether the samples, and not the priors, determine shape and centre.
-pub(super) fn is_determined(evidence: &Evidence, likelihood: &Likelihood) -> bool {
+pub(super) fn is_determined(evidence: &Evidence, likelihood: &Likelihood, unknowns: &Vector13) -> bool {
     evidence
-        .left_to_priors(likelihood)
+        .left_to_priors(likelihood, unknowns)
         .is_some_and(|mut left| !left.any(|quantity| matches!(quantity, Quantity::SoftIron | Quantity::HardIron)))
 }

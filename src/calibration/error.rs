@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{Orientation, Part};
+use super::{Axis, Orientation, Part};
 
 /// Why samples gave no calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +24,11 @@ pub enum SolveError {
         have: u8,
         /// Headings it takes.
         need: u8,
+    },
+    /// An axis of the sensor keeps to one end of its range.
+    AxisStuck {
+        /// The axis, as the chip names it.
+        axis: Axis,
     },
     /// The samples of a part do not lie on an ellipse round a centre: too short an arc, or not a turn.
     NotAnEllipse(Part),
@@ -50,6 +55,7 @@ impl SolveError {
             Self::TooFewSamples { .. } => "too-few-samples",
             Self::NotFinite => "not-finite",
             Self::TooFewHeadings { .. } => "too-few-headings",
+            Self::AxisStuck { .. } => "axis-stuck",
             Self::NotAnEllipse(_) => "not-an-ellipse",
             Self::NotDetermined(_) => "not-determined",
             Self::SamePlane => "same-plane",
@@ -72,6 +78,9 @@ impl fmt::Display for SolveError {
             }
             Self::NotFinite => {
                 f.write_str("a sample is not a number; this is a fault of the firmware, please report it")
+            }
+            Self::AxisStuck { axis } => {
+                write!(f, "the sensor's {} axis keeps to one end; iron too near to it, or a broken chip", axis.name())
             }
             Self::NotAnEllipse(part) => write!(f, "the {} are no full circle; go round", part.name()),
             Self::NotDetermined(part) => {

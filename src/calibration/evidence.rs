@@ -1,6 +1,6 @@
 //! What the samples leave unknown: from the information in them to the uncertainty of the coefficients.
 
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::Matrix3;
 
 use super::Samples;
 use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
@@ -70,7 +70,7 @@ impl Evidence {
     pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: Attitude, heading_rad: f32) {
         let level_from_body = attitude.level_from_body();
         let Some(x) = point.expected_field(&level_from_body.transpose(), heading_rad) else { return };
-        let measured = Measured { field: x + point.b, level_from_body, roll_rad: attitude.roll_rad, heading_rad: None };
+        let measured = Measured { x, level_from_body, roll_rad: attitude.roll_rad, heading_rad: None };
         let equations = Equations::new(point, &measured, &likelihood.noise, &likelihood.config, true);
         let before = self.correlation;
         self.add(&equations);
@@ -105,7 +105,7 @@ impl Evidence {
         let point = Point::new(unknowns);
         let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
         let covariance = self.covariance(consider)?;
-        let units = units(&point, &(likelihood.rotation.transpose() * per_unit));
+        let units = units(&point, &(likelihood.rotation.transpose() * per_unit))?;
         let covariance = units * covariance.fixed_view::<COEFFICIENTS, COEFFICIENTS>(0, 0) * units.transpose();
         let attitude_sigma_rad = if likelihood.config.uses_attitude {
             likelihood.noise.attitude_sigma_rad()
@@ -117,10 +117,14 @@ impl Evidence {
     }
 
     /// What the samples say nothing of: the quantities of whose prior more than half is left in some direction.
-    pub fn left_to_priors(&self, likelihood: &Likelihood) -> Option<impl Iterator<Item = Quantity>> {
+    pub fn left_to_priors(
+        &self,
+        likelihood: &Likelihood,
+        unknowns: &Vector13,
+    ) -> Option<impl Iterator<Item = Quantity>> {
         let covariance = self.system.covariance()?;
         let mut left = [None; 4];
-        priors(likelihood, |prior| {
+        priors(likelihood, &Point::new(unknowns), |prior| {
             let posterior = prior.row.dot(&(covariance * prior.row));
             if posterior > 0.25 * prior.sigma * prior.sigma
                 && let Some(slot) = left.get_mut(prior.of as usize)
@@ -132,14 +136,17 @@ impl Evidence {
     }
 }
 
-/// Takes changes of the unknowns `W` and `b` to changes of `W` in chip axes with a determinant of one, and of
-/// `beta = W b`.
-fn units(point: &Point, mount: &Matrix3<f32>) -> Matrix12 {
-    let mut units: SMatrix<f32, COEFFICIENTS, COEFFICIENTS> = Matrix12::zeros();
-    // A row of W in mount axes times the rotation is a row in chip axes; as a column, the transpose of it.
+/// Takes changes of the unknowns `W` and `d` to changes of `W` in chip axes with a determinant of one, and of `beta`. The
+/// corrected field changes by `dW x + dd`, with `x` the field less the mean. Less the hard iron it is `x + W^-1 d`, so that
+/// `d beta = dW W^-1 d - dd`.
+fn units(point: &Point, mount: &Matrix3<f32>) -> Option<Matrix12> {
+    let from_b = point.mean_from_b()?.transpose();
+    let mut units = Matrix12::zeros();
     for i in 0..3 {
+        // A row of W in mount axes times the rotation is a row in chip axes; as a column, the transpose of it.
         units.fixed_view_mut::<3, 3>(3 * i, 3 * i).copy_from(mount);
+        units.fixed_view_mut::<1, 3>(9 + i, 3 * i).copy_from(&from_b);
+        units[(9 + i, 9 + i)] = -1.0;
     }
-    units.fixed_view_mut::<3, 3>(9, 9).copy_from(&point.w);
-    units
+    Some(units)
 }

@@ -51,24 +51,28 @@ impl Hypothesis {
         })
     }
 
-    /// At how many of twelve headings there are points.
+    /// At how many headings, 30 deg apart, there are points. A straight leg may lie across the border of two sectors of
+    /// 15 deg and is one heading still; a circle fills them all.
     fn headings(&self, points_ut: impl Iterator<Item = Vector2<f64>>) -> u8 {
         // A map of an ellipse has an inverse; without one no heading is counted.
         let inverse = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
-        let seen = points_ut.fold(0_u16, |seen, p| {
+        let seen = points_ut.fold(0_u32, |seen, p| {
             let circle = inverse * (p - self.centre_ut);
             let turns = libm::atan2(-circle.y, circle.x) / core::f64::consts::TAU + 0.5;
-            // The cast saturates and takes NaN to 0; the remainder keeps the shift below 12.
-            seen | 1 << ((turns * 12.0) as u16 % 12)
+            // The cast saturates and takes NaN to 0; the remainder keeps the shift below 24.
+            seen | 1 << ((turns * 24.0) as u32 % 24)
         });
-        seen.count_ones() as u8
+        let shifted = (seen << 1 | seen >> 23) & 0x00FF_FFFF;
+        let legs = (seen & !shifted).count_ones();
+        legs.max(seen.count_ones() / 2) as u8
     }
 }
 
 /// Solves samples of level flight, fields rotated by `rotation` first.
 ///
-/// What level flight does not show is chosen so that it does not matter there: no hard iron along the vertical axis, the
-/// vertical scale that of the horizontal ones, and the inclination that follows.
+/// What level flight does not show is chosen so that it does not matter there: the vertical field leaks into no other
+/// axis, there is no hard iron along the vertical one, its scale is that of the horizontal ones, and the inclination is
+/// what follows.
 pub(super) fn solve<'a>(
     samples: impl Iterator<Item = &'a Sample> + Clone,
     rotation: &Matrix3<f32>,
@@ -87,12 +91,37 @@ pub(super) fn solve<'a>(
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
-    let mut a_ut = Matrix3::from_diagonal_element(vertical_ut);
-    a_ut.fixed_view_mut::<2, 2>(0, 0).copy_from(&found.map_ut);
-    let mean_z_ut = fields.map(|f| f.z).sum::<f64>() / have as f64;
-    Ok(Response {
-        a_ut,
-        b_ut: Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0),
-        tan_inclination: mean_z_ut / vertical_ut,
-    })
+    let vertical = Vertical::fit(&found, fields, vertical_ut).ok_or(SolveError::NotAnEllipse(Part::Level))?;
+    let map = found.map_ut;
+    let [x, y] = vertical.of_horizontal_ut;
+    #[rustfmt::skip]
+    let a_ut = Matrix3::new(
+        map[(0, 0)], map[(0, 1)], 0.0,
+        map[(1, 0)], map[(1, 1)], 0.0,
+        x,           y,           vertical_ut,
+    );
+    let b_ut = Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0);
+    Ok(Response { a_ut, b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
+}
+
+/// What the vertical axis measures in level flight: a constant, and what leaks in from the horizontal field.
+struct Vertical {
+    mean_ut: f64,
+    of_horizontal_ut: [f64; 2],
+}
+
+impl Vertical {
+    fn fit(found: &Hypothesis, fields: impl Iterator<Item = Vector3<f64>>, scale_ut: f64) -> Option<Self> {
+        let inverse = found.map_ut.try_inverse()?;
+        let mut normal = Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        for field in fields {
+            let row = (inverse * (field.xy() - found.centre_ut)).push(1.0);
+            normal += row * row.transpose();
+            right += row * field.z;
+        }
+        let solution = normal.cholesky()?.solve(&right);
+        let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
+        is_sound.then(|| Self { mean_ut: solution.z, of_horizontal_ut: [solution.x, solution.y] })
+    }
 }

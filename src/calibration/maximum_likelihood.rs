@@ -13,8 +13,12 @@
 use super::Samples;
 use super::likelihood::{Likelihood, System, Vector13};
 
-/// Iterations for one start; the worst case seen takes a third of it.
-const MAX_ITERATIONS: u16 = 100;
+/// Steps between two rounds; turns to both sides take three. Thin data can make a long, bent valley of unknowns that
+/// hardly matter to the heading: then this ends it, and what is left of the way is carried as uncertainty.
+const MAX_STEPS: u8 = 40;
+
+/// Growth of the damping after a first failed step.
+const FIRST_GROWTH: f32 = 4.0;
 
 /// The unknowns have settled when a step promises to lower the cost by less than this, in units of half a sigma
 /// squared: 0.03 sigma of the worst direction.
@@ -47,16 +51,19 @@ pub(super) struct Refinement {
     moves: bool,
     system: System,
     damping: f32,
-    /// Rounds of weights since the unknowns last settled.
+    /// By what a step that fails multiplies the damping.
+    growth: f32,
+    /// Rounds of weights so far.
     rounds: u8,
-    iterations: u16,
+    /// Steps since the last.
+    steps: u8,
 }
 
 impl Refinement {
     /// Begins at a start. With `moves` false the unknowns stay, and only the noise around them is found.
     pub fn new(likelihood: Likelihood, samples: Samples<'_>, unknowns: Vector13, moves: bool) -> Self {
         let system = likelihood.linearise(samples, &unknowns);
-        Self { likelihood, unknowns, moves, system, damping: 1e-3, rounds: 0, iterations: 0 }
+        Self { likelihood, unknowns, moves, system, damping: 1e-3, growth: FIRST_GROWTH, rounds: 0, steps: 0 }
     }
 
     /// One pass over the samples, which must be those it began with.
@@ -71,6 +78,7 @@ impl Refinement {
             return Progress::Settled;
         }
         self.rounds += 1;
+        self.steps = 0;
         self.likelihood.reweight(&self.system, &self.unknowns);
         self.system = self.likelihood.linearise(samples, &self.unknowns);
         self.damping = 1e-6;
@@ -79,22 +87,27 @@ impl Refinement {
 
     /// One Levenberg-Marquardt step.
     fn descend(&mut self, samples: Samples<'_>) -> Progress {
-        self.iterations += 1;
-        if self.iterations > MAX_ITERATIONS {
-            return Progress::Failed;
-        }
+        self.steps += 1;
         let Some(change) = self.system.step(self.damping) else { return Progress::Failed };
         let trial = self.unknowns + change;
         let system = self.likelihood.linearise(samples, &trial);
         let promised = -0.5 * change.dot(&self.system.gradient);
-        let tolerance = if self.likelihood.refined { REFINED_TOLERANCE } else { 0.0 };
-        if system.cost <= self.system.cost + tolerance {
+        let tolerance = if self.likelihood.refined { REFINED_TOLERANCE } else { f32::MIN_POSITIVE };
+        let gained = self.system.cost - system.cost;
+        if gained >= -tolerance {
             self.unknowns = trial;
             self.system = system;
-            self.damping = (self.damping * 0.1).max(1e-9);
+            // As little damping as the last gain allows: a tenth if all that was promised came true, more if half did not
+            // (Nielsen's rule). A gain within the tolerance says nothing.
+            let share = if promised > tolerance { (gained / promised).clamp(0.0, 1.0) } else { 1.0 };
+            let excess = 2.0 * share - 1.0;
+            self.damping = (self.damping * (1.0 - excess * excess * excess).max(0.1)).max(1e-9);
+            self.growth = FIRST_GROWTH;
         } else {
-            self.damping *= 10.0;
+            self.damping *= self.growth;
+            self.growth *= 2.0;
         }
-        if promised.abs() > SETTLED && self.damping < 1e6 { Progress::Continue } else { Progress::Settled }
+        let goes_on = promised.abs() > SETTLED && self.damping < 1e6 && self.steps < MAX_STEPS;
+        if goes_on { Progress::Continue } else { Progress::Settled }
     }
 }

@@ -3,7 +3,6 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::Samples;
-use super::likelihood::{Point, Vector13};
 use crate::frames::Field;
 
 /// The response of the sensor in mount axes, unit of field microtesla: what each closed form gives.
@@ -17,26 +16,39 @@ pub(super) struct Response {
     pub tan_inclination: f64,
 }
 
+/// Where a refinement begins, in a unit of field of its own.
+#[derive(Clone, Debug)]
+pub(super) struct Start {
+    /// The unit, microtesla.
+    pub unit_ut: f32,
+    pub w: Matrix3<f32>,
+    pub b: Vector3<f32>,
+    pub inclination_rad: f32,
+}
+
 impl Response {
-    /// Unit of field, microtesla, in which `W` has a determinant of one, and the unknowns in that unit. `None` if `A` has
-    /// no inverse or mirrors: a chip's axes are right-handed.
-    pub fn unknowns(&self) -> Option<(f32, Vector13)> {
+    /// In the unit of field in which `W` has a determinant of one. `None` if `A` has no inverse or mirrors: a chip's axes
+    /// are right-handed.
+    pub fn start(&self) -> Option<Start> {
         // Total field in units of H0.
         let total = libm::sqrt(1.0 + self.tan_inclination * self.tan_inclination);
         let w = self.a_ut.try_inverse()? / total;
         let unit_ut = 1.0 / libm::cbrt(w.determinant());
-        let point = Point {
+        (unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
+            unit_ut: unit_ut as f32,
             w: (w * unit_ut).cast(),
             b: (self.b_ut / unit_ut).cast(),
             inclination_rad: libm::atan(self.tan_inclination) as f32,
-        };
-        point.unknowns().filter(|_| unit_ut.is_finite() && unit_ut > 0.0).map(|unknowns| (unit_ut as f32, unknowns))
+        })
     }
 }
 
-/// Unit of field and unknowns from a sphere through all samples: hard iron only. The fields are rotated by `rotation`
+/// Weight of the assumption that there is no hard iron, beside that of the samples.
+const SPHERE_RIDGE: f32 = 1e-4;
+
+/// A sphere through all samples: hard iron only. The fields are rotated by `rotation`
 /// first.
-pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<(f32, Vector13)> {
+pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<Start> {
     let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
     let number = fields().count() as f32;
     let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
@@ -48,6 +60,12 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<(f
         let row = SVector::from([2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0]);
         normal += row * row.transpose();
         right += row * p.norm_squared();
+    }
+    // Weakly, no hard iron: it decides where a single turn leaves the centre open along its axis.
+    let weight = SPHERE_RIDGE * normal.fixed_view::<3, 3>(0, 0).trace();
+    for i in 0..3 {
+        normal[(i, i)] += weight;
+        right[i] -= weight * mean[i];
     }
     let solution = normal.cast::<f64>().cholesky()?.solve(&right.cast::<f64>()).cast::<f32>();
     let centre = solution.fixed_rows::<3>(0).into_owned();
@@ -61,5 +79,5 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<(f
         .sum::<f32>()
         / number;
     let inclination_rad = libm::asinf(sin_dip.clamp(-1.0, 1.0));
-    Point { w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad }.unknowns().map(|unknowns| (unit_ut, unknowns))
+    Some(Start { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
 }

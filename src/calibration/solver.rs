@@ -3,12 +3,12 @@
 use super::advice::{self, Advice};
 use super::evidence::{Consider, Evidence};
 use super::expected_error::{self, Envelope};
-use super::likelihood::{Config, Likelihood, Prior, Vector13};
+use super::likelihood::{Config, Likelihood, Prior};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
-use super::response::{self, Response};
+use super::response::{self, Response, Start};
 use super::two_plane::{MIN_SAMPLES, progress_rad};
 use super::uncertainty::Uncertainty;
-use super::{Calibration, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
+use super::{Axis, Calibration, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 
 /// What came out.
@@ -71,7 +71,7 @@ impl Solver {
             Method::Ellipsoid => Err(SolveError::NotDetermined(Part::All)),
         };
         let start = match closed_form {
-            Ok(response) => response.unknowns(),
+            Ok(response) => response.start(),
             Err(error) if !method.is_refined() || method == Method::CompassSwing => return Err(error),
             Err(_) => None,
         };
@@ -80,7 +80,7 @@ impl Solver {
         }
         let from_sphere = start.is_none();
         let start = start.or_else(|| response::sphere(samples, &rotation)).ok_or(SolveError::NotConverged)?;
-        Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, start), from_sphere })
+        Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, &start)?, from_sphere })
     }
 
     /// One pass over the samples, or the end.
@@ -97,7 +97,10 @@ impl Solver {
         self.from_sphere = true;
         match (end, response::sphere(samples, &self.prior.mount.body_from_sensor())) {
             (Err(SolveError::NotConverged), Some(start)) => {
-                self.refinement = begin(self.method, &self.prior, samples, start);
+                match begin(self.method, &self.prior, samples, &start) {
+                    Ok(refinement) => self.refinement = refinement,
+                    Err(error) => return Progress::Finished(Err(error)),
+                }
                 Progress::Continue
             }
             (end, _) => Progress::Finished(end),
@@ -114,7 +117,7 @@ impl Solver {
         let calibration = likelihood.calibration(unknowns)?;
         self.plausible(samples, &calibration)?;
         let evidence = Evidence::new(likelihood, samples, unknowns);
-        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(&evidence, likelihood) {
+        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(&evidence, likelihood, unknowns) {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = if self.method == Method::Level { Envelope::Level } else { Envelope::Banked };
@@ -160,13 +163,15 @@ pub fn solve(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solu
     }
 }
 
-fn begin(method: Method, prior: &Prior, samples: Samples<'_>, (unit_ut, unknowns): (f32, Vector13)) -> Refinement {
+fn begin(method: Method, prior: &Prior, samples: Samples<'_>, start: &Start) -> Result<Refinement, SolveError> {
     let config = match method {
         Method::Level => Config::ALIGNED,
         Method::Ellipsoid => Config::NO_ATTITUDE,
         Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => Config::DEFAULT,
     };
-    Refinement::new(Likelihood::new(prior, config, unit_ut), samples, unknowns, method.is_refined())
+    let likelihood = Likelihood::new(prior, config, samples, start.unit_ut);
+    let unknowns = likelihood.unknowns(start).ok_or(SolveError::NotConverged)?;
+    Ok(Refinement::new(likelihood, samples, unknowns, method.is_refined()))
 }
 
 /// Whether the samples can be worked with at all.
@@ -180,6 +185,23 @@ fn check(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
     let finite = |s: &Sample| {
         s.field.ut.iter().all(|c| c.abs() < 1e6) && s.attitude.roll_rad.is_finite() && s.attitude.pitch_rad.is_finite()
     };
+    if let Some(axis) = stuck_axis(samples) {
+        return Err(SolveError::AxisStuck { axis });
+    }
     let given = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());
     if given && samples.all().all(finite) { Ok(()) } else { Err(SolveError::NotFinite) }
+}
+
+/// The axis that keeps to one end of its range in turns: it is saturated or frozen. A field that turns through a circle
+/// is within a hundredth of either end for one sample in sixteen.
+fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
+    let turns = || samples.left.iter().chain(samples.right);
+    let number = turns().count();
+    [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
+        let values = || turns().map(|s| s.field.ut[axis as usize]);
+        let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        let near = 0.01 * (high - low);
+        let at_end = |is_near: &dyn Fn(f32) -> bool| values().filter(|&v| is_near(v)).count() * 5 > number;
+        number >= MIN_SAMPLES && (at_end(&|v| v - low <= near) || at_end(&|v| high - v <= near))
+    })
 }

@@ -51,8 +51,8 @@ pub(in crate::calibration) struct Equations {
 
 /// A sample, ready to be looked at.
 pub(in crate::calibration) struct Measured {
-    /// The field in mount axes and the unit of field.
-    pub field: Vector3<f32>,
+    /// The field less the mean of all samples, in mount axes and the unit of field.
+    pub x: Vector3<f32>,
     pub level_from_body: Matrix3<f32>,
     pub roll_rad: f32,
     /// The heading, where it was given.
@@ -63,7 +63,7 @@ impl Equations {
     /// `refined` says whether the coefficients are good enough for their residuals to say how the measurement was wrong:
     /// see [`corrected`].
     pub fn new(point: &Point, measured: &Measured, noise: &Noise, config: &Config, refined: bool) -> Self {
-        let view = point.view(measured.field - point.b, &measured.level_from_body);
+        let view = point.view(measured.x, &measured.level_from_body);
         let by_attitude = view.dip_by_attitude(&measured.level_from_body);
         let covariance = noise.covariance(&view.direction, &view.towards_down, by_attitude);
         let [norm, dip] = [view.total - 1.0, wrap_pi(view.dip_rad - point.inclination_rad)];
@@ -72,15 +72,13 @@ impl Equations {
         } else {
             (view, [norm, dip])
         };
-        let norm_row = view.norm_row(point);
+        let norm_row = view.norm_row();
         Self {
             dip: config.uses_attitude.then(|| {
-                let row = view.dip_row(point) - norm_row * covariance.slope;
+                let row = view.dip_row() - norm_row * covariance.slope;
                 Equation::new(row, dip - norm * covariance.slope, covariance.dip, config.huber)
             }),
-            heading: measured
-                .heading_rad
-                .map(|heading_rad| heading(point, measured, noise, config, &view, heading_rad)),
+            heading: measured.heading_rad.map(|heading_rad| heading(measured, noise, config, &view, heading_rad)),
             norm: Equation::new(norm_row, norm, covariance.norm, config.huber),
             attitude_effects: [by_attitude[0], by_attitude[1], by_attitude[0] * measured.roll_rad],
         }
@@ -116,17 +114,10 @@ fn corrected(
     (moved, [norm, dip])
 }
 
-fn heading(
-    point: &Point,
-    measured: &Measured,
-    noise: &Noise,
-    config: &Config,
-    view: &View,
-    heading_rad: f32,
-) -> Equation {
+fn heading(measured: &Measured, noise: &Noise, config: &Config, view: &View, heading_rad: f32) -> Equation {
     let by_field = view.heading_by_field(&measured.level_from_body);
     let found_rad = libm::atan2f(-view.level.y, view.level.x);
     let variance =
         config.given_heading_sigma_rad * config.given_heading_sigma_rad + noise.heading_variance(&by_field, view);
-    Equation::new(point.row(&by_field, &view.x), wrap_pi(found_rad - heading_rad), variance, config.huber)
+    Equation::new(Point::row(&by_field, &view.x), wrap_pi(found_rad - heading_rad), variance, config.huber)
 }

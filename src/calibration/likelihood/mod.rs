@@ -31,11 +31,12 @@ pub(super) use system::{Quantity, System, priors};
 pub(super) use view::Point;
 
 use equations::CLIPPED_MEAN_SQUARE;
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::response::Start;
 use super::{Calibration, Orientation, Sample, Samples, SolveError, rows};
 
-/// Number of unknowns: `W` row by row, `b`, `I`.
+/// Number of unknowns: `W` row by row, `d` in place of `b` (see [`Point`]), `I`.
 pub(super) const UNKNOWNS: usize = 13;
 pub(super) type Vector13 = SVector<f32, UNKNOWNS>;
 pub(super) type Matrix13 = SMatrix<f32, UNKNOWNS, UNKNOWNS>;
@@ -109,19 +110,25 @@ pub(super) struct Likelihood {
     pub rotation: Matrix3<f32>,
     /// Unit of field, microtesla.
     pub unit_ut: f32,
+    /// Mean of all samples in mount axes and the unit of field.
+    pub mean: Vector3<f32>,
     pub noise: Noise,
     /// Whether the noise has been estimated: see [`Equations::new`].
     pub refined: bool,
 }
 
 impl Likelihood {
-    /// The model in a unit of field, nothing known of the noise.
-    pub fn new(prior: &Prior, config: Config, unit_ut: f32) -> Self {
+    /// The model of samples in a unit of field, nothing known of the noise.
+    pub fn new(prior: &Prior, config: Config, samples: Samples<'_>, unit_ut: f32) -> Self {
+        let rotation = prior.mount.body_from_sensor();
+        let sum_ut = samples.all().map(|s| s.field.ut).sum::<Vector3<f32>>();
+        let number = samples.all().count().max(1) as f32;
         Self {
             config,
             told_inclination_rad: prior.inclination_rad,
-            rotation: prior.mount.body_from_sensor(),
+            rotation,
             unit_ut,
+            mean: rotation * sum_ut / (number * unit_ut),
             noise: Noise::INITIAL,
             refined: false,
         }
@@ -131,7 +138,7 @@ impl Likelihood {
     pub fn visit(&self, samples: Samples<'_>, point: &Point, visit: &mut dyn FnMut(&Equations)) {
         let mut one = |sample: &Sample, heading_rad: Option<f32>| {
             let measured = Measured {
-                field: self.rotation * sample.field.ut / self.unit_ut,
+                x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
                 level_from_body: sample.attitude.level_from_body(),
                 roll_rad: sample.attitude.roll_rad,
                 heading_rad,
@@ -140,6 +147,11 @@ impl Likelihood {
         };
         samples.iter().for_each(|sample| one(sample, None));
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
+    }
+
+    /// The unknowns of a start.
+    pub fn unknowns(&self, start: &Start) -> Option<Vector13> {
+        Point { w: start.w, d: start.w * (self.mean - start.b), inclination_rad: start.inclination_rad }.unknowns()
     }
 
     /// One pass over the samples.
@@ -174,10 +186,11 @@ impl Likelihood {
         if !determinant.is_finite() || determinant <= 0.0 {
             return Err(SolveError::NotConverged);
         }
+        let b = self.mean - point.mean_from_b().ok_or(SolveError::NotConverged)?;
         let per_unit = 1.0 / libm::cbrtf(determinant);
         Ok(Calibration {
             w: rows(&(point.w * per_unit * self.rotation)),
-            b_ut: (self.rotation.tr_mul(&point.b) * self.unit_ut).into(),
+            b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
             inclination_rad: point.inclination_rad,
             total_ut: self.unit_ut * per_unit,
         })

@@ -1,7 +1,7 @@
 //! The linearised problem: information, gradient and cost of all samples and priors at one set of unknowns.
 
 use super::equations::{Equation, Equations};
-use super::{Likelihood, Matrix13, UNKNOWNS, Vector13};
+use super::{Likelihood, Matrix13, Point, UNKNOWNS, Vector13};
 
 /// The linearised problem at one set of unknowns.
 #[derive(Clone, Debug)]
@@ -26,8 +26,8 @@ impl System {
             clipped_squares: [0.0; 2],
             samples: 0,
         };
-        priors(likelihood, |prior| {
-            let residual = prior.row.dot(unknowns) - prior.value;
+        priors(likelihood, &Point::new(unknowns), |prior| {
+            let residual = prior.residual;
             let weight = 1.0 / (prior.sigma * prior.sigma);
             let loss = 0.5 * weight * residual * residual;
             system.add_equation(&Equation { row: prior.row, residual, weight, loss, clipped: 0.0 });
@@ -73,11 +73,11 @@ impl System {
     }
 }
 
-/// What is known beforehand: `row . unknowns` is `value`, give or take `sigma`.
+/// What is known beforehand, as an equation: `row . change` is `-residual`, give or take `sigma`.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct KnownBefore {
     pub row: Vector13,
-    pub value: f32,
+    pub residual: f32,
     pub sigma: f32,
     pub of: Quantity,
 }
@@ -93,24 +93,36 @@ pub(in crate::calibration) enum Quantity {
 
 /// Weak priors that let thin data shrink towards no correction: on the symmetric part of `W` (soft iron; scale is left
 /// free), on its skew part (mounting), on `b`, and on the inclination where it was told.
-pub(in crate::calibration) fn priors(likelihood: &Likelihood, mut tell: impl FnMut(KnownBefore)) {
+pub(in crate::calibration) fn priors(likelihood: &Likelihood, point: &Point, mut tell: impl FnMut(KnownBefore)) {
     let config = &likelihood.config;
-    let mut prior = |of, row, value, sigma| tell(KnownBefore { row, value, sigma, of });
+    let mut prior = |of, row, residual, sigma| tell(KnownBefore { row, residual, sigma, of });
+    let w = |index: usize| point.w[(index / 3, index % 3)];
     // Indices of W's elements in the unknowns.
     for (ij, ji) in [(1, 3), (2, 6), (5, 7)] {
-        prior(Quantity::SoftIron, unit(ij, 0.5) + unit(ji, 0.5), 0.0, config.soft_iron_sigma);
-        prior(Quantity::Mounting, unit(ij, 0.5) - unit(ji, 0.5), 0.0, config.mounting_sigma);
+        let (symmetric, skew) = ((w(ij) + w(ji)) / 2.0, (w(ij) - w(ji)) / 2.0);
+        prior(Quantity::SoftIron, unit(ij, 0.5) + unit(ji, 0.5), symmetric, config.soft_iron_sigma);
+        prior(Quantity::Mounting, unit(ij, 0.5) - unit(ji, 0.5), skew, config.mounting_sigma);
     }
     let third_of_trace = unit(0, 1.0 / 3.0) + unit(4, 1.0 / 3.0) + unit(8, 1.0 / 3.0);
     for ii in [0, 4, 8] {
-        prior(Quantity::SoftIron, unit(ii, 1.0) - third_of_trace, 0.0, config.soft_iron_sigma);
+        let residual = w(ii) - point.w.trace() / 3.0;
+        prior(Quantity::SoftIron, unit(ii, 1.0) - third_of_trace, residual, config.soft_iron_sigma);
     }
-    for b in 9..12 {
-        prior(Quantity::HardIron, unit(b, 1.0), 0.0, config.hard_iron_sigma_ut / likelihood.unit_ut);
+    // b = mean - W^-1 d, so that a change of it is W^-1 (change of W) W^-1 d - W^-1 (change of d). Without an inverse
+    // there is no b, and nothing to be known of it.
+    if let Some(field_from_body) = point.w.try_inverse() {
+        let from_b = field_from_body * point.d;
+        for i in 0..3 {
+            let by_body = field_from_body.row(i).transpose();
+            let mut row = Point::row(&by_body, &from_b);
+            row.fixed_rows_mut::<3>(9).copy_from(&-by_body);
+            let residual = likelihood.mean[i] - from_b[i];
+            prior(Quantity::HardIron, row, residual, config.hard_iron_sigma_ut / likelihood.unit_ut);
+        }
     }
     let told = likelihood.told_inclination_rad.map(|told_rad| (told_rad, config.told_inclination_sigma_rad));
-    let (value, sigma) = told.unwrap_or((0.0, ANY_INCLINATION_RAD));
-    prior(Quantity::Inclination, unit(12, 1.0), value, sigma);
+    let (value_rad, sigma_rad) = told.unwrap_or((0.0, ANY_INCLINATION_RAD));
+    prior(Quantity::Inclination, unit(12, 1.0), point.inclination_rad - value_rad, sigma_rad);
 }
 
 /// Wider than all inclinations there are: keeps the system regular where nothing is said about it.

@@ -6,19 +6,21 @@ use super::{UNKNOWNS, Vector13};
 use crate::calibration::uncertainty::heading_by_field;
 use crate::frames::Field;
 
-/// `W` and `b` in the unit of field, and the inclination.
+/// One set of unknowns, in the unit of field: the corrected field is `W x + d`, `x` being the field less the mean of all
+/// samples. `d` stands for `b = mean - W^-1 d`: with `b` itself, samples that hardly move along an axis could not tell the
+/// axis' scale from its hard iron but by the difference of two large sums, for which `f32` has too few digits.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct Point {
     pub w: Matrix3<f32>,
-    pub b: Vector3<f32>,
+    pub d: Vector3<f32>,
     pub inclination_rad: f32,
 }
 
 impl Point {
-    /// From the unknowns: `W` row by row, `b`, `I`.
+    /// From the unknowns: `W` row by row, `d`, `I`.
     pub fn new(unknowns: &Vector13) -> Self {
         let w = Matrix3::from_fn(|row, column| unknowns[3 * row + column]);
-        Self { w, b: Vector3::new(unknowns[9], unknowns[10], unknowns[11]), inclination_rad: unknowns[12] }
+        Self { w, d: Vector3::new(unknowns[9], unknowns[10], unknowns[11]), inclination_rad: unknowns[12] }
     }
 
     /// The unknowns; `None` if one is not a finite number.
@@ -28,15 +30,20 @@ impl Point {
             for j in 0..3 {
                 unknowns[3 * i + j] = self.w[(i, j)];
             }
-            unknowns[9 + i] = self.b[i];
+            unknowns[9 + i] = self.d[i];
         }
         unknowns[12] = self.inclination_rad;
         unknowns.iter().all(|u| u.is_finite()).then_some(unknowns)
     }
 
-    /// What a field less `b` looks like from here; `level_from_body` as [`Attitude::level_from_body`] gives it.
+    /// From the hard iron to the mean of all samples: `W^-1 d`. `None` when `W` has no inverse.
+    pub fn mean_from_b(&self) -> Option<Vector3<f32>> {
+        self.w.try_inverse().map(|field_from_body| field_from_body * self.d)
+    }
+
+    /// What a field less the mean looks like from here; `level_from_body` is the rotation of its attitude.
     pub fn view(&self, x: Vector3<f32>, level_from_body: &Matrix3<f32>) -> View {
-        let body = self.w * x;
+        let body = self.w * x + self.d;
         // A field of zero has no direction; the floor keeps its residual finite and large.
         let total = body.norm().max(1e-6);
         let direction = body / total;
@@ -55,30 +62,29 @@ impl Point {
         }
     }
 
-    /// The derivative by the unknowns of `k . W (m - b)`: `k x^T` by `W`, `-W^T k` by `b`, none by `I`.
-    pub fn row(&self, k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
-        let by_b = -self.w.tr_mul(k);
+    /// The derivative by the unknowns of `k . (W x + d)`: `k x^T` by `W`, `k` by `d`, none by `I`.
+    pub fn row(k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
         let mut row = Vector13::zeros();
         for i in 0..3 {
             for j in 0..3 {
                 row[3 * i + j] = k[i] * x[j];
             }
-            row[9 + i] = by_b[i];
+            row[9 + i] = k[i];
         }
         row
     }
 
-    /// The measurement less `b`, noise-free, at an attitude and a heading.
+    /// The field less the mean, noise-free, at an attitude and a heading.
     pub fn expected_field(&self, body_from_level: &Matrix3<f32>, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth(1.0, self.inclination_rad, heading_rad);
-        Some(self.w.try_inverse()? * (body_from_level * level.ut))
+        Some(self.w.try_inverse()? * (body_from_level * level.ut - self.d))
     }
 }
 
 /// What a measurement looks like through a point.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct View {
-    /// The measurement less `b`.
+    /// The measurement less the mean.
     pub x: Vector3<f32>,
     /// Size of the corrected field; one, if all is right.
     pub total: f32,
@@ -94,13 +100,13 @@ pub(in crate::calibration) struct View {
 }
 
 impl View {
-    pub fn norm_row(&self, point: &Point) -> Vector13 {
-        point.row(&self.direction, &self.x)
+    pub fn norm_row(&self) -> Vector13 {
+        Point::row(&self.direction, &self.x)
     }
 
     /// Of the dip less the inclination.
-    pub fn dip_row(&self, point: &Point) -> Vector13 {
-        let mut row = point.row(&self.towards_down, &self.x);
+    pub fn dip_row(&self) -> Vector13 {
+        let mut row = Point::row(&self.towards_down, &self.x);
         row[UNKNOWNS - 1] = -1.0;
         row
     }

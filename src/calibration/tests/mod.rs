@@ -1,13 +1,20 @@
-//! What the solver promises.
+//! What the solver promises: accuracy and refusals here, each method in `methods`, faults in `robustness`, symmetries in
+//! `symmetry`, which method when and what to fly in `guidance`.
+
+mod guidance;
+mod methods;
+mod robustness;
+mod symmetry;
+mod synthetic;
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::ladder::{self, Manner};
-use super::testing::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms};
 use super::{
     Calibration, Method, Orientation, Part, Prior, Samples, Side, SolveError, rows, solve, two_plane, verification,
 };
 use crate::frames::Field;
+use synthetic::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms};
 
 const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None };
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::{Calibration, Orientation, Sample, Samples, Side};
-use crate::frames::{Attitude, Field, Level, wrap_pi};
+use crate::calibration::{Calibration, Orientation, Sample, Samples, Side};
+use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 
 /// Seeded random numbers: splitmix64, and the sum of twelve uniform ones for a normal one.
 pub struct Random(pub u64);
@@ -72,15 +72,20 @@ impl Airframe {
         }
     }
 
-    pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<super::Sensor> {
+    pub fn field(&self, attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
         let level = Field::<Level>::earth(self.total_ut, self.inclination_rad, heading_rad);
         Field::new(self.a * attitude.body(level).ut + self.b_ut)
     }
 
     /// Heading errors in degrees at exact field and attitude, twelve headings by level, right and left bank.
     pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f32> {
+        self.errors_at_deg(calibration, &[0.0, 25.0, -25.0])
+    }
+
+    /// The same at other banks.
+    pub fn errors_at_deg(&self, calibration: &Calibration, banks_deg: &[f32]) -> Vec<f32> {
         let mut errors = Vec::new();
-        for bank_deg in [0.0, 25.0, -25.0] {
+        for &bank_deg in banks_deg {
             for step in 0..12_u8 {
                 let heading_rad = f32::from(step) * core::f32::consts::FRAC_PI_6;
                 let attitude = Attitude::from_deg(bank_deg, 0.0);
@@ -90,6 +95,26 @@ impl Airframe {
         }
         errors
     }
+}
+
+/// A sample at an attitude and heading, with noise.
+pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_ut: f32, random: &mut Random) -> Sample {
+    let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
+    Sample { field: Field::new(airframe.field(attitude, heading_rad).ut + noise), attitude, time_ms: 0 }
+}
+
+/// A circle without bank, as a multirotor or a boat turns: noise of sensor and attitude as in [`Flight::REAL`].
+pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> Vec<Sample> {
+    (0..samples)
+        .map(|i| {
+            let truth = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
+            let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
+            let measured = sample(airframe, truth, heading_rad, 0.12, random);
+            let [roll_rad, pitch_rad] =
+                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * 0.3).to_radians());
+            Sample { attitude: Attitude { roll_rad, pitch_rad }, time_ms: u32::from(i) * 400, ..measured }
+        })
+        .collect()
 }
 
 /// How turns are flown and measured.

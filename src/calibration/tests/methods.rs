@@ -1,0 +1,257 @@
+//! Each method on the data it is for.
+
+use core::f32::consts::TAU;
+
+use nalgebra::Matrix3;
+
+use super::NO_PRIOR;
+use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
+use crate::calibration::ladder::{self, Manner};
+use crate::calibration::{
+    Mark, Method, Part, Prior, Sample, Samples, Side, SolveError, Uncertainty, expected_error, solve,
+};
+use crate::frames::Attitude;
+
+/// A turn at constant bank and no pitch, nothing wrong: what the paper assumes.
+fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
+    let attitude = Attitude::from_deg(bank_deg, 0.0);
+    let sense = if bank_deg < 0.0 { -1.0 } else { 1.0 };
+    (0..samples)
+        .map(|i| {
+            let heading_rad = sense * f32::from(i) / f32::from(samples) * TAU;
+            let sample = sample(airframe, attitude, heading_rad, 0.0, &mut Random(0));
+            Sample { time_ms: u32::from(i) * 400, ..sample }
+        })
+        .collect()
+}
+
+fn airframe(a: Matrix3<f32>, b_ut: [f32; 3]) -> Airframe {
+    Airframe { a, b_ut: b_ut.into(), total_ut: 50.0, inclination_rad: 0.94 }
+}
+
+/// Without coupling between the axes all four phases are zero, as the hypothesis says, so that nothing is lost. f32
+/// samples and their squares leave 0.02 deg.
+#[test]
+fn four_ellipses_recover_a_diagonal_airframe_exactly() {
+    let airframe = airframe(Matrix3::from_diagonal(&[0.9, 1.15, 1.02].into()), [12.0, -7.0, 20.0]);
+    for (left_deg, right_deg) in [(-20.0, 20.0), (-15.0, 40.0)] {
+        let (left, right) = (circle(&airframe, left_deg, 72), circle(&airframe, right_deg, 72));
+        let samples = Samples { left: &left, right: &right, ..Samples::default() };
+        for inclination_rad in [None, Some(airframe.inclination_rad)] {
+            let prior = Prior { inclination_rad, ..NO_PRIOR };
+            let solution = solve(Method::FourEllipse, samples, &prior).unwrap();
+            let error = largest(&airframe.errors_deg(&solution.calibration));
+            assert!(error < 0.02, "{left_deg} {right_deg} {inclination_rad:?}: {error} deg");
+        }
+    }
+}
+
+/// Coupling of the axes is what the four ellipses get wrong and the two planes do not.
+#[test]
+fn four_ellipses_lose_what_two_planes_keep() {
+    let coupled = Matrix3::new(0.98, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
+    let airframe = airframe(coupled, [9.0, -1.0, 0.0]);
+    let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
+    let samples = Samples { left: &left, right: &right, ..Samples::default() };
+    let error = |method| largest(&airframe.errors_deg(&solve(method, samples, &NO_PRIOR).unwrap().calibration));
+    assert!((0.5..4.0).contains(&error(Method::FourEllipse)), "{}", error(Method::FourEllipse));
+    assert!(error(Method::TwoPlane) < 0.02, "{}", error(Method::TwoPlane));
+}
+
+/// The ellipse's shape is exact; the hypothesis costs a constant, mounting included. Attitude that wanders by half a
+/// degree is 1.4 deg of heading at 70 deg of inclination, of which 48 samples leave a seventh, twice that at the worst
+/// heading, and 50 airframes find three sigmas of it.
+#[test]
+fn level_flight_is_right_but_for_a_constant() {
+    let mut worst: f32 = 0.0;
+    for seed in 0..50 {
+        let mut random = Random(300 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let samples = level_circle(&airframe, 48, &mut random);
+        let level = Samples { level: &samples, ..Samples::default() };
+        assert_eq!(ladder::choose(level, Manner::Level, &NO_PRIOR), Ok(Method::Level));
+        let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
+        let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
+        let constant = mean(&errors);
+        let rest: Vec<f32> = errors.iter().map(|e| e - constant).collect();
+        assert!(rms(&rest) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&rest));
+        worst = worst.max(largest(&rest));
+    }
+    assert!(worst < 1.2, "{worst} deg");
+}
+
+#[test]
+fn level_flight_at_too_few_headings_is_refused() {
+    let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
+    let legs = |headings: u8| -> Vec<Sample> {
+        let mut random = Random(1);
+        (0..20 * headings)
+            .map(|i| {
+                let heading_rad = f32::from(i % headings) / f32::from(headings) * TAU;
+                sample(&airframe, Attitude::default(), heading_rad, 0.1, &mut random)
+            })
+            .collect()
+    };
+    let solve = |legs: &[Sample]| solve(Method::Level, Samples { level: legs, ..Samples::default() }, &NO_PRIOR);
+    assert!(matches!(solve(&legs(4)), Err(SolveError::TooFewHeadings { need: 5, .. })), "{:?}", solve(&legs(4)));
+    assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(Part::Level));
+    let solution = solve(&legs(5)).unwrap();
+    // Five headings leave no sample to spare: 0.1 uT in 29 uT is 0.2 deg, three sigmas.
+    assert!(largest(&airframe.errors_at_deg(&solution.calibration, &[0.0])) < 0.6);
+}
+
+/// Twelve headings tilted either way, as in Liu 2007 section 4, each given to half a degree.
+#[test]
+fn a_swing_with_tilt_finds_everything() {
+    for seed in 0..50 {
+        let mut random = Random(700 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let marks: Vec<Mark> = (0..24_u8)
+            .map(|i| {
+                let heading_rad = f32::from(i % 12) / 12.0 * TAU;
+                let attitude = Attitude::from_deg(if i < 12 { 20.0 } else { -20.0 }, 0.0);
+                let sample = sample(&airframe, attitude, heading_rad, 0.05, &mut random);
+                Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+            })
+            .collect();
+        let samples = Samples { marks: &marks, ..Samples::default() };
+        let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let errors = airframe.errors_deg(&solution.calibration);
+        assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
+        assert!(rms(&errors) < 1.0, "seed {seed}: {} deg", rms(&errors));
+    }
+}
+
+/// On the ground nothing is tilted: level headings come out right, mounting included, which no other method on level
+/// ground can do. Banked headings do not, and the uncertainty says so.
+#[test]
+fn a_swing_on_level_ground_is_right_there_and_knows_that_it_is_not_elsewhere() {
+    for seed in 0..50 {
+        let mut random = Random(900 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let marks: Vec<Mark> = (0..8_u8)
+            .map(|i| {
+                let heading_rad = f32::from(i) / 8.0 * TAU;
+                let sample = sample(&airframe, Attitude::default(), heading_rad, 0.05, &mut random);
+                Mark { sample, heading_rad: heading_rad + (random.normal() * 0.5).to_radians() }
+            })
+            .collect();
+        let samples = Samples { marks: &marks, ..Samples::default() };
+        let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let level = airframe.errors_at_deg(&solution.calibration, &[0.0]);
+        assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
+        let banked = rms(&airframe.errors_at_deg(&solution.calibration, &[25.0, -25.0]));
+        assert!(banked < 3.0 * solution.quality.expected_rms_deg.max(1.0), "seed {seed}: {banked} deg");
+    }
+}
+
+#[test]
+fn too_few_marks_are_refused() {
+    let airframe = airframe(Matrix3::identity(), [5.0, 3.0, 0.0]);
+    let mark = Mark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
+    let solve =
+        |marks: &[Mark]| solve(Method::CompassSwing, Samples { marks, ..Samples::default() }, &NO_PRIOR).map(|_| ());
+    let missing = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
+    assert_eq!(solve(&[mark; 3]), Err(missing));
+    // One heading six times is one heading.
+    assert!(solve(&[mark; 6]).is_err());
+}
+
+/// Tumbled by hand through all attitudes, no attitude known. What is left is the rotation that a symmetric `W` hides;
+/// here the airframe is symmetric and aligned, so nothing is.
+#[test]
+fn tumbling_finds_shape_and_centre() {
+    for seed in 0..50 {
+        let mut random = Random(1100 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 0.0, [-70.0, 70.0]);
+        let tumbled: Vec<Sample> = (0..160)
+            .map(|_| {
+                let attitude = Attitude {
+                    roll_rad: random.uniform(-3.1, 3.1),
+                    // Evenly over the sphere.
+                    pitch_rad: random.uniform(-1.0, 1.0).asin(),
+                };
+                let heading_rad = random.uniform(0.0, TAU);
+                let measured = sample(&airframe, attitude, heading_rad, 0.12, &mut random);
+                Sample { attitude: Attitude::default(), ..measured }
+            })
+            .collect();
+        let samples = Samples { left: &tumbled, ..Samples::default() };
+        assert_eq!(ladder::choose(samples, Manner::Tumble, &NO_PRIOR), Ok(Method::Ellipsoid));
+        let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let errors = airframe.errors_deg(&solution.calibration);
+        assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
+        assert!(rms(&errors) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {}", rms(&errors));
+    }
+}
+
+/// Many ellipsoids go through two ellipses (Liu 2007 section 2).
+#[test]
+fn turns_do_not_determine_an_ellipsoid() {
+    for seed in 0..20 {
+        let mut random = Random(1300 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-60.0, 60.0]);
+        let flight = Flight { wander_deg: 0.5, ..Flight::REAL };
+        let recorded = flight.fly(&airframe, &mut random);
+        let result = solve(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
+        let open = Err(SolveError::NotDetermined(Part::All));
+        assert_eq!(result.map(|s| s.quality.expected_rms_deg), open, "seed {seed}");
+    }
+}
+
+/// A told inclination may only help; a wrong one by two degrees must not do harm beyond what it says.
+#[test]
+fn a_told_inclination_is_used_with_care() {
+    let mut told = Vec::new();
+    let mut free = Vec::new();
+    let mut wrong = Vec::new();
+    for seed in 0..40 {
+        let mut random = Random(1500 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let recorded = Flight { bank_deg: 15.0, ..Flight::REAL }.fly(&airframe, &mut random);
+        let error = |inclination_rad: Option<f32>| {
+            let prior = Prior { inclination_rad, ..NO_PRIOR };
+            let solution = solve(Method::MaximumLikelihood, recorded.turns(), &prior).unwrap();
+            rms(&airframe.errors_deg(&solution.calibration))
+        };
+        free.push(error(None));
+        told.push(error(Some(airframe.inclination_rad)));
+        wrong.push(error(Some(airframe.inclination_rad + 0.035)));
+    }
+    assert!(rms(&told) <= 1.02 * rms(&free), "{} {}", rms(&told), rms(&free));
+    assert!(rms(&wrong) < 1.5 * rms(&free), "{} {}", rms(&wrong), rms(&free));
+}
+
+/// One side and level flight: less sharp, but it knows.
+#[test]
+fn one_side_and_level_flight_are_enough_and_know_how_much() {
+    let mut ratios = Vec::new();
+    for seed in 0..50 {
+        let mut random = Random(1700 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+        let turns = Flight { attitude_bias_deg: 0.0, ..Flight::REAL }.fly(&airframe, &mut random);
+        let level = level_circle(&airframe, 60, &mut random);
+        let samples = Samples { left: &turns.left, level: &level, ..Samples::default() };
+        assert_eq!(ladder::choose(samples, Manner::Turns, &NO_PRIOR), Ok(Method::MaximumLikelihood));
+        let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
+        ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
+    }
+    assert!(largest(&ratios) < 3.0, "{}", largest(&ratios));
+}
+
+/// The sigma of a heading and the expected error are two sums of the same: without the noise of a reading they agree.
+#[test]
+fn expected_error_of_nothing_unknown_is_nothing() {
+    let mut random = Random(3);
+    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
+    let solution =
+        solve(Method::MaximumLikelihood, Flight::REAL.fly(&airframe, &mut random).turns(), &NO_PRIOR).unwrap();
+    let envelope = expected_error::Envelope::Banked;
+    let of =
+        |uncertainty: &Uncertainty| expected_error::expected(&solution.calibration, uncertainty, envelope).unwrap();
+    assert!(of(&Uncertainty::NONE).worst_deg == 0.0);
+    let expected = of(&solution.uncertainty);
+    assert!((expected.rms_deg - solution.quality.expected_rms_deg).abs() < 1e-6);
+    assert!(expected.weakest.1 <= expected.rms_deg && expected.worst_deg >= expected.rms_deg);
+    assert_eq!(Part::Turns(Side::Left).name(), "left turns");
+}
