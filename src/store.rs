@@ -3,19 +3,18 @@
 //! # What is promised
 //!
 //! - A save is atomic: when power fails at any instant of it, the next start finds what was stored before or what was
-//!   to be stored, complete. Settings and calibrations are one item of a log that goes round the region
-//!   ([`sequential_storage`]), and the page that is erased for new items never holds the valid one, so that not even
-//!   an erase that breaks off half-way can touch it.
+//!   to be stored, complete. That holds for every save, also for one after a failure, and after a failure of that one.
 //! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
 //!   the region makes a load or a save panic.
-//! - A region that holds garbage does not brick the module: a save that cannot be written in the log erases the region
-//!   and writes again.
+//! - A region that holds garbage does not brick the module: it is erased and written again.
 //!
-//! # What is not
+//! # How
 //!
-//! That erase is the one moment at which a power failure loses what was stored, and a readable log can lead to it: a
-//! power failure that tears the marker which closes a full page leaves a word that refuses the next save. So two
-//! failures, one at that marker and one in the erase of the save after it, leave the module uncalibrated.
+//! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half of
+//! the region. A save appends to the one that holds the newest copy. If that log refuses - a power failure can tear the
+//! very word that the next item needs - the *other* half, which holds something older or nothing, is erased and begun
+//! anew. So nothing is ever erased but what is older than another copy that can be read; a count of saves in each copy
+//! says which one is newer.
 
 mod contents;
 #[cfg(test)]
@@ -95,77 +94,117 @@ impl<E> From<sequential_storage::Error<E>> for StoreError {
 
 /// The store: a region of a NOR flash.
 pub struct Store<F: NorFlash> {
-    map: MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>,
+    flash: F,
+    halves: [Range<u32>; 2],
 }
+
+/// What a half holds: the newest copy in its log, nothing, or why that is not known.
+type Found = Result<Option<Contents>, StoreError>;
 
 impl<F: NorFlash> Store<F> {
     /// A store in this region of the flash, as offsets from the flash's start. The flash is not touched yet.
     ///
     /// # Panics
     ///
-    /// If the region is not made of at least two whole pages: a mistake in a board's memory map, seen at its first
-    /// start.
+    /// At the first load or save, if the region is not made of an even number of pages, four at least: a mistake in a
+    /// board's memory map, seen at its first start.
     #[must_use]
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { map: MapStorage::new(flash, MapConfig::new(region), Cache::new_uncached()) }
+        let middle = region.start.midpoint(region.end);
+        Self { flash, halves: [region.start..middle, middle..region.end] }
     }
 
     /// The settings; the default ones when none were ever stored.
     pub async fn load_settings(&mut self) -> Result<Settings, StoreError> {
-        Ok(self.load().await?.settings)
+        Ok(newest(&self.survey().await)?.settings)
     }
 
     /// The calibrations; none when none were ever stored.
     pub async fn load_generations(&mut self) -> Result<Generations, StoreError> {
-        Ok(self.load().await?.generations)
+        Ok(newest(&self.survey().await)?.generations)
     }
 
     /// Stores settings, leaving the calibrations as they are.
     pub async fn save_settings(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        let old = self.load_for_change().await?;
-        self.save(&Contents { settings: *settings, ..old }).await
+        let found = self.survey().await;
+        let old = to_change(&found)?;
+        self.save(&found, Contents { settings: *settings, ..old }).await
     }
 
     /// Stores calibrations, leaving the settings as they are.
     pub async fn save_generations(&mut self, generations: &Generations) -> Result<(), StoreError> {
-        let old = self.load_for_change().await?;
-        self.save(&Contents { generations: *generations, ..old }).await
+        let found = self.survey().await;
+        let old = to_change(&found)?;
+        self.save(&found, Contents { generations: *generations, ..old }).await
     }
 
-    async fn load(&mut self) -> Result<Contents, StoreError> {
-        let mut buffer = [0; ITEM_SIZE];
-        match self.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
-            Some(value) => Contents::decode(value),
-            None => Ok(Contents::default()),
-        }
+    async fn survey(&mut self) -> [Found; 2] {
+        [self.read(0).await, self.read(1).await]
     }
 
-    /// What a save leaves in place. What cannot be understood has no future: it is replaced by the default. A flash
-    /// that merely failed to read it is no reason to throw it away.
-    async fn load_for_change(&mut self) -> Result<Contents, StoreError> {
-        match self.load().await {
-            Err(StoreError::Corrupt | StoreError::UnknownVersion(_)) => Ok(Contents::default()),
-            other => other,
-        }
-    }
-
-    async fn save(&mut self, contents: &Contents) -> Result<(), StoreError> {
+    async fn save(&mut self, found: &[Found; 2], mut contents: Contents) -> Result<(), StoreError> {
+        contents.saves = contents.saves.wrapping_add(1);
         let mut buffer = [0; VALUE_SIZE];
         let value = contents.encode(&mut buffer)?;
-        if self.write(value).await.is_ok() {
+        let half = newest_half(found).unwrap_or(0);
+        if self.append(half, value).await.is_ok() {
             return Ok(());
         }
-        self.map.erase_all().await?;
-        self.write(value).await
+        let other = 1 - half;
+        self.log(other).erase_all().await?;
+        self.append(other, value).await
     }
 
-    /// Appends the value to the log and reads it back.
-    async fn write(&mut self, value: &[u8]) -> Result<(), StoreError> {
+    fn log(&mut self, half: usize) -> MapStorage<u8, &mut F, Cache<Uncached, Uncached, Uncached, u8>> {
+        let [first, second] = &self.halves;
+        let region = if half == 0 { first } else { second };
+        MapStorage::new(&mut self.flash, MapConfig::new(region.clone()), Cache::new_uncached())
+    }
+
+    async fn read(&mut self, half: usize) -> Found {
         let mut buffer = [0; ITEM_SIZE];
-        self.map.store_item(&mut buffer, &KEY, &value).await?;
-        match self.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
+        match self.log(half).fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
+            Some(value) => Contents::decode(value).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Appends the value to a log and reads it back.
+    async fn append(&mut self, half: usize, value: &[u8]) -> Result<(), StoreError> {
+        let mut buffer = [0; ITEM_SIZE];
+        let mut log = self.log(half);
+        log.store_item(&mut buffer, &KEY, &value).await?;
+        match log.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
             Some(stored) if stored == value => Ok(()),
             _ => Err(StoreError::Verify),
         }
     }
+}
+
+/// The half with the newest copy that can be read.
+fn newest_half(found: &[Found; 2]) -> Option<usize> {
+    match found {
+        [Ok(Some(first)), Ok(Some(second))] => Some(usize::from(second.is_newer_than(first))),
+        [Ok(Some(_)), _] => Some(0),
+        [_, Ok(Some(_))] => Some(1),
+        _ => None,
+    }
+}
+
+/// The newest copy that can be read; the defaults if nothing was ever stored.
+fn newest(found: &[Found; 2]) -> Result<Contents, StoreError> {
+    match (newest_half(found).and_then(|half| found.get(half)), found) {
+        (Some(Ok(Some(contents))), _) => Ok(*contents),
+        (_, [Err(error), _] | [_, Err(error)]) => Err(*error),
+        _ => Ok(Contents::default()),
+    }
+}
+
+/// What a save leaves in place. What cannot be understood has no future: it is replaced by the default. A flash that
+/// merely failed to read it is no reason to throw it away.
+fn to_change(found: &[Found; 2]) -> Result<Contents, StoreError> {
+    if found.contains(&Err(StoreError::Flash)) {
+        return Err(StoreError::Flash);
+    }
+    Ok(newest(found).unwrap_or_default())
 }

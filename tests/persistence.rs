@@ -177,10 +177,9 @@ fn a_calibration_is_not_used_with_another_mounting() {
 }
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were
-/// or become what was typed.
-/// Within one page of the log; `store.rs` says what a torn end of a page can cost.
+/// or become what was typed. `store/tests.rs` does the same at every fill of the region.
 #[test]
-fn two_power_cuts_in_a_row_within_a_page_lose_nothing() {
+fn two_power_cuts_in_a_row_lose_nothing() {
     let mut bench = Bench::new(WorldConfig::table1(5));
     bench.run_for_s(0.2);
     bench.type_line("set declination 7");

@@ -117,7 +117,9 @@ impl Solver {
         let calibration = likelihood.calibration(unknowns)?;
         self.plausible(samples, &calibration)?;
         let evidence = Evidence::new(likelihood, samples, unknowns);
-        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(&evidence, likelihood, unknowns) {
+        if self.method == Method::Ellipsoid
+            && !ellipsoid::is_determined(samples, &calibration, &evidence, likelihood, unknowns)
+        {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = if self.method == Method::Level { Envelope::Level } else { Envelope::Banked };

@@ -11,7 +11,7 @@ use crate::magnetometer::Identity;
 
 /// Version of the format. To be raised when the meaning of the bytes changes.
 const VERSION: u8 = 2;
-/// Room for version, contents and CRC. The contents take at most 850 bytes: 404 for each record, 24 for the settings,
+/// Room for version, contents and CRC. The contents take at most 850 bytes: 404 for each record, 30 for the settings,
 /// and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 896;
 
@@ -131,11 +131,18 @@ impl Generations {
 /// The one value in the flash: version byte, postcard, CRC-32 of both (little endian).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contents {
+    /// Counts the saves, wrapping: which of two copies is the newer.
+    pub saves: u32,
     pub settings: Settings,
     pub generations: Generations,
 }
 
 impl Contents {
+    /// Whether it was saved after the other; they are never more than a few saves apart.
+    pub fn is_newer_than(&self, other: &Self) -> bool {
+        self.saves.wrapping_sub(other.saves).cast_signed() > 0
+    }
+
     fn is_valid(&self) -> bool {
         self.settings.is_valid() && self.generations.is_valid()
     }
@@ -178,7 +185,11 @@ mod tests {
 
     fn contents() -> Contents {
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::default() };
-        Contents { settings, generations: Generations { current: Some(record(2)), previous: Some(record(u32::MAX)) } }
+        Contents {
+            saves: u32::MAX,
+            settings,
+            generations: Generations { current: Some(record(2)), previous: Some(record(u32::MAX)) },
+        }
     }
 
     #[test]

@@ -194,8 +194,8 @@ fn turns_do_not_determine_an_ellipsoid() {
         let flight = Flight { wander_deg: 0.5, ..Flight::REAL };
         let recorded = flight.fly(&airframe, &mut random);
         let result = solve(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
-        let open = Err(SolveError::NotDetermined(Part::All));
-        assert_eq!(result.map(|s| s.quality.expected_rms_deg), open, "seed {seed}");
+        let open = matches!(result, Err(SolveError::NotDetermined(Part::All) | SolveError::NotConverged));
+        assert!(open, "seed {seed}: {:?}", result.map(|s| s.quality));
     }
 }
 
