@@ -1,6 +1,8 @@
 //! An aircraft that turns like one: banks at a limited rate, turns by its bank, drifts with the wind, and is pushed
 //! about by the air.
 
+use std::f64::consts::{PI, TAU};
+
 use serde::{Deserialize, Serialize};
 
 use super::autopilot::{Autopilot, Command};
@@ -63,12 +65,29 @@ struct Disturbance {
     gust_vertical_m_s: SecondOrder,
 }
 
+/// The aircraft carried instead of flown: turned on level ground, held at a heading, tumbled on a bench.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Carried {
+    /// Roll at the beginning, degrees.
+    pub roll_deg: f64,
+    /// Pitch, degrees.
+    pub pitch_deg: f64,
+    /// Magnetic heading at the beginning, degrees.
+    pub heading_deg: f64,
+    /// Degrees a second.
+    pub roll_rate_deg_s: f64,
+    /// Degrees a second.
+    pub heading_rate_deg_s: f64,
+}
+
 /// The aircraft and its autopilot.
 #[derive(Clone, Debug)]
 pub struct Aircraft {
     config: Config,
     weather: Weather,
     autopilot: Autopilot,
+    /// How it is carried, and since when, microseconds; none if it flies.
+    carried: Option<(Carried, u64)>,
     disturbance: Disturbance,
     flown: Flown,
     /// Direction of the motion through the air, radians, counting whole turns.
@@ -87,6 +106,7 @@ impl Aircraft {
             config,
             weather,
             autopilot: Autopilot::default(),
+            carried: None,
             disturbance: Disturbance {
                 bank: wander(weather.bank_wander_deg, Purpose::Bank),
                 pitch: wander(weather.pitch_wander_deg, Purpose::Pitch),
@@ -120,8 +140,17 @@ impl Aircraft {
         &mut self.autopilot
     }
 
-    /// Flies on by one step.
+    /// Carries it from now on.
+    pub fn carry(&mut self, how: Carried) {
+        self.carried = Some((how, self.state.time_us));
+    }
+
+    /// Flies on, or is carried on, by one step.
     pub fn step(&mut self) {
+        if let Some((how, since_us)) = self.carried {
+            self.state = self.carried_state(how, since_us);
+            return;
+        }
         let command = self.autopilot.step(&self.state);
         self.fly(command);
         let airspeed_m_s = self.config.airspeed_m_s;
@@ -154,6 +183,24 @@ impl Aircraft {
             north_m_s,
             east_m_s,
         };
+    }
+
+    fn carried_state(&self, how: Carried, since_us: u64) -> TrueState {
+        let time_us = self.state.time_us + STEP_US;
+        let seconds = (time_us - since_us) as f64 / 1e6;
+        let [roll_rate_rad_s, heading_rate_rad_s] = [how.roll_rate_deg_s, how.heading_rate_deg_s].map(f64::to_radians);
+        let roll_rad = how.roll_deg.to_radians() + roll_rate_rad_s * seconds;
+        TrueState {
+            time_us,
+            roll_rad: (roll_rad + PI).rem_euclid(TAU) - PI,
+            pitch_rad: how.pitch_deg.to_radians(),
+            heading_rad: how.heading_deg.to_radians() + heading_rate_rad_s * seconds,
+            roll_rate_rad_s,
+            heading_rate_rad_s,
+            north_m: self.state.north_m,
+            east_m: self.state.east_m,
+            ..TrueState::default()
+        }
     }
 
     /// Moves the flown attitude toward the command.

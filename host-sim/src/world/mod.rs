@@ -28,7 +28,7 @@ use std::rc::Rc;
 use autoswing::frames::{Field, Sensor};
 use nalgebra::Vector3;
 
-use self::aircraft::{Aircraft, STEP_US};
+use self::aircraft::{Aircraft, Carried, STEP_US};
 use self::attitude_source::AttitudeSource;
 use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
@@ -107,6 +107,11 @@ impl World {
     #[must_use]
     pub fn legs_left(&self) -> usize {
         self.up_to_now().aircraft.autopilot().legs_left()
+    }
+
+    /// Carries the aircraft from now on: on level ground, at a heading, on a bench.
+    pub fn carry(&self, how: Carried) {
+        self.up_to_now().aircraft.carry(how);
     }
 
     /// Fault: adds a field in the chip's axes, microtesla, from now on, as a switched-on motor or a passing ferry
