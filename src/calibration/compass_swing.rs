@@ -6,9 +6,10 @@
 //! the one of a few values that leaves the smallest residual. On level ground the vertical response of the sensor cannot
 //! be told from hard iron: it is then taken to be that of a sensor without soft iron.
 
-use nalgebra::{Matrix3, Matrix4, SMatrix, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3, Vector4};
 
-use super::response::Response;
+use super::least_squares::LeastSquares;
+use super::response::{Response, tangent};
 use super::{Mark, Part, SolveError};
 use crate::frames::Field;
 
@@ -17,10 +18,10 @@ const MIN_MARKS: usize = 4;
 
 /// Weight of the assumption that there is no soft iron, beside one of every mark: decides only what the marks do not
 /// show.
-const RIDGE: f64 = 1e-3;
+const RIDGE: f32 = 1e-3;
 
 /// Inclinations tried, degrees. What follows refines them, so that they need not be close.
-const INCLINATIONS_DEG: [f64; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
+const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
 /// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.
 pub(super) fn solve(
@@ -33,43 +34,42 @@ pub(super) fn solve(
         return Err(SolveError::TooFewSamples { part: Part::Marks, have, need });
     }
     let h0_ut = horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(Part::Marks))?;
-    let tried = INCLINATIONS_DEG.map(f64::to_radians);
-    let told = inclination_rad.map(|told_rad| [f64::from(told_rad)]);
+    let tried = INCLINATIONS_DEG.map(f32::to_radians);
+    let told = inclination_rad.map(|told_rad| [told_rad]);
     let best = told
         .as_ref()
         .map_or(&tried[..], |told| &told[..])
         .iter()
-        .filter_map(|&inclination_rad| regression(marks, rotation, libm::tan(inclination_rad), h0_ut));
+        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut));
     best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, response)| response).ok_or(SolveError::NotDetermined(Part::Marks))
 }
 
 /// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.
-fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f64> {
+fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
     let (_, response) = regression(marks, rotation, 0.0, 0.0)?;
     let horizontal = response.a_ut.fixed_view::<2, 2>(0, 0).determinant();
-    Some(libm::sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
+    Some(libm::sqrtf(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
 }
 
 /// Response at an inclination, and how little it explains the marks, in square microtesla.
-fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f64, h0_ut: f64) -> Option<(f64, Response)> {
+fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_ut: f32) -> Option<(f32, Response)> {
     let regressors = |mark: &Mark| {
         let (sin, cos) = libm::sincosf(mark.heading_rad);
-        let level = Field::from_ut(cos, -sin, tan_inclination as f32);
-        mark.sample.attitude.body(level).ut.cast::<f64>().push(1.0)
+        let level = Field::from_ut(cos, -sin, tan_inclination);
+        mark.sample.attitude.body(level).ut.push(1.0)
     };
-    let field = |mark: &Mark| (rotation * mark.sample.field.ut).cast::<f64>();
-    let mean = marks.iter().map(field).sum::<Vector3<f64>>() / marks.len() as f64;
+    let field = |mark: &Mark| rotation * mark.sample.field.ut;
+    let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
+    let mut system = LeastSquares::<4, 3>::new();
     // The assumption: A times H0 is H0 times the unit matrix, nothing about b.
-    let mut normal = Matrix4::from_diagonal(&Vector4::new(RIDGE, RIDGE, RIDGE, 0.0));
-    let mut right = SMatrix::<f64, 4, 3>::zeros();
-    right.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(RIDGE * h0_ut);
-    for mark in marks {
-        let row = regressors(mark);
-        normal += row * row.transpose();
-        right += row * (field(mark) - mean).transpose();
+    for i in 0..3 {
+        system.add(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), RIDGE);
     }
-    let solution = normal.cholesky()?.solve(&right);
-    let residual: f64 =
+    for mark in marks {
+        system.add(&regressors(mark), (field(mark) - mean).into(), 1.0);
+    }
+    let solution = system.solve()?;
+    let residual: f32 =
         marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
     let a_ut = solution.fixed_rows::<3>(0).transpose();
     let b_ut = solution.row(3).transpose() + mean;

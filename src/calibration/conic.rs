@@ -1,34 +1,34 @@
 //! The ellipse of one turn: its plane in sensor space and the conic in that plane.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, SVector, SymmetricEigen, Vector2, Vector3};
 
+use super::least_squares::LeastSquares;
 use super::{Part, Sample, Side, SolveError};
 
-/// An ellipse in space: `centre + p` for all `p` of the plane with `p^T Q p = 1`. In `f64`, because a conic's
-/// coefficients lose half the digits of its points; it is made once a solve.
+/// An ellipse in space: `centre + p` for all `p` of the plane with `p^T Q p = 1`.
 #[derive(Clone, Debug)]
 pub(super) struct Ellipse {
     /// Microtesla.
-    pub centre_ut: Vector3<f64>,
+    pub centre_ut: Vector3<f32>,
     /// Unit normal of the plane.
-    pub normal: Vector3<f64>,
+    pub normal: Vector3<f32>,
     /// Two unit vectors that span the plane.
-    axes: [Vector3<f64>; 2],
+    axes: [Vector3<f32>; 2],
     /// `Q` in the coordinates of `axes`, 1/uT^2.
-    form: Matrix2<f64>,
+    form: Matrix2<f32>,
 }
 
 impl Ellipse {
     /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        let fields = samples.iter().map(|s| (rotation * s.field.ut).cast::<f64>());
-        let number = samples.len() as f64;
-        let mean = fields.clone().sum::<Vector3<f64>>() / number;
-        let scatter: Matrix3<f64> = fields.clone().map(|f| (f - mean) * (f - mean).transpose()).sum();
+        let fields = samples.iter().map(|s| rotation * s.field.ut);
+        let number = samples.len() as f32;
+        let mean = fields.clone().sum::<Vector3<f32>>() / number;
+        let scatter: Matrix3<f32> = fields.clone().map(|f| (f - mean) * (f - mean).transpose()).sum();
         // Points scaled to about 1, or the normal equations would mix units of 1 and uT^4.
-        let scale = libm::sqrt(scatter.trace() / number);
+        let scale = libm::sqrtf(scatter.trace() / number);
         // A bound on iterations, because the unbounded variant never ends on what is not finite.
-        let eigen = SymmetricEigen::try_new(scatter, f64::EPSILON, 100).ok_or(SolveError::NotFinite)?;
+        let eigen = SymmetricEigen::try_new(scatter, f32::EPSILON, 100).ok_or(SolveError::NotFinite)?;
         let smallest = eigen.eigenvalues.imin();
         let direction = |step: usize| eigen.eigenvectors.column((smallest + step) % 3).into_owned();
         let axes = [direction(1), direction(2)];
@@ -43,43 +43,40 @@ impl Ellipse {
     }
 
     /// Coordinates in the plane of a direction in space.
-    fn flat(&self, direction: &Vector3<f64>) -> Vector2<f64> {
+    fn flat(&self, direction: &Vector3<f32>) -> Vector2<f32> {
         Vector2::from(self.axes.map(|axis| axis.dot(direction)))
     }
 
     /// From the centre to the ellipse along a direction of the plane, microtesla.
-    pub fn radius_ut(&self, direction: &Vector3<f64>) -> f64 {
+    pub fn radius_ut(&self, direction: &Vector3<f32>) -> f32 {
         let flat = self.flat(direction);
-        1.0 / libm::sqrt(flat.dot(&(self.form * flat)))
+        1.0 / libm::sqrtf(flat.dot(&(self.form * flat)))
     }
 
     /// The semi-axis conjugate to a direction of the plane: parallel to the tangents where the direction meets the
     /// ellipse. Either of its two signs.
-    pub fn conjugate_ut(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+    pub fn conjugate_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
         let along = self.form * self.flat(direction);
         let across = Vector2::new(-along.y, along.x);
-        let flat = across / libm::sqrt(across.dot(&(self.form * across)));
+        let flat = across / libm::sqrtf(across.dot(&(self.form * across)));
         self.axes[0] * flat.x + self.axes[1] * flat.y
     }
 
     /// The phase of a field when the ellipse is `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`.
-    pub fn phase_rad(&self, field_ut: &Vector3<f64>, u_ut: &Vector3<f64>, v_ut: &Vector3<f64>) -> f64 {
+    pub fn phase_rad(&self, field_ut: &Vector3<f32>, u_ut: &Vector3<f32>, v_ut: &Vector3<f32>) -> f32 {
         let weighted = self.form * self.flat(&(field_ut - self.centre_ut));
-        libm::atan2(self.flat(v_ut).dot(&weighted), self.flat(u_ut).dot(&weighted))
+        libm::atan2f(self.flat(v_ut).dot(&weighted), self.flat(u_ut).dot(&weighted))
     }
 }
 
 /// Centre and form of the conic through points of a size of about one, `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear
 /// least squares (Liu 2007 eq. 6); `None` if it is not an ellipse.
-pub(super) fn conic(points: impl Iterator<Item = Vector2<f64>>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-    let mut normal = SMatrix::<f64, 5, 5>::zeros();
-    let mut right = SVector::<f64, 5>::zeros();
+pub(super) fn conic(points: impl Iterator<Item = Vector2<f32>>) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+    let mut system = LeastSquares::<5, 1>::new();
     for p in points {
-        let row = SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]);
-        normal += row * row.transpose();
-        right += row;
+        system.add(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
     }
-    let c = normal.cholesky()?.solve(&right);
+    let c = system.solve()?;
     let form = Matrix2::new(c[0], c[2] / 2.0, c[2] / 2.0, c[1]);
     let centre = form.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
     let form = form / (1.0 + centre.dot(&(form * centre)));

@@ -92,8 +92,8 @@ impl Evidence {
         let rho = if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 };
         let mut covariance = inverse + inverse * dip * inverse * (2.0 * rho / (1.0 - rho));
         let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
-        for (effect, sigma) in self.effects.iter().zip(sigmas).chain([(&self.system.gradient, 1.0)]) {
-            let shift = inverse * effect * sigma;
+        let shifts = self.effects.iter().zip(sigmas).map(|(effect, sigma)| inverse * effect * sigma);
+        for shift in shifts.chain(self.system.change()) {
             covariance.ger(1.0, &shift, &shift, 1.0);
         }
         Some(covariance)

@@ -14,7 +14,7 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::level::Hypothesis;
-use super::response::Response;
+use super::response::{Response, tangent};
 use super::two_plane::{MIN_SAMPLES, MIN_SINE_OF_BANKS, mean_roll_rad};
 use super::{Part, Sample, Samples, Side, SolveError};
 
@@ -27,8 +27,8 @@ pub(super) fn solve(
 ) -> Result<Response, SolveError> {
     let left = Figures::new(samples.left, rotation, Side::Left, -1.0)?;
     let right = Figures::new(samples.right, rotation, Side::Right, 1.0)?;
-    let (sl, cl) = libm::sincos(left.roll_rad);
-    let (sr, cr) = libm::sincos(right.roll_rad);
+    let (sl, cl) = libm::sincosf(left.roll_rad);
+    let (sr, cr) = libm::sincosf(right.roll_rad);
     if (sr * cl - cr * sl).abs() < MIN_SINE_OF_BANKS {
         return Err(SolveError::SamePlane);
     }
@@ -37,10 +37,10 @@ pub(super) fn solve(
     let coefficients = Matrix3::from_columns(&[left.by_x + right.by_x, left.by_z, right.by_z]);
     let a_ut = coefficients * banks.try_inverse().ok_or(SolveError::SamePlane)?;
     // Eq. 14 by the difference and by the sum of the two centres: c = b + A (0, c, -s) Hy.
-    let vertical = |s: f64, c: f64| a_ut * Vector3::new(0.0, c, -s);
+    let vertical = |s: f32, c: f32| a_ut * Vector3::new(0.0, c, -s);
     let between = vertical(sr, cr) - vertical(sl, cl);
     let estimated = between.dot(&(right.centre_ut - left.centre_ut)) / between.norm_squared();
-    let up = inclination_rad.map_or(estimated, |told_rad| -libm::tan(f64::from(told_rad)));
+    let up = inclination_rad.map_or(estimated, |told_rad| -tangent(told_rad));
     let b_ut = (left.centre_ut + right.centre_ut - (vertical(sl, cl) + vertical(sr, cr)) * up) / 2.0;
     // From the paper's axes to FRD.
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
@@ -49,28 +49,28 @@ pub(super) fn solve(
 
 /// The two figures of a turn, in the paper's axes.
 struct Figures {
-    roll_rad: f64,
+    roll_rad: f32,
     /// What (x, up, right) measure of `Hx`: the sum of the x of both figures is twice that, so x is their mean.
-    by_x: Vector3<f64>,
+    by_x: Vector3<f32>,
     /// What they measure of `Hz`.
-    by_z: Vector3<f64>,
+    by_z: Vector3<f32>,
     /// What they measure of neither.
-    centre_ut: Vector3<f64>,
+    centre_ut: Vector3<f32>,
 }
 
 impl Figures {
     /// `up` is the sign of the up axis in its figure.
-    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f64) -> Result<Self, SolveError> {
+    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
         let part = Part::Turns(side);
         if samples.len() < MIN_SAMPLES {
             return Err(SolveError::TooFewSamples { part, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
         }
-        let fields = samples.iter().map(|s| (rotation * s.field.ut).cast::<f64>());
+        let fields = samples.iter().map(|s| rotation * s.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
         let xy = Hypothesis::fit(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
         let xz = Hypothesis::fit(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
         // The first rows of both figures are two measurements of the same; eq. 13 and 14 take that of (x, up).
-        let assemble = |of_xy: Vector2<f64>, of_xz: Vector2<f64>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
+        let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
         Ok(Self {
             roll_rad: mean_roll_rad(samples),
             by_x: assemble(xy.map_ut.column(0).into(), xz.map_ut.column(0).into()),

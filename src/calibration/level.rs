@@ -9,6 +9,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::conic::conic;
+use super::least_squares::LeastSquares;
 use super::response::Response;
 use super::{Part, Sample, SolveError};
 
@@ -17,7 +18,7 @@ const MIN_SAMPLES: usize = 8;
 
 /// The circle must have this radius, microtesla, to be one of headings: half the horizontal field at 75 deg of
 /// inclination. Less is the noise of a heading that is held.
-const MIN_RADIUS_UT: f64 = 6.0;
+const MIN_RADIUS_UT: f32 = 6.0;
 
 /// Headings needed, 30 deg apart (Liu 2007 section 1).
 const MIN_HEADINGS: u8 = 5;
@@ -26,8 +27,8 @@ const MIN_HEADINGS: u8 = 5;
 #[derive(Clone, Debug)]
 pub(super) struct Hypothesis {
     /// `K P` times H0: takes (cos psi, -sin psi) to the measurement less `centre_ut`.
-    pub map_ut: Matrix2<f64>,
-    pub centre_ut: Vector2<f64>,
+    pub map_ut: Matrix2<f32>,
+    pub centre_ut: Vector2<f32>,
 }
 
 impl Hypothesis {
@@ -35,16 +36,16 @@ impl Hypothesis {
     /// diagonal is `K^2` and whose off-diagonal element over `Kx Ky` is `sin 2p`.
     ///
     /// `None` when the points are on no ellipse.
-    pub fn fit(points_ut: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<Self> {
-        let number = points_ut.clone().count() as f64;
-        let mean = points_ut.clone().sum::<Vector2<f64>>() / number;
-        let scale = libm::sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f64>() / number);
+    pub fn fit(points_ut: impl Iterator<Item = Vector2<f32>> + Clone) -> Option<Self> {
+        let number = points_ut.clone().count() as f32;
+        let mean = points_ut.clone().sum::<Vector2<f32>>() / number;
+        let scale = libm::sqrtf(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f32>() / number);
         // Points scaled to about 1, or the normal equations would mix units of 1 and uT^4.
         let (centre, form) = conic(points_ut.map(|p| (p - mean) / scale))?;
         let s = form.try_inverse()?;
-        let (kx, ky) = (libm::sqrt(s[(0, 0)]), libm::sqrt(s[(1, 1)]));
-        let p = libm::asin((s[(0, 1)] / (kx * ky)).clamp(-1.0, 1.0)) / 2.0;
-        let (sin, cos) = libm::sincos(p);
+        let (kx, ky) = (libm::sqrtf(s[(0, 0)]), libm::sqrtf(s[(1, 1)]));
+        let p = libm::asinf((s[(0, 1)] / (kx * ky)).clamp(-1.0, 1.0)) / 2.0;
+        let (sin, cos) = libm::sincosf(p);
         Some(Self {
             map_ut: Matrix2::new(kx * cos, kx * sin, ky * sin, ky * cos) * scale,
             centre_ut: mean + centre * scale,
@@ -53,12 +54,12 @@ impl Hypothesis {
 
     /// At how many headings, 30 deg apart, there are points. A straight leg may lie across the border of two sectors of
     /// 15 deg and is one heading still; a circle fills them all.
-    fn headings(&self, points_ut: impl Iterator<Item = Vector2<f64>>) -> u8 {
+    fn headings(&self, points_ut: impl Iterator<Item = Vector2<f32>>) -> u8 {
         // A map of an ellipse has an inverse; without one no heading is counted.
         let inverse = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
         let seen = points_ut.fold(0_u32, |seen, p| {
             let circle = inverse * (p - self.centre_ut);
-            let turns = libm::atan2(-circle.y, circle.x) / core::f64::consts::TAU + 0.5;
+            let turns = libm::atan2f(-circle.y, circle.x) / core::f32::consts::TAU + 0.5;
             // The cast saturates and takes NaN to 0; the remainder keeps the shift below 24.
             seen | 1 << ((turns * 24.0) as u32 % 24)
         });
@@ -77,13 +78,13 @@ pub(super) fn solve<'a>(
     samples: impl Iterator<Item = &'a Sample> + Clone,
     rotation: &Matrix3<f32>,
 ) -> Result<Response, SolveError> {
-    let fields = samples.map(|s| (rotation * s.field.ut).cast::<f64>());
+    let fields = samples.map(|s| rotation * s.field.ut);
     let have = fields.clone().count();
     if have < MIN_SAMPLES {
         return Err(SolveError::TooFewSamples { part: Part::Level, have: have as u16, need: MIN_SAMPLES as u16 });
     }
     let found = Hypothesis::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(Part::Level))?;
-    let vertical_ut = libm::sqrt(found.map_ut.determinant().abs());
+    let vertical_ut = libm::sqrtf(found.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
         return Err(SolveError::NotAnEllipse(Part::Level));
     }
@@ -106,21 +107,18 @@ pub(super) fn solve<'a>(
 
 /// What the vertical axis measures in level flight: a constant, and what leaks in from the horizontal field.
 struct Vertical {
-    mean_ut: f64,
-    of_horizontal_ut: [f64; 2],
+    mean_ut: f32,
+    of_horizontal_ut: [f32; 2],
 }
 
 impl Vertical {
-    fn fit(found: &Hypothesis, fields: impl Iterator<Item = Vector3<f64>>, scale_ut: f64) -> Option<Self> {
+    fn fit(found: &Hypothesis, fields: impl Iterator<Item = Vector3<f32>>, scale_ut: f32) -> Option<Self> {
         let inverse = found.map_ut.try_inverse()?;
-        let mut normal = Matrix3::zeros();
-        let mut right = Vector3::zeros();
+        let mut system = LeastSquares::<3, 1>::new();
         for field in fields {
-            let row = (inverse * (field.xy() - found.centre_ut)).push(1.0);
-            normal += row * row.transpose();
-            right += row * field.z;
+            system.add(&(inverse * (field.xy() - found.centre_ut)).push(1.0), [field.z], 1.0);
         }
-        let solution = normal.cholesky()?.solve(&right);
+        let solution = system.solve()?;
         let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
         is_sound.then(|| Self { mean_ut: solution.z, of_horizontal_ut: [solution.x, solution.y] })
     }

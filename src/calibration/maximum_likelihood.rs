@@ -8,7 +8,7 @@
 //!
 //! # Numbers
 //!
-//! Everything done per sample is in `f32`, the 13 x 13 system is solved in `f64`.
+//! All in `f32`, with the equations rotated into a triangle instead of summed up ([`least_squares`](super::least_squares)).
 
 use super::Samples;
 use super::likelihood::{Likelihood, System, Vector13};
@@ -88,10 +88,9 @@ impl Refinement {
     /// One Levenberg-Marquardt step.
     fn descend(&mut self, samples: Samples<'_>) -> Progress {
         self.steps += 1;
-        let Some(change) = self.system.step(self.damping) else { return Progress::Failed };
+        let Some((change, promised)) = self.system.step(self.damping) else { return Progress::Failed };
         let trial = self.unknowns + change;
         let system = self.likelihood.linearise(samples, &trial);
-        let promised = -0.5 * change.dot(&self.system.gradient);
         let tolerance = if self.likelihood.refined { REFINED_TOLERANCE } else { f32::MIN_POSITIVE };
         let gained = self.system.cost - system.cost;
         if gained >= -tolerance {

@@ -11,6 +11,7 @@
 //! | `ellipsoid.rs` | tumbling without attitude |
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
 //! | `likelihood/` | how likely samples are with a set of coefficients |
+//! | `least_squares.rs` | linear least squares in `f32` |
 //! | `response.rs`, `conic.rs` | what the closed forms give and are made of |
 //! | `evidence.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
@@ -27,6 +28,7 @@ mod evidence;
 mod expected_error;
 mod four_ellipse;
 pub mod ladder;
+mod least_squares;
 mod level;
 mod likelihood;
 mod maximum_likelihood;

@@ -1,19 +1,20 @@
 //! What the closed forms give, and the sphere: where a refinement begins.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::Samples;
+use super::least_squares::LeastSquares;
 use crate::frames::Field;
 
 /// The response of the sensor in mount axes, unit of field microtesla: what each closed form gives.
 #[derive(Clone, Debug)]
 pub(super) struct Response {
     /// Response to a field of H0 in body axes: `A` times H0, microtesla.
-    pub a_ut: Matrix3<f64>,
+    pub a_ut: Matrix3<f32>,
     /// Hard iron, microtesla.
-    pub b_ut: Vector3<f64>,
+    pub b_ut: Vector3<f32>,
     /// `D`, the tangent of the inclination.
-    pub tan_inclination: f64,
+    pub tan_inclination: f32,
 }
 
 /// Where a refinement begins, in a unit of field of its own.
@@ -31,14 +32,14 @@ impl Response {
     /// are right-handed.
     pub fn start(&self) -> Option<Start> {
         // Total field in units of H0.
-        let total = libm::sqrt(1.0 + self.tan_inclination * self.tan_inclination);
+        let total = libm::sqrtf(1.0 + self.tan_inclination * self.tan_inclination);
         let w = self.a_ut.try_inverse()? / total;
-        let unit_ut = 1.0 / libm::cbrt(w.determinant());
+        let unit_ut = 1.0 / libm::cbrtf(w.determinant());
         (unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
-            unit_ut: unit_ut as f32,
-            w: (w * unit_ut).cast(),
-            b: (self.b_ut / unit_ut).cast(),
-            inclination_rad: libm::atan(self.tan_inclination) as f32,
+            unit_ut,
+            w: w * unit_ut,
+            b: self.b_ut / unit_ut,
+            inclination_rad: libm::atan2f(self.tan_inclination, 1.0),
         })
     }
 }
@@ -53,21 +54,18 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
     let number = fields().count() as f32;
     let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
     // |m|^2 = 2 m . b + (r^2 - |b|^2), linear in b and the bracket; fields from their mean, for the digits.
-    let mut normal = SMatrix::<f32, 4, 4>::zeros();
-    let mut right = SVector::<f32, 4>::zeros();
+    let mut system = LeastSquares::<4, 1>::new();
+    let mut spread = 0.0;
     for (field, _) in fields() {
         let p = field - mean;
-        let row = SVector::from([2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0]);
-        normal += row * row.transpose();
-        right += row * p.norm_squared();
+        system.add(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
+        spread += p.norm_squared();
     }
     // Weakly, no hard iron: it decides where a single turn leaves the centre open along its axis.
-    let weight = SPHERE_RIDGE * normal.fixed_view::<3, 3>(0, 0).trace();
     for i in 0..3 {
-        normal[(i, i)] += weight;
-        right[i] -= weight * mean[i];
+        system.add(&Vector4::ith(i, 1.0), [-mean[i]], SPHERE_RIDGE * spread);
     }
-    let solution = normal.cast::<f64>().cholesky()?.solve(&right.cast::<f64>()).cast::<f32>();
+    let solution = system.solve()?;
     let centre = solution.fixed_rows::<3>(0).into_owned();
     let unit_ut = libm::sqrtf((solution[3] + centre.norm_squared()).max(1.0));
     let b_ut = mean + centre;
@@ -80,4 +78,10 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
         / number;
     let inclination_rad = libm::asinf(sin_dip.clamp(-1.0, 1.0));
     Some(Start { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
+}
+
+/// Tangent of an inclination in radians.
+pub(super) fn tangent(inclination_rad: f32) -> f32 {
+    let (sin, cos) = libm::sincosf(inclination_rad);
+    sin / cos
 }

@@ -27,7 +27,7 @@ pub(super) const MIN_SAMPLES: usize = 12;
 const MAX_STEP_MS: u32 = 3000;
 
 /// The bank must differ by so much between the sides, as a sine: 10 deg.
-pub(super) const MIN_SINE_OF_BANKS: f64 = 0.17;
+pub(super) const MIN_SINE_OF_BANKS: f32 = 0.17;
 
 /// Solves left and right turns whose fields are rotated by `rotation` first.
 pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
@@ -43,7 +43,7 @@ pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Respo
     let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
 
     // v = -cos(phi) A e_y + sin(phi) A e_z for both banks, solved for A e_y and A e_z.
-    let ((sl, cl), (sr, cr)) = (libm::sincos(left.roll_rad), libm::sincos(right.roll_rad));
+    let ((sl, cl), (sr, cr)) = (libm::sincosf(left.roll_rad), libm::sincosf(right.roll_rad));
     let sine = sr * cl - cr * sl;
     if sine.abs() < MIN_SINE_OF_BANKS {
         return Err(SolveError::SamePlane);
@@ -52,7 +52,7 @@ pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Respo
     let z_ut = (v_right * cl - v_left * cr) / sine;
 
     let (centre_left, centre_right) = (left.ellipse.centre_ut, right.ellipse.centre_ut);
-    let vertical = |sin: f64, cos: f64| y_ut * sin + z_ut * cos;
+    let vertical = |sin: f32, cos: f32| y_ut * sin + z_ut * cos;
     let between = vertical(sr, cr) - vertical(sl, cl);
     let tan_inclination = between.dot(&(centre_right - centre_left)) / between.norm_squared();
     let b_ut = (centre_left + centre_right - (vertical(sl, cl) + vertical(sr, cr)) * tan_inclination) / 2.0;
@@ -68,7 +68,7 @@ struct Turn<'a> {
     side: Side,
     ellipse: Ellipse,
     /// Mean bank.
-    roll_rad: f64,
+    roll_rad: f32,
 }
 
 impl<'a> Turn<'a> {
@@ -82,17 +82,16 @@ impl<'a> Turn<'a> {
     }
 
     /// The semi-axis conjugate to `u`, with the sign that lets heading run the way of the turn.
-    fn conjugate_ut(&self, u_ut: &Vector3<f64>) -> Vector3<f64> {
+    fn conjugate_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
         let v_ut = self.ellipse.conjugate_ut(u_ut);
-        let phase =
-            |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut).cast::<f64>(), u_ut, &v_ut) as f32;
+        let phase = |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut), u_ut, &v_ut);
         if progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
     }
 }
 
 /// Mean bank; 0 without samples.
-pub(super) fn mean_roll_rad(samples: &[Sample]) -> f64 {
-    samples.iter().map(|s| f64::from(s.attitude.roll_rad)).sum::<f64>() / samples.len().max(1) as f64
+pub(super) fn mean_roll_rad(samples: &[Sample]) -> f32 {
+    samples.iter().map(|s| s.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32
 }
 
 /// By how much an angle of the samples runs the way heading does in a turn of this side, up to the right, down to the

@@ -57,6 +57,13 @@ pub struct Config {
     pub told_inclination_sigma_rad: f32,
     /// A heading given by a person, radians, 1 sigma: 1 deg, a compass rose or a bearing compass.
     pub given_heading_sigma_rad: f32,
+    /// What `e_norm` usually scatters by: counts as so many samples' residuals as `usual_weight` says, so that a handful of
+    /// samples that fit by chance are not believed to be perfect.
+    pub usual_norm_sigma: f32,
+    /// The same of `e_dip`, radians.
+    pub usual_dip_sigma_rad: f32,
+    /// See `usual_norm_sigma`.
+    pub usual_weight: f32,
     /// `e_norm` is not believed to be better than this: quantisation and the chip's linearity.
     pub min_norm_sigma: f32,
     /// `e_dip` is not believed to be better than this, radians: 0.05 deg.
@@ -78,6 +85,9 @@ impl Config {
         hard_iron_sigma_ut: 150.0,
         told_inclination_sigma_rad: 0.0175,
         given_heading_sigma_rad: 0.0175,
+        usual_norm_sigma: 0.004,
+        usual_dip_sigma_rad: 0.006,
+        usual_weight: 4.0,
         min_norm_sigma: 0.0005,
         min_dip_sigma_rad: 0.0009,
         max_norm_sigma: 0.05,
@@ -164,11 +174,18 @@ impl Likelihood {
     /// New sigmas from the residuals.
     pub fn reweight(&mut self, system: &System, unknowns: &Vector13) {
         // Thirteen unknowns take their share of the scatter, here half from each kind of residual.
-        let freedom = (f32::from(system.samples) - UNKNOWNS as f32 / 2.0).max(1.0) * CLIPPED_MEAN_SQUARE;
-        let [norm, dip] = system.clipped_squares.map(|sum| libm::sqrtf(sum / freedom));
+        let freedom = (f32::from(system.samples) - UNKNOWNS as f32 / 2.0).max(1.0);
+        let Config { usual_norm_sigma, usual_dip_sigma_rad, usual_weight, .. } = self.config;
+        let estimate = |sum: f32, before: f32, usual: f32| {
+            let squares = sum / CLIPPED_MEAN_SQUARE * before * before + usual_weight * usual * usual;
+            libm::sqrtf(squares / (freedom + usual_weight))
+        };
+        let [norm, dip] = system.clipped_squares;
+        let norm = estimate(norm, self.noise.norm, usual_norm_sigma);
+        let dip = estimate(dip, self.noise.dip_rad, usual_dip_sigma_rad);
         self.noise = Noise::new(
-            (self.noise.norm * norm).max(self.config.min_norm_sigma),
-            (self.noise.dip_rad * dip).max(self.config.min_dip_sigma_rad),
+            norm.max(self.config.min_norm_sigma),
+            dip.max(self.config.min_dip_sigma_rad),
             Point::new(unknowns).w,
         );
         self.refined = true;

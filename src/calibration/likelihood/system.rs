@@ -1,14 +1,13 @@
 //! The linearised problem: information, gradient and cost of all samples and priors at one set of unknowns.
 
+use super::super::least_squares::LeastSquares;
 use super::equations::{Equation, Equations};
 use super::{Likelihood, Matrix13, Point, UNKNOWNS, Vector13};
 
-/// The linearised problem at one set of unknowns.
+/// The linearised problem at one set of unknowns: the change of them that makes everything most likely.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct System {
-    /// `J^T J` of everything, priors included: the lower triangle.
-    information: Matrix13,
-    pub gradient: Vector13,
+    equations: LeastSquares<UNKNOWNS, 1>,
     /// Half the weighted sum of squares.
     pub cost: f32,
     /// Sums of the clipped squares of the norm's and the dip's residuals over their sigma.
@@ -19,18 +18,11 @@ pub(in crate::calibration) struct System {
 impl System {
     /// What is known without any sample: see [`priors`].
     pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
-        let mut system = Self {
-            information: Matrix13::zeros(),
-            gradient: Vector13::zeros(),
-            cost: 0.0,
-            clipped_squares: [0.0; 2],
-            samples: 0,
-        };
+        let mut system = Self { equations: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], samples: 0 };
         priors(likelihood, &Point::new(unknowns), |prior| {
-            let residual = prior.residual;
             let weight = 1.0 / (prior.sigma * prior.sigma);
-            let loss = 0.5 * weight * residual * residual;
-            system.add_equation(&Equation { row: prior.row, residual, weight, loss, clipped: 0.0 });
+            system.equations.add(&prior.row, [-prior.residual], weight);
+            system.cost += 0.5 * weight * prior.residual * prior.residual;
         });
         system
     }
@@ -50,26 +42,29 @@ impl System {
     }
 
     fn add_equation(&mut self, equation: &Equation) {
-        self.information.syger(equation.weight, &equation.row, &equation.row, 1.0);
-        self.gradient.axpy(equation.weight * equation.residual, &equation.row, 1.0);
+        self.equations.add(&equation.row, [-equation.residual], equation.weight);
         self.cost += equation.loss;
     }
 
-    /// The change of the unknowns that solves `(H + damping diag H) change = -gradient`, in `f64`.
-    pub fn step(&self, damping: f32) -> Option<Vector13> {
-        let mut information = self.information.cast::<f64>();
-        for i in 0..UNKNOWNS {
-            information[(i, i)] *= 1.0 + f64::from(damping);
+    /// The change of the unknowns to the most likely ones, shortened by damping (Levenberg-Marquardt), and by how much it
+    /// promises to lower the cost.
+    pub fn step(&self, damping: f32) -> Option<(Vector13, f32)> {
+        let mut damped = self.equations.clone();
+        for (i, information) in self.equations.diagonal().iter().enumerate() {
+            damped.add(&unit(i, 1.0), [0.0], damping * information);
         }
-        // Cholesky reads the lower triangle alone.
-        let change = information.cholesky()?.solve(&(-self.gradient.cast::<f64>()));
-        change.iter().all(|c| c.is_finite()).then(|| change.cast::<f32>())
+        let change = damped.solve()?;
+        Some((change, self.equations.gain(&change)))
     }
 
-    /// Inverse of the information, by `f64`; `None` when it is singular.
+    /// The change of the unknowns to the most likely ones.
+    pub fn change(&self) -> Option<Vector13> {
+        self.equations.solve()
+    }
+
+    /// Covariance of the unknowns; `None` when they are not determined.
     pub fn covariance(&self) -> Option<Matrix13> {
-        let inverse = self.information.cast::<f64>().cholesky()?.inverse();
-        inverse.iter().all(|c| c.is_finite()).then(|| inverse.cast::<f32>())
+        self.equations.covariance()
     }
 }
 
