@@ -29,8 +29,8 @@ pub struct Config {
     pub max_expected_rms_deg: f32,
     /// Held-back samples needed of each part that was used: one for every sector but a few.
     pub min_held_back: u16,
-    /// A candidate expected to be worse than the calibration in use by more than this factor, or found by a method that
-    /// determines less, is thinner.
+    /// A candidate expected to be worse than the calibration in use by more than this factor, or found where less
+    /// shows, is thinner.
     pub thinner_by: f32,
     /// A thinner candidate is only taken when it explains the held-back samples this many times better: then the
     /// airframe's iron has changed, and the calibration in use is wrong whatever it was expected to be.
@@ -351,7 +351,7 @@ impl Compass {
     fn not_thinner(&self, candidate: &Solution, in_use: &Record, scores: Scores) -> Result<(), Refusal> {
         let (new, old) = (candidate.quality, in_use.quality);
         let thinner = new.expected_rms_deg > self.config.thinner_by * old.expected_rms_deg
-            || (old.method.finds_everything() && !new.method.finds_everything());
+            || (old.is_of_everything() && !new.is_of_everything());
         let contradicted = scores.incumbent > self.config.contradicted_by * scores.candidate;
         if thinner && !contradicted {
             let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);

@@ -111,28 +111,36 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
     assert_eq!(legs(5).unwrap().method, "level");
 }
 
-/// Eight headings given on level ground, the aircraft turned slowly between them.
+/// Eight headings given on level ground, the aircraft turned slowly between them: level headings are right, mounting
+/// included. A mark is 0.8 s of readings with 0.3 deg of attitude noise and 0.2 deg of its bias, up to 2.7 times that in
+/// heading at these inclinations.
 #[test]
-fn a_compass_swing_finds_mounting_and_all() {
-    let mut bench = bench(WorldConfig::random(4));
-    bench.run_for_s(1.0);
-    bench.printed();
-    assert!(bench.type_line("cal mark 0").contains("error not-swinging: "));
-    assert!(bench.type_line("cal start swing").contains("ok collecting"));
-    for i in 0..8 {
-        let heading_deg = f64::from(i) * 45.0;
-        bench.world.carry(Carried { heading_deg: heading_deg - 45.0, heading_rate_deg_s: 9.0, ..Carried::default() });
-        bench.run_for_s(5.0);
-        assert!(bench.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
-        stand_at(&mut bench, heading_deg);
-        let reply = bench.type_line(&format!("cal mark {heading_deg}"));
-        assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
+fn a_compass_swing_finds_the_mounting() {
+    for seed in 0..12 {
+        let mut bench = bench(WorldConfig::random(seed));
+        bench.run_for_s(1.0);
+        bench.printed();
+        assert!(bench.type_line("cal mark 0").contains("error not-swinging: "));
+        assert!(bench.type_line("cal start swing").contains("ok collecting"));
+        for i in 0..8 {
+            mark(&mut bench, i);
+        }
+        let shown = solve(&mut bench).unwrap();
+        assert_eq!(shown.method, "compass-swing");
+        let (rest, constant) = level_errors_deg(&bench, &shown);
+        assert!(rest < 1.0 && constant.abs() < 0.5, "seed {seed}: {rest} and {constant} deg");
     }
-    let shown = solve(&mut bench).unwrap();
-    assert_eq!(shown.method, "compass-swing");
-    let (rest, constant) = level_errors_deg(&bench, &shown);
-    // A mark is 0.8 s of readings with 0.3 deg of attitude noise and 0.2 deg of its bias.
-    assert!(rest < 1.0 && constant.abs() < 0.5, "{rest} and {constant} deg");
+}
+
+/// Turns on to the next heading; a mark is refused while it turns.
+fn mark(bench: &mut Bench, i: u32) {
+    let heading_deg = f64::from(i) * 45.0;
+    bench.world.carry(Carried { heading_deg: heading_deg - 45.0, heading_rate_deg_s: 9.0, ..Carried::default() });
+    bench.run_for_s(5.0);
+    assert!(bench.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
+    stand_at(bench, heading_deg);
+    let reply = bench.type_line(&format!("cal mark {heading_deg}"));
+    assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
 }
 
 /// Turned through all attitudes on a bench, the autopilot as good as silent.
@@ -161,8 +169,9 @@ fn tumbling_needs_no_attitude() {
     let shown = solve(&mut bench).unwrap();
     assert_eq!(shown.method, "ellipsoid");
     let errors = Errors::of(&shown.calibration, &bench.world.config()).figures();
-    // The paper's aircraft is not quite symmetric, which without attitude looks like mounting.
-    assert!(errors.max_demeaned_deg < 1.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
+    // The paper's aircraft is unsymmetric by up to 1.5 deg about each axis, which without attitude looks like mounting;
+    // at 54 deg of inclination such a tilt is 1.4 times that in heading.
+    assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
 }
 
 #[test]

@@ -20,7 +20,8 @@ const MIN_MARKS: usize = 4;
 /// show.
 const RIDGE: f32 = 1e-3;
 
-/// Inclinations tried, degrees. What follows refines them, so that they need not be close.
+/// Inclinations tried, degrees. Where marks are tilted the refinement finds the right one; where they are not, it does
+/// not matter.
 const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
 /// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.

@@ -8,12 +8,12 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::Calibration;
 use super::uncertainty::{Uncertainty, Vector12, coefficient_row, heading_by_field};
+use super::{Calibration, Method, Sample, Samples};
 use crate::frames::{Attitude, Field};
 
 /// Attitudes for which an error is expected: at each of these banks twelve headings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Envelope {
     /// Bank -30, 0, 30 deg.
     Banked,
@@ -21,7 +21,22 @@ pub enum Envelope {
     Level,
 }
 
+/// Samples all of which have less bank than this, radians, show level headings alone: 10 deg.
+const LEVEL_ROLL_RAD: f32 = 0.175;
+
 impl Envelope {
+    /// Where a method's result from these samples is meant to be used.
+    pub(super) fn of(method: Method, samples: Samples<'_>) -> Self {
+        let is_level = |s: &Sample| s.attitude.roll_rad.abs() < LEVEL_ROLL_RAD;
+        match method {
+            Method::Level => Self::Level,
+            // Its samples have no attitude.
+            Method::Ellipsoid => Self::Banked,
+            _ if samples.all().all(is_level) => Self::Level,
+            _ => Self::Banked,
+        }
+    }
+
     const fn banks_deg(self) -> &'static [f32] {
         match self {
             Self::Banked => &[-30.0, 0.0, 30.0],

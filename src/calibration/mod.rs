@@ -42,7 +42,7 @@ pub mod verification;
 pub use advice::{Advice, Assumed, Manoeuvre};
 pub use error::SolveError;
 pub use evidence::Consider;
-pub use expected_error::Deviation;
+pub use expected_error::{Deviation, Envelope};
 pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use solver::{Progress, Solution, Solver, solve};
@@ -260,12 +260,6 @@ impl Method {
         Self::ALL.into_iter().find(|method| method.name() == name)
     }
 
-    /// Whether it finds all twelve coefficients, mounting included, and not only what shows at some attitudes.
-    #[must_use]
-    pub const fn finds_everything(self) -> bool {
-        matches!(self, Self::FourEllipse | Self::TwoPlane | Self::MaximumLikelihood)
-    }
-
     /// Whether its closed form, if it has one, only starts a refinement.
     #[must_use]
     pub const fn is_refined(self) -> bool {
@@ -278,9 +272,11 @@ impl Method {
 pub struct Quality {
     /// How it was found.
     pub method: Method,
-    /// Expected heading error, RMS over all headings and bank -30..30 deg, degrees (1 sigma).
+    /// Where it is meant to be used, and its error expected.
+    pub envelope: Envelope,
+    /// Expected heading error, RMS over the envelope, degrees (1 sigma).
     pub expected_rms_deg: f32,
-    /// Expected heading error (1 sigma) at the worst heading and bank of that envelope, degrees.
+    /// Expected heading error (1 sigma) at the worst heading and bank of the envelope, degrees.
     pub expected_worst_deg: f32,
     /// Robust scale of `|h| / F - 1` over the samples of the fit, dimensionless.
     pub norm_residual: f32,
@@ -288,6 +284,14 @@ pub struct Quality {
     pub dip_residual_deg: f32,
     /// Samples of the fit.
     pub samples: u16,
+}
+
+impl Quality {
+    /// Whether all twelve coefficients were found, mounting included, and not only what shows at some attitudes.
+    #[must_use]
+    pub fn is_of_everything(&self) -> bool {
+        self.envelope == Envelope::Banked && self.method != Method::Ellipsoid
+    }
 }
 
 /// A matrix as an array of rows.

@@ -110,7 +110,10 @@ impl Solver {
     /// Checks what was found, puts it into the module's units, and judges it.
     #[inline(never)]
     fn finish(&self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        let Refinement { likelihood, unknowns, .. } = &self.refinement;
+        let unknowns = &self.refinement.unknowns;
+        // What was only taken for known while refining is not known.
+        let likelihood =
+            &Likelihood { told_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
         if !likelihood.explains() {
             return Err(SolveError::NotConverged);
         }
@@ -122,12 +125,13 @@ impl Solver {
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
-        let envelope = if self.method == Method::Level { Envelope::Level } else { Envelope::Banked };
+        let envelope = Envelope::of(self.method, samples);
         let uncertainty = evidence.uncertainty(likelihood, unknowns, self.consider).ok_or(SolveError::NotConverged)?;
         let expected =
             expected_error::expected(&calibration, &uncertainty, envelope).ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: self.method,
+            envelope,
             expected_rms_deg: expected.rms_deg,
             expected_worst_deg: expected.worst_deg,
             norm_residual: likelihood.noise.norm,
@@ -171,7 +175,11 @@ fn begin(method: Method, prior: &Prior, samples: Samples<'_>, start: &Start) -> 
         Method::Ellipsoid => Config::NO_ATTITUDE,
         Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => Config::DEFAULT,
     };
-    let likelihood = Likelihood::new(prior, config, samples, start.unit_ut);
+    let mut likelihood = Likelihood::new(prior, config, samples, start.unit_ut);
+    if method == Method::CompassSwing && Envelope::of(method, samples) == Envelope::Level {
+        // On level ground the vertical stays open; while the rest is refined, it is what the start took it for.
+        likelihood.told_inclination_rad = Some(start.inclination_rad);
+    }
     let unknowns = likelihood.unknowns(start).ok_or(SolveError::NotConverged)?;
     Ok(Refinement::new(likelihood, samples, unknowns, method.is_refined()))
 }

@@ -6,7 +6,7 @@ use core::fmt::{self, Display, Write};
 use super::LineError;
 use crate::app::{Counts, ResetCause};
 use crate::calibration::ladder::Manner;
-use crate::calibration::{Advice, Quality};
+use crate::calibration::{Advice, Envelope, Quality};
 use crate::compass::{Outcome, Refusal, Reply, Report};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
@@ -232,7 +232,11 @@ struct Expected<'a>(&'a Quality);
 impl Display for Expected<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rms, worst) = (Decimal::<2>(self.0.expected_rms_deg), Decimal::<2>(self.0.expected_worst_deg));
-        write!(f, "expected error {rms} deg rms, {worst} deg worst")
+        let envelope = match self.0.envelope {
+            Envelope::Banked => "",
+            Envelope::Level => ", level only",
+        };
+        write!(f, "expected error {rms} deg rms, {worst} deg worst{envelope}")
     }
 }
 

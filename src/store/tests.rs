@@ -4,7 +4,7 @@ use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
 use super::*;
-use crate::calibration::{Calibration, Method, Orientation, Quality, Uncertainty};
+use crate::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
 use crate::magnetometer::{Identity, Model};
 
 const PAGE: usize = 2048;
@@ -22,6 +22,7 @@ pub(super) fn record(serial: u32) -> Record {
     };
     let quality = Quality {
         method: Method::MaximumLikelihood,
+        envelope: Envelope::Banked,
         expected_rms_deg: 0.3,
         expected_worst_deg: 0.7,
         norm_residual: 0.004,

@@ -8,7 +8,7 @@ use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
 use crate::calibration::ladder::{self, Manner};
 use crate::calibration::{
-    Mark, Method, Part, Prior, Sample, Samples, Side, SolveError, Uncertainty, expected_error, solve,
+    Envelope, Mark, Method, Part, Prior, Sample, Samples, Side, SolveError, Uncertainty, expected_error, solve,
 };
 use crate::frames::Attitude;
 
@@ -140,8 +140,12 @@ fn a_swing_on_level_ground_is_right_there_and_knows_that_it_is_not_elsewhere() {
         let solution = solve(Method::CompassSwing, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let level = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
-        let banked = rms(&airframe.errors_at_deg(&solution.calibration, &[25.0, -25.0]));
-        assert!(banked < 3.0 * solution.quality.expected_rms_deg.max(1.0), "seed {seed}: {banked} deg");
+        assert_eq!(solution.quality.envelope, Envelope::Level);
+        assert!(rms(&level) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&level));
+        // Somewhere in a turn the sigma is what a bank without vertical knowledge deserves.
+        let of = |envelope| expected_error::expected(&solution.calibration, &solution.uncertainty, envelope).unwrap();
+        let banked = rms(&airframe.errors_at_deg(&solution.calibration, &[30.0, -30.0]));
+        assert!(banked < 3.0 * of(Envelope::Banked).rms_deg, "seed {seed}: {banked} deg");
     }
 }
 
@@ -246,7 +250,7 @@ fn expected_error_of_nothing_unknown_is_nothing() {
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
     let solution =
         solve(Method::MaximumLikelihood, Flight::REAL.fly(&airframe, &mut random).turns(), &NO_PRIOR).unwrap();
-    let envelope = expected_error::Envelope::Banked;
+    let envelope = Envelope::Banked;
     let of =
         |uncertainty: &Uncertainty| expected_error::expected(&solution.calibration, uncertainty, envelope).unwrap();
     assert!(of(&Uncertainty::NONE).worst_deg == 0.0);
