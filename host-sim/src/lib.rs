@@ -6,6 +6,8 @@
 //! | [`simulation`] | the executor: tasks, priorities, power off |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
+//! | [`replay`] | a recorded flight through the module's collection and solver |
+//! | [`accuracy`] | accuracy of the methods against the bound of what is possible |
 //! | [`random`] | one seeded stream of random numbers per purpose |
 //!
 //! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
@@ -17,6 +19,7 @@ pub mod devices;
 pub mod mission;
 pub mod nmea;
 pub mod random;
+pub mod replay;
 pub mod report;
 pub mod score;
 pub mod simulation;

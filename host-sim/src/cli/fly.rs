@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use comfy_table::{Cell, CellAlignment, Table, presets};
+use comfy_table::{Table, presets};
 use host_sim::mission::{self, Flown, Plan, Stage};
 use host_sim::report;
 use host_sim::score::{Errors, Figures};
@@ -12,6 +12,7 @@ use host_sim::world::WorldConfig;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
+use super::print::{coefficients, right_aligned, shortest};
 use super::{Failure, Fly};
 
 /// Where the report goes when a person does not say.
@@ -76,10 +77,7 @@ fn summary(flown: &Flown) -> Value {
         "accepted": shown.is_some(),
         "refusal": refusal,
         "method": shown.map(|s| &s.method),
-        "coefficients": shown.map(|s| json!({
-            "w": s.calibration.w.as_flattened().iter().copied().map(shortest).collect::<Vec<_>>(),
-            "b_ut": s.calibration.b_ut.map(shortest),
-        })),
+        "coefficients": shown.map(|s| coefficients(&s.calibration)),
         "inclination_deg": shown.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
         "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
         "before": before,
@@ -88,11 +86,6 @@ fn summary(flown: &Flown) -> Value {
         "duration_s": flown.duration_s,
         "seed": flown.world.seed,
     })
-}
-
-/// The f64 that prints as the f32 does: 0.1 and not 0.10000000149.
-fn shortest(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(f64::NAN)
 }
 
 fn show(options: &Fly, flown: &Flown) {
@@ -139,8 +132,4 @@ fn errors_table(before: &Errors, after: &Errors) -> Table {
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));
     }
     table
-}
-
-fn right_aligned(text: impl ToString) -> Cell {
-    Cell::new(text).set_alignment(CellAlignment::Right)
 }

@@ -1,11 +1,13 @@
 //! Commands, their options, and how they end.
 
 mod fly;
+mod print;
+mod replay;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
@@ -24,6 +26,68 @@ struct Cli {
 enum Command {
     /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading (the default)
     Fly(Fly),
+    /// Send a recorded flight through the module's collection and solver
+    Replay(Replay),
+}
+
+/// Send a recorded flight through the module's collection and solver, and score it if it has a reference.
+///
+/// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes forward,
+/// right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare with. Exit codes:
+/// 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
+#[derive(Args)]
+struct Replay {
+    /// The recording
+    file: PathBuf,
+    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds, or what its `turns` detector
+    /// would have kept
+    #[arg(long, value_enum, default_value = "turns", value_name = "all|turns")]
+    samples: SamplesArgument,
+    /// Unit of mx, my, mz: milligauss or microtesla
+    #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
+    unit: UnitArgument,
+    /// Inclination of the Earth field there, positive down; without it, it is found from the samples
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = inclination)]
+    inclination: Option<f64>,
+    /// Fit only to rows before this time
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    fit_until: Option<f64>,
+    /// Write t_s,heading_deg,sigma_deg,status of every row
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum SamplesArgument {
+    All,
+    Turns,
+}
+
+impl From<SamplesArgument> for host_sim::replay::Selected {
+    fn from(argument: SamplesArgument) -> Self {
+        match argument {
+            SamplesArgument::All => Self::All,
+            SamplesArgument::Turns => Self::Turns,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum UnitArgument {
+    Mg,
+    Ut,
+}
+
+impl From<UnitArgument> for host_sim::replay::recording::Unit {
+    fn from(argument: UnitArgument) -> Self {
+        match argument {
+            UnitArgument::Mg => Self::Milligauss,
+            UnitArgument::Ut => Self::Microtesla,
+        }
+    }
 }
 
 /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
@@ -60,6 +124,10 @@ fn bank(text: &str) -> Result<f64, String> {
     within(text, 5.0, 60.0)
 }
 
+fn inclination(text: &str) -> Result<f64, String> {
+    within(text, -90.0, 90.0)
+}
+
 fn circles(text: &str) -> Result<f64, String> {
     within(text, 0.0, 100.0)
 }
@@ -75,8 +143,11 @@ struct Failure(String);
 /// Reads the command line and carries it out.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let Command::Fly(options) = cli.command.unwrap_or(Command::Fly(cli.fly));
-    match fly::run(&options) {
+    let result = match cli.command.unwrap_or(Command::Fly(cli.fly)) {
+        Command::Fly(options) => fly::run(&options),
+        Command::Replay(options) => replay::run(&options),
+    };
+    match result {
         Ok(code) => code,
         Err(Failure(why)) => {
             eprintln!("host-sim: {why}");

@@ -1,0 +1,116 @@
+//! `host-sim replay`.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+use comfy_table::{Table, presets};
+use host_sim::replay::recording::{self, Row};
+use host_sim::replay::{self, Options, Refused, Replayed, Score, Shown};
+use serde_json::{Value, json};
+
+use super::print::{coefficients, right_aligned, rounded, shortest};
+use super::{Failure, Replay};
+
+pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
+    let name = options.file.display();
+    let rows = recording::read(&options.file, options.unit.into()).map_err(|e| Failure(format!("{name}: {e}")))?;
+    let replayed = replay::replay(
+        &rows,
+        &Options {
+            selected: options.samples.into(),
+            inclination_deg: options.inclination,
+            fit_until_s: options.fit_until,
+        },
+    );
+    if let Some(path) = &options.out {
+        write(path, &replayed.shown).map_err(|e| Failure(format!("cannot write {}: {e}", path.display())))?;
+    }
+    if options.json {
+        println!("{}", summary(&rows, &replayed));
+    } else {
+        show(&rows, &replayed);
+    }
+    Ok(if replayed.accepted.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Code and words of a refusal.
+fn reason(refused: &Refused) -> (&'static str, String) {
+    match refused {
+        Refused::Solve(error) => (error.code(), error.to_string()),
+        Refused::NotAccurate(expected_deg) => ("not-accurate", format!("expected error {expected_deg:.1} deg")),
+        Refused::NotBetter => ("not-better", "no better than no calibration on samples held back".to_owned()),
+    }
+}
+
+fn summary(rows: &[Row], replayed: &Replayed) -> Value {
+    let refusal = replayed.accepted.as_ref().err().map(reason);
+    let solution = replayed.solution.as_ref();
+    let rms = |score: &Option<Score>| score.map(|s| rounded(s.rms_deg, 3));
+    json!({
+        "accepted": replayed.accepted.is_ok(),
+        "refusal": refusal.map(|(code, words)| json!({ "code": code, "words": words })),
+        "method": solution.map(|s| s.quality.method.name()),
+        "coefficients": solution.map(|s| coefficients(&s.calibration)),
+        "inclination_deg": solution.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
+        "expected_rms_deg": solution.map(|s| shortest(s.quality.expected_rms_deg)),
+        "rows": rows.len(),
+        "samples": replayed.samples,
+        "heading_rms_deg": rms(&replayed.score),
+        "heading_mean_deg": replayed.score.map(|s| rounded(s.mean_deg, 3)),
+        "within_one_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[0], 1)),
+        "within_two_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[1], 1)),
+        "uncorrected_rms_deg": rms(&replayed.uncorrected),
+    })
+}
+
+fn show(rows: &[Row], replayed: &Replayed) {
+    println!("{} rows, {} samples fitted to", rows.len(), replayed.samples);
+    if let Err(refused) = &replayed.accepted {
+        let (code, words) = reason(refused);
+        println!("the module would refuse: {code}: {words}");
+    }
+    let Some(solution) = &replayed.solution else { return };
+    println!(
+        "solved by {}: expected error {:.2} deg rms, {:.2} at worst; inclination {:.1} deg",
+        solution.quality.method.name(),
+        solution.quality.expected_rms_deg,
+        solution.quality.expected_worst_deg,
+        solution.calibration.inclination_rad.to_degrees(),
+    );
+    if let Some(advice) = &solution.advice {
+        println!(
+            "weakest: {} ({:.2} deg); best next: {} ({:.2} -> {:.2} deg)",
+            advice.weakest.name(),
+            advice.weakest_deg,
+            advice.manoeuvre,
+            advice.expected_deg,
+            advice.with_it_deg
+        );
+    }
+    if let (Some(score), Some(uncorrected)) = (&replayed.score, &replayed.uncorrected) {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_NO_BORDERS);
+        table.set_header(
+            ["against yaw_ref_deg, deg", "rms less mean", "mean", "in 1 sigma", "in 2 sigma"].map(right_aligned),
+        );
+        for (name, score) in [("uncorrected", uncorrected), ("corrected", score)] {
+            let [one, two] =
+                score.within_percent.map(|p| if name == "corrected" { format!("{p:.0} %") } else { String::new() });
+            let cells = [name.to_owned(), format!("{:.2}", score.rms_deg), format!("{:.2}", score.mean_deg), one, two];
+            table.add_row(cells.map(right_aligned));
+        }
+        println!("{table}");
+    }
+}
+
+/// A heading for every row; the status says whether the module would have sent it.
+fn write(path: &Path, shown: &[Shown]) -> std::io::Result<()> {
+    let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
+    writeln!(out, "t_s,heading_deg,sigma_deg,status")?;
+    for row in shown {
+        let status = row.status.map_or_else(|why| why.code(), |()| "ok");
+        writeln!(out, "{:.3},{:.2},{:.2},{status}", row.t_s, row.heading_deg, row.sigma_deg)?;
+    }
+    out.flush()
+}

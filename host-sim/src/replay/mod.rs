@@ -1,0 +1,258 @@
+//! A recorded flight through the module's own collection and solver.
+
+pub mod recording;
+
+use autoswing::calibration::ladder::{self, Manner, Selection};
+use autoswing::calibration::{
+    Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve, verification,
+};
+use autoswing::compass;
+use autoswing::heading::{self, NoHeading, heading};
+use autoswing::turns::averager::{Averager, READINGS};
+use autoswing::turns::dataset::FIT_CAPACITY;
+use autoswing::turns::{self, Collector};
+use recording::Row;
+
+use crate::score::wrap_180;
+
+/// Which rows are fitted to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Selected {
+    /// All usable ones, evenly thinned to what the device holds.
+    All,
+    /// What the device's turn detector would have kept.
+    Turns,
+}
+
+/// How to replay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Which rows are fitted to.
+    pub selected: Selected,
+    /// Inclination of the Earth field there, degrees, where it was told.
+    pub inclination_deg: Option<f64>,
+    /// Rows from this time on are not fitted to, seconds.
+    pub fit_until_s: Option<f64>,
+}
+
+/// Why the flight gave no calibration that the module would have taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refused {
+    /// The solver's reason.
+    Solve(SolveError),
+    /// Expected to be too inaccurate, degrees RMS.
+    NotAccurate(f32),
+    /// On held-back samples no better than none.
+    NotBetter,
+}
+
+/// A heading of every row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    /// Seconds.
+    pub t_s: f64,
+    /// Magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Its standard deviation, degrees.
+    pub sigma_deg: f64,
+    /// Whether the module would have sent it, or why not.
+    pub status: Result<(), NoHeading>,
+}
+
+/// Heading against the reference over usable rows, degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Score {
+    /// RMS after removing the mean.
+    pub rms_deg: f64,
+    /// The mean, which holds the variation where the reference counts from true north.
+    pub mean_deg: f64,
+    /// Rows.
+    pub rows: usize,
+    /// Percent of the demeaned errors within one and two sigma.
+    pub within_percent: [f64; 2],
+}
+
+/// A replayed flight.
+#[derive(Clone, Debug)]
+pub struct Replayed {
+    /// What was solved.
+    pub solution: Option<Solution>,
+    /// Whether the module would have taken it.
+    pub accepted: Result<(), Refused>,
+    /// Samples that were fitted to.
+    pub samples: usize,
+    /// A heading for each row; none without a solution.
+    pub shown: Vec<Shown>,
+    /// Against the reference, where there is one.
+    pub score: Option<Score>,
+    /// The same of the field as it was measured.
+    pub uncorrected: Option<Score>,
+}
+
+/// Replays a flight. The rows are in the order of time.
+#[must_use]
+pub fn replay(rows: &[Row], options: &Options) -> Replayed {
+    let prior = Prior {
+        mount: Orientation::NONE,
+        inclination_rad: options.inclination_deg.map(|degrees| degrees.to_radians() as f32),
+    };
+    let readings = readings_per_sample(rows);
+    let usable: Vec<Sample> = fitted(rows, options, readings);
+    let (result, samples) = match options.selected {
+        Selected::All => from_all(&usable, &prior),
+        Selected::Turns => from_turns(&usable, &prior),
+    };
+    let (solution, accepted) = match result {
+        Ok((solution, accepted)) => (Some(solution), accepted),
+        Err(error) => (None, Err(Refused::Solve(error))),
+    };
+    let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
+    let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
+    let shown: Vec<Shown> =
+        solution.iter().flat_map(|solution| rows.iter().map(|row| show(solution, row, readings))).collect();
+    let mut each = shown.iter();
+    let score = solution.and_then(|_| score(rows, |_| each.next().map(|s| (s.heading_deg, s.sigma_deg))));
+    Replayed { solution, accepted, samples, shown, score, uncorrected }
+}
+
+/// How many rows make a sample of the device's: rows at a reading's rate are averaged, slower ones are samples already.
+fn readings_per_sample(rows: &[Row]) -> u16 {
+    let mut steps_s: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let is_fast = steps_s.get(steps_s.len() / 2).is_some_and(|median_s| *median_s < 0.03);
+    if is_fast { READINGS } else { 1 }
+}
+
+/// The samples that may be fitted to.
+fn fitted(rows: &[Row], options: &Options, readings: u16) -> Vec<Sample> {
+    let usable = rows.iter().filter(|row| row.usable && options.fit_until_s.is_none_or(|until_s| row.t_s < until_s));
+    let start_s = rows.first().map_or(0.0, |row| row.t_s);
+    if readings > 1 {
+        let mut averager = Averager::new();
+        let push = |row: &Row| averager.push(((row.t_s - start_s) * 1e6) as u64, row.field, row.attitude);
+        usable.filter_map(push).collect()
+    } else {
+        let sample = |row: &Row| Sample {
+            field: row.field,
+            attitude: row.attitude,
+            time_ms: ((row.t_s - start_s) * 1e3) as u32,
+        };
+        usable.map(sample).collect()
+    }
+}
+
+type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
+
+/// Through the device's collection, ladder and verification.
+fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
+    let mut collector = Collector::new();
+    samples.iter().for_each(|&sample| collector.push(sample));
+    let selection = Selection::of(collector.fit(), Manner::Turns);
+    let fit = selection.from(collector.fit());
+    let solved = ladder::choose(collector.fit(), Manner::Turns, prior)
+        .and_then(|method| solve(method, fit, prior))
+        .map(|solution| (solution, judged(&solution, selection.from(collector.held_back()))));
+    (solved, fit.all().count())
+}
+
+/// Every so many samples one is fitted to, and the ones half-way between are held back.
+fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
+    let number = samples.len().min(2 * FIT_CAPACITY);
+    let thinned = |phase: f64| -> Vec<Sample> {
+        (0..number)
+            .filter_map(|i| samples.get(((i as f64 + phase) * samples.len() as f64 / number as f64) as usize))
+            .copied()
+            .collect()
+    };
+    let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
+    let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
+        .map(|solution| (solution, judged(&solution, held_back.samples())));
+    (solved, number)
+}
+
+/// Samples by the side they bank to.
+struct Split {
+    left: Vec<Sample>,
+    right: Vec<Sample>,
+    level: Vec<Sample>,
+}
+
+impl Split {
+    fn of(samples: &[Sample]) -> Self {
+        let limit_rad = turns::Config::DEFAULT.level_roll_rad;
+        let of = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
+            samples.iter().filter(|s| keep(s.attitude.roll_rad)).copied().collect()
+        };
+        Self {
+            left: of(&|roll_rad| roll_rad < -limit_rad),
+            right: of(&|roll_rad| roll_rad > limit_rad),
+            level: of(&|roll_rad| roll_rad.abs() <= limit_rad),
+        }
+    }
+
+    fn samples(&self) -> Samples<'_> {
+        Samples { left: &self.left, right: &self.right, level: &self.level, marks: &[] }
+    }
+}
+
+/// Whether an uncalibrated module would take it.
+fn judged(solution: &Solution, held_back: Samples<'_>) -> Result<(), Refused> {
+    let expected_rms_deg = solution.quality.expected_rms_deg;
+    if expected_rms_deg > compass::Config::DEFAULT.max_expected_rms_deg {
+        return Err(Refused::NotAccurate(expected_rms_deg));
+    }
+    let none = Calibration::uncalibrated(Orientation::NONE);
+    let scores = verification::verify(held_back, true, &solution.calibration, &none);
+    if scores.candidate < scores.incumbent { Ok(()) } else { Err(Refused::NotBetter) }
+}
+
+fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
+    f64::from(row.attitude.level(calibration.apply(row.field)).heading_rad().to_degrees())
+}
+
+fn show(solution: &Solution, row: &Row, readings: u16) -> Shown {
+    let config = heading::Config { readings_per_sample: f32::from(readings), ..heading::Config::DEFAULT };
+    // The heading is shown in any field; whether it would have been sent is its status.
+    let any = heading::Config { max_total_deviation: f32::INFINITY, max_dip_deviation_rad: f32::INFINITY, ..config };
+    let of = |config| heading(config, &solution.calibration, &solution.uncertainty, row.field, row.attitude);
+    let sigma_deg = of(any).map_or(f64::NAN, |found| f64::from(found.sigma_deg()));
+    Shown {
+        t_s: row.t_s,
+        heading_deg: heading_deg(&solution.calibration, row),
+        sigma_deg,
+        status: of(config).map(|_| ()),
+    }
+}
+
+/// Errors of usable rows with a reference; `heading` is asked for every row in turn.
+fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> Option<Score> {
+    let errors: Vec<(f64, f64)> = rows
+        .iter()
+        .filter_map(|row| {
+            let (heading_deg, sigma_deg) = heading(row)?;
+            let reference_deg = row.reference_deg.filter(|_| row.usable)?;
+            Some((wrap_180(heading_deg - reference_deg), sigma_deg))
+        })
+        .collect();
+    if errors.is_empty() {
+        return None;
+    }
+    let number = errors.len() as f64;
+    // The mean on the circle, so that errors about 180 deg do not cancel.
+    let (sin, cos) = errors.iter().fold((0.0, 0.0), |(sin, cos), (error, _)| {
+        let (s, c) = error.to_radians().sin_cos();
+        (sin + s, cos + c)
+    });
+    let mean_deg = sin.atan2(cos).to_degrees();
+    let rest = |error: f64| wrap_180(error - mean_deg);
+    let within = |sigmas: f64| {
+        let inside = errors.iter().filter(|(error, sigma_deg)| rest(*error).abs() <= sigmas * sigma_deg).count();
+        100.0 * inside as f64 / number
+    };
+    Some(Score {
+        rms_deg: (errors.iter().map(|(error, _)| rest(*error).powi(2)).sum::<f64>() / number).sqrt(),
+        mean_deg,
+        rows: errors.len(),
+        within_percent: [within(1.0), within(2.0)],
+    })
+}
