@@ -41,7 +41,8 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
             let gain = part / after;
             self.d[k] = after;
             weight *= before / after;
-            for (row, u) in row.iter_mut().zip(&mut self.u[k]).skip(k + 1) {
+            // Two slices of one length, which the compiler turns into straight runs.
+            for (row, u) in row[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
                 *row -= x * *u;
                 *u += gain * *row;
             }

@@ -1,7 +1,8 @@
 //! One random airframe, the turns it flies, and what its module would record.
 
-use autoswing::calibration::{Calibration, Sample, Samples};
+use autoswing::calibration::{Calibration, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
+use autoswing::heading;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::random::{Purpose, Random};
@@ -43,6 +44,43 @@ impl Ranges {
         attitude_noise_deg: [0.2, 1.0],
         samples: autoswing::turns::dataset::FIT_CAPACITY,
     };
+}
+
+/// Errors of an attitude source that stay the same for a flight, 1 sigma of each.
+#[derive(Clone, Copy, Debug)]
+pub struct Faults {
+    /// Of roll and of pitch, degrees.
+    pub bias_deg: f64,
+    /// Of bank, relative.
+    pub bank_scale: f64,
+}
+
+impl Faults {
+    /// None: noise alone.
+    pub const NONE: Self = Self { bias_deg: 0.0, bank_scale: 0.0 };
+
+    fn draw(self, random: &mut Random) -> Source {
+        Source {
+            roll_bias_rad: (random.normal() * self.bias_deg).to_radians(),
+            pitch_bias_rad: (random.normal() * self.bias_deg).to_radians(),
+            bank_scale: random.normal() * self.bank_scale,
+        }
+    }
+}
+
+/// An attitude source with the errors it happens to have.
+#[derive(Clone, Copy, Debug)]
+struct Source {
+    roll_bias_rad: f64,
+    pitch_bias_rad: f64,
+    bank_scale: f64,
+}
+
+/// The module in use after a flight: the same source, fresh noise.
+#[derive(Clone, Debug)]
+pub struct Use {
+    source: Source,
+    random: Random,
 }
 
 /// An instant of the flight, as it truly was.
@@ -116,19 +154,43 @@ impl Trial {
         body_field(self.inclination_rad, heading_rad, roll_rad, pitch_rad)
     }
 
-    /// What the module would record: the `repetition`-th draw of the noise.
+    /// What the module would record, and the noise of what it measures thereafter: the `repetition`-th draw.
     #[must_use]
-    pub fn record(&self, repetition: u64) -> Recorded {
+    pub fn record(&self, repetition: u64, faults: Faults) -> (Recorded, Use) {
         let mut random = Random::new(self.seed.wrapping_mul(1_000_003).wrapping_add(repetition), Purpose::Magnetometer);
-        let mut record = |instants: &[Instant]| instants.iter().map(|i| self.sample(i, &mut random)).collect();
-        Recorded { left: record(&self.left), right: record(&self.right) }
+        let source = faults.draw(&mut random);
+        let mut record = |instants: &[Instant]| instants.iter().map(|i| self.sample(i, source, &mut random)).collect();
+        let recorded = Recorded { left: record(&self.left), right: record(&self.right) };
+        (recorded, Use { source, random })
     }
 
-    fn sample(&self, instant: &Instant, random: &mut Random) -> Sample {
+    /// A heading at a random attitude, as the module would show it with a solution: its error over its sigma. `None` where
+    /// it would show none.
+    #[must_use]
+    pub fn error_over_sigma(&self, solution: &Solution, used: &mut Use) -> Option<f64> {
+        let random = &mut used.random;
+        let instant = Instant {
+            heading_rad: random.uniform(0.0, std::f64::consts::TAU),
+            roll_rad: random.uniform(-30.0, 30.0).to_radians(),
+            pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
+            time_ms: 0,
+        };
+        let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
+        // The samples are single readings here.
+        let config = heading::Config { readings_per_sample: 1.0, ..heading::Config::DEFAULT };
+        let shown = heading::heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
+        let error_deg = wrap_180((f64::from(shown.magnetic_rad) - instant.heading_rad).to_degrees());
+        Some(error_deg / f64::from(shown.sigma_deg()))
+    }
+
+    fn sample(&self, instant: &Instant, source: Source, random: &mut Random) -> Sample {
         let body = self.body(instant.heading_rad, instant.roll_rad, instant.pitch_rad);
         let sensed = self.a * body + self.b + random.normal_vector() * self.sensor_sigma;
-        let [roll_rad, pitch_rad] = [instant.roll_rad, instant.pitch_rad]
-            .map(|truth| (truth + random.normal() * self.attitude_sigma_rad) as f32);
+        let told = [
+            instant.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
+            instant.pitch_rad + source.pitch_bias_rad,
+        ];
+        let [roll_rad, pitch_rad] = told.map(|angle| (angle + random.normal() * self.attitude_sigma_rad) as f32);
         Sample {
             field: Field::new((sensed * TOTAL_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },

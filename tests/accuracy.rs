@@ -1,0 +1,58 @@
+//! The estimator against the Cramer-Rao bound, and the truth of its sigmas: `host-sim bench accuracy`, smaller.
+
+use std::sync::OnceLock;
+
+use host_sim::accuracy::{Coverage, Outcome, Plan, Result, run};
+
+/// 40 airframes, 20 flights of each: the ratio of one airframe scatters by 0.3 / sqrt(20) = 7 % by chance, so that the
+/// worst decile is 1.28 times that above what it is with many flights.
+fn outcome() -> &'static Outcome {
+    static OUTCOME: OnceLock<Outcome> = OnceLock::new();
+    OUTCOME.get_or_init(|| run(Plan { airframes: 40, draws: 20, seed: 1000 }, &|| {}))
+}
+
+fn maximum_likelihood() -> Result {
+    outcome().methods[0]
+}
+
+#[test]
+fn maximum_likelihood_sits_at_the_bound() {
+    let result = maximum_likelihood();
+    assert_eq!(result.method, "maximum-likelihood");
+    assert!(result.ratio_median <= 1.05, "{result:?}");
+    assert!(result.ratio_worst_decile <= 1.15 + 0.09, "{result:?}");
+}
+
+#[test]
+fn every_solve_converges_and_none_is_accepted_wrongly() {
+    let result = maximum_likelihood();
+    assert!((result.converged_percent, result.wrong) == (100.0, 0), "{result:?}");
+    // None of these flights is too poor for the module.
+    assert!(result.accepted_percent >= 99.0, "{result:?}");
+}
+
+/// Within three points of a normal distribution's, the chance of 2,560 headings (one point) included.
+#[test]
+fn sigma_is_true() {
+    for Coverage { one_sigma_percent, two_sigma_percent, headings } in
+        [outcome().coverage, outcome().coverage_with_faults]
+    {
+        assert_eq!(headings, 40 * 4 * 16);
+        assert!((one_sigma_percent - 68.3).abs() <= 3.0, "{one_sigma_percent}");
+        assert!((two_sigma_percent - 95.4).abs() <= 3.0, "{two_sigma_percent}");
+    }
+}
+
+/// Wandering attitude is what the closed forms cannot take; the order of the methods is that of their assumptions.
+#[test]
+fn the_closed_forms_are_as_far_behind_as_they_must_be() {
+    let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| outcome().methods[i].rms_median_deg);
+    assert!(ml < two_plane && two_plane < four_ellipse, "{ml} {two_plane} {four_ellipse}");
+}
+
+/// The same airframes whatever the number of threads or the order in which they finish.
+#[test]
+fn a_run_is_a_function_of_its_seed() {
+    let small = Plan { airframes: 4, draws: 2, seed: 7 };
+    assert_eq!(run(small, &|| {}), run(small, &|| {}));
+}
