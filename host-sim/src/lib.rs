@@ -6,6 +6,7 @@
 //! | [`simulation`] | the executor: tasks, priorities, power off |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
+//! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
 //! | [`replay`] | a recorded flight through the module's collection and solver |
 //! | [`accuracy`] | accuracy of the methods against the bound of what is possible |
 //! | [`random`] | one seeded stream of random numbers per purpose |
@@ -18,6 +19,7 @@ pub mod clock;
 pub mod devices;
 pub mod mission;
 pub mod nmea;
+pub mod paper;
 pub mod random;
 pub mod replay;
 pub mod report;
