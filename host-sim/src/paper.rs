@@ -3,6 +3,7 @@
 
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
 use autoswing::frames::{Attitude, Field};
+use autoswing::turns::averager::READINGS;
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -15,8 +16,9 @@ use crate::world::table1::{BANK_DEG, Sides};
 /// Headings at which errors are shown, 30 deg apart.
 pub const HEADINGS: usize = 12;
 
-/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2).
-const NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
+/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample of
+/// the module is the mean of several.
+const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
 
 /// Samples and how they are measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +33,7 @@ impl Experiment {
     /// The paper's twelve headings on each side, without noise.
     pub const NOISE_FREE: Self = Self { samples: 12, noise: None };
 
-    /// What a full buffer gives, one reading a sample.
+    /// What a long flight gives, with a LIS3MDL.
     #[must_use]
     pub const fn noisy(seed: u64) -> Self {
         Self { samples: 256, noise: Some(seed) }
@@ -101,7 +103,8 @@ impl Table {
             (0..experiment.samples)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
-                        noise.normal_vector().component_mul(&Vector3::from(NOISE_UT))
+                        noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
+                            / f64::from(READINGS).sqrt()
                     });
                     let sample = self.sample(sense * BANK_DEG, sense * heading_rad(i, experiment.samples), noise_ut);
                     Sample { time_ms: u32::from(i) * 400, ..sample }
