@@ -247,7 +247,7 @@ impl Compass {
                 "a rate is 1 to 80 sentences a second"
             }
             Command::SetDeclination(deg) => {
-                settings.declination_deg = Some(deg);
+                settings.declination_deg = deg;
                 "a declination is -180 to 180 degrees"
             }
             Command::SetMount(mount) => {

@@ -11,10 +11,10 @@
 //! # How
 //!
 //! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half of
-//! the region. A save appends to the one that holds the newest copy. If that log refuses - a power failure can tear the
-//! very word that the next item needs - the *other* half, which holds something older or nothing, is erased and begun
-//! anew. So nothing is ever erased but what is older than another copy that can be read; a count of saves in each copy
-//! says which one is newer.
+//! the region. A save appends to the one that does *not* hold the newest copy, so that whatever a power failure tears,
+//! and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses - a
+//! failure can tear the very word that the next item needs - its half is erased and begun anew. A count of saves in each
+//! copy says which one is newer.
 
 mod contents;
 #[cfg(test)]
@@ -127,32 +127,33 @@ impl<F: NorFlash> Store<F> {
     /// Stores settings, leaving the calibrations as they are.
     pub async fn save_settings(&mut self, settings: &Settings) -> Result<(), StoreError> {
         let found = self.survey().await;
-        let old = to_change(&found)?;
-        self.save(&found, Contents { settings: *settings, ..old }).await
+        let mut contents = to_change(&found)?;
+        contents.settings = *settings;
+        self.save(&found, &mut contents).await
     }
 
     /// Stores calibrations, leaving the settings as they are.
     pub async fn save_generations(&mut self, generations: &Generations) -> Result<(), StoreError> {
         let found = self.survey().await;
-        let old = to_change(&found)?;
-        self.save(&found, Contents { generations: *generations, ..old }).await
+        let mut contents = to_change(&found)?;
+        contents.generations = *generations;
+        self.save(&found, &mut contents).await
     }
 
     async fn survey(&mut self) -> [Found; 2] {
         [self.read(0).await, self.read(1).await]
     }
 
-    async fn save(&mut self, found: &[Found; 2], mut contents: Contents) -> Result<(), StoreError> {
+    async fn save(&mut self, found: &[Found; 2], contents: &mut Contents) -> Result<(), StoreError> {
         contents.saves = contents.saves.wrapping_add(1);
         let mut buffer = [0; VALUE_SIZE];
         let value = contents.encode(&mut buffer)?;
-        let half = newest_half(found).unwrap_or(0);
+        let half = newest_half(found).map_or(0, |newest| 1 - newest);
         if self.append(half, value).await.is_ok() {
             return Ok(());
         }
-        let other = 1 - half;
-        self.log(other).erase_all().await?;
-        self.append(other, value).await
+        self.log(half).erase_all().await?;
+        self.append(half, value).await
     }
 
     fn log(&mut self, half: usize) -> MapStorage<u8, &mut F, Cache<Uncached, Uncached, Uncached, u8>> {

@@ -39,8 +39,23 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("status", "ok uncalibrated"),
         ("cal start", "ok collecting"),
         ("cal stop", "ok uncalibrated"),
+        ("cal start turns", "ok collecting"),
+        ("cal mark 90", "error not-swinging: "),
+        ("cal start level", "ok collecting"),
+        ("cal start tumble", "ok collecting"),
+        ("cal start swing", "ok collecting"),
+        ("cal mark 361", "error out-of-range: a magnetic heading is 0 to 360"),
+        ("cal mark -1", "error out-of-range: "),
+        ("cal mark north", "error bad-value: expected a number"),
+        ("cal mark", "error missing-argument: "),
+        ("cal start sideways", "error bad-value: expected turns, level, swing or tumble"),
+        ("cal start level now", "error unexpected-argument: "),
+        ("cal abort", "ok uncalibrated"),
         ("cal stop", "error not-collecting: "),
         ("cal solve", "error no-samples: "),
+        ("cal solve two-plane", "error no-samples: "),
+        ("cal solve magic", "error bad-value: expected maximum-likelihood, two-plane, "),
+        ("cal advise", "error not-solved: "),
         ("cal show", "error no-calibration: "),
         ("cal clear", "error needs-word: this cannot be undone; type cal clear all"),
         ("cal clear everything", "error needs-word: "),
@@ -58,6 +73,15 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("set declination -11.25", "ok "),
         ("set declination 181", "error out-of-range: a declination is -180 to 180"),
         ("set declination east", "error bad-value: expected a number"),
+        ("set declination none", "ok "),
+        ("set inclination 54.5", "ok "),
+        ("set inclination -90.1", "error out-of-range: an inclination is -90 to 90"),
+        ("set inclination down", "error bad-value: "),
+        ("set inclination none", "ok "),
+        ("set align 90", "error no-calibration: "),
+        ("set align 400", "error out-of-range: a magnetic heading is 0 to 360"),
+        ("set align", "error missing-argument: "),
+        ("set align none", "ok "),
         ("set mount roll180-yaw90", "ok "),
         ("set mount sideways", "error bad-value: expected none, yaw90"),
         ("frobnicate", "error unknown-command: "),
@@ -98,7 +122,7 @@ fn help_lists_every_command() {
         assert!(help.contains(word), "{word} in {help}");
     }
     let cal = reply(&mut bench, "help cal").join("\n");
-    for word in ["start", "stop", "solve", "show", "clear", "undo", "abort"] {
+    for word in ["start", "mark", "stop", "solve", "advise", "show", "clear", "undo", "abort"] {
         assert!(cal.contains(word), "{word} in {cal}");
     }
 }
@@ -118,10 +142,11 @@ fn settings_last_over_a_restart() {
     let mut bench = bench();
     bench.type_line("set declination -11.3");
     bench.type_line("stream rate 5");
+    bench.type_line("set inclination 61.5");
     bench.type_line("set mount yaw180");
     assert!(bench.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut bench, "status").join("\n");
-    for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "mount: yaw180"] {
+    for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "inclination: 61.5 deg", "mount: yaw180"] {
         assert!(status.contains(line), "{line} in {status}");
     }
 }

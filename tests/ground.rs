@@ -6,14 +6,14 @@ use host_sim::told::{self, Notice, Shown};
 use host_sim::world::WorldConfig;
 use host_sim::world::aircraft::Carried;
 
-fn bench(config: WorldConfig) -> Bench {
-    let bench = Bench::new(config);
+fn bench(config: &WorldConfig) -> Bench {
+    let bench = Bench::new(*config);
     bench.world.carry(Carried::default());
     bench
 }
 
 fn table1() -> Bench {
-    let mut bench = bench(WorldConfig::table1(3));
+    let mut bench = bench(&WorldConfig::table1(3));
     bench.run_for_s(1.0);
     bench
 }
@@ -45,7 +45,7 @@ fn outcome(bench: &mut Bench, text: &str) -> Result<Shown, Notice> {
     let text = format!("{text}{}", bench.printed());
     match told::notice(&text).expect("a note") {
         Notice::Calibrated(_) => Ok(told::shown(&bench.type_line("cal show")).expect("a calibration")),
-        refused => Err(refused),
+        refused @ Notice::Refused { .. } => Err(refused),
     }
 }
 
@@ -117,7 +117,7 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
 #[test]
 fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {
-        let mut bench = bench(WorldConfig::random(seed));
+        let mut bench = bench(&WorldConfig::random(seed));
         bench.run_for_s(1.0);
         bench.printed();
         assert!(bench.type_line("cal mark 0").contains("error not-swinging: "));
@@ -148,7 +148,7 @@ fn mark(bench: &mut Bench, i: u32) {
 fn tumbling_needs_no_attitude() {
     let mut config = WorldConfig::table1(5);
     config.attitude_source.rate_hz = 0.001;
-    let mut bench = bench(config);
+    let mut bench = bench(&config);
     bench.run_for_s(1.0);
     bench.printed();
     assert!(bench.type_line("cal start tumble").contains("ok collecting"));

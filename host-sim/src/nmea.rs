@@ -10,6 +10,8 @@ pub struct Received {
     pub kind: String,
     /// Magnetic heading in degrees; none where the field is empty.
     pub heading_deg: Option<f64>,
+    /// Its standard deviation, degrees: a sentence `PASWH` with a heading has one.
+    pub sigma_deg: Option<f64>,
 }
 
 /// Collects bytes into sentences.
@@ -45,7 +47,11 @@ fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
     let kind = fields.next()?.to_owned();
     let heading = fields.next()?;
     let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
-    Some(Received { at_us, kind, heading_deg })
+    let sigma_deg = match (kind.as_str(), heading_deg) {
+        ("PASWH", Some(_)) => Some(fields.next()?.parse().ok()?),
+        _ => None,
+    };
+    Some(Received { at_us, kind, heading_deg, sigma_deg })
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ impl Column {
     /// The figures over both sides.
     #[must_use]
     pub fn figures(&self) -> Figures {
-        Figures::of(self.right_deg.iter().chain(&self.left_deg).copied())
+        Figures::of(&[self.right_deg, self.left_deg].concat())
     }
 
     /// One row.
@@ -70,7 +70,7 @@ pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
     let table = Table { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);
     let sides = Samples { left: &left, right: &right, ..Samples::default() };
-    let marks = table.marks(experiment, &left, &right);
+    let marks = Table::marks(experiment, &left, &right);
     let swing = Samples { marks: &marks, ..Samples::default() };
     let solved = |name, method, samples| {
         solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
@@ -115,7 +115,7 @@ impl Table {
     }
 
     /// The same samples with their headings, as many of them as the module holds.
-    fn marks(&self, experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
+    fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
         let every = usize::from(experiment.samples) / HEADINGS;
         let of = |samples: &[Sample], sense: f64| -> Vec<Mark> {
             (0..experiment.samples)

@@ -45,21 +45,21 @@ impl Errors {
     /// The figures.
     #[must_use]
     pub fn figures(&self) -> Figures {
-        Figures::of(self.0.as_flattened().iter().copied())
+        Figures::of(self.0.as_flattened())
     }
 }
 
 impl Figures {
     /// Of errors in degrees.
     #[must_use]
-    pub fn of(errors_deg: impl Iterator<Item = f64> + Clone) -> Self {
-        let number = errors_deg.clone().count() as f64;
-        let mean_deg = errors_deg.clone().sum::<f64>() / number;
-        let largest = |offset: f64| errors_deg.clone().map(|e| (e - offset).abs()).fold(0.0, f64::max);
+    pub fn of(errors_deg: &[f64]) -> Self {
+        let number = errors_deg.len() as f64;
+        let mean_deg = errors_deg.iter().sum::<f64>() / number;
+        let largest = |offset: f64| errors_deg.iter().map(|e| (e - offset).abs()).fold(0.0, f64::max);
         Self {
             max_deg: largest(0.0),
             mean_deg,
-            rms_deg: (errors_deg.clone().map(|e| e * e).sum::<f64>() / number).sqrt(),
+            rms_deg: (errors_deg.iter().map(|e| e * e).sum::<f64>() / number).sqrt(),
             max_demeaned_deg: largest(mean_deg),
         }
     }

@@ -49,7 +49,7 @@ pub enum Command {
     /// Heading sentences a second.
     StreamRate(u8),
     /// Variation (declination) for the sentences, degrees, east positive.
-    SetDeclination(f32),
+    SetDeclination(Option<f32>),
     /// How the sensor sits in the aircraft.
     SetMount(Orientation),
     /// Inclination of the Earth field here, degrees, positive down; none to find it from the samples.

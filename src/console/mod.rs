@@ -154,10 +154,10 @@ enum Stream {
 
 #[derive(Debug, embedded_cli::Command)]
 enum Set {
-    /// Variation (declination), degrees, east positive
+    /// Variation (declination), degrees, east positive; none: not sent
     Declination {
-        /// -180 to 180
-        deg: Number,
+        /// -180 to 180, or none
+        deg: Maybe,
     },
     /// How the sensor sits: none, yaw90, roll180-yaw270, ...
     Mount {

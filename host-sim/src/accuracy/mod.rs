@@ -88,11 +88,12 @@ pub fn run(plan: Plan, tick: &(dyn Fn() + Sync)) -> Outcome {
             tried
         })
         .collect();
+    let all_of = |errors: fn(&Tried) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     Outcome {
         bound_median_deg: quantile(trials.iter().map(|t| t.bound_deg), 0.5),
         methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
-        coverage: coverage(trials.iter().flat_map(|t| &t.normalised)),
-        coverage_with_faults: coverage(trials.iter().flat_map(|t| &t.normalised_with_faults)),
+        coverage: coverage(&all_of(|t| &t.normalised)),
+        coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
     }
 }
 
@@ -197,10 +198,10 @@ fn summary(trials: &[Tried], index: usize, method: Method) -> Result {
     }
 }
 
-fn coverage<'a>(normalised: impl Iterator<Item = &'a f64> + Clone) -> Coverage {
-    let headings = normalised.clone().count();
+fn coverage(normalised: &[f64]) -> Coverage {
+    let headings = normalised.len();
     let within = |sigmas: f64| {
-        100.0 * normalised.clone().filter(|error| error.abs() <= sigmas).count() as f64 / headings.max(1) as f64
+        100.0 * normalised.iter().filter(|error| error.abs() <= sigmas).count() as f64 / headings.max(1) as f64
     };
     Coverage { one_sigma_percent: within(1.0), two_sigma_percent: within(2.0), headings }
 }

@@ -4,6 +4,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
+use autoswing::heading::NoHeading;
 use comfy_table::{Table, presets};
 use host_sim::replay::recording::{self, Row};
 use host_sim::replay::{self, Options, Refused, Replayed, Score, Shown};
@@ -109,7 +110,7 @@ fn write(path: &Path, shown: &[Shown]) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
     writeln!(out, "t_s,heading_deg,sigma_deg,status")?;
     for row in shown {
-        let status = row.status.map_or_else(|why| why.code(), |()| "ok");
+        let status = row.status.map_or_else(NoHeading::code, |()| "ok");
         writeln!(out, "{:.3},{:.2},{:.2},{status}", row.t_s, row.heading_deg, row.sigma_deg)?;
     }
     out.flush()

@@ -146,7 +146,9 @@ type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 /// Through the device's collection, ladder and verification.
 fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     let mut collector = Collector::new();
-    samples.iter().for_each(|&sample| collector.push(sample));
+    for &sample in samples {
+        collector.push(sample);
+    }
     let selection = Selection::of(collector.fit(), Manner::Turns);
     let fit = selection.from(collector.fit());
     let solved = ladder::choose(collector.fit(), Manner::Turns, prior)

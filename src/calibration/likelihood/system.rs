@@ -94,7 +94,7 @@ pub(in crate::calibration) fn priors(likelihood: &Likelihood, point: &Point, mut
     let w = |index: usize| point.w[(index / 3, index % 3)];
     // Indices of W's elements in the unknowns.
     for (ij, ji) in [(1, 3), (2, 6), (5, 7)] {
-        let (symmetric, skew) = ((w(ij) + w(ji)) / 2.0, (w(ij) - w(ji)) / 2.0);
+        let (symmetric, skew) = (w(ij).midpoint(w(ji)), (w(ij) - w(ji)) / 2.0);
         prior(Quantity::SoftIron, unit(ij, 0.5) + unit(ji, 0.5), symmetric, config.soft_iron_sigma);
         prior(Quantity::Mounting, unit(ij, 0.5) - unit(ji, 0.5), skew, config.mounting_sigma);
     }

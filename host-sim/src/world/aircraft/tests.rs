@@ -88,7 +88,7 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     aircraft.autopilot_mut().command(30.0, 0.0);
     fly(&mut aircraft, 5.0);
     let before = *aircraft.state();
-    while aircraft.state().heading_rad < before.heading_rad + 10.0 * std::f64::consts::TAU {
+    while aircraft.state().heading_rad < before.heading_rad + 10.0 * TAU {
         aircraft.step();
     }
     let after = aircraft.state();
