@@ -141,6 +141,33 @@ fn a_second_swing_replaces_the_first_only_when_it_is_better() {
     assert_eq!(show(&mut bench).unwrap().calibration, second.calibration);
 }
 
+/// Circles to one side and level legs say little of the vertical: their calibration may look better on more samples of
+/// the same flight, but never replaces one of both turns.
+#[test]
+fn a_thin_flight_does_not_replace_a_full_one() {
+    let mut bench = calibrated();
+    let first = show(&mut bench).unwrap();
+    bench.type_line("cal start");
+    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    for heading_deg in [0.0, 30.0, 60.0] {
+        bench.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });
+    }
+    while bench.world.legs_left() > 0 {
+        bench.run_for_s(1.0);
+    }
+    bench.printed();
+    let reply = bench.type_line("cal solve");
+    bench.run_for_s(2.0);
+    let text = format!("{reply}{}", bench.printed());
+    let Some(told::Notice::Refused { code, .. }) = told::notice(&text).or(told::error(&text)) else { panic!("{text}") };
+    assert_eq!(code, "thinner");
+    assert_eq!(show(&mut bench).unwrap(), first);
+    // What it was weak in is told with the manoeuvre against it.
+    let advice = bench.type_line("cal advise");
+
+    assert!(advice.contains("right"), "{advice}");
+}
+
 /// Swung again under the same sky the second calibration is as good as the first, so on fresh held-back samples now the
 /// one wins and now the other: it must replace the first when it wins, and only then.
 #[test]

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::bench::Bench;
 use crate::nmea::Reader;
-use crate::score::{Errors, wrap_180};
+use crate::score::{Errors, Figures, wrap_180};
 use crate::told::{self, Notice, Shown};
 use crate::world::WorldConfig;
 use crate::world::autopilot::Leg;
@@ -79,6 +79,8 @@ pub struct Streamed {
     pub rms_deg: f64,
     /// Largest, degrees.
     pub max_deg: f64,
+    /// Percent of the errors within one and two of the standard deviations sent with them.
+    pub within_percent: [f64; 2],
     /// Sentences with a heading.
     pub headings: usize,
     /// Sentences without one, the start included.
@@ -179,7 +181,8 @@ impl Mission<'_> {
     fn stream(&mut self) -> Streamed {
         let _ = self.bench.autopilot.receive();
         self.type_line("reboot");
-        let mut errors_deg = Vec::new();
+        let mut errors_deg: Vec<f64> = Vec::new();
+        let mut sigmas = Vec::new();
         let mut empty = 0;
         let mut reader = Reader::default();
         let legs = [
@@ -194,24 +197,28 @@ impl Mission<'_> {
                 (self.watch)(Stage::Stream, done as f64 / legs.len() as f64);
                 self.bench.run_for_s(PIECE_S);
                 for timed in self.bench.autopilot.receive_timed() {
-                    let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "HCHDM") else {
+                    let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") else {
                         continue;
                     };
-                    match received.heading_deg {
-                        Some(deg) => {
-                            errors_deg.push(wrap_180(deg - self.bench.world.true_state(timed.at_us).heading_deg()));
+                    match (received.heading_deg, received.sigma_deg) {
+                        (Some(deg), Some(sigma_deg)) => {
+                            let error_deg = wrap_180(deg - self.bench.world.true_state(timed.at_us).heading_deg());
+                            errors_deg.push(error_deg);
+                            sigmas.push(error_deg.abs() / sigma_deg);
                         }
-                        None => empty += 1,
+                        _ => empty += 1,
                     }
                 }
             }
         }
         (self.watch)(Stage::Stream, 1.0);
         self.listen();
-        let squares: f64 = errors_deg.iter().map(|e| e * e).sum();
+        let Figures { rms_deg, max_deg, .. } = Figures::of(&errors_deg);
+        let within = |number: f64| sigmas.iter().filter(|&&sigma| sigma <= number).count() as f64;
         Streamed {
-            rms_deg: (squares / errors_deg.len() as f64).sqrt(),
-            max_deg: errors_deg.iter().map(|e| e.abs()).fold(0.0, f64::max),
+            rms_deg,
+            max_deg,
+            within_percent: [1.0, 2.0].map(|number| 100.0 * within(number) / errors_deg.len() as f64),
             headings: errors_deg.len(),
             empty,
         }

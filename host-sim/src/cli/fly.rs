@@ -113,6 +113,8 @@ fn show(options: &Fly, flown: &Flown) {
             "streamed after the restart: {} headings, {:.2} deg rms, {:.2} at most (attitude noise and age included)",
             streamed.headings, streamed.rms_deg, streamed.max_deg
         );
+        let [one, two] = streamed.within_percent;
+        println!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %");
     }
     println!("{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
 }
