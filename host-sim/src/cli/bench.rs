@@ -41,7 +41,7 @@ fn show(plan: Plan, outcome: &Outcome) {
         plan.airframes, plan.draws, outcome.bound_median_deg
     );
     let mut table = Table::new();
-    table.load_style(presets::UTF8_NO_BORDERS);
+    table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(
         ["method", "rms/bound median", "worst decile", "rms median", "converged", "accepted", "wrong"]
             .map(right_aligned),

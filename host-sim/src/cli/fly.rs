@@ -125,7 +125,7 @@ fn words(figures: &Figures) -> String {
 
 fn errors_table(before: &Errors, after: &Errors) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_NO_BORDERS);
+    table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(
         ["heading", "before: level", "right 25", "left 25", "after: level", "right 25", "left 25"].map(right_aligned),
     );

@@ -91,7 +91,7 @@ fn show(rows: &[Row], replayed: &Replayed) {
     }
     if let (Some(score), Some(uncorrected)) = (&replayed.score, &replayed.uncorrected) {
         let mut table = Table::new();
-        table.load_style(presets::UTF8_NO_BORDERS);
+        table.load_style(presets::UTF8_FULL_CONDENSED);
         table.set_header(
             ["against yaw_ref_deg, deg", "rms less mean", "mean", "in 1 sigma", "in 2 sigma"].map(right_aligned),
         );

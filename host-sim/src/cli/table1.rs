@@ -55,7 +55,7 @@ fn figures(columns: &[Column]) -> Value {
 
 fn errors(columns: &[Column]) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_NO_BORDERS);
+    table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(std::iter::once("heading").chain(columns.iter().map(|column| column.name)).map(right_aligned));
     for row in 0..paper::HEADINGS {
         let cells = columns.iter().map(|column| {
@@ -69,7 +69,7 @@ fn errors(columns: &[Column]) -> Table {
 
 fn summary(published: &[Column], noise_free: &[Column], noisy: &[Column]) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_NO_BORDERS);
+    table.load_style(presets::UTF8_FULL_CONDENSED);
     let header = ["", "published", "12 samples a side, no noise", "256 a side, LIS3MDL noise"];
     table.set_header(header.map(right_aligned));
     for (exact, noisy) in noise_free.iter().zip(noisy) {

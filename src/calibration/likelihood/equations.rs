@@ -102,7 +102,8 @@ fn corrected(
 ) -> (View, [f32; 2]) {
     let bounded = |residual: f32, variance: f32| {
         let limit = config.huber * libm::sqrtf(variance);
-        residual.clamp(-limit, limit) / variance
+        // Not clamp: its check of run-time limits prints floats, which takes 8 KB of the image.
+        residual.max(-limit).min(limit) / variance
     };
     let by_dip = if config.uses_attitude { bounded(dip - norm * covariance.slope, covariance.dip) } else { 0.0 };
     let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;
