@@ -4,9 +4,10 @@
 //! the mode of the lowest noise (0.35 microtesla RMS). Block data update is on, so that the two bytes of an axis are
 //! always of one measurement.
 
-use embassy_time::{Duration, Instant, Timer};
+use embassy_time::Duration;
 use embedded_hal_async::i2c::I2c;
 
+use super::chip::{Chip, Polling};
 use super::{Error, Identity, Magnetometer, Model, Reading};
 use crate::frames::Field;
 
@@ -15,8 +16,6 @@ const PERIOD_US: u32 = 12_500;
 /// How long to sleep after a measurement before asking for the next: most of the period, and early enough for a chip
 /// that runs 10 % fast (the data sheet gives no tolerance of its oscillator).
 const SLEEP: Duration = Duration::from_micros(11_000);
-/// How often to ask from then on. It bounds the age of a measurement when it is read, at 4 % of the bus's time.
-const POLL: Duration = Duration::from_micros(500);
 /// Four periods without a measurement: the chip has stopped.
 const TIMEOUT: Duration = Duration::from_micros(4 * PERIOD_US as u64);
 
@@ -92,16 +91,15 @@ impl Default for Config {
 /// A LIS3MDL on an I2C bus.
 #[derive(Debug)]
 pub struct Lis3mdl<B> {
-    bus: B,
+    chip: Chip<B>,
     config: Config,
-    /// When it is worth asking for the next measurement.
-    wake_at: Instant,
+    polling: Polling,
 }
 
 impl<B: I2c> Lis3mdl<B> {
     /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
     pub const fn new(bus: B, config: Config) -> Self {
-        Self { bus, config, wake_at: Instant::MIN }
+        Self { chip: Chip::new(bus, config.address), config, polling: Polling::new(SLEEP, TIMEOUT) }
     }
 
     /// `CTRL_REG1` to `CTRL_REG5`.
@@ -116,41 +114,14 @@ impl<B: I2c> Lis3mdl<B> {
     }
 
     async fn registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], Error<B::Error>> {
-        let mut values = [0; N];
-        self.bus.write_read(self.config.address, &[first | AUTO_INCREMENT], &mut values).await.map_err(Error::Bus)?;
-        Ok(values)
+        self.chip.registers(first | AUTO_INCREMENT).await
     }
 
     async fn write_control(&mut self) -> Result<(), Error<B::Error>> {
         let [c1, c2, c3, c4, c5] = self.control();
-        let message = [CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5];
-        self.bus.write(self.config.address, &message).await.map_err(Error::Bus)
+        self.chip.write(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await
     }
 
-    async fn check_control(&mut self) -> Result<(), Error<B::Error>> {
-        let read_back: [u8; 5] = self.registers(CTRL_REG1).await?;
-        match self.control().into_iter().zip(read_back).find(|(written, read)| written != read) {
-            Some((written, read)) => Err(Error::Configuration { written, read }),
-            None => Ok(()),
-        }
-    }
-
-    /// Waits for a new measurement; returns the status register that announced it.
-    async fn data_ready(&mut self) -> Result<u8, Error<B::Error>> {
-        Timer::at(self.wake_at).await;
-        let give_up_at = Instant::now() + TIMEOUT;
-        loop {
-            let [status] = self.registers(STATUS_REG).await?;
-            if status & ZYXDA != 0 {
-                self.wake_at = Instant::now() + SLEEP;
-                return Ok(status);
-            }
-            if Instant::now() >= give_up_at {
-                return Err(Error::NoData);
-            }
-            Timer::after(POLL).await;
-        }
-    }
 }
 
 impl<B: I2c> Magnetometer for Lis3mdl<B> {
@@ -162,18 +133,20 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
             [other] => return Err(Error::WrongIdentity(other)),
         }
         self.write_control().await?;
-        self.check_control().await?;
+        let read_back: [u8; 5] = self.registers(CTRL_REG1).await?;
+        super::chip::same(self.control(), read_back)?;
         // A transfer that broke off between the two bytes of an axis has left that axis frozen at an old measurement
         // (block data update). Reading all of them frees it.
         let _old: [u8; 6] = self.registers(OUT_X_L).await?;
-        self.wake_at = Instant::now() + SLEEP;
+        self.polling.restart();
         Ok(Identity { model: Model::Lis3mdl, address: self.config.address })
     }
 
     async fn read(&mut self) -> Result<Reading, Error<B::Error>> {
-        let status = self.data_ready().await?;
+        let chip = &mut self.chip;
+        let status = self.polling.next(async || chip.registers(STATUS_REG).await, |[status]| status & ZYXDA != 0).await?;
         let data = self.registers(OUT_X_L).await?;
-        Ok(decode(status, data, self.config.range))
+        Ok(decode(status[0], data, self.config.range))
     }
 
     fn period_us(&self) -> u32 {
@@ -197,86 +170,45 @@ fn decode(status: u8, data: [u8; 6], range: Range) -> Reading {
 
 #[cfg(test)]
 mod tests {
-    use core::convert::Infallible;
-
     use embassy_futures::block_on;
-    use embedded_hal_async::i2c::{ErrorType, Operation};
-    // Brings the virtual clock.
-    use host_sim as _;
 
+    use super::super::chip::registers::Registers;
     use super::*;
 
-    /// The chip's registers, and one of them that may refuse to be written.
-    struct Registers {
-        values: [u8; 0x40],
-        broken: Option<u8>,
-    }
-
-    impl Registers {
-        fn new() -> Self {
-            let mut values = [0; 0x40];
-            values[usize::from(WHO_AM_I)] = WHO_AM_I_VALUE;
-            Self { values, broken: None }
-        }
-
-        fn write(&mut self, message: &[u8]) -> u8 {
-            let first = message[0] & !AUTO_INCREMENT;
-            for (register, &value) in (first..).zip(&message[1..]) {
-                if self.broken != Some(register) {
-                    self.values[usize::from(register)] = value;
-                }
-            }
-            first
-        }
-    }
-
-    impl ErrorType for Registers {
-        type Error = Infallible;
-    }
-
-    impl I2c for Registers {
-        async fn transaction(&mut self, _: u8, operations: &mut [Operation<'_>]) -> Result<(), Infallible> {
-            let mut address = 0;
-            for operation in operations {
-                match operation {
-                    Operation::Write(message) => address = usize::from(self.write(message)),
-                    Operation::Read(buffer) => buffer.copy_from_slice(&self.values[address..address + buffer.len()]),
-                }
-            }
-            Ok(())
-        }
+    fn registers() -> Registers {
+        Registers::new(AUTO_INCREMENT, &[(WHO_AM_I, WHO_AM_I_VALUE)])
     }
 
     #[test]
     fn init_writes_what_the_data_sheet_asks_for() {
-        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
+        let mut driver = Lis3mdl::new(registers(), Config::default());
         let identity = block_on(driver.init());
         assert_eq!(identity, Ok(Identity { model: Model::Lis3mdl, address: 0x1E }));
         // UHP 80 Hz, 4 gauss, continuous, UHP, BDU: data sheet sections 7.3 to 7.7.
-        assert_eq!(driver.bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
+        assert_eq!(driver.chip.bus.values[0x20..0x25], [0x7C, 0x00, 0x00, 0x0C, 0x40]);
     }
 
     #[test]
     fn range_goes_to_bits_5_and_6_of_control_register_2() {
         for (range, bits) in [(Range::Gauss8, 0x20), (Range::Gauss12, 0x40), (Range::Gauss16, 0x60)] {
-            let mut driver = Lis3mdl::new(Registers::new(), Config { range, ..Config::default() });
+            let mut driver = Lis3mdl::new(registers(), Config { range, ..Config::default() });
             block_on(driver.init()).unwrap();
-            assert_eq!(driver.bus.values[0x21], bits);
+            assert_eq!(driver.chip.bus.values[0x21], bits);
         }
     }
 
     #[test]
     fn another_chip_is_not_configured() {
-        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
-        driver.bus.values[usize::from(WHO_AM_I)] = 0x40;
+        let mut driver = Lis3mdl::new(registers(), Config::default());
+        driver.chip.bus.values[usize::from(WHO_AM_I)] = 0x40;
         assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0x40)));
-        assert_eq!(driver.bus.values[0x20..0x25], [0; 5]);
+        assert_eq!(driver.chip.bus.values[0x20..0x25], [0; 5]);
     }
 
     #[test]
     fn a_control_register_that_does_not_hold_is_reported() {
-        let mut driver = Lis3mdl::new(Registers::new(), Config::default());
-        driver.bus.broken = Some(0x24);
+        let mut driver = Lis3mdl::new(registers(), Config::default());
+        driver.chip.bus.broken = Some(0x24);
         assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x40, read: 0x00 }));
     }
 

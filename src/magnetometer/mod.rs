@@ -1,6 +1,8 @@
 //! Magnetometers: one trait, one file a chip.
 
+mod chip;
 pub mod lis3mdl;
+pub mod lsm303dlhc;
 
 use crate::frames::{Field, Sensor};
 
@@ -29,6 +31,8 @@ pub struct Identity {
 pub enum Model {
     /// ST LIS3MDL.
     Lis3mdl,
+    /// ST LSM303DLHC, its magnetometer.
+    Lsm303dlhc,
 }
 
 impl Model {
@@ -37,6 +41,7 @@ impl Model {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Lis3mdl => "LIS3MDL",
+            Self::Lsm303dlhc => "LSM303DLHC",
         }
     }
 }
