@@ -7,7 +7,7 @@ mod board;
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    board::b_l475e_iot01a::start()
+    board::start()
 }
 
 #[cfg(not(target_os = "none"))]

@@ -69,13 +69,18 @@ async fn answer(
             platform.reboot();
         }
         Ok(Request::Status) => match ask(links, Command::Report).await {
-            Ok(Reply::Report(found)) => session.reply(|out| report::status(out, &found, &health(links, reset))),
+            Ok(Reply::Report(found)) => {
+                let health = health(links, reset, platform);
+                session.reply(|out| report::status(out, &found, &health));
+            }
             other => reply(session, &other),
         },
         Ok(Request::CalShow) => match ask(links, Command::Report).await {
             Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
             other => reply(session, &other),
         },
+        #[cfg(feature = "bench")]
+        Ok(Request::Bench(test)) => session.reply(|out| platform.test(test, out)),
         Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
     }
 }
@@ -93,7 +98,7 @@ async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
     links.replies.receive().await
 }
 
-fn health(links: &Links, reset: &ResetCause) -> Health {
+fn health(links: &Links, reset: &ResetCause, platform: &impl Platform) -> Health {
     Health {
         sensor: links.identity(),
         attitude: links.attitude_at(Instant::now().as_micros()),
@@ -101,6 +106,7 @@ fn health(links: &Links, reset: &ResetCause) -> Health {
         counts: links.counts(),
         reset: reset.clone(),
         uptime_s: Instant::now().as_secs() as u32,
+        stack: platform.stack(),
     }
 }
 

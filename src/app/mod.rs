@@ -26,6 +26,24 @@ pub trait Platform {
     /// Restarts the module. On a board this does not return; on the host the simulator takes the tasks down at their
     /// next wait.
     fn reboot(&mut self);
+
+    /// How much of the stack was ever in use, where that can be told.
+    fn stack(&self) -> Option<StackUse> {
+        None
+    }
+
+    /// Runs a test of the bench image and writes what came of it.
+    #[cfg(feature = "bench")]
+    fn test(&mut self, test: crate::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result;
+}
+
+/// The deepest the stack has been since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StackUse {
+    /// Bytes used.
+    pub used: usize,
+    /// Bytes there are.
+    pub size: usize,
 }
 
 /// A hardware watchdog: resets the module when [`feed`](Self::feed) stays away for longer than its period.

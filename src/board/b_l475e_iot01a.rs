@@ -14,7 +14,7 @@
 //! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
 //! 4. The thread executor: solving, flash, console. Whatever these take, a heading is not late.
 
-use autoswing::app::{self, Links, Platform, ResetCause, Watchdog};
+use autoswing::app::{self, Links, Platform, ResetCause, StackUse, Watchdog};
 use autoswing::magnetometer::lis3mdl::{self, Lis3mdl};
 use autoswing::store::Store;
 use cortex_m::peripheral::SCB;
@@ -31,9 +31,10 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, dma, interrupt, pac, rcc};
 use static_cell::StaticCell;
 
+use super::stack;
 use super::stm32l4::flash::StoreFlash;
 use super::stm32l4::i2c::I2cBus;
-use super::stm32l4::last_words;
+use super::stm32l4::reset;
 use super::stm32l4::uart::UartTx;
 
 bind_interrupts!(struct Irqs {
@@ -69,7 +70,7 @@ pub fn start() -> ! {
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
-    let reset = last_words::reset_cause();
+    let reset = reset::cause();
     let p = embassy_stm32::init(clocks());
     // A debugger that stops the processor stops the watchdog too.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
@@ -190,6 +191,10 @@ struct Board;
 impl Platform for Board {
     fn reboot(&mut self) {
         SCB::sys_reset()
+    }
+
+    fn stack(&self) -> Option<StackUse> {
+        Some(stack::high_water())
     }
 }
 

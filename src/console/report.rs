@@ -4,7 +4,7 @@
 use core::fmt::{self, Display, Write};
 
 use super::LineError;
-use crate::app::{Counts, ResetCause};
+use crate::app::{Counts, ResetCause, StackUse};
 use crate::calibration::ladder::Manner;
 use crate::calibration::{Advice, Envelope, Quality};
 use crate::compass::{Outcome, Refusal, Reply, Report};
@@ -34,6 +34,8 @@ pub struct Health {
     pub reset: ResetCause,
     /// Since when, seconds.
     pub uptime_s: u32,
+    /// How deep the stack has been, where that can be told.
+    pub stack: Option<StackUse>,
 }
 
 /// `error <code>: what to do`.
@@ -126,6 +128,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     }
     writeln!(out, "mount: {}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))?;
     counters(out, &health.counts)?;
+    if let Some(StackUse { used, size }) = health.stack {
+        writeln!(out, "stack: {used} of {size} bytes used at most")?;
+    }
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
 }
 

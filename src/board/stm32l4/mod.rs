@@ -1,6 +1,6 @@
-//! STM32L4: wrappers that make the HAL's drivers survive what happens on real wires, and what is left after a crash.
+//! STM32L4: wrappers that make the HAL's drivers survive what happens on real wires, and why the chip was reset.
 
 pub mod flash;
 pub mod i2c;
-pub mod last_words;
+pub mod reset;
 pub mod uart;

@@ -1,15 +1,13 @@
-//! The end of a run and the start of the next: a panic or a fault leaves a message in memory that survives the reset,
-//! and the next start finds out why there was one.
+//! The end of a run: a panic or a fault leaves a message in memory that survives the reset, for the next start to show.
 
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 
-use autoswing::app::ResetCause;
 use cortex_m::peripheral::SCB;
 use crc::{CRC_32_ISO_HDLC, Crc};
-use embassy_stm32::pac;
+use super::stack;
 
 /// The longest message, as `ResetCause` takes it.
 const CAPACITY: usize = 96;
@@ -76,29 +74,14 @@ fn die(message: fmt::Arguments<'_>) -> ! {
     SCB::sys_reset()
 }
 
-/// Takes the message of the run before and forgets it.
-fn take() -> Option<heapless::String<CAPACITY>> {
+/// Takes the message of the run before and forgets it. To be called once, first of all.
+pub fn take() -> Option<heapless::String<CAPACITY>> {
     // SAFETY: nothing else accesses it yet (see `Kept`). Any bytes are valid for the integers of a `Message`; they are
     // memory, only of an earlier run.
     let words = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
     // SAFETY: as above.
     unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(Message::EMPTY)) };
     words.text()
-}
-
-/// Why the module started. To be called once, first of all: it forgets the answer.
-pub fn reset_cause() -> ResetCause {
-    let flags = pac::RCC.csr().read();
-    pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
-    let last_words = take();
-    // Power-on and brown-out first, for then memory is undefined. The reset pin last: every reset pulls it.
-    match last_words {
-        _ if flags.borrstf() => ResetCause::PowerOn,
-        Some(text) => ResetCause::Panic(text),
-        None if flags.iwdgrstf() || flags.wwdgrstf() => ResetCause::Watchdog,
-        None if flags.sftrstf() => ResetCause::Software,
-        None => ResetCause::Pin,
-    }
 }
 
 #[panic_handler]
@@ -144,20 +127,10 @@ extern "C" fn report_fault(frame: *const Frame) -> ! {
     // SAFETY: the System Control Block is always there, and these registers have no side effects.
     let scb = unsafe { &*SCB::PTR };
     let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
-    if !stack_holds(frame) {
+    if !stack::holds(frame) {
         die(format_args!("stack overflow, cfsr {cfsr:08x}"));
     }
     // SAFETY: the frame is within the stack's memory and aligned as the processor aligns it.
     let Frame { lr, pc, .. } = unsafe { frame.read() };
     die(format_args!("fault at pc {pc:08x} lr {lr:08x} cfsr {cfsr:08x} bfar {bfar:08x}"))
-}
-
-fn stack_holds(frame: *const Frame) -> bool {
-    unsafe extern "C" {
-        // Bounds of the stack, from memory.x; only their addresses mean anything.
-        static _stack_start: u8;
-        static _stack_end: u8;
-    }
-    let (top, bottom) = ((&raw const _stack_start).addr(), (&raw const _stack_end).addr());
-    frame.is_aligned() && (bottom..=top - size_of::<Frame>()).contains(&frame.addr())
 }

@@ -1,0 +1,122 @@
+//! The clock behind `embassy_time`: a free-running counter for now, a timer for the next deadline.
+//!
+//! Time stands still while the simulated world is being moved on: see [`lockstep`](super::lockstep).
+
+use core::cell::RefCell;
+use core::task::Waker;
+
+use critical_section::Mutex;
+use embassy_time_driver::Driver;
+use embassy_time_queue_utils::Queue;
+
+use super::registers::{Peripheral, Register};
+
+const COUNTER: Register = Register::of(Peripheral::FpgaIo, 0x18);
+const PRESCALE: Register = Register::of(Peripheral::FpgaIo, 0x1C);
+const LOAD: Register = Register::of(Peripheral::DualTimer, 0x00);
+const CONTROL: Register = Register::of(Peripheral::DualTimer, 0x08);
+const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
+
+/// Both the counter and the timer run at 25 MHz.
+pub const TICKS_PER_US: u64 = 25;
+
+/// `CONTROL`: one shot, 32 bits. The machine takes 32 bits of `LOAD` only when it was told of them before.
+const STOPPED: u32 = 0b0000_0011;
+const RUNNING: u32 = 0b1010_0011;
+
+/// The counter wraps after 171 s; the clock looks at it in less.
+const LONGEST_US: u64 = 60_000_000;
+
+struct Clock {
+    queue: Queue,
+    /// The counter when it was last looked at, and how often it had wrapped.
+    low: u32,
+    high: u32,
+    /// Ticks during which time stood still.
+    frozen: u64,
+}
+
+struct MachineClock(Mutex<RefCell<Clock>>);
+
+embassy_time_driver::time_driver_impl!(static CLOCK: MachineClock = MachineClock(Mutex::new(RefCell::new(Clock {
+    queue: Queue::new(),
+    low: 0,
+    high: 0,
+    frozen: 0,
+}))));
+
+impl Clock {
+    fn counter(&mut self) -> u64 {
+        let low = COUNTER.read();
+        if low < self.low {
+            self.high = self.high.wrapping_add(1);
+        }
+        self.low = low;
+        u64::from(self.high) << 32 | u64::from(low)
+    }
+
+    fn ticks(&mut self) -> u64 {
+        self.counter() - self.frozen
+    }
+
+    /// Wakes whom it is time to wake and sets the timer for the next.
+    fn set_timer(&mut self) {
+        CONTROL.write(STOPPED);
+        let now_us = self.ticks() / TICKS_PER_US;
+        let next_us = self.queue.next_expiration(now_us);
+        // At most a minute, and at least one microsecond: what came due meanwhile is served by the next interrupt.
+        let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
+        LOAD.write((after_us * TICKS_PER_US) as u32);
+        CONTROL.write(RUNNING);
+    }
+}
+
+impl MachineClock {
+    /// The closures below call nothing that borrows the clock again, so the borrow cannot fail.
+    fn with<R>(&self, f: impl FnOnce(&mut Clock) -> R) -> R {
+        critical_section::with(|token| f(&mut self.0.borrow_ref_mut(token)))
+    }
+}
+
+impl Driver for MachineClock {
+    fn now(&self) -> u64 {
+        self.with(Clock::ticks) / TICKS_PER_US
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        self.with(|clock| {
+            if clock.queue.schedule_wake(at, waker) {
+                clock.set_timer();
+            }
+        });
+    }
+}
+
+/// Starts the counter from zero.
+pub fn start() {
+    PRESCALE.write(0);
+    COUNTER.write(0);
+    CLOCK.with(Clock::set_timer);
+}
+
+/// The timer's interrupt.
+pub extern "C" fn on_interrupt() {
+    CLEAR.write(1);
+    CLOCK.with(Clock::set_timer);
+}
+
+/// Ticks since the start, those left out during which time stood still.
+pub fn ticks() -> u64 {
+    CLOCK.with(Clock::ticks)
+}
+
+/// Time stands still while `f` runs.
+pub fn freeze(f: impl FnOnce()) {
+    CONTROL.write(STOPPED);
+    let before = CLOCK.with(Clock::counter);
+    f();
+    CLOCK.with(|clock| {
+        clock.frozen += clock.counter() - before;
+        clock.set_timer();
+    });
+}

@@ -1,0 +1,111 @@
+//! The store's pages: memory that survives a reset, with the rules and the times of the reference board's flash.
+
+use core::ops::Range;
+
+use embassy_time::{Duration, Timer};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+/// As on the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed in 82 us.
+const PAGE: usize = 2048;
+const WORD: usize = 8;
+const ERASE_TIME: Duration = Duration::from_millis(22);
+const PROGRAM_TIME: Duration = Duration::from_micros(82);
+const ERASED: u8 = 0xFF;
+
+unsafe extern "C" {
+    // Bounds of the region STORE in memory.x; only their addresses mean anything.
+    static mut __store_start: u8;
+    static __store_end: u8;
+}
+
+/// Why the flash refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlashError {
+    /// Outside of the store's pages.
+    Bounds,
+    /// Not on the grid of words or pages.
+    Alignment,
+    /// The word is not erased.
+    NotErased,
+}
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Bounds => NorFlashErrorKind::OutOfBounds,
+            Self::Alignment => NorFlashErrorKind::NotAligned,
+            Self::NotErased => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// The store's pages.
+pub struct StoreFlash(&'static mut [u8]);
+
+impl StoreFlash {
+    /// To be called once.
+    pub fn new() -> Self {
+        let start = &raw mut __store_start;
+        let size = (&raw const __store_end).addr() - start.addr();
+        // SAFETY: memory.x gives this memory to the store alone, and this is called once.
+        Self(unsafe { core::slice::from_raw_parts_mut(start, size) })
+    }
+
+    /// All pages, as offsets.
+    pub fn region(&self) -> Range<u32> {
+        0..self.0.len() as u32
+    }
+
+    fn bytes(&mut self, offset: u32, length: usize) -> Result<&mut [u8], FlashError> {
+        let start = offset as usize;
+        start.checked_add(length).and_then(|end| self.0.get_mut(start..end)).ok_or(FlashError::Bounds)
+    }
+}
+
+impl ErrorType for StoreFlash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for StoreFlash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        bytes.copy_from_slice(self.bytes(offset, bytes.len())?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl NorFlash for StoreFlash {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        if !(from as usize).is_multiple_of(PAGE) || !(to as usize).is_multiple_of(PAGE) {
+            return Err(FlashError::Alignment);
+        }
+        for page in self.bytes(from, to.saturating_sub(from) as usize)?.chunks_exact_mut(PAGE) {
+            Timer::after(ERASE_TIME).await;
+            page.fill(ERASED);
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        if !(offset as usize).is_multiple_of(WORD) || !bytes.len().is_multiple_of(WORD) {
+            return Err(FlashError::Alignment);
+        }
+        let words = self.bytes(offset, bytes.len())?.chunks_exact_mut(WORD);
+        for (word, new) in words.zip(bytes.chunks_exact(WORD)) {
+            Timer::after(PROGRAM_TIME).await;
+            if word.iter().any(|&byte| byte != ERASED) {
+                return Err(FlashError::NotErased);
+            }
+            word.copy_from_slice(new);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,100 @@
+//! The sensor's I2C bus: two wires that software moves (SBCon of the MPS2). QEMU's bus takes no time, so no edge waits.
+
+use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation};
+
+use super::lockstep;
+use super::registers::{Peripheral, Register};
+
+/// Which wires are high; a write lets those wires go.
+const SET: Register = Register::of(Peripheral::SensorBus, 0x00);
+/// A write pulls those wires low.
+const CLEAR: Register = Register::of(Peripheral::SensorBus, 0x04);
+const SCL: u32 = 1;
+const SDA: u32 = 2;
+
+/// Nobody acknowledged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoAcknowledge(NoAcknowledgeSource);
+
+impl embedded_hal_async::i2c::Error for NoAcknowledge {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::NoAcknowledge(self.0)
+    }
+}
+
+/// The master of the bus.
+pub struct SensorBus;
+
+impl SensorBus {
+    fn start(&mut self) {
+        SET.write(SDA);
+        SET.write(SCL);
+        CLEAR.write(SDA);
+        CLEAR.write(SCL);
+    }
+
+    fn stop(&mut self) {
+        CLEAR.write(SDA);
+        SET.write(SCL);
+        SET.write(SDA);
+    }
+
+    fn put_bit(&mut self, bit: bool) {
+        if bit { SET.write(SDA) } else { CLEAR.write(SDA) }
+        SET.write(SCL);
+        CLEAR.write(SCL);
+    }
+
+    fn take_bit(&mut self) -> bool {
+        SET.write(SDA);
+        SET.write(SCL);
+        // A broken wire is high: nobody pulls it.
+        let bit = SET.read() & SDA != 0 || lockstep::sensor_is_broken();
+        CLEAR.write(SCL);
+        bit
+    }
+
+    fn put(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
+        for bit in (0..8).rev() {
+            self.put_bit(byte >> bit & 1 != 0);
+        }
+        if self.take_bit() { Err(NoAcknowledge(source)) } else { Ok(()) }
+    }
+
+    fn take(&mut self, is_last: bool) -> u8 {
+        let byte = (0..8).fold(0, |byte, _| byte << 1 | u8::from(self.take_bit()));
+        self.put_bit(is_last);
+        byte
+    }
+
+    fn perform(&mut self, address: u8, operation: &mut Operation<'_>) -> Result<(), NoAcknowledge> {
+        self.start();
+        let reads = matches!(operation, Operation::Read(_));
+        self.put(address << 1 | u8::from(reads), NoAcknowledgeSource::Address)?;
+        match operation {
+            Operation::Write(bytes) => bytes.iter().try_for_each(|&byte| self.put(byte, NoAcknowledgeSource::Data)),
+            Operation::Read(buffer) => {
+                let last = buffer.len().saturating_sub(1);
+                for (i, byte) in buffer.iter_mut().enumerate() {
+                    *byte = self.take(i == last);
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl ErrorType for SensorBus {
+    type Error = NoAcknowledge;
+}
+
+impl I2c for SensorBus {
+    /// Begins each operation with a start condition; the embedded-hal contract asks for one only where direction changes,
+    /// which is where this firmware's drivers change operations.
+    async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
+        lockstep::before_sensor();
+        let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
+        self.stop();
+        result
+    }
+}

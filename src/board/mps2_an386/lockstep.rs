@@ -1,0 +1,140 @@
+//! Keeps the machine in step with the simulated world outside.
+//!
+//! Every few milliseconds, and before every access to the sensor, the machine tells its time on a UART of its own and
+//! stops: its clock stands still, no timer runs, nothing but the UARTs can wake the processor. The world moves on to that
+//! time, sets the field, sends what the autopilot and the console's user would have sent meanwhile, and lets the machine
+//! go on. So a run is a function of its seed, however fast or slow the computer is.
+//!
+//! To the world: a [`Told`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
+//! console and to the autopilot port, and its [`Wires`].
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::asm;
+use cortex_m::peripheral::NVIC;
+use embassy_time::{Duration, Ticker};
+
+use super::registers::Interrupt;
+use super::uart::Uart;
+use super::{AUTOPILOT, CONSOLE, LOCKSTEP, clock};
+
+/// A quarter of the time of an attitude message at 115200 baud.
+const STEP: Duration = Duration::from_millis(1);
+
+/// What the world is told.
+#[derive(Clone, Copy)]
+enum Told {
+    /// The machine waits: time has passed.
+    Step = b'T' as isize,
+    /// The machine waits: it is about to look at the sensor.
+    Sensor = b'S' as isize,
+    /// The machine goes on: it has written to the autopilot.
+    Written = b'W' as isize,
+}
+
+/// Bits of the last byte from the world.
+struct Wires;
+
+impl Wires {
+    /// The sensor's data wire is broken.
+    const SENSOR_BROKEN: u8 = 1;
+}
+
+static SENSOR_BROKEN: AtomicBool = AtomicBool::new(false);
+
+/// Whether the sensor's data wire is broken.
+pub fn sensor_is_broken() -> bool {
+    SENSOR_BROKEN.load(Ordering::Relaxed)
+}
+
+/// Lets the world catch up from time to time.
+pub async fn run() -> ! {
+    let mut ticker = Ticker::every(STEP);
+    loop {
+        ticker.next().await;
+        wait(Told::Step);
+    }
+}
+
+/// Before a look at the sensor.
+pub fn before_sensor() {
+    wait(Told::Sensor);
+}
+
+/// After something was written to the autopilot.
+pub fn autopilot_written() {
+    critical_section::with(|_| tell(Told::Written));
+}
+
+fn tell(what: Told) {
+    let ticks = clock::ticks().to_le_bytes();
+    for byte in core::iter::once(what as u8).chain(ticks) {
+        // The emulator hands a byte to the host before it goes on.
+        while !LOCKSTEP.put(byte) {}
+    }
+}
+
+fn wait(what: Told) {
+    critical_section::with(|_| {
+        tell(what);
+        clock::freeze(|| {
+            let others = mask_others();
+            let [console, autopilot, wires] = core::array::from_fn(|_| take(&LOCKSTEP));
+            receive(&CONSOLE, console);
+            receive(&AUTOPILOT, autopilot);
+            SENSOR_BROKEN.store(wires & Wires::SENSOR_BROKEN != 0, Ordering::Relaxed);
+            unmask(others);
+        });
+    });
+}
+
+/// Waits for a byte.
+fn take(uart: &Uart) -> u8 {
+    loop {
+        if let Some(byte) = uart.take() {
+            return byte;
+        }
+        sleep();
+    }
+}
+
+/// Receives so many bytes.
+fn receive(uart: &Uart, bytes: u8) {
+    let mut left = bytes;
+    while left > 0 {
+        if uart.receive() { left -= 1 } else { sleep() }
+    }
+}
+
+/// Until a UART has a byte. Interrupts are off: a pending one ends the wait and is not served.
+fn sleep() {
+    asm::wfi();
+    for interrupt in RECEIVERS {
+        NVIC::unpend(interrupt);
+    }
+}
+
+const RECEIVERS: [Interrupt; 3] = [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx];
+
+/// Nothing but the UARTs may end the wait. Returns what was enabled.
+fn mask_others() -> u32 {
+    // SAFETY: interrupts are off, and `unmask` restores what was enabled.
+    let nvic = unsafe { &*NVIC::PTR };
+    let enabled = nvic.iser[0].read();
+    let receivers = RECEIVERS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
+    // SAFETY: writing bits here disables or enables those interrupts and nothing else; none runs until the section ends.
+    unsafe {
+        nvic.icer[0].write(!receivers);
+        nvic.iser[0].write(receivers);
+    }
+    enabled
+}
+
+fn unmask(enabled: u32) {
+    // SAFETY: as above; these are the interrupts that were enabled before.
+    unsafe {
+        let nvic = &*NVIC::PTR;
+        nvic.icer[0].write(!enabled);
+        nvic.iser[0].write(enabled);
+    }
+}

@@ -1,0 +1,112 @@
+//! The machine's UARTs (ARM DDI0479, CMSDK APB UART).
+
+use core::convert::Infallible;
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_time::{Duration, Timer};
+use embedded_io_async::{ErrorType, Write};
+
+use super::registers::{Peripheral, Register};
+
+const DATA: usize = 0x00;
+const STATE: usize = 0x04;
+const CONTROL: usize = 0x08;
+const CLEAR: usize = 0x0C;
+const BAUD_DIVISOR: usize = 0x10;
+
+/// `STATE`.
+const TX_FULL: u32 = 1;
+const RX_FULL: u32 = 2;
+/// `CONTROL`: transmitter, receiver, and the receiver's interrupt.
+const ENABLED: u32 = 0b1011;
+/// `CLEAR`: the receiver's interrupt.
+const RX_INTERRUPT: u32 = 2;
+
+/// 25 MHz / 217 = 115207 baud.
+const DIVISOR_115200: u32 = 217;
+
+/// A receive buffer holds 22 ms of input, should a reader be late, as on the reference board.
+const BUFFER: usize = 256;
+
+/// A transmitter that is busy is asked again after one byte's time at 115200 baud.
+const BYTE_TIME: Duration = Duration::from_micros(87);
+
+/// What was received, for a task to read.
+pub type Received = Pipe<CriticalSectionRawMutex, BUFFER>;
+
+/// A UART.
+pub struct Uart {
+    peripheral: Peripheral,
+    pub received: Received,
+}
+
+impl Uart {
+    pub const fn new(peripheral: Peripheral) -> Self {
+        Self { peripheral, received: Pipe::new() }
+    }
+
+    fn register(&self, offset: usize) -> Register {
+        Register::of(self.peripheral, offset)
+    }
+
+    /// 115200 baud, 8N1.
+    pub fn enable(&self) {
+        self.register(BAUD_DIVISOR).write(DIVISOR_115200);
+        self.register(CONTROL).write(ENABLED);
+    }
+
+    /// A byte that has come.
+    pub fn take(&self) -> Option<u8> {
+        if self.register(STATE).read() & RX_FULL == 0 {
+            return None;
+        }
+        self.register(CLEAR).write(RX_INTERRUPT);
+        Some(self.register(DATA).read() as u8)
+    }
+
+    /// Keeps a byte that has come, if there is one and room for it.
+    pub fn receive(&self) -> bool {
+        let byte = self.take();
+        if let Some(byte) = byte {
+            // Without room it is lost, as by any receiver that overruns.
+            let _ = self.received.try_write(&[byte]);
+        }
+        byte.is_some()
+    }
+
+    /// Sends a byte; false if the transmitter is busy.
+    pub fn put(&self, byte: u8) -> bool {
+        let is_free = self.register(STATE).read() & TX_FULL == 0;
+        if is_free {
+            self.register(DATA).write(byte.into());
+        }
+        is_free
+    }
+}
+
+/// The transmitter of a UART, and what is told of each write.
+pub struct UartTx {
+    pub uart: &'static Uart,
+    pub written: fn(),
+}
+
+impl ErrorType for UartTx {
+    type Error = Infallible;
+}
+
+impl Write for UartTx {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        for &byte in bytes {
+            while !self.uart.put(byte) {
+                Timer::after(BYTE_TIME).await;
+            }
+        }
+        (self.written)();
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
