@@ -6,17 +6,19 @@ use std::{fs, io};
 
 fn main() -> io::Result<()> {
     println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=memory.x");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return Ok(());
     }
-    // link.x (of cortex-m-rt) includes memory.x from the linker's search path. A copy in OUT_DIR is found from wherever
-    // cargo is started.
-    let board = env::var_os("CARGO_FEATURE_BOARD_MPS2_AN386");
-    let memory = if board.is_some() { "src/board/mps2_an386/memory.x" } else { "memory.x" };
+    let on_mps2 = env::var_os("CARGO_FEATURE_BOARD_MPS2_AN386").is_some();
+    let memory = if on_mps2 { "src/board/mps2_an386.x" } else { "src/board/b_l475e_iot01a.x" };
     println!("cargo:rerun-if-changed={memory}");
+    // link.x (of cortex-m-rt) includes memory.x, and that board.x, from the linker's search path. Copies in OUT_DIR are
+    // found from wherever cargo is started.
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy(memory, out.join("memory.x"))?;
-    if board.is_some() {
+    fs::copy("memory.x", out.join("memory.x"))?;
+    fs::copy(memory, out.join("board.x"))?;
+    if on_mps2 {
         // link.x wants names for the interrupts' handlers; this board's table has the handlers themselves.
         fs::write(out.join("device.x"), "")?;
     }

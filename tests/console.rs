@@ -1,6 +1,7 @@
 //! The console as a person meets it: text in, text out, through the cable.
 
 use host_sim::bench::Bench;
+use host_sim::module::Module as _;
 use host_sim::world::WorldConfig;
 
 fn bench() -> Bench {

@@ -1,6 +1,7 @@
 //! Calibration without flight: a level circle, a compass swing, tumbling on a bench; advice; alignment.
 
 use host_sim::bench::Bench;
+use host_sim::module::Module as _;
 use host_sim::score::{Errors, wrap_180};
 use host_sim::told::{self, Notice, Shown};
 use host_sim::world::WorldConfig;

@@ -1,7 +1,8 @@
 //! What is in flash survives; what breaks off leaves the old.
 
-use host_sim::bench::{Bench, Ran};
+use host_sim::bench::Bench;
 use host_sim::devices::nor_flash::CutOutcome;
+use host_sim::module::{Module as _, Ran};
 use host_sim::told;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;

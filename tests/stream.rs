@@ -1,6 +1,7 @@
 //! The heading sentences as an autopilot receives them.
 
-use host_sim::bench::{Bench, Ran};
+use host_sim::bench::Bench;
+use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::{Reader, Received};
 use host_sim::told;
 use host_sim::world::WorldConfig;

@@ -13,6 +13,7 @@ use crate::devices::i2c::Bus;
 use crate::devices::lis3mdl::{Config as ChipConfig, Lis3mdl};
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
 use crate::devices::uart::{Cable, Config as CableConfig, HostEnd};
+use crate::module::{Module, Ran};
 use crate::simulation::{Ended, Level, Simulation, Stop};
 use crate::world::{World, WorldConfig};
 
@@ -21,15 +22,6 @@ const STORE_PAGES: usize = 8;
 
 /// The watchdog's period, as on the board.
 const WATCHDOG_US: u64 = 2_000_000;
-
-/// Why [`Bench::run_until`] returned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ran {
-    /// The time asked for has come.
-    Time,
-    /// The power went; [`Bench::power_on`] brings it back.
-    PowerCut,
-}
 
 /// A module in an aircraft, with cables to its two ports.
 pub struct Bench {
@@ -119,12 +111,6 @@ impl Bench {
         bench
     }
 
-    /// Microseconds since the simulation began.
-    #[must_use]
-    pub fn now_us(&self) -> u64 {
-        self.simulation.now_us()
-    }
-
     /// Cuts the power: the module's tasks are gone at this instant, wherever they were.
     pub fn power_off(&mut self) {
         self.simulation.power_off();
@@ -162,8 +148,31 @@ impl Bench {
         });
     }
 
-    /// Flies on to a time; restarts the module when it asks for it or its watchdog strikes.
-    pub fn run_until(&mut self, until_us: u64) -> Ran {
+    /// Arms a power cut: the flash operation after so many more is cut short, and the module is off.
+    pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
+        self.flash.cut_power_after(operations, outcome, self.simulation.stop());
+    }
+}
+
+impl Module for Bench {
+    fn world(&self) -> &World {
+        &self.world
+    }
+
+    fn console(&self) -> &HostEnd {
+        &self.console
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        &self.autopilot
+    }
+
+    fn now_us(&self) -> u64 {
+        self.simulation.now_us()
+    }
+
+    /// Restarts the module when it asks for it or its watchdog strikes.
+    fn run_until(&mut self, until_us: u64) -> Ran {
         loop {
             match self.simulation.run_until(until_us) {
                 Ended::Time => return Ran::Time,
@@ -177,30 +186,6 @@ impl Bench {
                 }
             }
         }
-    }
-
-    /// Flies on for some seconds.
-    pub fn run_for_s(&mut self, seconds: f64) -> Ran {
-        self.run_until(self.now_us() + (seconds * 1e6) as u64)
-    }
-
-    /// Types a line on the console, waits until the module has answered it, and gives what it printed.
-    pub fn type_line(&mut self, line: &str) -> String {
-        self.console.send(format!("{line}\r").as_bytes());
-        // 64 characters there and 1500 back take 0.14 s at 115200 baud, a save with an erase 0.1 s.
-        self.run_for_s(0.5);
-        self.printed()
-    }
-
-    /// Takes what the console has printed since the last look.
-    #[allow(clippy::must_use_candidate, reason = "taking what was printed before is a use of it")]
-    pub fn printed(&self) -> String {
-        String::from_utf8_lossy(&self.console.receive()).into_owned()
-    }
-
-    /// Arms a power cut: the flash operation after so many more is cut short, and the module is off.
-    pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
-        self.flash.cut_power_after(operations, outcome, self.simulation.stop());
     }
 }
 

@@ -8,6 +8,7 @@ use autoswing::frames::{Attitude, Field, Sensor};
 use serde::Serialize;
 
 use crate::bench::Bench;
+use crate::module::{Module, Ran};
 use crate::nmea::Reader;
 use crate::score::{Errors, Figures, wrap_180};
 use crate::told::{self, Notice, Shown};
@@ -108,9 +109,15 @@ pub struct Flown {
     pub duration_s: f64,
 }
 
-/// Flies a mission. `watch` hears the stage and how much of it is done, 0..1.
+/// Flies a mission with the simulated module. `watch` hears the stage and how much of it is done, 0..1.
 pub fn fly(world: WorldConfig, plan: Plan, watch: &mut dyn FnMut(Stage, f64)) -> Flown {
-    let mut mission = Mission { bench: Bench::new(world), session: String::new(), glimpses: Vec::new(), watch };
+    fly_with(&mut Bench::new(world), plan, watch)
+}
+
+/// Flies a mission with a module that has just been switched on.
+pub fn fly_with(module: &mut impl Module, plan: Plan, watch: &mut dyn FnMut(Stage, f64)) -> Flown {
+    let world = module.world().config();
+    let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
     let before = Errors::of(&Calibration::uncalibrated(Orientation::NONE), &world);
     let result = mission.calibrate(plan);
     let streamed = result.is_ok().then(|| mission.stream());
@@ -123,12 +130,12 @@ pub fn fly(world: WorldConfig, plan: Plan, watch: &mut dyn FnMut(Stage, f64)) ->
         streamed,
         glimpses: mission.glimpses,
         session: mission.session,
-        duration_s: mission.bench.now_us() as f64 / 1e6,
+        duration_s: mission.module.now_us() as f64 / 1e6,
     }
 }
 
-struct Mission<'a> {
-    bench: Bench,
+struct Mission<'a, M> {
+    module: &'a mut M,
     session: String,
     glimpses: Vec<Glimpse>,
     watch: &'a mut dyn FnMut(Stage, f64),
@@ -140,10 +147,10 @@ const PIECE_S: f64 = 0.5;
 /// A solve, a verification and a save take a second; a module silent for longer has nothing to say.
 const PATIENCE_S: f64 = 10.0;
 
-impl Mission<'_> {
+impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, plan: Plan) -> Result<Shown, Notice> {
         (self.watch)(Stage::TakeOff, 0.0);
-        let heading_deg = self.bench.world.config().aircraft.heading_deg;
+        let heading_deg = self.module.world().config().aircraft.heading_deg;
         self.leg(Stage::TakeOff, Leg::Straight { heading_deg, seconds: 5.0 });
         self.type_line("status");
         self.type_line("cal start");
@@ -171,7 +178,7 @@ impl Mission<'_> {
                 return error;
             }
             (self.watch)(Stage::Solve, piece as f64 / (2 * waits) as f64);
-            self.bench.run_for_s(PIECE_S);
+            self.piece();
             self.listen();
         }
         Notice::refused("silent", "the module did not say how its solve ended")
@@ -179,7 +186,7 @@ impl Mission<'_> {
 
     /// Restarts the module and flies all round the compass, comparing what it streams with the truth.
     fn stream(&mut self) -> Streamed {
-        let _ = self.bench.autopilot.receive();
+        let _ = self.module.autopilot().receive();
         self.type_line("reboot");
         let mut errors_deg: Vec<f64> = Vec::new();
         let mut sigmas = Vec::new();
@@ -192,17 +199,16 @@ impl Mission<'_> {
             Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
         ];
         for (done, leg) in legs.into_iter().enumerate() {
-            self.bench.world.fly(leg);
-            while self.bench.world.legs_left() > 0 {
+            self.module.world().fly(leg);
+            while self.module.world().legs_left() > 0 && self.piece() {
                 (self.watch)(Stage::Stream, done as f64 / legs.len() as f64);
-                self.bench.run_for_s(PIECE_S);
-                for timed in self.bench.autopilot.receive_timed() {
+                for timed in self.module.autopilot().receive_timed() {
                     let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") else {
                         continue;
                     };
                     match (received.heading_deg, received.sigma_deg) {
                         (Some(deg), Some(sigma_deg)) => {
-                            let error_deg = wrap_180(deg - self.bench.world.true_state(timed.at_us).heading_deg());
+                            let error_deg = wrap_180(deg - self.module.world().true_state(timed.at_us).heading_deg());
                             errors_deg.push(error_deg);
                             sigmas.push(error_deg.abs() / sigma_deg);
                         }
@@ -226,17 +232,16 @@ impl Mission<'_> {
 
     /// Flies a leg to its end, taking glimpses in turns.
     fn leg(&mut self, stage: Stage, leg: Leg) {
-        let began = self.bench.world.true_state(self.bench.now_us());
-        self.bench.world.fly(leg);
-        while self.bench.world.legs_left() > 0 {
-            self.bench.run_for_s(PIECE_S);
+        let began = self.module.world().true_state(self.module.now_us());
+        self.module.world().fly(leg);
+        while self.module.world().legs_left() > 0 && self.piece() {
             self.listen();
-            let now = self.bench.world.true_state(self.bench.now_us());
+            let now = self.module.world().true_state(self.module.now_us());
             let done = match leg {
                 Leg::Straight { seconds, .. } => (now.time_us - began.time_us) as f64 / 1e6 / seconds,
                 Leg::Turn { heading_change_deg, .. } => {
                     let glimpse =
-                        Glimpse { field: self.bench.world.sensor_field(now.time_us), attitude: now.attitude() };
+                        Glimpse { field: self.module.world().sensor_field(now.time_us), attitude: now.attitude() };
                     self.glimpses.push(glimpse);
                     (now.heading_rad - began.heading_rad).to_degrees() / heading_change_deg
                 }
@@ -245,13 +250,18 @@ impl Mission<'_> {
         }
     }
 
+    /// Flies on; false when the module has failed.
+    fn piece(&mut self) -> bool {
+        self.module.run_for_s(PIECE_S) == Ran::Time
+    }
+
     fn type_line(&mut self, line: &str) -> String {
-        let printed = self.bench.type_line(line);
+        let printed = self.module.type_line(line);
         self.session.push_str(&printed);
         printed
     }
 
     fn listen(&mut self) {
-        self.session.push_str(&self.bench.printed());
+        self.session.push_str(&self.module.printed());
     }
 }

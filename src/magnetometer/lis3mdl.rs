@@ -121,7 +121,6 @@ impl<B: I2c> Lis3mdl<B> {
         let [c1, c2, c3, c4, c5] = self.control();
         self.chip.write(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await
     }
-
 }
 
 impl<B: I2c> Magnetometer for Lis3mdl<B> {
@@ -144,7 +143,8 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
 
     async fn read(&mut self) -> Result<Reading, Error<B::Error>> {
         let chip = &mut self.chip;
-        let status = self.polling.next(async || chip.registers(STATUS_REG).await, |[status]| status & ZYXDA != 0).await?;
+        let status =
+            self.polling.next(async || chip.registers(STATUS_REG).await, |[status]| status & ZYXDA != 0).await?;
         let data = self.registers(OUT_X_L).await?;
         Ok(decode(status[0], data, self.config.range))
     }

@@ -1,10 +1,13 @@
-//! `host-sim fly`.
+//! `host-sim fly` and `host-sim emulate`.
 
 use std::path::Path;
 use std::process::ExitCode;
 
 use comfy_table::{Table, presets};
+use host_sim::bench::Bench;
+use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission::{self, Flown, Plan, Stage};
+use host_sim::module::Module;
 use host_sim::report;
 use host_sim::score::{Errors, Figures};
 use host_sim::told::Notice;
@@ -13,23 +16,39 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::print::{coefficients, right_aligned, shortest};
-use super::{Failure, Fly};
+use super::{Emulate, Failure, Fly};
 
 /// Where the report goes when a person does not say.
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let world = WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))?;
-    let plan = Plan { bank_deg: options.bank, circles: options.circles };
-    let flown = fly(&world, plan);
+    let flown = fly(&mut Bench::new(world(options)?), options);
+    tell(options, &flown)
+}
+
+/// `host-sim emulate`.
+pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
+    let image = options.image.clone().unwrap_or_else(emulator::default_image);
+    let failed = |error: &EmulatorError| Failure(format!("{}: {error}", error.code()));
+    let mut emulator = Emulator::start(&image, world(&options.fly)?).map_err(|error| failed(&error))?;
+    let flown = fly(&mut emulator, &options.fly);
+    emulator.failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
+}
+
+fn world(options: &Fly) -> Result<WorldConfig, Failure> {
+    WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))
+}
+
+/// Prints what came of it and writes the report.
+fn tell(options: &Fly, flown: &Flown) -> Result<ExitCode, Failure> {
     if options.json {
-        println!("{}", summary(&flown));
+        println!("{}", summary(flown));
     } else {
-        show(options, &flown);
+        show(options, flown);
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
     if let Some(directory) = options.report.as_deref().or(default) {
-        report::write(&flown, directory)
+        report::write(flown, directory)
             .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?;
         // Not on standard output, whose last line belongs to the JSON object.
         eprintln!("report: {}", directory.join("index.html").display());
@@ -38,10 +57,11 @@ pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
 }
 
 /// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.
-fn fly(world: &WorldConfig, plan: Plan) -> Flown {
+fn fly(module: &mut impl Module, options: &Fly) -> Flown {
     const TICKS: u64 = 1000;
     let mut current: Option<(Stage, ProgressBar)> = None;
-    let flown = mission::fly(*world, plan, &mut |stage, fraction| {
+    let plan = Plan { bank_deg: options.bank, circles: options.circles };
+    let flown = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish(current.take());
             let bar = ProgressBar::new(TICKS).with_message(stage.name());

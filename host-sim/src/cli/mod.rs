@@ -28,6 +28,8 @@ struct Cli {
 enum Command {
     /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading (the default)
     Fly(Fly),
+    /// The same with the firmware as ARM code, in QEMU
+    Emulate(Emulate),
     /// Compare the methods on the aircraft of the paper's table 1
     Table1(Table1),
     /// Send a recorded flight through the module's collection and solver
@@ -178,6 +180,19 @@ struct Fly {
     console: bool,
 }
 
+/// The same mission with the firmware as ARM code: QEMU's mps2-an386, a Cortex-M4F with QEMU's own magnetometer.
+///
+/// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that a run
+/// is a function of its seed here, too. It takes a minute or two.
+#[derive(Args)]
+struct Emulate {
+    #[command(flatten)]
+    fly: Fly,
+    /// The firmware [default: target/firmware/mps2-an386.elf]
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+}
+
 fn bank(text: &str) -> Result<f64, String> {
     within(text, 5.0, 60.0)
 }
@@ -203,6 +218,7 @@ pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command.unwrap_or(Command::Fly(cli.fly)) {
         Command::Fly(options) => fly::run(&options),
+        Command::Emulate(options) => fly::emulate(&options),
         Command::Table1(options) => table1::run(&options),
         Command::Replay(options) => replay::run(&options),
         Command::Bench(Bench::Accuracy(options)) => bench::accuracy(&options),

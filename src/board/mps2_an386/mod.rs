@@ -9,8 +9,9 @@
 //!
 //! # Priorities
 //!
-//! 1. The lockstep with the world, in the interrupt of the clock.
-//! 2. The UARTs.
+//! 1. The UARTs, one byte each. Their priority must be above that of everything that waits in the lockstep: WFI wakes for
+//!    nothing else.
+//! 2. The clock, and the lockstep with the world.
 //! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
 //! 4. The executor of the others: solving, flash, console. In an interrupt, too, for QEMU's WFE does not sleep.
 
@@ -85,11 +86,12 @@ extern "C" fn on_other_tasks() {
 }
 
 /// Priorities, the lower the more urgent.
-const PRIORITIES: [(Interrupt, u8); 6] = [
-    (Interrupt::DualTimer, 0x20),
-    (Interrupt::StepTask, 0x20),
-    (Interrupt::Uart0Rx, 0x40),
-    (Interrupt::Uart1Rx, 0x40),
+const PRIORITIES: [(Interrupt, u8); 7] = [
+    (Interrupt::Uart0Rx, 0x20),
+    (Interrupt::Uart1Rx, 0x20),
+    (Interrupt::Uart2Rx, 0x20),
+    (Interrupt::DualTimer, 0x40),
+    (Interrupt::StepTask, 0x40),
     (Interrupt::HeadingTasks, 0x60),
     (Interrupt::OtherTasks, 0x80),
 ];

@@ -1,0 +1,229 @@
+//! QEMU with the firmware in it, and the wires to it.
+
+use std::fs;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use serde_json::json;
+use tempfile::TempDir;
+
+use super::error::EmulatorError;
+use super::qmp::Qmp;
+
+/// The firmware's own counter, ticks a microsecond.
+pub const TICKS_PER_US: u64 = 25;
+
+/// Nanoseconds an instruction takes, as a power of two (QEMU's `-icount shift`): 64 ns, so that the machine is five times
+/// slower than the reference board's 80 MHz.
+const ICOUNT_SHIFT: u32 = 6;
+
+/// Bytes of the memory that stands for flash: the machine's PSRAM.
+const FLASH_BYTES: usize = 16 << 20;
+
+/// A machine that says nothing for so long has stopped. It is the computer's time, and only ends runs that hang.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Microtesla on x, y and z that make QEMU's values, which may not be negative, out of those that are. The firmware's
+/// board file takes them off.
+const ADDED_UT: [f64; 3] = [93.0, 93.0, 104.0];
+/// QEMU counts in nanotesla.
+const NT_PER_UT: f64 = 1000.0;
+/// What QEMU takes at this gain: 2047 counts at 1100 and 980 counts a gauss.
+const LARGEST_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
+
+/// Why the machine has stopped for the world to move on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Told {
+    /// Time has passed.
+    Step,
+    /// It is about to look at the sensor.
+    Sensor,
+    /// It has written to the autopilot, and goes on by itself.
+    Written,
+}
+
+/// What the machine is told to go on with.
+#[derive(Clone, Debug, Default)]
+pub struct Go {
+    /// Bytes to the console.
+    pub console: Vec<u8>,
+    /// Bytes to the autopilot port.
+    pub autopilot: Vec<u8>,
+    /// Whether the sensor's data wire is broken.
+    pub sensor_broken: bool,
+}
+
+/// The most bytes a [`Go`] may bring on each wire.
+pub const MOST_BYTES: usize = 255;
+
+/// A running QEMU. It ends with this value.
+pub struct Machine {
+    qemu: Child,
+    qmp: Qmp,
+    console: UnixStream,
+    autopilot: UnixStream,
+    lockstep: UnixStream,
+    /// Sockets and flash; gone with this value.
+    _directory: TempDir,
+}
+
+impl Machine {
+    /// Starts QEMU with a firmware image; its flash is erased.
+    pub fn start(image: &Path) -> Result<Self, EmulatorError> {
+        if !image.is_file() {
+            return Err(EmulatorError::NoImage(image.to_owned()));
+        }
+        let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
+        let flash = directory.path().join("flash.bin");
+        fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;
+        let sockets = ["console", "autopilot", "lockstep", "qmp"].map(|name| directory.path().join(name));
+        let qemu = command(image, &flash, &sockets).spawn().map_err(EmulatorError::NoQemu)?;
+        let mut starting = Starting(Some(qemu));
+        let [console, autopilot, lockstep, qmp] =
+            [("console", 0), ("autopilot port", 1), ("lockstep", 2), ("machine protocol", 3)]
+                .map(|(what, i)| connect(&sockets[i]).map_err(|error| EmulatorError::Connection(what, error)));
+        let (console, autopilot) = (not_waited_for(console?)?, not_waited_for(autopilot?)?);
+        let mut qmp = Qmp::new(qmp?)?;
+        qmp.execute(&[json!({ "execute": "cont" })])?;
+        let qemu = starting.0.take().ok_or_else(|| EmulatorError::Protocol("ended".to_owned()))?;
+        Ok(Self { qemu, qmp, console, autopilot, lockstep: lockstep?, _directory: directory })
+    }
+
+    /// Waits until the machine tells something; what, and its clock's ticks since its last reset.
+    pub fn listen(&mut self) -> Result<(Told, u64), EmulatorError> {
+        let mut message = [0; 9];
+        self.lockstep.read_exact(&mut message).map_err(|error| EmulatorError::Connection("lockstep", error))?;
+        let [what, ticks @ ..] = message;
+        let told = match what {
+            b'T' => Told::Step,
+            b'S' => Told::Sensor,
+            b'W' => Told::Written,
+            other => return Err(EmulatorError::Protocol(format!("lockstep {other:#04x}"))),
+        };
+        Ok((told, u64::from_le_bytes(ticks)))
+    }
+
+    /// Sets the field at the sensor, microtesla in the chip's axes.
+    pub fn set_field(&mut self, field_ut: Vector3<f32>) -> Result<(), EmulatorError> {
+        let commands = ["mag-x", "mag-y", "mag-z"].iter().zip(field_ut.iter().zip(ADDED_UT).zip(LARGEST_NT)).map(
+            |(property, ((&ut, added_ut), largest_nt))| {
+                let value = ((f64::from(ut) + added_ut) * NT_PER_UT).round().clamp(0.0, largest_nt) as i64;
+                json!({
+                    "execute": "qom-set",
+                    "arguments": { "path": "mag", "property": property, "value": value },
+                })
+            },
+        );
+        self.qmp.execute(&commands.collect::<Vec<_>>())
+    }
+
+    /// Lets the machine go on. Each wire brings [`MOST_BYTES`] at most; the rest is not sent.
+    pub fn go(&mut self, go: &Go) -> Result<(), EmulatorError> {
+        let send = |stream: &mut UnixStream, bytes: &[u8], what| {
+            stream.write_all(bytes).map_err(|error| EmulatorError::Connection(what, error))
+        };
+        let [console, autopilot] = [&go.console, &go.autopilot].map(|bytes| &bytes[..bytes.len().min(MOST_BYTES)]);
+        send(&mut self.console, console, "console")?;
+        send(&mut self.autopilot, autopilot, "autopilot port")?;
+        let message = [console.len() as u8, autopilot.len() as u8, u8::from(go.sensor_broken)];
+        send(&mut self.lockstep, &message, "lockstep")
+    }
+
+    /// What the machine has written to console and autopilot so far.
+    pub fn written(&mut self) -> Result<[Vec<u8>; 2], EmulatorError> {
+        Ok([
+            available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
+            available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
+        ])
+    }
+
+    /// Presses the machine's reset button.
+    pub fn reset(&mut self) -> Result<(), EmulatorError> {
+        self.qmp.execute(&[json!({ "execute": "system_reset" })])
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+    }
+}
+
+/// A QEMU that is not a [`Machine`] yet.
+struct Starting(Option<Child>);
+
+impl Drop for Starting {
+    fn drop(&mut self) {
+        if let Some(qemu) = &mut self.0 {
+            let _ = qemu.kill();
+            let _ = qemu.wait();
+        }
+    }
+}
+
+fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, qmp]: &[PathBuf; 4]) -> Command {
+    let mut command = Command::new(super::QEMU);
+    command
+        // Stopped until all are connected, lest the first bytes be lost.
+        .args(["-S", "-nodefaults", "-display", "none"])
+        .args(["-machine", "mps2-an386,memory-backend=flash"])
+        .arg("-object")
+        .arg(format!("memory-backend-file,id=flash,size={FLASH_BYTES},share=on,mem-path={}", flash.display()))
+        .arg("-icount")
+        .arg(format!("shift={ICOUNT_SHIFT},sleep=off"))
+        .args(["-device", "lsm303dlhc_mag,id=mag,address=0x1e"])
+        .arg("-kernel")
+        .arg(image)
+        .arg("-qmp")
+        .arg(format!("unix:{},server=on,wait=off", qmp.display()))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null());
+    for socket in [console, autopilot, lockstep] {
+        command.arg("-serial").arg(format!("unix:{},server=on,wait=off", socket.display()));
+    }
+    command
+}
+
+/// Connects as soon as QEMU has made the socket.
+fn connect(socket: &Path) -> std::io::Result<UnixStream> {
+    const PAUSE: Duration = Duration::from_millis(10);
+    let mut left = PATIENCE;
+    loop {
+        match UnixStream::connect(socket) {
+            Ok(stream) => {
+                stream.set_read_timeout(Some(PATIENCE))?;
+                return Ok(stream);
+            }
+            Err(error) if left.is_zero() => return Err(error),
+            Err(_) => {
+                std::thread::sleep(PAUSE);
+                left = left.saturating_sub(PAUSE);
+            }
+        }
+    }
+}
+
+fn not_waited_for(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
+    stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
+    Ok(stream)
+}
+
+/// All bytes that are there; an end of the stream is seen by whoever listens to the lockstep.
+fn available(stream: &mut UnixStream) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut buffer = [0; 4096];
+    loop {
+        match stream.read(&mut buffer) {
+            Ok(0) => return Ok(bytes),
+            Ok(read) => bytes.extend_from_slice(&buffer[..read]),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(bytes),
+            Err(error) => return Err(error),
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! The firmware as ARM code: QEMU's `mps2-an386`, a Cortex-M4F with QEMU's own magnetometer, flown by the same world.
+//!
+//! Machine and world move in lockstep: the machine stops every millisecond, and before every access to its sensor, tells
+//! its time, and goes on when the world has caught up. The computer's own time has no part in it.
+
+mod error;
+mod machine;
+mod qmp;
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+
+pub use self::error::EmulatorError;
+use self::machine::{Go, MOST_BYTES, Machine, TICKS_PER_US, Told};
+use crate::devices::uart::{Cable, Config as CableConfig, Delivery, HostEnd, Receiver, Transmitter};
+use crate::module::{Module, Ran};
+use crate::random::{Purpose, Random};
+use crate::simulation::{Level, Simulation};
+use crate::world::{World, WorldConfig};
+
+/// The program.
+const QEMU: &str = "qemu-system-arm";
+
+/// Where `scripts/build-firmware` leaves the image.
+#[must_use]
+pub fn default_image() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware/mps2-an386.elf")
+}
+
+/// Noise of the simulated chip, microtesla RMS on each axis: 2 mG (data sheet of the LSM303DLHC).
+const NOISE_UT: f64 = 0.2;
+
+/// The field is set anew when the last time was so long ago: the two accesses of one reading see the same.
+const FIELD_AGE_US: u64 = 2_000;
+
+/// An emulated module in an aircraft.
+pub struct Emulator {
+    simulation: Simulation,
+    world: World,
+    console: HostEnd,
+    autopilot: HostEnd,
+    console_wire: Wire,
+    autopilot_wire: Wire,
+    machine: Machine,
+    noise: Random,
+    field_set_us: Option<u64>,
+    sensor_broken: bool,
+    /// World time at the machine's last reset, and the machine's own since then.
+    since_us: u64,
+    machine_us: u64,
+    way: Way,
+    writes_us: Vec<u64>,
+    failure: Option<EmulatorError>,
+}
+
+impl Emulator {
+    /// Starts a firmware image with erased flash in a world of these settings.
+    pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+        let mut simulation = Simulation::new();
+        let world = World::new(config);
+        let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
+        let (console_cable, autopilot_cable) = (cable(), cable());
+        let (console, autopilot) = (console_cable.host(), autopilot_cable.host());
+        let source = world.attitude_source().run(world.clone(), autopilot.clone());
+        simulation.spawn(Level::World, "attitude source", source);
+        Ok(Self {
+            console_wire: Wire::new(&console_cable, &mut simulation),
+            autopilot_wire: Wire::new(&autopilot_cable, &mut simulation),
+            simulation,
+            world,
+            console,
+            autopilot,
+            machine: Machine::start(image)?,
+            noise: Random::new(config.seed, Purpose::Magnetometer),
+            field_set_us: None,
+            sensor_broken: false,
+            since_us: 0,
+            machine_us: 0,
+            way: Way::default(),
+            writes_us: Vec::new(),
+            failure: None,
+        })
+    }
+
+    /// Why a run has failed.
+    #[must_use]
+    pub fn failure(&self) -> Option<&EmulatorError> {
+        self.failure.as_ref()
+    }
+
+    /// Breaks or mends the sensor's data wire.
+    pub fn break_sensor_wire(&mut self, broken: bool) {
+        self.sensor_broken = broken;
+    }
+
+    /// Presses the reset button.
+    pub fn press_reset(&mut self) -> Result<(), EmulatorError> {
+        self.machine.reset()
+    }
+
+    /// The machine's ticks from the first access to the sensor to the last byte written, for each reading that was sent:
+    /// 40 ns each. An instruction takes 64 ns.
+    #[must_use]
+    pub fn ways_ticks(&self) -> &[u64] {
+        &self.way.ticks
+    }
+
+    /// When the machine wrote to the autopilot port since the last time this was asked, microseconds.
+    pub fn take_writes_us(&mut self) -> Vec<u64> {
+        std::mem::take(&mut self.writes_us)
+    }
+
+    /// Lets the machine run to where it tells something next, and the world catch up.
+    fn step(&mut self) -> Result<(), EmulatorError> {
+        let (told, ticks) = self.machine.listen()?;
+        if std::env::var_os("DBG").is_some() { eprintln!("{told:?} {ticks}"); }
+        self.catch_up(ticks / TICKS_PER_US);
+        let [console, autopilot] = self.machine.written()?;
+        self.console_wire.write(&console);
+        self.autopilot_wire.write(&autopilot);
+        match told {
+            Told::Written => {
+                self.writes_us.push(self.now_us());
+                self.way.written(ticks);
+                return Ok(());
+            }
+            Told::Sensor => {
+                self.way.looked(ticks);
+                self.set_field()?;
+            }
+            Told::Step => {}
+        }
+        let go = Go {
+            console: self.console_wire.take(),
+            autopilot: self.autopilot_wire.take(),
+            sensor_broken: self.sensor_broken,
+        };
+        self.machine.go(&go)
+    }
+
+    /// Moves the world on to the machine's time.
+    fn catch_up(&mut self, machine_us: u64) {
+        if machine_us < self.machine_us {
+            // It was reset, which took no time and made its sensor forget the field.
+            self.since_us += self.machine_us;
+            self.field_set_us = None;
+            self.way.began = None;
+        }
+        self.machine_us = machine_us;
+        self.simulation.run_until(self.now_us());
+    }
+
+    fn set_field(&mut self) -> Result<(), EmulatorError> {
+        let now_us = self.now_us();
+        if self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US) {
+            return Ok(());
+        }
+        self.field_set_us = Some(now_us);
+        let noise_ut = self.noise.normal_vector() * NOISE_UT;
+        self.machine.set_field(self.world.sensor_field(now_us).ut + noise_ut.cast())
+    }
+}
+
+impl Module for Emulator {
+    fn world(&self) -> &World {
+        &self.world
+    }
+
+    fn console(&self) -> &HostEnd {
+        &self.console
+    }
+
+    fn autopilot(&self) -> &HostEnd {
+        &self.autopilot
+    }
+
+    fn now_us(&self) -> u64 {
+        self.since_us + self.machine_us
+    }
+
+    fn run_until(&mut self, until_us: u64) -> Ran {
+        while self.now_us() < until_us {
+            if let Err(error) = self.step() {
+                self.failure = Some(error);
+                return Ran::Failed;
+            }
+        }
+        Ran::Time
+    }
+}
+
+/// How long readings take through the machine.
+#[derive(Default)]
+struct Way {
+    /// When it began to look at the sensor for the reading of now.
+    began: Option<u64>,
+    /// Whether that has been written; the last of several writes counts.
+    written: bool,
+    ticks: Vec<u64>,
+}
+
+impl Way {
+    fn looked(&mut self, ticks: u64) {
+        let again = self.began.is_some_and(|began| ticks - began < FIELD_AGE_US * TICKS_PER_US);
+        if self.written || !again {
+            self.began = Some(ticks);
+            self.written = false;
+        }
+    }
+
+    fn written(&mut self, ticks: u64) {
+        let Some(began) = self.began else { return };
+        if self.written {
+            self.ticks.pop();
+        }
+        self.ticks.push(ticks - began);
+        self.written = true;
+    }
+}
+
+/// A cable's end at the machine: bytes take their time on the cable, and wait here for the machine to stop.
+struct Wire {
+    to_machine: Rc<RefCell<VecDeque<u8>>>,
+    to_cable: Rc<Outgoing>,
+}
+
+#[derive(Default)]
+struct Outgoing {
+    bytes: RefCell<Vec<u8>>,
+    more: Signal<NoopRawMutex, ()>,
+}
+
+impl Wire {
+    fn new(cable: &Cable, simulation: &mut Simulation) -> Self {
+        let (receiver, transmitter) = cable.module();
+        let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
+        simulation.spawn(Level::World, "to machine", receive(receiver, Rc::clone(&wire.to_machine)));
+        simulation.spawn(Level::World, "from machine", transmit(transmitter, Rc::clone(&wire.to_cable)));
+        wire
+    }
+
+    /// What the machine has written.
+    fn write(&self, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
+            self.to_cable.more.signal(());
+        }
+    }
+
+    /// What has arrived, as much as the machine takes at once.
+    fn take(&self) -> Vec<u8> {
+        let mut waiting = self.to_machine.borrow_mut();
+        let number = waiting.len().min(MOST_BYTES);
+        waiting.drain(..number).collect()
+    }
+}
+
+async fn receive(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
+    let mut buffer = [0; 64];
+    loop {
+        // Errors of the line, which nobody injects here, would be noise to the machine.
+        if let Ok(read) = receiver.read(&mut buffer).await {
+            to_machine.borrow_mut().extend(&buffer[..read]);
+        }
+    }
+}
+
+async fn transmit(mut transmitter: Transmitter, outgoing: Rc<Outgoing>) {
+    loop {
+        outgoing.more.wait().await;
+        let bytes = outgoing.bytes.take();
+        // A simulated cable takes everything in the end.
+        let _ = transmitter.write_all(&bytes).await;
+    }
+}
