@@ -8,7 +8,7 @@
 mod messages;
 mod refusal;
 
-pub use messages::{Command, Effect, Event, Outcome, Reply, Report, Save, State};
+pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary};
 pub use refusal::Refusal;
 
 use crate::calibration::ladder::{self, Manner, Selection};
@@ -18,7 +18,7 @@ use crate::calibration::{
 };
 use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
-use crate::store::{Generations, Record, Settings, StoreError};
+use crate::store::{Change, Generations, Record, Settings, StoreError};
 use crate::turns::{Collector, Recent};
 
 /// Fixed numbers of the machine.
@@ -51,7 +51,21 @@ enum Phase {
     Collecting,
     Solving(Solver),
     Verifying(Solution),
-    Saving,
+    /// The record of the calibration that passed, while it is written.
+    Saving(Record),
+}
+
+/// What is being written.
+#[derive(Debug)]
+enum Pending {
+    /// The calibration that passed verification.
+    Calibration,
+    /// `cal undo`.
+    Undo,
+    /// `cal clear`.
+    Clear,
+    /// Changed settings.
+    Settings(Settings),
 }
 
 /// The state machine. About 22 KB, most of it samples.
@@ -64,6 +78,7 @@ pub struct Compass {
     collector: Collector,
     recent: Recent,
     phase: Phase,
+    pending: Option<Pending>,
     last: Option<Outcome>,
     advice: Option<Advice>,
 }
@@ -80,6 +95,7 @@ impl Compass {
             collector: Collector::new(),
             recent: Recent::new(),
             phase: Phase::Idle,
+            pending: None,
             last: None,
             advice: None,
         }
@@ -117,10 +133,25 @@ impl Compass {
         match self.phase {
             Phase::Collecting => State::Collecting,
             Phase::Solving(_) => State::Solving,
-            Phase::Verifying(_) | Phase::Saving => State::Verifying,
+            Phase::Verifying(_) | Phase::Saving(_) => State::Verifying,
             Phase::Idle if self.in_use().is_some() => State::Calibrated,
             Phase::Idle => State::Uncalibrated,
         }
+    }
+
+    /// What is to be written; none unless [`Effect::Save`] was the last effect.
+    #[must_use]
+    pub fn to_save(&self) -> Option<Change<'_>> {
+        let Generations { current, previous } = &self.generations;
+        Some(match (self.pending.as_ref()?, &self.phase) {
+            (Pending::Settings(settings), _) => Change::Settings(settings),
+            (Pending::Undo, _) => Change::Generations { current: previous.as_ref(), previous: current.as_ref() },
+            (Pending::Clear, _) => Change::Generations { current: None, previous: None },
+            (Pending::Calibration, Phase::Saving(record)) => {
+                Change::Generations { current: Some(record), previous: current.as_ref() }
+            }
+            (Pending::Calibration, _) => return None,
+        })
     }
 
     /// Takes an event; says what is to be done.
@@ -139,7 +170,7 @@ impl Compass {
                 Err(refusal) => Effect::Reply(Err(refusal)),
             },
             Event::Advance => self.advance(),
-            Event::Saved(save, result) => self.saved(save, result),
+            Event::Saved(result) => self.saved(result),
         }
     }
 
@@ -161,7 +192,7 @@ impl Compass {
 
     #[inline(never)]
     fn command(&mut self, command: Command, now_ms: u32) -> Result<Effect, Refusal> {
-        let runs = self.is_busy() || matches!(self.phase, Phase::Saving);
+        let runs = self.is_busy() || matches!(self.phase, Phase::Saving(_));
         let asks_only = matches!(command, Command::Report | Command::CalAbort | Command::CalAdvise);
         if runs && !asks_only {
             return Err(Refusal::Busy);
@@ -183,12 +214,12 @@ impl Compass {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
             // A save that has begun is finished: half a save is nobody's wish.
-            Command::CalAbort if matches!(self.phase, Phase::Saving) => return Err(Refusal::Busy),
+            Command::CalAbort if matches!(self.phase, Phase::Saving(_)) => return Err(Refusal::Busy),
             Command::CalAbort => {
                 self.collector.begin(Manner::Turns);
                 self.phase = Phase::Idle;
             }
-            Command::CalClear => return Ok(Effect::Save(Save::Clear(Generations::default()))),
+            Command::CalClear => return Ok(self.save(Pending::Clear)),
             Command::CalUndo => return self.undo(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
             Command::SetAlign(heading_deg) => return self.align(heading_deg, now_ms),
@@ -218,7 +249,7 @@ impl Compass {
     }
 
     /// What is added to every heading, so that the one of now is the given one.
-    fn align(&self, heading_deg: Option<f32>, now_ms: u32) -> Result<Effect, Refusal> {
+    fn align(&mut self, heading_deg: Option<f32>, now_ms: u32) -> Result<Effect, Refusal> {
         let mut settings = self.settings;
         settings.align_deg = 0.0;
         if let Some(heading_deg) = heading_deg {
@@ -228,18 +259,16 @@ impl Compass {
             let shown_rad = now.attitude.level(calibration.apply(now.field)).heading_rad();
             settings.align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
         }
-        Ok(Effect::Save(Save::Settings(settings)))
+        Ok(self.save(Pending::Settings(settings)))
     }
 
-    fn undo(&self) -> Result<Effect, Refusal> {
+    fn undo(&mut self) -> Result<Effect, Refusal> {
         self.generations.previous.as_ref().ok_or(Refusal::NothingToUndo)?;
-        let mut generations = self.generations;
-        generations.undo();
-        Ok(Effect::Save(Save::Undo(generations)))
+        Ok(self.save(Pending::Undo))
     }
 
     /// A settings command, as a change to be saved.
-    fn change(&self, command: Command) -> Result<Effect, Refusal> {
+    fn change(&mut self, command: Command) -> Result<Effect, Refusal> {
         let mut settings = self.settings;
         let range = match command {
             Command::StreamRate(hz) => {
@@ -264,7 +293,12 @@ impl Compass {
             }
             _ => "not a setting",
         };
-        if settings.is_valid() { Ok(Effect::Save(Save::Settings(settings))) } else { Err(Refusal::OutOfRange(range)) }
+        if settings.is_valid() { Ok(self.save(Pending::Settings(settings))) } else { Err(Refusal::OutOfRange(range)) }
+    }
+
+    fn save(&mut self, what: Pending) -> Effect {
+        self.pending = Some(what);
+        Effect::Save
     }
 
     fn start_solving(&mut self, method: Option<Method>) -> Result<(), Refusal> {
@@ -294,22 +328,26 @@ impl Compass {
                 }
                 Solving::Finished(Err(error)) => self.end(Err(Refusal::Solve(error))),
             },
-            Phase::Verifying(solution) => {
-                let solution = *solution;
-                match self.verify(&solution) {
-                    Ok(generations) => {
-                        self.phase = Phase::Saving;
-                        Effect::Save(Save::Calibration(generations))
-                    }
-                    Err(refusal) => self.end(Err(refusal)),
-                }
-            }
-            Phase::Idle | Phase::Collecting | Phase::Saving => Effect::None,
+            Phase::Verifying(_) => self.judge(),
+            Phase::Idle | Phase::Collecting | Phase::Saving(_) => Effect::None,
         }
     }
 
-    /// Whether a candidate may replace the calibration in use; what is to be stored if it may.
-    fn verify(&self, candidate: &Solution) -> Result<Generations, Refusal> {
+    #[inline(never)]
+    fn judge(&mut self) -> Effect {
+        let Phase::Verifying(candidate) = &self.phase else { return Effect::None };
+        match self.verify(candidate) {
+            Ok(record) => {
+                self.phase = Phase::Saving(record);
+                self.save(Pending::Calibration)
+            }
+            Err(refusal) => self.end(Err(refusal)),
+        }
+    }
+
+    /// Whether a candidate may replace the calibration in use; its record if it may.
+    #[inline(never)]
+    fn verify(&self, candidate: &Solution) -> Result<Record, Refusal> {
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         let selection = Selection::of(self.collector.fit(), self.collector.manner());
         let held_back = selection.from(self.collector.held_back());
@@ -334,16 +372,15 @@ impl Compass {
         if let Some(in_use) = in_use {
             self.not_thinner(candidate, in_use, scores)?;
         }
-        let mut generations = self.generations;
-        generations.push(Record {
+        let current = self.generations.current.as_ref();
+        Ok(Record {
             calibration: candidate.calibration,
             quality: candidate.quality,
             uncertainty: candidate.uncertainty,
             sensor,
             mount: self.settings.mount,
-            serial: generations.current.as_ref().map_or(1, |current| current.serial.wrapping_add(1)),
-        });
-        Ok(generations)
+            serial: current.map_or(1, |current| current.serial.wrapping_add(1)),
+        })
     }
 
     /// Thin data never make the heading worse than the calibration in use: held-back samples of a thin flight show no
@@ -360,23 +397,32 @@ impl Compass {
         Ok(())
     }
 
-    fn saved(&mut self, save: Save, result: Result<(), StoreError>) -> Effect {
-        match (save, result) {
-            (Save::Calibration(generations), Ok(())) => {
-                let outcome = generations.current.as_ref().map(|record| record.quality).ok_or(Refusal::NoSamples);
-                self.generations = generations;
-                self.end(outcome)
-            }
-            (Save::Calibration(_), Err(error)) => self.end(Err(Refusal::Store(error))),
-            (Save::Undo(generations) | Save::Clear(generations), Ok(())) => {
-                self.generations = generations;
+    #[inline(never)]
+    fn saved(&mut self, result: Result<(), StoreError>) -> Effect {
+        match (self.pending.take(), result) {
+            (Some(Pending::Calibration), Ok(())) => match &self.phase {
+                Phase::Saving(record) => {
+                    self.generations.push(record);
+                    let quality = record.quality;
+                    self.end(Ok(quality))
+                }
+                _ => Effect::None,
+            },
+            (Some(Pending::Calibration), Err(error)) => self.end(Err(Refusal::Store(error))),
+            (Some(_), Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
+            (Some(Pending::Undo), Ok(())) => {
+                self.generations.undo();
                 self.done()
             }
-            (Save::Settings(settings), Ok(())) => {
+            (Some(Pending::Clear), Ok(())) => {
+                self.generations.clear();
+                self.done()
+            }
+            (Some(Pending::Settings(settings)), Ok(())) => {
                 self.settings = settings;
                 self.done()
             }
-            (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
+            (None, _) => Effect::None,
         }
     }
 
@@ -396,8 +442,8 @@ impl Compass {
             state: self.state(),
             progress: self.collector.progress(),
             settings: self.settings,
-            current: self.generations.current,
-            previous: self.generations.previous,
+            current: self.generations.current.as_ref().map(Summary::from),
+            has_previous: self.generations.previous.is_some(),
             last: self.last.clone(),
         }
     }

@@ -27,7 +27,7 @@ use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
 use contents::{Contents, VALUE_SIZE};
-pub use contents::{Generations, Record, Settings};
+pub use contents::{Change, Generations, Record, Settings};
 
 /// The only key of the map.
 const KEY: u8 = 0;
@@ -98,8 +98,8 @@ pub struct Store<F: NorFlash> {
     halves: [Range<u32>; 2],
 }
 
-/// What a half holds: the newest copy in its log, nothing, or why that is not known.
-type Found = Result<Option<Contents>, StoreError>;
+/// What a half holds: a copy, with its count of saves; nothing; or why that is not known.
+type Found = Result<Option<u32>, StoreError>;
 
 impl<F: NorFlash> Store<F> {
     /// A store in this region of the flash, as offsets from the flash's start. The flash is not touched yet.
@@ -116,44 +116,58 @@ impl<F: NorFlash> Store<F> {
 
     /// The settings; the default ones when none were ever stored.
     pub async fn load_settings(&mut self) -> Result<Settings, StoreError> {
-        Ok(newest(&self.survey().await)?.settings)
+        let mut contents = Contents::default();
+        self.load(&mut contents).await?;
+        Ok(contents.settings)
     }
 
     /// The calibrations; none when none were ever stored.
     pub async fn load_generations(&mut self) -> Result<Generations, StoreError> {
-        Ok(newest(&self.survey().await)?.generations)
+        let mut contents = Contents::default();
+        self.load(&mut contents).await?;
+        Ok(contents.generations)
     }
 
-    /// Stores settings, leaving the calibrations as they are.
-    pub async fn save_settings(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        let found = self.survey().await;
-        let mut contents = to_change(&found)?;
-        contents.settings = *settings;
-        self.save(&found, &mut contents).await
-    }
-
-    /// Stores calibrations, leaving the settings as they are.
-    pub async fn save_generations(&mut self, generations: &Generations) -> Result<(), StoreError> {
-        let found = self.survey().await;
-        let mut contents = to_change(&found)?;
-        contents.generations = *generations;
-        self.save(&found, &mut contents).await
-    }
-
-    async fn survey(&mut self) -> [Found; 2] {
-        [self.read(0).await, self.read(1).await]
-    }
-
-    async fn save(&mut self, found: &[Found; 2], contents: &mut Contents) -> Result<(), StoreError> {
+    /// Stores a change, leaving the rest as it is. What cannot be understood has no future: it is replaced by the default.
+    /// A flash that merely failed to read it is no reason to throw it away.
+    pub async fn save(&mut self, change: Change<'_>) -> Result<(), StoreError> {
+        let mut contents = Contents::default();
+        let found = self.survey(&mut contents).await;
+        if found.contains(&Err(StoreError::Flash)) {
+            return Err(StoreError::Flash);
+        }
+        contents.change(change);
         contents.saves = contents.saves.wrapping_add(1);
         let mut buffer = [0; VALUE_SIZE];
         let value = contents.encode(&mut buffer)?;
-        let half = newest_half(found).map_or(0, |newest| 1 - newest);
+        let half = newest_half(&found).map_or(0, |newest| 1 - newest);
         if self.append(half, value).await.is_ok() {
             return Ok(());
         }
         self.log(half).erase_all().await?;
         self.append(half, value).await
+    }
+
+    /// Puts the newest copy into `contents`; an error if there is none, but something that cannot be read.
+    async fn load(&mut self, contents: &mut Contents) -> Result<(), StoreError> {
+        let found = self.survey(contents).await;
+        match (newest_half(&found), found) {
+            (None, [Err(error), _] | [_, Err(error)]) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// What the halves hold; the newest copy is in `contents` afterwards, if there is one.
+    async fn survey(&mut self, contents: &mut Contents) -> [Found; 2] {
+        let first = self.read(0, contents).await;
+        let second = self.read(1, contents).await;
+        let found = [first, second];
+        // The second copy now stands where the first one was.
+        if newest_half(&found) == Some(0) && second.is_ok_and(|copy| copy.is_some()) {
+            // It could be read a moment ago.
+            let _ = self.read(0, contents).await;
+        }
+        found
     }
 
     fn log(&mut self, half: usize) -> MapStorage<u8, &mut F, Cache<Uncached, Uncached, Uncached, u8>> {
@@ -162,10 +176,14 @@ impl<F: NorFlash> Store<F> {
         MapStorage::new(&mut self.flash, MapConfig::new(region.clone()), Cache::new_uncached())
     }
 
-    async fn read(&mut self, half: usize) -> Found {
+    /// Reads the copy in a half into `contents`, which stay as they are if there is none.
+    async fn read(&mut self, half: usize, contents: &mut Contents) -> Found {
         let mut buffer = [0; ITEM_SIZE];
         match self.log(half).fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
-            Some(value) => Contents::decode(value).map(Some),
+            Some(value) => {
+                contents.decode(value)?;
+                Ok(Some(contents.saves))
+            }
             None => Ok(None),
         }
     }
@@ -184,28 +202,11 @@ impl<F: NorFlash> Store<F> {
 
 /// The half with the newest copy that can be read.
 fn newest_half(found: &[Found; 2]) -> Option<usize> {
-    match found {
-        [Ok(Some(first)), Ok(Some(second))] => Some(usize::from(second.is_newer_than(first))),
+    match *found {
+        // They are never more than a few saves apart.
+        [Ok(Some(first)), Ok(Some(second))] => Some(usize::from(second.wrapping_sub(first).cast_signed() > 0)),
         [Ok(Some(_)), _] => Some(0),
         [_, Ok(Some(_))] => Some(1),
         _ => None,
     }
-}
-
-/// The newest copy that can be read; the defaults if nothing was ever stored.
-fn newest(found: &[Found; 2]) -> Result<Contents, StoreError> {
-    match (newest_half(found).and_then(|half| found.get(half)), found) {
-        (Some(Ok(Some(contents))), _) => Ok(*contents),
-        (_, [Err(error), _] | [_, Err(error)]) => Err(*error),
-        _ => Ok(Contents::default()),
-    }
-}
-
-/// What a save leaves in place. What cannot be understood has no future: it is replaced by the default. A flash that
-/// merely failed to read it is no reason to throw it away.
-fn to_change(found: &[Found; 2]) -> Result<Contents, StoreError> {
-    if found.contains(&Err(StoreError::Flash)) {
-        return Err(StoreError::Flash);
-    }
-    Ok(newest(found).unwrap_or_default())
 }

@@ -7,7 +7,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
 use super::links::{Active, count};
-use crate::compass::{Command, Compass, Config, Effect, Event, Save};
+use crate::compass::{Command, Compass, Config, Effect, Event};
 use crate::log::{info, warning};
 use crate::store::{Store, StoreError};
 
@@ -20,9 +20,10 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
         publish(links, &compass);
         let event = next_event(links, &compass).await;
         let mut effect = compass.step(event);
-        while let Effect::Save(save) = effect {
-            let result = write(links, &mut store, &save).await;
-            effect = compass.step(Event::Saved(save, result));
+        while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
+            let result = store.save(change).await;
+            count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
+            effect = compass.step(Event::Saved(result));
         }
         publish(links, &compass);
         match effect {
@@ -31,7 +32,7 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
                 info!("solve ended, ok {=bool}", outcome.is_ok());
                 links.notices.signal(outcome);
             }
-            Effect::None | Effect::Save(_) => {}
+            Effect::None | Effect::Save => {}
         }
     }
 }
@@ -63,17 +64,6 @@ fn loaded<T>(links: &Links, result: Result<T, StoreError>) -> Option<T> {
             count(&links.counters.store_errors);
         })
         .ok()
-}
-
-async fn write<F: NorFlash>(links: &Links, store: &mut Store<F>, save: &Save) -> Result<(), StoreError> {
-    let result = match save {
-        Save::Calibration(generations) | Save::Undo(generations) | Save::Clear(generations) => {
-            store.save_generations(generations).await
-        }
-        Save::Settings(settings) => store.save_settings(settings).await,
-    };
-    count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
-    result
 }
 
 fn publish(links: &Links, compass: &Compass) {

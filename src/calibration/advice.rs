@@ -84,6 +84,7 @@ pub struct Assumed {
 const SAMPLES: u8 = 24;
 
 /// Looks for the manoeuvre that would help most. `None` when nothing could be computed.
+#[inline(never)]
 pub(super) fn advise(
     evidence: &Evidence,
     likelihood: &Likelihood,

@@ -1,10 +1,10 @@
 //! What the samples leave unknown: from the information in them to the uncertainty of the coefficients.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::Samples;
 use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
-use super::uncertainty::{COEFFICIENTS, Matrix12, Uncertainty};
+use super::uncertainty::{COEFFICIENTS, Uncertainty};
 use crate::frames::Attitude;
 
 /// Errors of the attitude source that are alike in all samples, 1 sigma. Turns do not reveal them: a bias looks like
@@ -42,6 +42,7 @@ pub(super) struct Evidence {
 
 impl Evidence {
     /// One pass over the samples.
+    #[inline(never)]
     pub fn new(likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) -> Self {
         let mut evidence = Self {
             system: System::of_priors(likelihood, unknowns),
@@ -78,42 +79,52 @@ impl Evidence {
         self.correlation = before;
     }
 
-    /// Covariance of the unknowns. Errors of an attitude source stay alike for about half a second; with lag-1
-    /// autocorrelation rho of the dip residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so
-    /// that the estimator's covariance is `H^-1 (H + H_dip 2 rho / (1 - rho)) H^-1`.
+    /// The uncertainty of the coefficients, in the units of the [`Calibration`](super::Calibration) that
+    /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
+    ///
+    /// Errors of an attitude source stay alike for about half a second; with lag-1 autocorrelation rho of the dip
+    /// residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so that the estimator's covariance is
+    /// `H^-1 (H + H_dip 2 rho / (1 - rho)) H^-1`.
     ///
     /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
     /// which is nothing where these were sought but is the error of a closed form.
-    fn covariance(&self, consider: Consider) -> Option<Matrix13> {
-        let inverse = self.system.covariance()?;
-        let mut dip = self.dip;
-        dip.fill_upper_triangle_with_lower_triangle();
-        let [products, squares, _] = self.correlation;
-        let rho = if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 };
-        let mut covariance = inverse + inverse * dip * inverse * (2.0 * rho / (1.0 - rho));
-        let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
-        let shifts = self.effects.iter().zip(sigmas).map(|(effect, sigma)| inverse * effect * sigma);
-        for shift in shifts.chain(self.system.change()) {
-            covariance.ger(1.0, &shift, &shift, 1.0);
+    #[inline(never)]
+    pub fn uncertainty(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Uncertainty> {
+        let units = Units::new(likelihood, unknowns)?;
+        // What each coefficient becomes under `H^-1`: all that is asked of it, and a fraction of the matrix's size.
+        let mut columns = [Vector13::zeros(); COEFFICIENTS];
+        for (i, column) in columns.iter_mut().enumerate() {
+            *column = self.system.covariance_times(&units.row(i))?;
         }
-        Some(covariance)
+        let change = self.system.change()?;
+        let correlated = self.correlated();
+        let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
+        let mut of_dip = Vector13::zeros();
+        let noise = &likelihood.noise;
+        let attitude_sigma_rad =
+            if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
+        let uncertainty = Uncertainty::new(noise.norm / units.per_unit, attitude_sigma_rad, |i, j| {
+            if j == 0 {
+                // The lower triangle is filled row by row.
+                of_dip.sygemv(correlated, &self.dip, &columns[i], 0.0);
+            }
+            let row = units.row(j);
+            let shifts = self.effects.iter().zip(sigmas).map(|(effect, sigma)| {
+                columns[i].dot(effect) * sigma * columns[j].dot(effect) * sigma
+            });
+            row.dot(&columns[i])
+                + of_dip.dot(&columns[j])
+                + shifts.sum::<f32>()
+                + units.row(i).dot(&change) * row.dot(&change)
+        });
+        uncertainty.is_finite().then_some(uncertainty)
     }
 
-    /// The uncertainty of the coefficients, in the units of the [`Calibration`](super::Calibration) that
-    /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
-    pub fn uncertainty(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Uncertainty> {
-        let point = Point::new(unknowns);
-        let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
-        let covariance = self.covariance(consider)?;
-        let units = units(&point, &(likelihood.rotation.transpose() * per_unit))?;
-        let covariance = units * covariance.fixed_view::<COEFFICIENTS, COEFFICIENTS>(0, 0) * units.transpose();
-        let attitude_sigma_rad = if likelihood.config.uses_attitude {
-            likelihood.noise.attitude_sigma_rad()
-        } else {
-            UNSEEN_ATTITUDE_SIGMA_RAD
-        };
-        let uncertainty = Uncertainty::new(&covariance, likelihood.noise.norm / per_unit, attitude_sigma_rad);
-        uncertainty.is_finite().then_some(uncertainty)
+    /// How much more the dips' information is doubted: `2 rho / (1 - rho)`.
+    fn correlated(&self) -> f32 {
+        let [products, squares, _] = self.correlation;
+        let rho = if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 };
+        2.0 * rho / (1.0 - rho)
     }
 
     /// What the samples say nothing of: the quantities of whose prior more than half is left in some direction.
@@ -122,16 +133,22 @@ impl Evidence {
         likelihood: &Likelihood,
         unknowns: &Vector13,
     ) -> Option<impl Iterator<Item = Quantity>> {
-        let covariance = self.system.covariance()?;
         let mut left = [None; 4];
+        let mut determined = true;
         priors(likelihood, &Point::new(unknowns), |prior| {
-            let posterior = prior.row.dot(&(covariance * prior.row));
-            if posterior > 0.25 * prior.sigma * prior.sigma
+            let Some(column) = self.system.covariance_times(&prior.row) else {
+                determined = false;
+                return;
+            };
+            if prior.row.dot(&column) > 0.25 * prior.sigma * prior.sigma
                 && let Some(slot) = left.get_mut(prior.of as usize)
             {
                 *slot = Some(prior.of);
             }
         });
+        if !determined {
+            return None;
+        }
         Some(left.into_iter().flatten())
     }
 }
@@ -139,14 +156,32 @@ impl Evidence {
 /// Takes changes of the unknowns `W` and `d` to changes of `W` in chip axes with a determinant of one, and of `beta`. The
 /// corrected field changes by `dW x + dd`, with `x` the field less the mean. Less the hard iron it is `x + W^-1 d`, so that
 /// `d beta = dW W^-1 d - dd`.
-fn units(point: &Point, mount: &Matrix3<f32>) -> Option<Matrix12> {
-    let from_b = point.mean_from_b()?.transpose();
-    let mut units = Matrix12::zeros();
-    for i in 0..3 {
-        // A row of W in mount axes times the rotation is a row in chip axes; as a column, the transpose of it.
-        units.fixed_view_mut::<3, 3>(3 * i, 3 * i).copy_from(mount);
-        units.fixed_view_mut::<1, 3>(9 + i, 3 * i).copy_from(&from_b);
-        units[(9 + i, 9 + i)] = -1.0;
+struct Units {
+    /// Makes the determinant one.
+    per_unit: f32,
+    /// Rows of `W` in mount axes, as columns, to rows in chip axes.
+    mount: Matrix3<f32>,
+    /// `W^-1 d`.
+    from_b: Vector3<f32>,
+}
+
+impl Units {
+    fn new(likelihood: &Likelihood, unknowns: &Vector13) -> Option<Self> {
+        let point = Point::new(unknowns);
+        let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
+        Some(Self { per_unit, mount: likelihood.rotation.transpose() * per_unit, from_b: point.mean_from_b()? })
     }
-    Some(units)
+
+    /// The `i`-th coefficient by the unknowns.
+    fn row(&self, i: usize) -> Vector13 {
+        let mut row = Vector13::zeros();
+        let axis = i % 3;
+        if i < 9 {
+            row.fixed_rows_mut::<3>(i - axis).copy_from(&self.mount.row(axis).transpose());
+        } else {
+            row.fixed_rows_mut::<3>(3 * axis).copy_from(&self.from_b);
+            row[i] = -1.0;
+        }
+        row
+    }
 }

@@ -68,21 +68,20 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         solution.iter().all(|x| x.is_finite()).then_some(solution)
     }
 
-    /// The inverse of the information `U^T D U`: the covariance of the unknowns.
-    pub fn covariance(&self) -> Option<SMatrix<f32, N, N>> {
-        let mut inverse = SMatrix::<f32, N, N>::identity();
-        for column in 0..N {
-            for k in (0..column).rev() {
-                inverse[(k, column)] = -(k + 1..=column).map(|j| self.u[k][j] * inverse[(j, column)]).sum::<f32>();
+    /// The inverse of the information `U^T D U`, the covariance of the unknowns, times a vector. The matrix itself would
+    /// take ten times the memory.
+    pub fn covariance_times(&self, vector: &SVector<f32, N>) -> Option<SVector<f32, N>> {
+        let mut x = *vector;
+        for k in 0..N {
+            for j in k + 1..N {
+                x[j] -= self.u[k][j] * x[k];
             }
         }
-        let mut covariance = SMatrix::<f32, N, N>::zeros();
-        for k in 0..N {
-            let column = inverse.column(k);
-            covariance.syger(1.0 / self.d[k], &column, &column, 1.0);
+        for k in (0..N).rev() {
+            let known: f32 = (k + 1..N).map(|j| self.u[k][j] * x[j]).sum();
+            x[k] = x[k] / self.d[k] - known;
         }
-        covariance.fill_upper_triangle_with_lower_triangle();
-        covariance.iter().all(|c| c.is_finite()).then_some(covariance)
+        x.iter().all(|x| x.is_finite()).then_some(x)
     }
 
     /// The diagonal of the information.
@@ -137,7 +136,10 @@ mod tests {
         }
         let inverse = information.try_inverse().unwrap();
         assert!((system.solve().unwrap() - inverse * right).norm() < 1e-5);
-        assert!((system.covariance().unwrap() - inverse).norm() < 1e-5);
+        for column in 0..3 {
+            let unit = Matrix3::identity().column(column).into_owned();
+            assert!((system.covariance_times(&unit).unwrap() - inverse.column(column)).norm() < 1e-5);
+        }
         assert!((system.diagonal() - information.diagonal()).norm() < 1e-5);
         let change = Vector3::new(0.1, -0.2, 0.3);
         assert!((system.gain(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);

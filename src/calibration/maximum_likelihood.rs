@@ -81,6 +81,7 @@ impl Refinement {
     }
 
     /// One pass over the samples, which must be those it began with.
+    #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         if self.moves {
             match self.descend(samples) {

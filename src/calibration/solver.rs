@@ -83,7 +83,10 @@ impl Solver {
         Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, &start)?, from_sphere })
     }
 
-    /// One pass over the samples, or the end.
+    /// One pass over the samples, or the end. Not inlined, nor are the large parts of it: see [`Compass::step`].
+    ///
+    /// [`Compass::step`]: crate::compass::Compass::step
+    #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         let end = match self.refinement.step(samples) {
             Refining::Continue => return Progress::Continue,
@@ -143,6 +146,7 @@ impl Solver {
     }
 
     /// Headings must run with the turns, and the mounting must be the configured one.
+    #[inline(never)]
     fn plausible(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
         let heading = |s: &Sample| s.attitude.level(calibration.apply(s.field)).heading_rad();
         let progress = [(Side::Left, samples.left), (Side::Right, samples.right)]

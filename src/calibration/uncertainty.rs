@@ -1,6 +1,6 @@
 //! How wrong a heading may be: what is left unknown of the coefficients, and the noise of sensor and attitude.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Calibration;
@@ -10,7 +10,6 @@ use crate::frames::{Field, Level, Sensor};
 /// coefficients whose errors move it.
 pub(super) const COEFFICIENTS: usize = 12;
 pub(super) type Vector12 = SVector<f32, COEFFICIENTS>;
-pub(super) type Matrix12 = SMatrix<f32, COEFFICIENTS, COEFFICIENTS>;
 
 /// Covariance of the twelve coefficients, and the noise that the samples showed. 320 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,11 +27,15 @@ impl Uncertainty {
     /// Everything known exactly.
     pub const NONE: Self = Self { covariance: [[0.0; 13]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
-    /// From the full covariance.
-    pub(super) fn new(covariance: &Matrix12, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
+    /// From the elements of the covariance: asked for row by row, from the first column to the diagonal.
+    pub(super) fn new(
+        sensor_sigma: f32,
+        attitude_sigma_rad: f32,
+        mut covariance: impl FnMut(usize, usize) -> f32,
+    ) -> Self {
         let mut packed = [[0.0; 13]; 6];
         for (packed, (row, column)) in packed.as_flattened_mut().iter_mut().zip(triangle()) {
-            *packed = covariance[(row, column)];
+            *packed = covariance(row, column);
         }
         Self { covariance: packed, sensor_sigma, attitude_sigma_rad }
     }

@@ -2,13 +2,12 @@
 
 use super::refusal::Refusal;
 use crate::calibration::ladder::Manner;
-use crate::calibration::{Advice, Method, Orientation, Quality, Sample};
+use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
 use crate::magnetometer::Identity;
-use crate::store::{Generations, Record, Settings, StoreError};
+use crate::store::{Record, Settings, StoreError};
 use crate::turns::Progress;
 
 /// What happened.
-#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
 #[derive(Debug)]
 pub enum Event {
     /// A magnetometer answered.
@@ -19,8 +18,8 @@ pub enum Event {
     Command(Command, u32),
     /// Time for the next step of a solve: wanted while [`Compass::is_busy`](super::Compass::is_busy).
     Advance,
-    /// A save asked for by [`Effect::Save`] has ended.
-    Saved(Save, Result<(), StoreError>),
+    /// The save asked for by [`Effect::Save`] has ended.
+    Saved(Result<(), StoreError>),
 }
 
 /// What can be asked of the module.
@@ -68,21 +67,8 @@ pub enum Effect {
     Reply(Result<Reply, Refusal>),
     /// Tell whoever listens: a solve has ended.
     Notify(Outcome),
-    /// Write this to flash and come back with [`Event::Saved`].
-    Save(Save),
-}
-
-/// Something to be written, and what it was for.
-#[derive(Clone, Debug)]
-pub enum Save {
-    /// A calibration that passed verification.
-    Calibration(Generations),
-    /// `cal undo`.
-    Undo(Generations),
-    /// `cal clear`.
-    Clear(Generations),
-    /// Changed settings.
-    Settings(Settings),
+    /// Write [`Compass::to_save`](super::Compass::to_save) to flash and come back with [`Event::Saved`].
+    Save,
 }
 
 /// An answer that is not a refusal.
@@ -138,11 +124,33 @@ pub struct Report {
     /// Settings in force.
     pub settings: Settings,
     /// The stored calibration, whether or not it fits this sensor and mounting.
-    pub current: Option<Record>,
-    /// The one `cal undo` would bring back.
-    pub previous: Option<Record>,
+    pub current: Option<Summary>,
+    /// Whether `cal undo` would bring one back.
+    pub has_previous: bool,
     /// How the last solve ended.
     pub last: Option<Outcome>,
+}
+
+/// A stored calibration, without the uncertainty of each coefficient.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// How good they are expected to be.
+    pub quality: Quality,
+    /// The sensor they were found with.
+    pub sensor: Identity,
+    /// How that sensor was mounted.
+    pub mount: Orientation,
+    /// Counts the calibrations this module has accepted.
+    pub serial: u32,
+}
+
+impl From<&Record> for Summary {
+    fn from(record: &Record) -> Self {
+        let Record { calibration, quality, sensor, mount, serial, .. } = *record;
+        Self { calibration, quality, sensor, mount, serial }
+    }
 }
 
 /// How a solve ended.

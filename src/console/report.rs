@@ -7,11 +7,10 @@ use super::LineError;
 use crate::app::{Counts, ResetCause, StackUse};
 use crate::calibration::ladder::Manner;
 use crate::calibration::{Advice, Envelope, Quality};
-use crate::compass::{Outcome, Refusal, Reply, Report};
+use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::Identity;
-use crate::store::Record;
 use crate::turns::Progress;
 use crate::turns::dataset::{Coverage, SECTORS};
 use crate::wire::decimal::Decimal;
@@ -201,11 +200,11 @@ pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
     };
     writeln!(out, "ok number {} of {}, {}", record.serial, record.quality.method.name(), Expected(&record.quality))?;
     coefficients(out, record)?;
-    let before = if report.previous.is_some() { "kept, cal undo brings it back" } else { "none" };
+    let before = if report.has_previous { "kept, cal undo brings it back" } else { "none" };
     writeln!(out, "before: {before}")
 }
 
-fn coefficients(out: &mut impl Write, record: &Record) -> fmt::Result {
+fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
     let calibration = &record.calibration;
     for (name, row) in ["wx", "wy", "wz"].iter().zip(&calibration.w) {
         let [x, y, z] = row.map(Decimal::<5>);

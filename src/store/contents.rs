@@ -108,8 +108,9 @@ pub struct Generations {
 
 impl Generations {
     /// Takes a new calibration into use; the one in use becomes the previous one.
-    pub fn push(&mut self, record: Record) {
-        self.previous = self.current.replace(record);
+    pub fn push(&mut self, record: &Record) {
+        self.previous = self.current;
+        self.current = Some(*record);
     }
 
     /// Swaps the two, so that a second `undo` undoes the first. When there is no previous calibration the module is
@@ -128,6 +129,20 @@ impl Generations {
     }
 }
 
+/// What of the contents a save changes.
+#[derive(Clone, Copy, Debug)]
+pub enum Change<'a> {
+    /// The settings; the calibrations stay.
+    Settings(&'a Settings),
+    /// The calibrations; the settings stay.
+    Generations {
+        /// The one in use from now on.
+        current: Option<&'a Record>,
+        /// The one before.
+        previous: Option<&'a Record>,
+    },
+}
+
 /// The one value in the flash: version byte, postcard, CRC-32 of both (little endian).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contents {
@@ -138,9 +153,15 @@ pub(super) struct Contents {
 }
 
 impl Contents {
-    /// Whether it was saved after the other; they are never more than a few saves apart.
-    pub fn is_newer_than(&self, other: &Self) -> bool {
-        self.saves.wrapping_sub(other.saves).cast_signed() > 0
+    /// Puts a change into place.
+    pub fn change(&mut self, change: Change<'_>) {
+        match change {
+            Change::Settings(settings) => self.settings = *settings,
+            Change::Generations { current, previous } => {
+                self.generations.current = current.copied();
+                self.generations.previous = previous.copied();
+            }
+        }
     }
 
     fn is_valid(&self) -> bool {
@@ -161,15 +182,20 @@ impl Contents {
         buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
     }
 
-    /// The contents from stored bytes.
-    pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
+    /// Takes the contents from stored bytes; they stay as they are if there is something wrong with those. Not inlined:
+    /// the contents are large, and what they are made of lies on the stack while it is.
+    #[inline(never)]
+    pub fn decode(&mut self, value: &[u8]) -> Result<(), StoreError> {
         let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;
         if CRC.checksum(checked) != u32::from_le_bytes(*crc) {
             return Err(StoreError::Corrupt);
         }
         match checked {
             [VERSION, payload @ ..] => match postcard::from_bytes::<Self>(payload) {
-                Ok(contents) if contents.is_valid() => Ok(contents),
+                Ok(contents) if contents.is_valid() => {
+                    *self = contents;
+                    Ok(())
+                }
                 _ => Err(StoreError::Corrupt),
             },
             [version, ..] => Err(StoreError::UnknownVersion(*version)),
@@ -192,11 +218,16 @@ mod tests {
         }
     }
 
+    fn decoded(value: &[u8]) -> Result<Contents, StoreError> {
+        let mut contents = Contents::default();
+        contents.decode(value).map(|()| contents)
+    }
+
     #[test]
     fn the_largest_contents_fit_and_come_back() {
         let mut buffer = [0; VALUE_SIZE];
         let value = contents().encode(&mut buffer).unwrap();
-        assert_eq!(Contents::decode(value), Ok(contents()));
+        assert_eq!(decoded(value), Ok(contents()));
     }
 
     /// CRC-32 finds every single-bit error, wherever it is.
@@ -207,7 +238,7 @@ mod tests {
         for bit in 0..value.len() * 8 {
             let mut damaged = value.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Contents::decode(&damaged), Err(StoreError::Corrupt), "bit {bit}");
+            assert_eq!(decoded(&damaged), Err(StoreError::Corrupt), "bit {bit}");
         }
     }
 
@@ -215,7 +246,7 @@ mod tests {
     fn another_version_is_named() {
         let mut value = std::vec![9, 1, 2, 3];
         value.extend(CRC.checksum(&value).to_le_bytes());
-        assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(9)));
+        assert_eq!(decoded(&value), Err(StoreError::UnknownVersion(9)));
     }
 
     #[test]
@@ -235,15 +266,15 @@ mod tests {
             let mut value = std::vec![VERSION];
             value.extend(postcard::to_slice(&bad, &mut [0; VALUE_SIZE]).unwrap().iter());
             value.extend(CRC.checksum(&value).to_le_bytes());
-            assert_eq!(Contents::decode(&value), Err(StoreError::Corrupt));
+            assert_eq!(decoded(&value), Err(StoreError::Corrupt));
         }
     }
 
     #[test]
     fn undo_twice_is_redo() {
         let mut generations = Generations::default();
-        generations.push(record(1));
-        generations.push(record(2));
+        generations.push(&record(1));
+        generations.push(&record(2));
         let before = generations;
         generations.undo();
         assert_eq!(generations.current, Some(record(1)));

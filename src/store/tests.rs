@@ -39,6 +39,10 @@ fn generations(serial: u32) -> Generations {
     Generations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
 }
 
+fn change(generations: &Generations) -> Change<'_> {
+    Change::Generations { current: generations.current.as_ref(), previous: generations.previous.as_ref() }
+}
+
 /// Deterministic noise (splitmix64).
 #[derive(Clone)]
 struct Noise(u64);
@@ -166,7 +170,7 @@ fn flash_after(saves: u32) -> RamFlash {
 /// A save with a freshly started store, on a copy of the flash that takes its place.
 fn save(flash: &mut RamFlash, serial: u32) -> Result<(), StoreError> {
     let mut store = Store::new(flash.clone(), REGION);
-    let result = block_on(store.save_generations(&generations(serial)));
+    let result = block_on(store.save(change(&generations(serial))));
     *flash = store.flash;
     result
 }
@@ -186,9 +190,9 @@ fn an_empty_flash_gives_the_defaults() {
 fn settings_and_calibrations_do_not_disturb_each_other() {
     let mut store = Store::new(RamFlash::new(), REGION);
     let settings = Settings { declination_deg: Some(12.5), stream_on: false, ..Settings::default() };
-    block_on(store.save_generations(&generations(5))).unwrap();
-    block_on(store.save_settings(&settings)).unwrap();
-    block_on(store.save_generations(&generations(6))).unwrap();
+    block_on(store.save(change(&generations(5)))).unwrap();
+    block_on(store.save(Change::Settings(&settings))).unwrap();
+    block_on(store.save(change(&generations(6)))).unwrap();
     assert_eq!(block_on(store.load_settings()), Ok(settings));
     assert_eq!(block_on(store.load_generations()), Ok(generations(6)));
 }

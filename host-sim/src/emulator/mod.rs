@@ -119,7 +119,6 @@ impl Emulator {
     /// Lets the machine run to where it tells something next, and the world catch up.
     fn step(&mut self) -> Result<(), EmulatorError> {
         let (told, ticks) = self.machine.listen()?;
-        if std::env::var_os("DBG").is_some() { eprintln!("{told:?} {ticks}"); }
         self.catch_up(ticks / TICKS_PER_US);
         let [console, autopilot] = self.machine.written()?;
         self.console_wire.write(&console);

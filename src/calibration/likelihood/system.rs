@@ -2,7 +2,7 @@
 
 use super::super::least_squares::LeastSquares;
 use super::equations::{Equation, Equations};
-use super::{Likelihood, Matrix13, Point, UNKNOWNS, Vector13};
+use super::{Likelihood, Point, UNKNOWNS, Vector13};
 
 /// The linearised problem at one set of unknowns: the change of them that makes everything most likely.
 #[derive(Clone, Debug)]
@@ -62,9 +62,9 @@ impl System {
         self.equations.solve()
     }
 
-    /// Covariance of the unknowns; `None` when they are not determined.
-    pub fn covariance(&self) -> Option<Matrix13> {
-        self.equations.covariance()
+    /// Covariance of the unknowns, times a vector; `None` when they are not determined.
+    pub fn covariance_times(&self, vector: &Vector13) -> Option<Vector13> {
+        self.equations.covariance_times(vector)
     }
 }
 
