@@ -26,8 +26,8 @@ use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use contents::{Contents, VALUE_SIZE};
 pub use contents::{Change, Generations, Record, Settings};
+use contents::{Contents, VALUE_SIZE};
 
 /// The only key of the map.
 const KEY: u8 = 0;

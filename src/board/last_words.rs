@@ -5,9 +5,9 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 
+use super::stack;
 use cortex_m::peripheral::SCB;
 use crc::{CRC_32_ISO_HDLC, Crc};
-use super::stack;
 
 /// The longest message, as `ResetCause` takes it.
 const CAPACITY: usize = 96;

@@ -109,9 +109,11 @@ impl Evidence {
                 of_dip.sygemv(correlated, &self.dip, &columns[i], 0.0);
             }
             let row = units.row(j);
-            let shifts = self.effects.iter().zip(sigmas).map(|(effect, sigma)| {
-                columns[i].dot(effect) * sigma * columns[j].dot(effect) * sigma
-            });
+            let shifts = self
+                .effects
+                .iter()
+                .zip(sigmas)
+                .map(|(effect, sigma)| columns[i].dot(effect) * sigma * columns[j].dot(effect) * sigma);
             row.dot(&columns[i])
                 + of_dip.dot(&columns[j])
                 + shifts.sum::<f32>()

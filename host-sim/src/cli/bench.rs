@@ -1,4 +1,4 @@
-//! `host-sim bench accuracy` and `host-sim bench speed`.
+//! `host-sim bench accuracy`, `host-sim bench speed` and `host-sim bench budget`.
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -7,13 +7,14 @@ use autoswing::calibration::{Method, Prior, Samples, solve};
 use comfy_table::{Table, presets};
 use host_sim::accuracy::trial::{Faults, Ranges, Trial};
 use host_sim::accuracy::{self, Outcome, Plan};
+use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
 use host_sim::world::WorldConfig;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::print::{right_aligned, rounded};
-use super::{Accuracy, Failure, Speed};
+use super::{Accuracy, Budget, Failure, Speed};
 
 pub fn accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
     let plan = Plan { airframes: options.airframes, draws: options.draws, seed: options.seed };
@@ -69,6 +70,27 @@ fn show(plan: Plan, outcome: &Outcome) {
             coverage.one_sigma_percent, coverage.two_sigma_percent, coverage.headings
         );
     }
+}
+
+/// `host-sim bench budget`.
+pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
+    let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
+    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
+    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).map_err(failed)?;
+    let budgets = emulator::budget::count(&mut emulator).map_err(failed)?;
+    if options.json {
+        println!("{}", json!({ "budgets": budgets }));
+    } else {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_FULL_CONDENSED);
+        table.set_header(["instructions", "limit", "of"]);
+        for budget in &budgets {
+            let counted = budget.counted.map_or_else(|| "not counted".to_owned(), |counted| counted.to_string());
+            table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.of.into()]);
+        }
+        println!("{table}");
+    }
+    Ok(if budgets.iter().all(emulator::budget::Budget::is_kept) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Wall clock: the one command that is not a function of its seed.

@@ -45,6 +45,8 @@ enum Bench {
     Accuracy(Accuracy),
     /// Time of a solve, and of simulated flight
     Speed(Speed),
+    /// Instructions of a Cortex-M4 against their limits, counted in QEMU
+    Budget(Budget),
 }
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
@@ -193,6 +195,19 @@ struct Emulate {
     image: Option<PathBuf>,
 }
 
+/// Instructions of a Cortex-M4 against their limits, counted in QEMU.
+///
+/// Needs qemu-system-arm, and the bench image that scripts/build-firmware makes. Exit code 1 when a limit is broken.
+#[derive(Args)]
+struct Budget {
+    /// The bench image [default: target/firmware/mps2-an386-bench.elf]
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
 fn bank(text: &str) -> Result<f64, String> {
     within(text, 5.0, 60.0)
 }
@@ -222,6 +237,7 @@ pub fn run() -> ExitCode {
         Command::Table1(options) => table1::run(&options),
         Command::Replay(options) => replay::run(&options),
         Command::Bench(Bench::Accuracy(options)) => bench::accuracy(&options),
+        Command::Bench(Bench::Budget(options)) => bench::budget(&options),
         Command::Bench(Bench::Speed(options)) => Ok(bench::speed(&options)),
     };
     match result {

@@ -17,9 +17,13 @@ use super::qmp::Qmp;
 /// The firmware's own counter, ticks a microsecond.
 pub const TICKS_PER_US: u64 = 25;
 
+/// Nanoseconds of such a tick.
+pub const TICK_NS: u64 = 1000 / TICKS_PER_US;
+
 /// Nanoseconds an instruction takes, as a power of two (QEMU's `-icount shift`): 64 ns, so that the machine is five times
 /// slower than the reference board's 80 MHz.
 const ICOUNT_SHIFT: u32 = 6;
+pub const INSTRUCTION_NS: u64 = 1 << ICOUNT_SHIFT;
 
 /// Bytes of the memory that stands for flash: the machine's PSRAM.
 const FLASH_BYTES: usize = 16 << 20;

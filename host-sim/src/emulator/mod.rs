@@ -3,6 +3,7 @@
 //! Machine and world move in lockstep: the machine stops every millisecond, and before every access to its sensor, tells
 //! its time, and goes on when the world has caught up. The computer's own time has no part in it.
 
+pub mod budget;
 mod error;
 mod machine;
 mod qmp;
@@ -31,6 +32,12 @@ const QEMU: &str = "qemu-system-arm";
 #[must_use]
 pub fn default_image() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware/mps2-an386.elf")
+}
+
+/// Where `scripts/build-firmware` leaves the image with the console's `bench` commands.
+#[must_use]
+pub fn default_bench_image() -> PathBuf {
+    default_image().with_file_name("mps2-an386-bench.elf")
 }
 
 /// Noise of the simulated chip, microtesla RMS on each axis: 2 mG (data sheet of the LSM303DLHC).

@@ -40,7 +40,11 @@ impl SensorBus {
     }
 
     fn put_bit(&mut self, bit: bool) {
-        if bit { SET.write(SDA) } else { CLEAR.write(SDA) }
+        if bit {
+            SET.write(SDA)
+        } else {
+            CLEAR.write(SDA)
+        }
         SET.write(SCL);
         CLEAR.write(SCL);
     }

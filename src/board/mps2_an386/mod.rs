@@ -28,8 +28,8 @@ mod uart;
 
 use autoswing::app::{self, Links, Platform, ResetCause, StackUse, Watchdog};
 use autoswing::store::Store;
-use cortex_m::{Peripherals, asm};
 use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::{Peripherals, asm};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken};
 
@@ -155,11 +155,7 @@ impl Platform for Board {
     }
 
     #[cfg(feature = "bench")]
-    fn test(
-        &mut self,
-        test: autoswing::console::BenchTest,
-        out: &mut dyn core::fmt::Write,
-    ) -> core::fmt::Result {
+    fn test(&mut self, test: autoswing::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
         bench::run(test, out)
     }
 }

@@ -1,0 +1,180 @@
+//! What the bench image can do beyond the product: count instructions, and end badly.
+
+use core::f32::consts::TAU;
+use core::fmt::{self, Write};
+use core::hint::black_box;
+
+use autoswing::calibration::{Method, Prior, Progress, Sample, Samples, Solution, Solver};
+use autoswing::console::BenchTest;
+use autoswing::frames::{Attitude, Field, Sensor};
+use autoswing::heading::{self, Heading};
+use autoswing::wire::mavlink::Receiver;
+use autoswing::wire::nmea;
+use static_cell::StaticCell;
+
+use super::clock;
+
+/// Samples of a turn to one side.
+const SAMPLES: usize = 256;
+
+/// An instruction takes 64 ns (`-icount shift=6`), a tick 40 ns.
+const INSTRUCTION_NS: u64 = 64;
+const TICK_NS: u64 = 40;
+
+/// Runs a test. Those that end badly do not return.
+pub fn run(test: BenchTest, out: &mut dyn Write) -> fmt::Result {
+    match test {
+        BenchTest::Budgets => budgets(out),
+        BenchTest::Fault => cortex_m::asm::udf(),
+        BenchTest::Overflow => {
+            fill_stack(black_box(0));
+            out.write_str("error no-overflow: the stack has no end\n")
+        }
+        BenchTest::Panic => panic!("asked for"),
+    }
+}
+
+/// Calls itself for ever.
+#[allow(unconditional_recursion, reason = "that is what it is for")]
+#[inline(never)]
+fn fill_stack(depth: u32) -> u32 {
+    let ballast = black_box([depth; 64]);
+    let below = fill_stack(black_box(depth + 1));
+    ballast.iter().fold(below, |sum, &word| sum.wrapping_add(word))
+}
+
+/// `ok`, then a line each: a name and the instructions it takes.
+fn budgets(out: &mut dyn Write) -> fmt::Result {
+    writeln!(out, "ok instructions")?;
+    let Some(turns) = Turns::fly() else { return writeln!(out, "error busy: once only") };
+    let mut solve = 0;
+    let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "error not-solved: none") };
+    let attitude = Attitude::from_deg(23.0, 3.0);
+    let field = sensed(attitude, 1.0);
+    let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0 });
+    let to_heading = instructions(|| {
+        found = heading::heading(
+            heading::Config::DEFAULT,
+            black_box(&solution.calibration),
+            black_box(&solution.uncertainty),
+            black_box(field),
+            black_box(attitude),
+        );
+    });
+    let sentences = [
+        instructions(|| drop(black_box(nmea::hdm(black_box(Some(123.4)))))),
+        instructions(|| drop(black_box(nmea::hdg(black_box(Some(123.4)), black_box(Some(-11.3)))))),
+        instructions(|| drop(black_box(nmea::quality(black_box(&found))))),
+    ];
+    let mut receiver = Receiver::new();
+    let mut report = None;
+    let to_report = instructions(|| {
+        for &byte in black_box(&ATTITUDE_FRAME) {
+            report = receiver.push(byte).or(report);
+        }
+    });
+    for (name, count, done) in [
+        ("heading", to_heading, found.is_ok()),
+        ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
+        ("mavlink", to_report, report.is_some()),
+        ("solve", solve, true),
+    ] {
+        writeln!(out, "{name}: {count}{}", if done { "" } else { " failed" })?;
+    }
+    Ok(())
+}
+
+/// Instructions that something takes, with interrupts off.
+fn instructions(f: impl FnOnce()) -> u64 {
+    let ticks = |f: &mut dyn FnMut()| {
+        critical_section::with(|_| {
+            let before = clock::ticks();
+            f();
+            clock::ticks() - before
+        })
+    };
+    let reading_the_clock = ticks(&mut || {});
+    let mut f = Some(f);
+    let all = ticks(&mut || {
+        if let Some(f) = f.take() {
+            f();
+        }
+    });
+    all.saturating_sub(reading_the_clock) * TICK_NS / INSTRUCTION_NS
+}
+
+/// A left and a right turn.
+struct Turns {
+    left: &'static [Sample],
+    right: &'static [Sample],
+}
+
+impl Turns {
+    /// `None` the second time: the memory is taken.
+    fn fly() -> Option<Self> {
+        static LEFT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
+        static RIGHT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
+        let mut noise = Noise(1);
+        let left = LEFT.try_init_with(|| core::array::from_fn(|i| sample(-1.0, i, &mut noise)))?;
+        let right = RIGHT.try_init_with(|| core::array::from_fn(|i| sample(1.0, i, &mut noise)))?;
+        Some(Self { left, right })
+    }
+
+    /// Solves by maximum likelihood, counting instructions.
+    fn solve(&self, count: &mut u64) -> Option<Solution> {
+        let samples = Samples { left: self.left, right: self.right, level: &[], marks: &[] };
+        let mut solver = None;
+        *count += instructions(|| {
+            solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).ok();
+        });
+        let mut solver = solver?;
+        loop {
+            let mut progress = Progress::Continue;
+            *count += instructions(|| progress = solver.step(samples));
+            if let Progress::Finished(end) = progress {
+                return end.ok();
+            }
+        }
+    }
+}
+
+/// The `i`-th sample of a turn to a side, in an aircraft of some iron; bank and pitch wander by some degrees.
+fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
+    let part = i as f32 / SAMPLES as f32;
+    let attitude =
+        Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(7.0 * TAU * part), 3.0 + 1.5 * libm::cosf(5.0 * TAU * part));
+    let field = sensed(attitude, side * part * TAU);
+    let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
+    let told = Attitude {
+        roll_rad: attitude.roll_rad + 0.005 * noise.next(),
+        pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
+    };
+    Sample { field: Field::new(noisy), attitude: told, time_ms: 400 * i as u32 }
+}
+
+/// What the sensor measures.
+fn sensed(attitude: Attitude, heading_rad: f32) -> Field<Sensor> {
+    let body = attitude.body(Field::earth(53.0, 0.95, heading_rad)).ut;
+    let soft_iron = nalgebra::Matrix3::new(1.02, 0.05, -0.03, -0.02, 0.95, 0.04, 0.03, -0.04, 1.03);
+    Field::new(soft_iron * body + nalgebra::Vector3::new(9.0, -4.0, 6.0))
+}
+
+/// Noise without a seed of its own: the sum of four numbers of a linear congruential generator, of variance one.
+struct Noise(u32);
+
+impl Noise {
+    fn next(&mut self) -> f32 {
+        let mut uniform = || {
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (self.0 >> 8) as f32 / 16_777_216.0 - 0.5
+        };
+        (uniform() + uniform() + uniform() + uniform()) * 1.732
+    }
+}
+
+/// MAVLink 2, ATTITUDE: roll 0.4, pitch 0.05, yaw 1, rates 0.01, 0.02, 0.2 rad/s at 1234567 ms.
+const ATTITUDE_FRAME: [u8; 40] = [
+    0xFD, 0x1C, 0x00, 0x00, 0x07, 0x01, 0x01, 0x1E, 0x00, 0x00, 0x87, 0xD6, 0x12, 0x00, 0xCD, 0xCC, 0xCC, 0x3E, 0xCD,
+    0xCC, 0x4C, 0x3D, 0x00, 0x00, 0x80, 0x3F, 0x0A, 0xD7, 0x23, 0x3C, 0x0A, 0xD7, 0xA3, 0x3C, 0xCD, 0xCC, 0x4C, 0x3E,
+    0xA0, 0x10,
+];
