@@ -1,6 +1,7 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 use crate::frames::{Attitude, wrap_pi};
+use crate::trig;
 use crate::wire::mavlink::Report;
 
 /// Fixed numbers of this module.
@@ -123,9 +124,10 @@ fn interpolate(before: &Report, after: &Report, fraction: f32) -> Attitude {
 fn extrapolate(report: &Report, ahead_s: f32) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = report.attitude;
     let [p, q, r] = report.rates_rad_s;
-    let (sin_roll, cos_roll) = libm::sincosf(roll_rad);
+    let (sin_roll, cos_roll) = trig::sin_cos(roll_rad);
     // tan grows without bound at a vertical nose, where roll means nothing anyway.
-    let tan_pitch = libm::tanf(pitch_rad).clamp(-5.0, 5.0);
+    let (sin_pitch, cos_pitch) = trig::sin_cos(pitch_rad);
+    let tan_pitch = (sin_pitch / cos_pitch).clamp(-5.0, 5.0);
     let roll_rate = p + tan_pitch * (q * sin_roll + r * cos_roll);
     let pitch_rate = q * cos_roll - r * sin_roll;
     Attitude {

@@ -9,6 +9,7 @@ use core::marker::PhantomData;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::trig;
 /// Axes of the magnetometer chip, as its registers report them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {}
@@ -77,8 +78,8 @@ impl Attitude {
     /// (Liu 2007 eq. 7 in FRD axes). Its last row is the down direction in body axes.
     #[must_use]
     pub fn level_from_body(&self) -> Matrix3<f32> {
-        let (sin_roll, cos_roll) = libm::sincosf(self.roll_rad);
-        let (sin_pitch, cos_pitch) = libm::sincosf(self.pitch_rad);
+        let (sin_roll, cos_roll) = trig::sin_cos(self.roll_rad);
+        let (sin_pitch, cos_pitch) = trig::sin_cos(self.pitch_rad);
         Matrix3::new(
             cos_pitch,
             sin_pitch * sin_roll,
@@ -109,8 +110,8 @@ impl Field<Level> {
     /// The Earth field in the level frame at a heading: `H0 [cos psi, -sin psi, tan I]` (Liu 2007 eq. 7).
     #[must_use]
     pub fn earth(total_ut: f32, inclination_rad: f32, heading_rad: f32) -> Self {
-        let (sin_inclination, cos_inclination) = libm::sincosf(inclination_rad);
-        let (sin_heading, cos_heading) = libm::sincosf(heading_rad);
+        let (sin_inclination, cos_inclination) = trig::sin_cos(inclination_rad);
+        let (sin_heading, cos_heading) = trig::sin_cos(heading_rad);
         let horizontal_ut = total_ut * cos_inclination;
         Self::from_ut(horizontal_ut * cos_heading, -horizontal_ut * sin_heading, total_ut * sin_inclination)
     }
@@ -125,20 +126,22 @@ impl Field<Level> {
     /// Inclination (dip) in radians, positive down.
     #[must_use]
     pub fn inclination_rad(&self) -> f32 {
-        libm::atan2f(self.ut.z, libm::hypotf(self.ut.x, self.ut.y))
+        libm::atan2f(self.ut.z, libm::sqrtf(self.ut.x * self.ut.x + self.ut.y * self.ut.y))
     }
 }
 
 /// Wraps an angle in radians to -pi..pi. Not finite stays not finite.
 #[must_use]
 pub fn wrap_pi(angle_rad: f32) -> f32 {
-    angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU)
+    // Most angles are within the circle already.
+    if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU) }
 }
 
 /// Wraps an angle in radians to 0..2 pi; the upper end is never returned.
 #[must_use]
 pub fn wrap_two_pi(angle_rad: f32) -> f32 {
-    let wrapped = angle_rad - TAU * libm::floorf(angle_rad / TAU);
+    let wrapped = wrap_pi(angle_rad);
+    let wrapped = if wrapped < 0.0 { wrapped + TAU } else { wrapped };
     // A tiny negative angle rounds to 2 pi itself.
     if wrapped >= TAU { 0.0 } else { wrapped }
 }

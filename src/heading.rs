@@ -1,7 +1,8 @@
 //! Corrected field and attitude to heading, and when not to believe it.
 
 use crate::calibration::{Calibration, Uncertainty};
-use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi, wrap_two_pi};
+use crate::frames::{Attitude, Field, Level, Sensor, wrap_two_pi};
+use crate::trig;
 use crate::turns::averager;
 
 /// A heading to be trusted.
@@ -69,17 +70,20 @@ pub struct Config {
     /// Largest relative difference of the corrected total field from the one the calibration was found in. The Earth's
     /// own changes by some 10 % over 1000 km; twice that is something else.
     pub max_total_deviation: f32,
-    /// Largest difference of the inclination from the one the calibration was found in, radians: 12 deg, again twice
+    /// Cosine of the largest difference of the inclination from the one the calibration was found in: 12 deg, again twice
     /// what 1000 km make, and more than the attitude error of a sharp manoeuvre.
-    pub max_dip_deviation_rad: f32,
+    pub min_cos_of_dip_deviation: f32,
     /// How many of the readings that headings are made of were averaged to one sample of the calibration.
     pub readings_per_sample: f32,
 }
 
 impl Config {
     /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
-    pub const DEFAULT: Self =
-        Self { max_total_deviation: 0.2, max_dip_deviation_rad: 0.21, readings_per_sample: averager::READINGS as f32 };
+    pub const DEFAULT: Self = Self {
+        max_total_deviation: 0.2,
+        min_cos_of_dip_deviation: 0.978_1,
+        readings_per_sample: averager::READINGS as f32,
+    };
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
@@ -106,10 +110,14 @@ pub fn heading(
 
 /// Whether the field is not that of the calibration; what is not finite counts as disturbed.
 fn is_disturbed(config: Config, calibration: &Calibration, level: &Field<Level>) -> bool {
-    let total_deviation = level.total_ut() / calibration.total_ut - 1.0;
-    let dip_deviation_rad = wrap_pi(level.inclination_rad() - calibration.inclination_rad);
+    let total_ut = level.total_ut();
+    let total_deviation = total_ut / calibration.total_ut - 1.0;
+    // The cosine of the angle between the two inclinations, times the total field.
+    let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
+    let horizontal_ut = libm::sqrtf(level.ut.x * level.ut.x + level.ut.y * level.ut.y);
+    let along_ut = cos * horizontal_ut + sin * level.ut.z;
     let as_calibrated =
-        total_deviation.abs() <= config.max_total_deviation && dip_deviation_rad.abs() <= config.max_dip_deviation_rad;
+        total_deviation.abs() <= config.max_total_deviation && along_ut >= config.min_cos_of_dip_deviation * total_ut;
     !as_calibrated
 }
 
@@ -117,6 +125,7 @@ fn is_disturbed(config: Config, calibration: &Calibration, level: &Field<Level>)
 mod tests {
     use super::*;
     use crate::calibration::Orientation;
+    use crate::frames::wrap_pi;
 
     fn clean() -> Calibration {
         Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }

@@ -40,5 +40,6 @@ pub mod heading;
 mod log;
 pub mod magnetometer;
 pub mod store;
+pub mod trig;
 pub mod turns;
 pub mod wire;

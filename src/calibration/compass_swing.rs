@@ -12,6 +12,7 @@ use super::least_squares::LeastSquares;
 use super::response::{Response, tangent};
 use super::{Mark, Part, SolveError};
 use crate::frames::Field;
+use crate::trig;
 
 /// Marks needed: two horizontal responses and a constant for each axis, and one to show a slip of the pen.
 const MIN_MARKS: usize = 4;
@@ -55,7 +56,7 @@ fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
 /// Response at an inclination, and how little it explains the marks, in square microtesla.
 fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_ut: f32) -> Option<(f32, Response)> {
     let regressors = |mark: &Mark| {
-        let (sin, cos) = libm::sincosf(mark.heading_rad);
+        let (sin, cos) = trig::sin_cos(mark.heading_rad);
         let level = Field::from_ut(cos, -sin, tan_inclination);
         mark.sample.attitude.body(level).ut.push(1.0)
     };

@@ -6,6 +6,7 @@ use super::Samples;
 use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
 use super::uncertainty::{COEFFICIENTS, Uncertainty};
 use crate::frames::Attitude;
+use crate::trig;
 
 /// Errors of the attitude source that are alike in all samples, 1 sigma. Turns do not reveal them: a bias looks like
 /// mounting, a bank scale like soft iron. So they are not estimated but carried.
@@ -170,7 +171,7 @@ struct Units {
 impl Units {
     fn new(likelihood: &Likelihood, unknowns: &Vector13) -> Option<Self> {
         let point = Point::new(unknowns);
-        let per_unit = 1.0 / libm::cbrtf(point.w.determinant());
+        let per_unit = trig::reciprocal_cbrt(point.w.determinant());
         Some(Self { per_unit, mount: likelihood.rotation.transpose() * per_unit, from_b: point.mean_from_b()? })
     }
 

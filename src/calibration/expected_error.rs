@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::uncertainty::{Uncertainty, Vector12, coefficient_row, heading_by_field};
 use super::{Calibration, Method, Sample, Samples};
 use crate::frames::{Attitude, Field};
+use crate::trig;
 
 /// Attitudes for which an error is expected: at each of these banks twelve headings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -151,5 +152,5 @@ fn harmonic(times: f32, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vec
         uncertainty.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADINGS))))
     };
     // A sine of amplitude c has a mean square of c^2 / 2.
-    coefficient(libm::sinf).midpoint(coefficient(libm::cosf))
+    coefficient(|angle_rad| trig::sin_cos(angle_rad).0).midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))
 }

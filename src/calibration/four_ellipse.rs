@@ -17,6 +17,7 @@ use super::level::Hypothesis;
 use super::response::{Response, tangent};
 use super::two_plane::{MIN_SAMPLES, MIN_SINE_OF_BANKS, mean_roll_rad};
 use super::{Part, Sample, Samples, Side, SolveError};
+use crate::trig;
 
 /// Solves left and right turns whose fields are rotated by `rotation` first. The vertical field is estimated from the
 /// two turns, or follows from the inclination, radians, where it was told.
@@ -27,8 +28,8 @@ pub(super) fn solve(
 ) -> Result<Response, SolveError> {
     let left = Figures::new(samples.left, rotation, Side::Left, -1.0)?;
     let right = Figures::new(samples.right, rotation, Side::Right, 1.0)?;
-    let (sl, cl) = libm::sincosf(left.roll_rad);
-    let (sr, cr) = libm::sincosf(right.roll_rad);
+    let (sl, cl) = trig::sin_cos(left.roll_rad);
+    let (sr, cr) = trig::sin_cos(right.roll_rad);
     if (sr * cl - cr * sl).abs() < MIN_SINE_OF_BANKS {
         return Err(SolveError::SamePlane);
     }

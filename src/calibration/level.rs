@@ -12,6 +12,7 @@ use super::conic::conic;
 use super::least_squares::LeastSquares;
 use super::response::Response;
 use super::{Part, Sample, SolveError};
+use crate::trig;
 
 /// Samples needed: a conic has five coefficients, and noise wants some more.
 const MIN_SAMPLES: usize = 8;
@@ -44,8 +45,8 @@ impl Hypothesis {
         let (centre, form) = conic(points_ut.map(|p| (p - mean) / scale))?;
         let s = form.try_inverse()?;
         let (kx, ky) = (libm::sqrtf(s[(0, 0)]), libm::sqrtf(s[(1, 1)]));
-        let p = libm::asinf((s[(0, 1)] / (kx * ky)).clamp(-1.0, 1.0)) / 2.0;
-        let (sin, cos) = libm::sincosf(p);
+        let p = trig::asin(s[(0, 1)] / (kx * ky)) / 2.0;
+        let (sin, cos) = trig::sin_cos(p);
         Some(Self {
             map_ut: Matrix2::new(kx * cos, kx * sin, ky * sin, ky * cos) * scale,
             centre_ut: mean + centre * scale,

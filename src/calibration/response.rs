@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3, Vector4};
 use super::Samples;
 use super::least_squares::LeastSquares;
 use crate::frames::Field;
+use crate::trig;
 
 /// The response of the sensor in mount axes, unit of field microtesla: what each closed form gives.
 #[derive(Clone, Debug)]
@@ -34,7 +35,7 @@ impl Response {
         // Total field in units of H0.
         let total = libm::sqrtf(1.0 + self.tan_inclination * self.tan_inclination);
         let w = self.a_ut.try_inverse()? / total;
-        let unit_ut = 1.0 / libm::cbrtf(w.determinant());
+        let unit_ut = trig::reciprocal_cbrt(w.determinant());
         (unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
             unit_ut,
             w: w * unit_ut,
@@ -76,12 +77,12 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
         })
         .sum::<f32>()
         / number;
-    let inclination_rad = libm::asinf(sin_dip.clamp(-1.0, 1.0));
+    let inclination_rad = trig::asin(sin_dip);
     Some(Start { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
 }
 
 /// Tangent of an inclination in radians.
 pub(super) fn tangent(inclination_rad: f32) -> f32 {
-    let (sin, cos) = libm::sincosf(inclination_rad);
+    let (sin, cos) = trig::sin_cos(inclination_rad);
     sin / cos
 }

@@ -18,6 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::conic::Ellipse;
 use super::response::Response;
 use super::{Part, Sample, Samples, Side, SolveError};
+use crate::trig;
 
 /// Samples a side must have: five determine a conic, and each sector of 30 deg should have one.
 pub(super) const MIN_SAMPLES: usize = 12;
@@ -43,7 +44,7 @@ pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Respo
     let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
 
     // v = -cos(phi) A e_y + sin(phi) A e_z for both banks, solved for A e_y and A e_z.
-    let ((sl, cl), (sr, cr)) = (libm::sincosf(left.roll_rad), libm::sincosf(right.roll_rad));
+    let ((sl, cl), (sr, cr)) = (trig::sin_cos(left.roll_rad), trig::sin_cos(right.roll_rad));
     let sine = sr * cl - cr * sl;
     if sine.abs() < MIN_SINE_OF_BANKS {
         return Err(SolveError::SamePlane);

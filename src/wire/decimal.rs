@@ -13,11 +13,13 @@ impl<const DECIMALS: u32> fmt::Display for Decimal<DECIMALS> {
         if !self.0.is_finite() {
             return f.pad("-");
         }
-        let scale = 10_i64.pow(DECIMALS);
-        let scaled = libm::round(f64::from(self.0.clamp(-2e6, 2e6)) * scale as f64) as i64;
-        let sign = if scaled < 0 { "-" } else { "" };
-        let magnitude = scaled.unsigned_abs();
-        let (whole, fraction) = (magnitude / scale.unsigned_abs(), magnitude % scale.unsigned_abs());
+        let scale = 10_u32.pow(DECIMALS);
+        let size = self.0.abs().min(2e6);
+        // What is left of the whole part is exact, and so the rounding is that of the number itself.
+        let whole = size as u32;
+        let fraction = ((size - whole as f32) * scale as f32 + 0.5) as u32;
+        let (whole, fraction) = if fraction < scale { (whole, fraction) } else { (whole + 1, 0) };
+        let sign = if self.0 < 0.0 && (whole, fraction) != (0, 0) { "-" } else { "" };
         let mut text = heapless::String::<24>::new();
         if DECIMALS == 0 {
             fmt::write(&mut text, format_args!("{sign}{whole}"))?;
@@ -48,8 +50,8 @@ pub fn parse(text: &str) -> Option<f32> {
         digits.iter().try_fold(0_u32, |value, &b| b.is_ascii_digit().then(|| value * 10 + u32::from(b - b'0')))
     };
     let decimals = 10_u32.pow(fraction.len() as u32);
-    let magnitude = f64::from(number(whole)?) + f64::from(number(fraction)?) / f64::from(decimals);
-    Some(if negative { -magnitude } else { magnitude } as f32)
+    let magnitude = number(whole)? as f32 + number(fraction)? as f32 / decimals as f32;
+    Some(if negative { -magnitude } else { magnitude })
 }
 
 #[cfg(test)]

@@ -24,6 +24,8 @@ pub struct Report {
 #[derive(Debug, Default)]
 pub struct Receiver {
     buffer: heapless::Vec<u8, { MAX_FRAME }>,
+    /// Fewer bytes than these in the buffer tell nothing new.
+    needed: usize,
     /// Frames that claimed to be ATTITUDE but failed their CRC or held impossible values; wraps.
     pub rejected: u32,
 }
@@ -59,14 +61,14 @@ impl Receiver {
     /// An empty receiver.
     #[must_use]
     pub const fn new() -> Self {
-        Self { buffer: heapless::Vec::new(), rejected: 0 }
+        Self { buffer: heapless::Vec::new(), needed: 0, rejected: 0 }
     }
 
     /// Takes one byte; gives a report when it completes a valid ATTITUDE frame.
     pub fn push(&mut self, byte: u8) -> Option<Report> {
         // Never full: `scan` leaves less than one frame behind.
         let _ = self.buffer.push(byte);
-        self.scan()
+        if self.buffer.len() < self.needed { None } else { self.scan() }
     }
 
     /// Reads frames off the front of the buffer until more bytes are needed.
@@ -76,7 +78,8 @@ impl Receiver {
                 Candidate::No => self.drop_front(1),
                 Candidate::Unknown => return None,
                 Candidate::Yes(layout) => {
-                    if self.buffer.len() < layout.frame() {
+                    self.needed = layout.frame();
+                    if self.buffer.len() < self.needed {
                         return None;
                     }
                     let report = decode(&self.buffer, &layout);
@@ -93,6 +96,7 @@ impl Receiver {
     }
 
     fn drop_front(&mut self, count: usize) {
+        self.needed = 0;
         let count = count.min(self.buffer.len());
         self.buffer.rotate_left(count);
         self.buffer.truncate(self.buffer.len() - count);

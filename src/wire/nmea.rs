@@ -59,7 +59,7 @@ pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
 fn write_heading(body: &mut Sentence, heading_deg: Option<f32>) -> fmt::Result {
     let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Ok(()) };
     // Rounded first, so that 359.97 goes out as 000.0 and never as 360.0.
-    let tenths = libm::roundf(heading_deg * 10.0) as i32;
+    let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
     let tenths = tenths.rem_euclid(3600);
     write!(body, "{:03}.{}", tenths / 10, tenths % 10)
 }

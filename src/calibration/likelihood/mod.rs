@@ -35,6 +35,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::response::Start;
 use super::{Calibration, Orientation, Sample, Samples, SolveError, rows};
+use crate::trig;
 
 /// Number of unknowns: `W` row by row, `d` in place of `b` (see [`Point`]), `I`.
 pub(super) const UNKNOWNS: usize = 13;
@@ -204,7 +205,7 @@ impl Likelihood {
             return Err(SolveError::NotConverged);
         }
         let b = self.mean - point.mean_from_b().ok_or(SolveError::NotConverged)?;
-        let per_unit = 1.0 / libm::cbrtf(determinant);
+        let per_unit = trig::reciprocal_cbrt(determinant);
         Ok(Calibration {
             w: rows(&(point.w * per_unit * self.rotation)),
             b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
