@@ -94,8 +94,8 @@ pub(super) fn advise(
 ) -> Option<Advice> {
     let consider = Consider::DEFAULT;
     let expected = |evidence: &Evidence| {
-        let uncertainty = evidence.uncertainty(likelihood, unknowns, consider)?;
-        expected_error::expected(calibration, &uncertainty, envelope)
+        let covariance = evidence.covariance(likelihood, unknowns, consider)?;
+        expected_error::expected(calibration, &covariance, envelope)
     };
     let now = expected(evidence)?;
     let point = Point::new(unknowns);

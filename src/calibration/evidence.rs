@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Samples;
 use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
-use super::uncertainty::{COEFFICIENTS, Uncertainty};
+use super::uncertainty::{COEFFICIENTS, Covariance, Uncertainty};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -28,6 +28,19 @@ impl Consider {
 
 /// Noise of an attitude source that no sample has shown, radians: 0.5 deg.
 const UNSEEN_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
+
+/// What a covariance of these unknowns means for headings, with the noise that the samples showed.
+pub(super) fn uncertainty(
+    likelihood: &Likelihood,
+    unknowns: &Vector13,
+    covariance: &Covariance,
+) -> Option<Uncertainty> {
+    let noise = &likelihood.noise;
+    let attitude_sigma_rad =
+        if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
+    let sensor_sigma = noise.norm / Units::new(likelihood, unknowns)?.per_unit;
+    Some(Uncertainty::new(covariance, sensor_sigma, attitude_sigma_rad)).filter(Uncertainty::is_finite)
+}
 
 /// Everything the samples say of the coefficients near a set of them.
 #[derive(Clone, Debug)]
@@ -63,9 +76,10 @@ impl Evidence {
             sum.axpy(dip.weight * effect, &dip.row, 1.0);
         }
         let [products, squares, before] = &mut self.correlation;
-        *products += dip.clipped * *before;
-        *squares += dip.clipped * dip.clipped;
-        *before = dip.clipped;
+        let clipped = dip.clipped();
+        *products += clipped * *before;
+        *squares += dip.clipped_square;
+        *before = clipped;
     }
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
@@ -80,7 +94,7 @@ impl Evidence {
         self.correlation = before;
     }
 
-    /// The uncertainty of the coefficients, in the units of the [`Calibration`](super::Calibration) that
+    /// The covariance of the coefficients, in the units of the [`Calibration`](super::Calibration) that
     /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
     ///
     /// Errors of an attitude source stay alike for about half a second; with lag-1 autocorrelation rho of the dip
@@ -90,7 +104,7 @@ impl Evidence {
     /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
     /// which is nothing where these were sought but is the error of a closed form.
     #[inline(never)]
-    pub fn uncertainty(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Uncertainty> {
+    pub fn covariance(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Covariance> {
         let units = Units::new(likelihood, unknowns)?;
         // What each coefficient becomes under `H^-1`: all that is asked of it, and a fraction of the matrix's size.
         let mut columns = [Vector13::zeros(); COEFFICIENTS];
@@ -101,10 +115,7 @@ impl Evidence {
         let correlated = self.correlated();
         let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
         let mut of_dip = Vector13::zeros();
-        let noise = &likelihood.noise;
-        let attitude_sigma_rad =
-            if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
-        let uncertainty = Uncertainty::new(noise.norm / units.per_unit, attitude_sigma_rad, |i, j| {
+        Covariance::new(|i, j| {
             if j == 0 {
                 // The lower triangle is filled row by row.
                 of_dip.sygemv(correlated, &self.dip, &columns[i], 0.0);
@@ -119,8 +130,7 @@ impl Evidence {
                 + of_dip.dot(&columns[j])
                 + shifts.sum::<f32>()
                 + units.row(i).dot(&change) * row.dot(&change)
-        });
-        uncertainty.is_finite().then_some(uncertainty)
+        })
     }
 
     /// How much more the dips' information is doubted: `2 rho / (1 - rho)`.

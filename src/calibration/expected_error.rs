@@ -8,7 +8,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::uncertainty::{Uncertainty, Vector12, coefficient_row, heading_by_field};
+use super::uncertainty::{Covariance, Vector12, coefficient_row, heading_by_field};
 use super::{Calibration, Method, Sample, Samples};
 use crate::frames::{Attitude, Field};
 use crate::trig;
@@ -101,7 +101,7 @@ impl fmt::Display for Deviation {
 }
 
 /// The heading error to expect of a calibration over an envelope.
-pub(super) fn expected(calibration: &Calibration, uncertainty: &Uncertainty, envelope: Envelope) -> Option<Expected> {
+pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envelope: Envelope) -> Option<Expected> {
     let field_from_body = calibration.w_matrix().try_inverse()?;
     let row = |bank_deg: f32, step: u8| {
         let attitude = Attitude::from_deg(bank_deg, 0.0);
@@ -113,14 +113,14 @@ pub(super) fn expected(calibration: &Calibration, uncertainty: &Uncertainty, env
     let mut worst: f32 = 0.0;
     for &bank_deg in envelope.banks_deg() {
         for step in 0..HEADINGS {
-            let variance = uncertainty.variance(&row(bank_deg, step));
+            let variance = covariance.variance(&row(bank_deg, step));
             sum += variance;
             worst = worst.max(variance);
         }
     }
     let mean = sum / (usize::from(HEADINGS) * envelope.banks_deg().len()) as f32;
     let degrees = |variance: f32| libm::sqrtf(variance).to_degrees();
-    let size = |part: Deviation| degrees(part_variance(part, uncertainty, &row));
+    let size = |part: Deviation| degrees(part_variance(part, covariance, &row));
     let weakest = Deviation::ALL
         .into_iter()
         .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
@@ -130,26 +130,26 @@ pub(super) fn expected(calibration: &Calibration, uncertainty: &Uncertainty, env
 }
 
 /// Mean square of a part of the deviation.
-fn part_variance(part: Deviation, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+fn part_variance(part: Deviation, covariance: &Covariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
     let number = f32::from(HEADINGS);
     match part {
         Deviation::Constant => {
-            uncertainty.variance(&((0..HEADINGS).map(|step| row(0.0, step)).sum::<Vector12>() / number))
+            covariance.variance(&((0..HEADINGS).map(|step| row(0.0, step)).sum::<Vector12>() / number))
         }
-        Deviation::Semicircular => harmonic(1.0, uncertainty, row),
-        Deviation::Quadrantal => harmonic(2.0, uncertainty, row),
+        Deviation::Semicircular => harmonic(1.0, covariance, row),
+        Deviation::Quadrantal => harmonic(2.0, covariance, row),
         Deviation::Heeling => {
             let differences = (0..HEADINGS).map(|step| (row(30.0, step) - row(-30.0, step)) / 2.0);
-            differences.map(|difference| uncertainty.variance(&difference)).sum::<f32>() / number
+            differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / number
         }
     }
 }
 
 /// Mean square of the part of the level deviation that goes so many times round the circle.
-fn harmonic(times: f32, uncertainty: &Uncertainty, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+fn harmonic(times: f32, covariance: &Covariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
     let coefficient = |weight: fn(f32) -> f32| {
         let weighted = (0..HEADINGS).map(|step| row(0.0, step) * weight(times * f32::from(step) * FRAC_PI_6));
-        uncertainty.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADINGS))))
+        covariance.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADINGS))))
     };
     // A sine of amplitude c has a mean square of c^2 / 2.
     coefficient(|angle_rad| trig::sin_cos(angle_rad).0).midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))

@@ -43,7 +43,7 @@ const SETTLED: f32 = 5e-4;
 const REFINED_TOLERANCE: f32 = 1.0;
 
 /// Rounds of re-weighting; sigma changes by less than 1 % after the third.
-const ROUNDS: u8 = 5;
+const ROUNDS: u8 = 3;
 
 /// How far a refinement is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! From samples to a calibration, by any method, in steps.
 
 use super::advice::{self, Advice};
-use super::evidence::{Consider, Evidence};
+use super::evidence::{self, Consider, Evidence};
 use super::expected_error::{self, Envelope};
 use super::likelihood::{Config, Likelihood, Prior};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
@@ -129,9 +129,9 @@ impl Solver {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = Envelope::of(self.method, samples);
-        let uncertainty = evidence.uncertainty(likelihood, unknowns, self.consider).ok_or(SolveError::NotConverged)?;
-        let expected =
-            expected_error::expected(&calibration, &uncertainty, envelope).ok_or(SolveError::NotConverged)?;
+        let covariance = evidence.covariance(likelihood, unknowns, self.consider).ok_or(SolveError::NotConverged)?;
+        let uncertainty = evidence::uncertainty(likelihood, unknowns, &covariance).ok_or(SolveError::NotConverged)?;
+        let expected = expected_error::expected(&calibration, &covariance, envelope).ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: self.method,
             envelope,

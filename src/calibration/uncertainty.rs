@@ -11,12 +11,56 @@ use crate::frames::{Field, Level, Sensor};
 pub(super) const COEFFICIENTS: usize = 12;
 pub(super) type Vector12 = SVector<f32, COEFFICIENTS>;
 
-/// Covariance of the twelve coefficients, and the noise that the samples showed. 320 bytes.
+/// Covariance of the twelve coefficients: `W` row by row, and `beta` in units of the total field. Lower triangle, row by
+/// row.
+#[derive(Clone, Debug)]
+pub(super) struct Covariance([f32; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+
+impl Covariance {
+    /// From its elements: asked for row by row, from the first column to the diagonal. `None` if one is not finite.
+    pub fn new(mut element: impl FnMut(usize, usize) -> f32) -> Option<Self> {
+        let mut packed = [0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2];
+        let triangle = (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)));
+        for (packed, (row, column)) in packed.iter_mut().zip(triangle) {
+            *packed = element(row, column);
+        }
+        packed.iter().all(|c| c.is_finite()).then_some(Self(packed))
+    }
+
+    fn at(&self, i: usize, j: usize) -> f32 {
+        let (row, column) = (i.max(j), i.min(j));
+        self.0.get(row * (row + 1) / 2 + column).copied().unwrap_or(0.0)
+    }
+
+    /// `row^T covariance row`, never negative.
+    pub fn variance(&self, row: &Vector12) -> f32 {
+        let mut packed = self.0.iter();
+        let mut sum = 0.0;
+        for i in 0..COEFFICIENTS {
+            let mut partial = 0.0;
+            for (&column, &c) in row.iter().take(i).zip(&mut packed) {
+                partial += column * c;
+            }
+            let diagonal = packed.next().copied().unwrap_or(0.0);
+            sum += row[i] * (2.0 * partial + row[i] * diagonal);
+        }
+        sum.max(0.0)
+    }
+}
+
+/// Pairs `(a, b)` with `a <= b` of four numbers, and of three.
+const PAIRS_OF_4: [(usize, usize); 10] =
+    [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// What is left unknown of the coefficients, as far as headings show it, and the noise that the samples showed. 248 bytes.
+///
+/// A heading moves by `f . (dW x - d beta)`, so its variance is a sum over products of two of `f`'s components and two of
+/// `y = (x, -1)`'s: sixty numbers, of which each is that of all elements of the covariance with the same product.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// Lower triangle, row by row, of the covariance of `W` (row by row) and `beta`, the latter in units of the total
-    /// field. As an array of arrays because the stored format has no longer ones.
-    covariance: [[f32; 13]; 6],
+    /// By products of `f`'s components, then by products of `y`'s; pairs in the order of the rows of a triangle.
+    products: [[f32; 10]; 6],
     /// Noise of an averaged reading on each axis, in units of the total field.
     pub sensor_sigma: f32,
     /// Noise of roll and of pitch, radians.
@@ -25,25 +69,27 @@ pub struct Uncertainty {
 
 impl Uncertainty {
     /// Everything known exactly.
-    pub const NONE: Self = Self { covariance: [[0.0; 13]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
+    pub const NONE: Self = Self { products: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
-    /// From the elements of the covariance: asked for row by row, from the first column to the diagonal.
-    pub(super) fn new(
-        sensor_sigma: f32,
-        attitude_sigma_rad: f32,
-        mut covariance: impl FnMut(usize, usize) -> f32,
-    ) -> Self {
-        let mut packed = [[0.0; 13]; 6];
-        for (packed, (row, column)) in packed.as_flattened_mut().iter_mut().zip(triangle()) {
-            *packed = covariance(row, column);
-        }
-        Self { covariance: packed, sensor_sigma, attitude_sigma_rad }
+    /// What a covariance means for headings.
+    pub(super) fn new(covariance: &Covariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
+        // The coefficient that `f`'s k-th and `y`'s a-th component multiply.
+        let coefficient = |k: usize, a: usize| if a < 3 { 3 * k + a } else { 9 + k };
+        let products = PAIRS_OF_3.map(|(k, l)| {
+            PAIRS_OF_4.map(|(a, b)| {
+                let one = covariance.at(coefficient(k, a), coefficient(l, b));
+                let other = covariance.at(coefficient(k, b), coefficient(l, a));
+                let sum = if a == b { one } else { one + other };
+                if k == l { sum } else { 2.0 * sum }
+            })
+        });
+        Self { products, sensor_sigma, attitude_sigma_rad }
     }
 
     /// Whether all numbers are finite: asked of what comes out of flash.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.covariance.as_flattened().iter().all(|c| c.is_finite())
+        self.products.as_flattened().iter().all(|c| c.is_finite())
             && self.sensor_sigma.is_finite()
             && self.attitude_sigma_rad.is_finite()
     }
@@ -60,29 +106,30 @@ impl Uncertainty {
         level: &Field<Level>,
         readings: f32,
     ) -> f32 {
-        let total_ut = calibration.total_ut;
-        let level = Field::new(level.ut / total_ut);
+        let per_total = 1.0 / calibration.total_ut;
+        let level = Field::new(level.ut * per_total);
         let by_field = heading_by_field(level_from_body, &level);
         let by_reading = calibration.w_matrix().tr_mul(&by_field);
-        let x = (sensor.ut - calibration.b_vector_ut()) / total_ut;
+        let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
         let horizontal = level.ut.x * level.ut.x + level.ut.y * level.ut.y;
         let tan_squared = level.ut.z * level.ut.z / horizontal.max(MIN_HORIZONTAL);
         let noise = by_reading.norm_squared() * self.sensor_sigma * self.sensor_sigma * readings;
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
-        libm::sqrtf(self.variance(&coefficient_row(&by_field, &x)) + noise + attitude)
+        libm::sqrtf(self.variance(&by_field, &x) + noise + attitude)
     }
 
-    /// `row^T covariance row`, never negative.
-    pub(super) fn variance(&self, row: &Vector12) -> f32 {
-        let mut packed = self.covariance.as_flattened().iter();
+    /// Of the coefficients' share, never negative.
+    fn variance(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
+        let f: [f32; 3] = (*by_field).into();
+        let y = [x.x, x.y, x.z, -1.0];
+        let of_y = PAIRS_OF_4.map(|(a, b)| y[a] * y[b]);
         let mut sum = 0.0;
-        for i in 0..COEFFICIENTS {
+        for (products, (k, l)) in self.products.iter().zip(PAIRS_OF_3) {
             let mut partial = 0.0;
-            for (&column, &c) in row.iter().take(i).zip(&mut packed) {
-                partial += column * c;
+            for (product, y) in products.iter().zip(of_y) {
+                partial += product * y;
             }
-            let diagonal = packed.next().copied().unwrap_or(0.0);
-            sum += row[i] * (2.0 * partial + row[i] * diagonal);
+            sum += f[k] * f[l] * partial;
         }
         sum.max(0.0)
     }
@@ -90,11 +137,6 @@ impl Uncertainty {
 
 /// Next to a magnetic pole there is no heading; the floor keeps the figure finite and huge.
 const MIN_HORIZONTAL: f32 = 1e-6;
-
-/// Rows and columns of the lower triangle.
-fn triangle() -> impl Iterator<Item = (usize, usize)> {
-    (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)))
-}
 
 /// Derivative of the heading by the corrected field in body axes and units of the total field: with
 /// `psi = atan2(-l_y, l_x)`, `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
@@ -114,4 +156,30 @@ pub(super) fn coefficient_row(by_field: &Vector3<f32>, x: &Vector3<f32>) -> Vect
         row[9 + i] = -by_field[i];
     }
     row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sixty numbers are the 78 as far as headings go: on any covariance, to the digits of `f32`.
+    #[test]
+    fn a_heading_s_variance_is_that_of_the_whole_covariance() {
+        let mut state = 1_u32;
+        let mut number = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 8_388_608.0 - 1.0
+        };
+        for _ in 0..50 {
+            let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
+            let full = root * root.transpose();
+            let covariance = Covariance::new(|i, j| full[(i, j)]).unwrap();
+            let [f, x] = [(); 2].map(|()| Vector3::from_fn(|_, _| number()));
+            let row = coefficient_row(&f, &x);
+            let exact = row.dot(&(full * row));
+            assert!((covariance.variance(&row) - exact).abs() < 1e-5 * exact.max(1.0));
+            let found = Uncertainty::new(&covariance, 0.0, 0.0).variance(&f, &x);
+            assert!((found - exact).abs() < 1e-5 * exact.max(1.0), "{found} {exact}");
+        }
+    }
 }

@@ -15,8 +15,8 @@ pub(in crate::calibration) struct Equation {
     /// Weight of the squared residual: the inverse variance, times Huber's weight.
     pub weight: f32,
     pub loss: f32,
-    /// Residual over sigma, clipped at [`CLIP`].
-    pub clipped: f32,
+    /// Square of the residual over sigma, clipped at [`CLIP`].
+    pub clipped_square: f32,
 }
 
 /// Residuals are clipped here when their sigma is estimated.
@@ -27,12 +27,20 @@ pub(super) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl Equation {
     pub fn new(row: Vector13, residual: f32, variance: f32, huber: f32) -> Self {
-        let sigma = libm::sqrtf(variance);
-        let value = residual / sigma;
-        let size = value.abs();
-        let (weight, loss) =
-            if size <= huber { (1.0, 0.5 * size * size) } else { (huber / size, huber * (size - 0.5 * huber)) };
-        Self { row, residual, weight: weight / variance, loss, clipped: value.clamp(-CLIP, CLIP) }
+        let information = 1.0 / variance;
+        let square = residual * residual * information;
+        let (weight, loss) = if square <= huber * huber {
+            (information, 0.5 * square)
+        } else {
+            let size = libm::sqrtf(square);
+            (information * huber / size, huber * (size - 0.5 * huber))
+        };
+        Self { row, residual, weight, loss, clipped_square: square.min(CLIP * CLIP) }
+    }
+
+    /// Residual over sigma, clipped.
+    pub fn clipped(&self) -> f32 {
+        libm::sqrtf(self.clipped_square).copysign(self.residual)
     }
 }
 
@@ -101,9 +109,9 @@ fn corrected(
     config: &Config,
 ) -> (View, [f32; 2]) {
     let bounded = |residual: f32, variance: f32| {
-        let limit = config.huber * libm::sqrtf(variance);
-        // Not clamp: its check of run-time limits prints floats, which takes 8 KB of the image.
-        residual.max(-limit).min(limit) / variance
+        let limit_squared = config.huber * config.huber * variance;
+        let is_small = residual * residual <= limit_squared;
+        (if is_small { residual } else { libm::sqrtf(limit_squared).copysign(residual) }) / variance
     };
     let by_dip = if config.uses_attitude { bounded(dip - norm * covariance.slope, covariance.dip) } else { 0.0 };
     let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;

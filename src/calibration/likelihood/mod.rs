@@ -126,7 +126,12 @@ pub(super) struct Likelihood {
     pub noise: Noise,
     /// Whether the noise has been estimated: see [`Equations::new`].
     pub refined: bool,
+    /// Every so many samples one is looked at: while a bad start is left behind, a part of many will do.
+    pub stride: usize,
 }
+
+/// Samples that are enough to leave a bad start behind.
+const ENOUGH_TO_START: usize = 128;
 
 impl Likelihood {
     /// The model of samples in a unit of field, nothing known of the noise.
@@ -142,6 +147,7 @@ impl Likelihood {
             mean: rotation * sum_ut / (number * unit_ut),
             noise: Noise::INITIAL,
             refined: false,
+            stride: (samples.all().count() / ENOUGH_TO_START).max(1),
         }
     }
 
@@ -156,7 +162,7 @@ impl Likelihood {
             };
             visit(&Equations::new(point, &measured, &self.noise, &self.config, self.refined));
         };
-        samples.iter().for_each(|sample| one(sample, None));
+        samples.iter().step_by(self.stride).for_each(|sample| one(sample, None));
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
     }
 
@@ -190,6 +196,7 @@ impl Likelihood {
             Point::new(unknowns).w,
         );
         self.refined = true;
+        self.stride = 1;
     }
 
     /// Whether the residuals are small enough for the coefficients to explain the samples.

@@ -29,11 +29,15 @@ impl System {
 
     /// Adds what a sample says.
     pub fn add(&mut self, equations: &Equations) {
-        self.add_equation(&equations.norm);
-        self.clipped_squares[0] += equations.norm.clipped * equations.norm.clipped;
+        let norm = &equations.norm;
+        self.clipped_squares[0] += norm.clipped_square;
         if let Some(dip) = &equations.dip {
-            self.add_equation(dip);
-            self.clipped_squares[1] += dip.clipped * dip.clipped;
+            self.clipped_squares[1] += dip.clipped_square;
+            self.cost += norm.loss + dip.loss;
+            let residuals = [-norm.residual, -dip.residual];
+            self.equations.add_two([&norm.row, &dip.row], residuals, [norm.weight, dip.weight]);
+        } else {
+            self.add_equation(norm);
         }
         if let Some(heading) = &equations.heading {
             self.add_equation(heading);

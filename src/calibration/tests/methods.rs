@@ -8,9 +8,9 @@ use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
 use crate::calibration::ladder::{self, Manner};
 use crate::calibration::{
-    Envelope, Mark, Method, Part, Prior, Sample, Samples, Side, SolveError, Uncertainty, expected_error, solve,
+    Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, solve,
 };
-use crate::frames::Attitude;
+use crate::frames::{Attitude, Field};
 
 /// A turn at constant bank and no pitch, nothing wrong: what the paper assumes.
 fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
@@ -143,9 +143,9 @@ fn a_swing_on_level_ground_is_right_there_and_knows_that_it_is_not_elsewhere() {
         assert_eq!(solution.quality.envelope, Envelope::Level);
         assert!(rms(&level) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&level));
         // Somewhere in a turn the sigma is what a bank without vertical knowledge deserves.
-        let of = |envelope| expected_error::expected(&solution.calibration, &solution.uncertainty, envelope).unwrap();
-        let banked = rms(&airframe.errors_at_deg(&solution.calibration, &[30.0, -30.0]));
-        assert!(banked < 3.0 * of(Envelope::Banked).rms_deg, "seed {seed}: {banked} deg");
+        let banks_deg = [30.0, -30.0];
+        let banked = rms(&airframe.errors_at_deg(&solution.calibration, &banks_deg));
+        assert!(banked < 3.0 * rms(&sigmas_deg(&solution, &banks_deg)), "seed {seed}: {banked} deg");
     }
 }
 
@@ -243,19 +243,32 @@ fn one_side_and_level_flight_are_enough_and_know_how_much() {
     assert!(largest(&ratios) < 3.0, "{}", largest(&ratios));
 }
 
-/// The sigma of a heading and the expected error are two sums of the same: without the noise of a reading they agree.
+/// The sigma of a heading without the noise of a reading and the expected error are two sums of the same.
 #[test]
-fn expected_error_of_nothing_unknown_is_nothing() {
+fn sigma_over_the_envelope_is_the_expected_error() {
     let mut random = Random(3);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
     let solution =
         solve(Method::MaximumLikelihood, Flight::REAL.fly(&airframe, &mut random).turns(), &NO_PRIOR).unwrap();
-    let envelope = Envelope::Banked;
-    let of =
-        |uncertainty: &Uncertainty| expected_error::expected(&solution.calibration, uncertainty, envelope).unwrap();
-    assert!(of(&Uncertainty::NONE).worst_deg == 0.0);
-    let expected = of(&solution.uncertainty);
-    assert!((expected.rms_deg - solution.quality.expected_rms_deg).abs() < 1e-6);
-    assert!(expected.weakest.1 <= expected.rms_deg && expected.worst_deg >= expected.rms_deg);
-    assert_eq!(Part::Turns(Side::Left).name(), "left turns");
+    let sigmas_deg = sigmas_deg(&solution, &[-30.0, 0.0, 30.0]);
+    let Quality { expected_rms_deg, expected_worst_deg, .. } = solution.quality;
+    assert!((rms(&sigmas_deg) - expected_rms_deg).abs() < 1e-4, "{} {expected_rms_deg}", rms(&sigmas_deg));
+    assert!((largest(&sigmas_deg) - expected_worst_deg).abs() < 1e-4);
+}
+
+/// Sigma of headings at twelve headings and these banks, without the noise of a reading.
+fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
+    let Solution { calibration, uncertainty, .. } = solution;
+    let mut quiet = *uncertainty;
+    (quiet.sensor_sigma, quiet.attitude_sigma_rad) = (0.0, 0.0);
+    let field_from_body = calibration.w_matrix().try_inverse().unwrap();
+    let sigma_deg = |bank_deg: f32, heading_deg: u16| {
+        let attitude = Attitude::from_deg(bank_deg, 0.0);
+        let heading_rad = f32::from(heading_deg).to_radians();
+        let level = Field::earth(calibration.total_ut, calibration.inclination_rad, heading_rad);
+        let field = Field::new(field_from_body * attitude.body(level).ut + calibration.b_vector_ut());
+        quiet.heading_sigma_rad(calibration, &field, &attitude.level_from_body(), &level, 1.0).to_degrees()
+    };
+    let headings = || (0..360).step_by(30);
+    banks_deg.iter().flat_map(|&bank| headings().map(move |heading| sigma_deg(bank, heading))).collect()
 }
