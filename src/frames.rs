@@ -7,7 +7,7 @@
 use core::f32::consts::{PI, TAU};
 use core::marker::PhantomData;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::trig;
 /// Axes of the magnetometer chip, as its registers report them.
@@ -74,35 +74,69 @@ impl Attitude {
         Self { roll_rad: roll_deg.to_radians(), pitch_rad: pitch_deg.to_radians() }
     }
 
-    /// The rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components
-    /// (Liu 2007 eq. 7 in FRD axes). Its last row is the down direction in body axes.
+    /// Its rotation, for more than one use.
     #[must_use]
-    pub fn level_from_body(&self) -> Matrix3<f32> {
-        let (sin_roll, cos_roll) = trig::sin_cos(self.roll_rad);
-        let (sin_pitch, cos_pitch) = trig::sin_cos(self.pitch_rad);
-        Matrix3::new(
-            cos_pitch,
-            sin_pitch * sin_roll,
-            sin_pitch * cos_roll,
-            0.0,
-            cos_roll,
-            -sin_roll,
-            -sin_pitch,
-            cos_pitch * sin_roll,
-            cos_pitch * cos_roll,
-        )
+    pub fn tilt(&self) -> Tilt {
+        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
+            (trig::sin_cos(self.roll_rad), trig::sin_cos(self.pitch_rad));
+        Tilt { sin_roll, cos_roll, sin_pitch, cos_pitch }
     }
 
     /// Takes roll and pitch out of a body field.
     #[must_use]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
-        Field::new(self.level_from_body() * body.ut)
+        Field::new(self.tilt().to_level(&body.ut))
     }
 
     /// Puts roll and pitch into a level field: the inverse of [`level`](Self::level).
     #[must_use]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
-        Field::new(self.level_from_body().tr_mul(&level.ut))
+        Field::new(self.tilt().to_body(&level.ut))
+    }
+}
+
+/// The rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components (Liu 2007 eq. 7 in FRD axes).
+#[derive(Clone, Copy, Debug)]
+pub struct Tilt {
+    sin_roll: f32,
+    cos_roll: f32,
+    sin_pitch: f32,
+    cos_pitch: f32,
+}
+
+impl Tilt {
+    /// The down direction in body axes.
+    #[must_use]
+    pub fn down(&self) -> Vector3<f32> {
+        Vector3::new(-self.sin_pitch, self.cos_pitch * self.sin_roll, self.cos_pitch * self.cos_roll)
+    }
+
+    /// Cosine of pitch.
+    #[must_use]
+    pub const fn cos_pitch(&self) -> f32 {
+        self.cos_pitch
+    }
+
+    /// Body components to level components.
+    #[must_use]
+    pub fn to_level(&self, body: &Vector3<f32>) -> Vector3<f32> {
+        let lower = self.sin_roll * body.y + self.cos_roll * body.z;
+        Vector3::new(
+            self.cos_pitch * body.x + self.sin_pitch * lower,
+            self.cos_roll * body.y - self.sin_roll * body.z,
+            self.cos_pitch * lower - self.sin_pitch * body.x,
+        )
+    }
+
+    /// Level components to body components.
+    #[must_use]
+    pub fn to_body(&self, level: &Vector3<f32>) -> Vector3<f32> {
+        let lower = self.sin_pitch * level.x + self.cos_pitch * level.z;
+        Vector3::new(
+            self.cos_pitch * level.x - self.sin_pitch * level.z,
+            self.sin_roll * lower + self.cos_roll * level.y,
+            self.cos_roll * lower - self.sin_roll * level.y,
+        )
     }
 }
 

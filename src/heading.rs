@@ -98,26 +98,29 @@ pub fn heading(
     field: Field<Sensor>,
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
-    let level_from_body = attitude.level_from_body();
-    let level = Field::new(level_from_body * calibration.apply(field).ut);
+    let tilt = attitude.tilt();
+    let level = Field::new(tilt.to_level(&calibration.apply(field).ut));
     if is_disturbed(config, calibration, &level) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad =
-        uncertainty.heading_sigma_rad(calibration, &field, &level_from_body, &level, config.readings_per_sample);
+    let sigma_rad = uncertainty.heading_sigma_rad(calibration, &field, &tilt, &level, config.readings_per_sample);
     Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
 }
 
 /// Whether the field is not that of the calibration; what is not finite counts as disturbed.
 fn is_disturbed(config: Config, calibration: &Calibration, level: &Field<Level>) -> bool {
-    let total_ut = level.total_ut();
-    let total_deviation = total_ut / calibration.total_ut - 1.0;
+    let field = level.ut / calibration.total_ut;
+    let horizontal_squared = field.x * field.x + field.y * field.y;
+    let total_squared = horizontal_squared + field.z * field.z;
     // The cosine of the angle between the two inclinations, times the total field.
     let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
-    let horizontal_ut = libm::sqrtf(level.ut.x * level.ut.x + level.ut.y * level.ut.y);
-    let along_ut = cos * horizontal_ut + sin * level.ut.z;
-    let as_calibrated =
-        total_deviation.abs() <= config.max_total_deviation && along_ut >= config.min_cos_of_dip_deviation * total_ut;
+    let along = cos * libm::sqrtf(horizontal_squared) + sin * field.z;
+    // Squares with their signs, which saves a root.
+    let (least, most) = ((1.0 - config.max_total_deviation).max(0.0), 1.0 + config.max_total_deviation);
+    let min_cos = config.min_cos_of_dip_deviation;
+    let as_calibrated = total_squared >= least * least
+        && total_squared <= most * most
+        && along * along.abs() >= min_cos * min_cos.abs() * total_squared;
     !as_calibrated
 }
 

@@ -84,9 +84,9 @@ impl Evidence {
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
     pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: Attitude, heading_rad: f32) {
-        let level_from_body = attitude.level_from_body();
-        let Some(x) = point.expected_field(&level_from_body.transpose(), heading_rad) else { return };
-        let measured = Measured { x, level_from_body, roll_rad: attitude.roll_rad, heading_rad: None };
+        let tilt = attitude.tilt();
+        let Some(x) = point.expected_field(&tilt, heading_rad) else { return };
+        let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
         let equations = Equations::new(point, &measured, &likelihood.noise, &likelihood.config, true);
         let before = self.correlation;
         self.add(&equations);

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::uncertainty::{Covariance, Vector12, coefficient_row, heading_by_field};
 use super::{Calibration, Method, Sample, Samples};
-use crate::frames::{Attitude, Field};
+use crate::frames::{Attitude, Field, Level};
 use crate::trig;
 
 /// Attitudes for which an error is expected: at each of these banks twelve headings.
@@ -105,9 +105,10 @@ pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envel
     let field_from_body = calibration.w_matrix().try_inverse()?;
     let row = |bank_deg: f32, step: u8| {
         let attitude = Attitude::from_deg(bank_deg, 0.0);
-        let level = Field::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
-        let x = field_from_body * attitude.body(level).ut;
-        coefficient_row(&heading_by_field(&attitude.level_from_body(), &level), &x)
+        let level = Field::<Level>::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let tilt = attitude.tilt();
+        let x = field_from_body * tilt.to_body(&level.ut);
+        coefficient_row(&heading_by_field(&tilt, &level.ut), &x)
     };
     let mut sum = 0.0;
     let mut worst: f32 = 0.0;

@@ -1,10 +1,10 @@
 //! How wrong a heading may be: what is left unknown of the coefficients, and the noise of sensor and attitude.
 
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Calibration;
-use crate::frames::{Field, Level, Sensor};
+use crate::frames::{Field, Level, Sensor, Tilt};
 
 /// The corrected field, in units of the total field, is `W x - beta` with `x = (m - b) / F` and `beta = 0`: twelve
 /// coefficients whose errors move it.
@@ -102,36 +102,34 @@ impl Uncertainty {
         &self,
         calibration: &Calibration,
         sensor: &Field<Sensor>,
-        level_from_body: &Matrix3<f32>,
+        tilt: &Tilt,
         level: &Field<Level>,
         readings: f32,
     ) -> f32 {
         let per_total = 1.0 / calibration.total_ut;
-        let level = Field::new(level.ut * per_total);
-        let by_field = heading_by_field(level_from_body, &level);
-        let by_reading = calibration.w_matrix().tr_mul(&by_field);
+        let level: Field<Level> = Field::new(level.ut * per_total);
+        let by_field = heading_by_field(tilt, &level.ut);
+        let [wx, wy, wz] = &calibration.w;
+        let [rx, ry, rz] = [0, 1, 2].map(|i| wx[i] * by_field.x + wy[i] * by_field.y + wz[i] * by_field.z);
         let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
         let horizontal = level.ut.x * level.ut.x + level.ut.y * level.ut.y;
         let tan_squared = level.ut.z * level.ut.z / horizontal.max(MIN_HORIZONTAL);
-        let noise = by_reading.norm_squared() * self.sensor_sigma * self.sensor_sigma * readings;
+        let noise = (rx * rx + ry * ry + rz * rz) * self.sensor_sigma * self.sensor_sigma * readings;
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
         libm::sqrtf(self.variance(&by_field, &x) + noise + attitude)
     }
 
     /// Of the coefficients' share, never negative.
     fn variance(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
-        let f: [f32; 3] = (*by_field).into();
-        let y = [x.x, x.y, x.z, -1.0];
-        let of_y = PAIRS_OF_4.map(|(a, b)| y[a] * y[b]);
-        let mut sum = 0.0;
-        for (products, (k, l)) in self.products.iter().zip(PAIRS_OF_3) {
-            let mut partial = 0.0;
-            for (product, y) in products.iter().zip(of_y) {
-                partial += product * y;
-            }
-            sum += f[k] * f[l] * partial;
-        }
-        sum.max(0.0)
+        let (f, x) = (by_field, x);
+        // In the order of `PAIRS_OF_3` and `PAIRS_OF_4`; written out, for this is done at every heading.
+        let of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
+        let of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
+        let variance = self.products.iter().zip(of_f).map(|([xx, xy, xz, x1, yy, yz, y1, zz, z1, one], f)| {
+            let second = xx * of_x[0] + xy * of_x[1] + xz * of_x[2] + yy * of_x[3] + yz * of_x[4] + zz * of_x[5];
+            f * (second - (x1 * x.x + y1 * x.y + z1 * x.z) + one)
+        });
+        variance.sum::<f32>().max(0.0)
     }
 }
 
@@ -140,10 +138,9 @@ const MIN_HORIZONTAL: f32 = 1e-6;
 
 /// Derivative of the heading by the corrected field in body axes and units of the total field: with
 /// `psi = atan2(-l_y, l_x)`, `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
-pub(super) fn heading_by_field(level_from_body: &Matrix3<f32>, direction: &Field<Level>) -> Vector3<f32> {
-    let level = direction.ut;
+pub(super) fn heading_by_field(tilt: &Tilt, level: &Vector3<f32>) -> Vector3<f32> {
     let horizontal = (level.x * level.x + level.y * level.y).max(MIN_HORIZONTAL);
-    level_from_body.tr_mul(&Vector3::new(level.y, -level.x, 0.0)) / horizontal
+    tilt.to_body(&Vector3::new(level.y / horizontal, -level.x / horizontal, 0.0))
 }
 
 /// Derivative by the coefficients of `by_field . (W x - beta)`.

@@ -215,8 +215,7 @@ fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
 fn show(solution: &Solution, row: &Row, readings: u16) -> Shown {
     let config = heading::Config { readings_per_sample: f32::from(readings), ..heading::Config::DEFAULT };
     // The heading is shown in any field; whether it would have been sent is its status.
-    let any =
-        heading::Config { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: f32::NEG_INFINITY, ..config };
+    let any = heading::Config { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1, ..config };
     let of = |config| heading(config, &solution.calibration, &solution.uncertainty, row.field, row.attitude);
     let sigma_deg = of(any).map_or(f64::NAN, |found| f64::from(found.sigma_deg()));
     Shown {

@@ -1,11 +1,11 @@
 //! What one sample says, as equations linear in the unknowns, each with its weight.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::noise::{Covariance, Noise};
 use super::view::{Point, View};
 use super::{Config, Vector13};
-use crate::frames::wrap_pi;
+use crate::frames::{Tilt, wrap_pi};
 
 /// One equation: `row . change = -residual`.
 #[derive(Clone, Debug)]
@@ -61,7 +61,7 @@ pub(in crate::calibration) struct Equations {
 pub(in crate::calibration) struct Measured {
     /// The field less the mean of all samples, in mount axes and the unit of field.
     pub x: Vector3<f32>,
-    pub level_from_body: Matrix3<f32>,
+    pub tilt: Tilt,
     pub roll_rad: f32,
     /// The heading, where it was given.
     pub heading_rad: Option<f32>,
@@ -71,8 +71,8 @@ impl Equations {
     /// `refined` says whether the coefficients are good enough for their residuals to say how the measurement was wrong:
     /// see [`corrected`].
     pub fn new(point: &Point, measured: &Measured, noise: &Noise, config: &Config, refined: bool) -> Self {
-        let view = point.view(measured.x, &measured.level_from_body);
-        let by_attitude = view.dip_by_attitude(&measured.level_from_body);
+        let view = point.view(measured.x, &measured.tilt);
+        let by_attitude = view.dip_by_attitude(&measured.tilt);
         let covariance = noise.covariance(&view.direction, &view.towards_down, by_attitude);
         let [norm, dip] = [view.total - 1.0, wrap_pi(view.dip_rad - point.inclination_rad)];
         let (view, [norm, dip]) = if refined {
@@ -116,7 +116,7 @@ fn corrected(
     let by_dip = if config.uses_attitude { bounded(dip - norm * covariance.slope, covariance.dip) } else { 0.0 };
     let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;
     let move_x = noise.sensor_move(&(view.direction * by_norm + view.towards_down * by_dip));
-    let moved = point.view(view.x - move_x, &measured.level_from_body);
+    let moved = point.view(view.x - move_x, &measured.tilt);
     let move_body = point.w * move_x;
     let norm = moved.total - 1.0 + moved.direction.dot(&move_body);
     let dip = wrap_pi(moved.dip_rad - point.inclination_rad) + moved.towards_down.dot(&move_body);
@@ -124,7 +124,7 @@ fn corrected(
 }
 
 fn heading(measured: &Measured, noise: &Noise, config: &Config, view: &View, heading_rad: f32) -> Equation {
-    let by_field = view.heading_by_field(&measured.level_from_body);
+    let by_field = view.heading_by_field(&measured.tilt);
     let found_rad = libm::atan2f(-view.level.y, view.level.x);
     let variance =
         config.given_heading_sigma_rad * config.given_heading_sigma_rad + noise.heading_variance(&by_field, view);

@@ -156,7 +156,7 @@ impl Likelihood {
         let mut one = |sample: &Sample, heading_rad: Option<f32>| {
             let measured = Measured {
                 x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
-                level_from_body: sample.attitude.level_from_body(),
+                tilt: sample.attitude.tilt(),
                 roll_rad: sample.attitude.roll_rad,
                 heading_rad,
             };

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{UNKNOWNS, Vector13};
 use crate::calibration::uncertainty::heading_by_field;
-use crate::frames::Field;
+use crate::frames::{Field, Tilt};
 
 /// One set of unknowns, in the unit of field: the corrected field is `W x + d`, `x` being the field less the mean of all
 /// samples. `d` stands for `b = mean - W^-1 d`: with `b` itself, samples that hardly move along an axis could not tell the
@@ -41,21 +41,20 @@ impl Point {
         self.w.try_inverse().map(|field_from_body| field_from_body * self.d)
     }
 
-    /// What a field less the mean looks like from here; `level_from_body` is the rotation of its attitude.
-    pub fn view(&self, x: Vector3<f32>, level_from_body: &Matrix3<f32>) -> View {
+    /// What a field less the mean looks like from here, at the tilt of its attitude.
+    pub fn view(&self, x: Vector3<f32>, tilt: &Tilt) -> View {
         let body = self.w * x + self.d;
         // A field of zero has no direction; the floor keeps its residual finite and large.
         let total = body.norm().max(1e-6);
         let direction = body / total;
-        let level = level_from_body * direction;
+        let level = tilt.to_level(&direction);
         // Next to a magnetic pole the dip's derivative grows without bound; 0.05 is 3 deg from it.
         let horizontal = libm::sqrtf(level.x * level.x + level.y * level.y).max(0.05);
-        let down = level_from_body.row(2).transpose();
         View {
             x,
             total,
             direction,
-            towards_down: (down - direction * level.z) / (total * horizontal),
+            towards_down: (tilt.down() - direction * level.z) / (total * horizontal),
             level,
             horizontal,
             dip_rad: libm::atan2f(level.z, horizontal),
@@ -75,9 +74,9 @@ impl Point {
     }
 
     /// The field less the mean, noise-free, at an attitude and a heading.
-    pub fn expected_field(&self, body_from_level: &Matrix3<f32>, heading_rad: f32) -> Option<Vector3<f32>> {
+    pub fn expected_field(&self, tilt: &Tilt, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth(1.0, self.inclination_rad, heading_rad);
-        Some(self.w.try_inverse()? * (body_from_level * level.ut - self.d))
+        Some(self.w.try_inverse()? * (tilt.to_body(&level.ut) - self.d))
     }
 }
 
@@ -112,13 +111,12 @@ impl View {
     }
 
     /// Derivative of the heading by the corrected field, in body axes.
-    pub fn heading_by_field(&self, level_from_body: &Matrix3<f32>) -> Vector3<f32> {
-        heading_by_field(level_from_body, &Field::new(self.level)) / self.total
+    pub fn heading_by_field(&self, tilt: &Tilt) -> Vector3<f32> {
+        heading_by_field(tilt, &self.level) / self.total
     }
 
     /// Change of the dip by a radian of roll and of pitch. Together they are of size one at zero pitch.
-    pub fn dip_by_attitude(&self, level_from_body: &Matrix3<f32>) -> [f32; 2] {
-        let cos_pitch = level_from_body[(0, 0)];
-        [cos_pitch * self.level.y / self.horizontal, -self.level.x / self.horizontal]
+    pub fn dip_by_attitude(&self, tilt: &Tilt) -> [f32; 2] {
+        [tilt.cos_pitch() * self.level.y / self.horizontal, -self.level.x / self.horizontal]
     }
 }
