@@ -1,5 +1,7 @@
 //! Corrected field and attitude to heading, and when not to believe it.
 
+use nalgebra::Vector3;
+
 use crate::calibration::{Calibration, Uncertainty};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_two_pi};
 use crate::trig;
@@ -99,17 +101,18 @@ pub fn heading(
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
     let tilt = attitude.tilt();
-    let level = Field::new(tilt.to_level(&calibration.apply(field).ut));
-    if is_disturbed(config, calibration, &level) {
+    let level = Field::<Level>::new(tilt.to_level(&calibration.apply(field).ut));
+    let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
+    let of_total = Vector3::new(x, y, z);
+    if is_disturbed(config, calibration, &of_total) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad = uncertainty.heading_sigma_rad(calibration, &field, &tilt, &level, config.readings_per_sample);
+    let sigma_rad = uncertainty.heading_sigma_rad(calibration, &field, &tilt, &of_total, config.readings_per_sample);
     Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
 }
 
-/// Whether the field is not that of the calibration; what is not finite counts as disturbed.
-fn is_disturbed(config: Config, calibration: &Calibration, level: &Field<Level>) -> bool {
-    let field = level.ut / calibration.total_ut;
+/// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as disturbed.
+fn is_disturbed(config: Config, calibration: &Calibration, field: &Vector3<f32>) -> bool {
     let horizontal_squared = field.x * field.x + field.y * field.y;
     let total_squared = horizontal_squared + field.z * field.z;
     // The cosine of the angle between the two inclinations, times the total field.

@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Calibration;
-use crate::frames::{Field, Level, Sensor, Tilt};
+use crate::frames::{Field, Sensor, Tilt};
 
 /// The corrected field, in units of the total field, is `W x - beta` with `x = (m - b) / F` and `beta = 0`: twelve
 /// coefficients whose errors move it.
@@ -95,7 +95,7 @@ impl Uncertainty {
     }
 
     /// Standard deviation of a heading, radians: from the coefficients' errors, and from the noise of attitude and sensor
-    /// at this very attitude. `level` is the corrected field at that attitude; `readings` is how many readings an averaged
+    /// at this very attitude. `level` is the corrected field at that attitude in units of the total field; `readings` is how many readings an averaged
     /// one was made of, whose noise is that much smaller than the one reading's behind this heading.
     #[must_use]
     pub fn heading_sigma_rad(
@@ -103,17 +103,19 @@ impl Uncertainty {
         calibration: &Calibration,
         sensor: &Field<Sensor>,
         tilt: &Tilt,
-        level: &Field<Level>,
+        level: &Vector3<f32>,
         readings: f32,
     ) -> f32 {
         let per_total = 1.0 / calibration.total_ut;
-        let level: Field<Level> = Field::new(level.ut * per_total);
-        let by_field = heading_by_field(tilt, &level.ut);
-        let [wx, wy, wz] = &calibration.w;
-        let [rx, ry, rz] = [0, 1, 2].map(|i| wx[i] * by_field.x + wy[i] * by_field.y + wz[i] * by_field.z);
+        let by_field = heading_by_field(tilt, level);
+        // `W^T f`, written out for the same reason as below.
+        let [[a, b, c], [d, e, f], [g, h, i]] = calibration.w;
+        let rx = a * by_field.x + d * by_field.y + g * by_field.z;
+        let ry = b * by_field.x + e * by_field.y + h * by_field.z;
+        let rz = c * by_field.x + f * by_field.y + i * by_field.z;
         let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
-        let horizontal = level.ut.x * level.ut.x + level.ut.y * level.ut.y;
-        let tan_squared = level.ut.z * level.ut.z / horizontal.max(MIN_HORIZONTAL);
+        let horizontal = level.x * level.x + level.y * level.y;
+        let tan_squared = level.z * level.z / horizontal.max(MIN_HORIZONTAL);
         let noise = (rx * rx + ry * ry + rz * rz) * self.sensor_sigma * self.sensor_sigma * readings;
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
         libm::sqrtf(self.variance(&by_field, &x) + noise + attitude)

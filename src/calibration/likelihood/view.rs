@@ -63,14 +63,10 @@ impl Point {
 
     /// The derivative by the unknowns of `k . (W x + d)`: `k x^T` by `W`, `k` by `d`, none by `I`.
     pub fn row(k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
-        let mut row = Vector13::zeros();
-        for i in 0..3 {
-            for j in 0..3 {
-                row[3 * i + j] = k[i] * x[j];
-            }
-            row[9 + i] = k[i];
-        }
-        row
+        // Written out, for this is done twice for each sample and pass.
+        let [a, b, c] = [k.x, k.y, k.z];
+        let [x, y, z] = [x.x, x.y, x.z];
+        Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, 0.0])
     }
 
     /// The field less the mean, noise-free, at an attitude and a heading.
