@@ -84,8 +84,10 @@ pub struct Compass {
 }
 
 impl Compass {
-    /// The machine at start, with what flash held.
+    /// The machine at start, with what flash held. Not inlined: what it is made of would lie on the stack beside all that
+    /// follows.
     #[must_use]
+    #[inline(never)]
     pub const fn new(config: Config, settings: Settings, generations: Generations) -> Self {
         Self {
             config,

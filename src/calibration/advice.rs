@@ -9,6 +9,7 @@ use core::fmt;
 use super::evidence::{Consider, Evidence};
 use super::expected_error::{self, Deviation, Envelope};
 use super::likelihood::{Likelihood, Point, Quantity, Vector13};
+use super::uncertainty::Covariance;
 use super::{Calibration, Side};
 use crate::frames::Attitude;
 
@@ -94,7 +95,8 @@ pub(super) fn advise(
 ) -> Option<Advice> {
     let consider = Consider::DEFAULT;
     let expected = |evidence: &Evidence| {
-        let covariance = evidence.covariance(likelihood, unknowns, consider)?;
+        let mut covariance = Covariance::EXACT;
+        evidence.covariance(likelihood, unknowns, consider, &mut covariance)?;
         expected_error::expected(calibration, &covariance, envelope)
     };
     let now = expected(evidence)?;

@@ -55,17 +55,21 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// One pass over the samples.
+    /// What is known without samples.
     #[inline(never)]
-    pub fn new(likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) -> Self {
-        let mut evidence = Self {
+    pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
+        Self {
             system: System::of_priors(likelihood, unknowns),
             dip: Matrix13::zeros(),
             effects: [Vector13::zeros(); 3],
             correlation: [0.0; 3],
-        };
-        likelihood.visit(samples, &Point::new(unknowns), &mut |equations| evidence.add(equations));
-        evidence
+        }
+    }
+
+    /// Adds what samples say: one pass over them.
+    #[inline(never)]
+    pub fn visit(&mut self, likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) {
+        likelihood.visit(samples, &Point::new(unknowns), &mut |equations| self.add(equations));
     }
 
     fn add(&mut self, equations: &Equations) {
@@ -103,8 +107,16 @@ impl Evidence {
     ///
     /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
     /// which is nothing where these were sought but is the error of a closed form.
+    ///
+    /// It is put where it is wanted: several copies of it would lie on the stack otherwise.
     #[inline(never)]
-    pub fn covariance(&self, likelihood: &Likelihood, unknowns: &Vector13, consider: Consider) -> Option<Covariance> {
+    pub fn covariance(
+        &self,
+        likelihood: &Likelihood,
+        unknowns: &Vector13,
+        consider: Consider,
+        covariance: &mut Covariance,
+    ) -> Option<()> {
         let units = Units::new(likelihood, unknowns)?;
         // What each coefficient becomes under `H^-1`: all that is asked of it, and a fraction of the matrix's size.
         let mut columns = [Vector13::zeros(); COEFFICIENTS];
@@ -115,7 +127,7 @@ impl Evidence {
         let correlated = self.correlated();
         let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
         let mut of_dip = Vector13::zeros();
-        Covariance::new(|i, j| {
+        covariance.fill(|i, j| {
             if j == 0 {
                 // The lower triangle is filled row by row.
                 of_dip.sygemv(correlated, &self.dip, &columns[i], 0.0);
@@ -148,7 +160,7 @@ impl Evidence {
     ) -> Option<impl Iterator<Item = Quantity>> {
         let mut left = [None; 4];
         let mut determined = true;
-        priors(likelihood, &Point::new(unknowns), |prior| {
+        priors(likelihood, &Point::new(unknowns), &mut |prior| {
             let Some(column) = self.system.covariance_times(&prior.row) else {
                 determined = false;
                 return;

@@ -105,5 +105,6 @@ pub fn choose(samples: Samples<'_>, manner: Manner, prior: &Prior) -> Result<Met
 
 /// Whether level flight went through enough headings for an ellipse.
 fn shows_level(samples: &[Sample], prior: &Prior) -> bool {
+    let samples = Samples { level: samples, ..Samples::default() };
     level::solve(samples.iter(), &prior.mount.body_from_sensor()).is_ok()
 }

@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use super::conic::conic;
 use super::least_squares::LeastSquares;
 use super::response::Response;
-use super::{Part, Sample, SolveError};
+use super::{Part, SampleIter, SolveError};
 use crate::trig;
 
 /// Samples needed: a conic has five coefficients, and noise wants some more.
@@ -75,10 +75,7 @@ impl Hypothesis {
 /// What level flight does not show is chosen so that it does not matter there: the vertical field leaks into no other
 /// axis, there is no hard iron along the vertical one, its scale is that of the horizontal ones, and the inclination is
 /// what follows.
-pub(super) fn solve<'a>(
-    samples: impl Iterator<Item = &'a Sample> + Clone,
-    rotation: &Matrix3<f32>,
-) -> Result<Response, SolveError> {
+pub(super) fn solve(samples: SampleIter<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
     let fields = samples.map(|s| rotation * s.field.ut);
     let have = fields.clone().count();
     if have < MIN_SAMPLES {

@@ -135,13 +135,44 @@ impl Part {
 
 impl<'a> Samples<'a> {
     /// The samples without a given heading, one part after the other.
-    pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + use<'a> {
-        self.left.iter().chain(self.right).chain(self.level)
+    #[must_use]
+    pub fn iter(&self) -> SampleIter<'a> {
+        SampleIter(Samples { marks: &[], ..*self })
     }
 
     /// All samples, marks included.
-    pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + use<'a> {
-        self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
+    #[must_use]
+    pub fn all(&self) -> SampleIter<'a> {
+        SampleIter(*self)
+    }
+}
+
+impl<'a> IntoIterator for &Samples<'a> {
+    type Item = &'a Sample;
+    type IntoIter = SampleIter<'a>;
+
+    fn into_iter(self) -> SampleIter<'a> {
+        self.iter()
+    }
+}
+
+/// Samples, one part after the other. Not a chain of iterators: each use of one makes a loop for every part, which all
+/// together take 10 KB of a board's flash.
+#[derive(Clone, Debug)]
+pub struct SampleIter<'a>(Samples<'a>);
+
+impl<'a> Iterator for SampleIter<'a> {
+    type Item = &'a Sample;
+
+    #[inline(never)]
+    fn next(&mut self) -> Option<&'a Sample> {
+        let Samples { left, right, level, marks } = &mut self.0;
+        for part in [left, right, level] {
+            if let Some(sample) = part.split_off_first() {
+                return Some(sample);
+            }
+        }
+        marks.split_off_first().map(|mark| &mark.sample)
     }
 }
 

@@ -7,7 +7,7 @@ use super::likelihood::{Config, Likelihood, Prior};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
 use super::two_plane::{MIN_SAMPLES, progress_rad};
-use super::uncertainty::Uncertainty;
+use super::uncertainty::{Covariance, Uncertainty};
 use super::{Axis, Calibration, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 
@@ -93,20 +93,27 @@ impl Solver {
             Refining::Settled => self.finish(samples),
             Refining::Failed => Err(SolveError::NotConverged),
         };
-        if end.is_ok() || self.from_sphere || self.method != Method::MaximumLikelihood {
-            return Progress::Finished(end);
+        match end {
+            Err(SolveError::NotConverged) if self.begin_again(samples) => Progress::Continue,
+            end => Progress::Finished(end),
         }
-        // What a bad start led astray may be found from another.
+    }
+
+    /// What a bad start led astray may be found from another; false if there is none left.
+    #[inline(never)]
+    fn begin_again(&mut self, samples: Samples<'_>) -> bool {
+        if self.from_sphere || self.method != Method::MaximumLikelihood {
+            return false;
+        }
         self.from_sphere = true;
-        match (end, response::sphere(samples, &self.prior.mount.body_from_sensor())) {
-            (Err(SolveError::NotConverged), Some(start)) => {
-                match begin(self.method, &self.prior, samples, &start) {
-                    Ok(refinement) => self.refinement = refinement,
-                    Err(error) => return Progress::Finished(Err(error)),
-                }
-                Progress::Continue
+        let start = response::sphere(samples, &self.prior.mount.body_from_sensor());
+        let again = start.and_then(|start| begin(self.method, &self.prior, samples, &start).ok());
+        match again {
+            Some(refinement) => {
+                self.refinement = refinement;
+                true
             }
-            (end, _) => Progress::Finished(end),
+            None => false,
         }
     }
 
@@ -122,14 +129,16 @@ impl Solver {
         }
         let calibration = likelihood.calibration(unknowns)?;
         self.plausible(samples, &calibration)?;
-        let evidence = Evidence::new(likelihood, samples, unknowns);
+        let mut evidence = Evidence::of_priors(likelihood, unknowns);
+        evidence.visit(likelihood, samples, unknowns);
         if self.method == Method::Ellipsoid
             && !ellipsoid::is_determined(samples, &calibration, &evidence, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = Envelope::of(self.method, samples);
-        let covariance = evidence.covariance(likelihood, unknowns, self.consider).ok_or(SolveError::NotConverged)?;
+        let mut covariance = Covariance::EXACT;
+        evidence.covariance(likelihood, unknowns, self.consider, &mut covariance).ok_or(SolveError::NotConverged)?;
         let uncertainty = evidence::uncertainty(likelihood, unknowns, &covariance).ok_or(SolveError::NotConverged)?;
         let expected = expected_error::expected(&calibration, &covariance, envelope).ok_or(SolveError::NotConverged)?;
         let quality = Quality {

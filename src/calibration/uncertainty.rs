@@ -17,14 +17,16 @@ pub(super) type Vector12 = SVector<f32, COEFFICIENTS>;
 pub(super) struct Covariance([f32; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
 
 impl Covariance {
-    /// From its elements: asked for row by row, from the first column to the diagonal. `None` if one is not finite.
-    pub fn new(mut element: impl FnMut(usize, usize) -> f32) -> Option<Self> {
-        let mut packed = [0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2];
+    /// Everything known exactly.
+    pub const EXACT: Self = Self([0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+
+    /// Takes its elements: asked for row by row, from the first column to the diagonal. `None` if one is not finite.
+    pub fn fill(&mut self, mut element: impl FnMut(usize, usize) -> f32) -> Option<()> {
         let triangle = (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)));
-        for (packed, (row, column)) in packed.iter_mut().zip(triangle) {
+        for (packed, (row, column)) in self.0.iter_mut().zip(triangle) {
             *packed = element(row, column);
         }
-        packed.iter().all(|c| c.is_finite()).then_some(Self(packed))
+        self.0.iter().all(|c| c.is_finite()).then_some(())
     }
 
     fn at(&self, i: usize, j: usize) -> f32 {
@@ -172,7 +174,8 @@ mod tests {
         for _ in 0..50 {
             let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
             let full = root * root.transpose();
-            let covariance = Covariance::new(|i, j| full[(i, j)]).unwrap();
+            let mut covariance = Covariance::EXACT;
+            covariance.fill(|i, j| full[(i, j)]).unwrap();
             let [f, x] = [(); 2].map(|()| Vector3::from_fn(|_, _| number()));
             let row = coefficient_row(&f, &x);
             let exact = row.dot(&(full * row));

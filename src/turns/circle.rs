@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, SymmetricEigen, Vector2, Vector3};
 
 use super::dataset::SECTORS;
-use crate::calibration::Sample;
+use crate::calibration::{Sample, Samples};
 
 /// A circle in the principal plane of a turn's samples.
 #[derive(Clone, Copy, Debug)]
@@ -26,18 +26,18 @@ pub(super) struct Circle {
 impl Circle {
     /// Least squares of `x^2 + y^2 + a x + b y + c` (Kasa's fit) in the plane of the largest two principal axes. An arc
     /// is enough; `None` while there is no arc to speak of.
-    pub fn through<'a>(samples: impl Iterator<Item = &'a Sample> + Clone) -> Option<Self> {
-        let fields = samples.map(|s| s.field.ut);
-        let number = fields.clone().count() as f32;
+    pub fn through(samples: &Samples<'_>) -> Option<Self> {
+        let fields = || samples.iter().map(|s| s.field.ut);
+        let number = samples.iter().count() as f32;
         if number < 3.0 {
             return None;
         }
-        let origin_ut = fields.clone().sum::<Vector3<f32>>() / number;
-        let scatter: Matrix3<f32> = fields.clone().map(|f| (f - origin_ut) * (f - origin_ut).transpose()).sum();
+        let origin_ut = fields().sum::<Vector3<f32>>() / number;
+        let scatter: Matrix3<f32> = fields().map(|f| (f - origin_ut) * (f - origin_ut).transpose()).sum();
         let axes = principal_axes(scatter)?;
         let mut normal = Matrix3::zeros();
         let mut right = Vector3::zeros();
-        for field in fields {
+        for field in fields() {
             let p = axes.map(|axis| axis.dot(&(field - origin_ut)));
             let row = Vector3::new(p[0], p[1], 1.0);
             normal += row * row.transpose();

@@ -194,7 +194,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
         }
         let taken = self.last.map_or(0, |(_, taken)| taken);
         self.last = Some((sample.time_ms, taken.wrapping_add(1)));
-        let circle = Circle::through(self.fit.iter().chain(&self.held_back));
+        let circle = Circle::through(&Samples { left: &self.fit, right: &self.held_back, ..Samples::default() });
         let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector(s));
         if taken % config.hold_back_every == config.hold_back_every - 1 {
             insert(&mut self.held_back, sample, sector_of);
@@ -384,7 +384,7 @@ mod tests {
         let dataset = collect(turn(25.0, 0, 120, 13.0));
         let (fit, held) = (dataset.fit().right, dataset.held_back().right);
         assert!(held.iter().all(|h| fit.iter().all(|f| f.time_ms != h.time_ms)));
-        let circle = Circle::through(held.iter()).unwrap();
+        let circle = Circle::through(&Samples { left: held, ..Samples::default() }).unwrap();
         assert!(count(held, |s| circle.sector(s)).iter().all(|&n| n >= 2));
     }
 

@@ -19,7 +19,7 @@ impl System {
     /// What is known without any sample: see [`priors`].
     pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
         let mut system = Self { equations: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], samples: 0 };
-        priors(likelihood, &Point::new(unknowns), |prior| {
+        priors(likelihood, &Point::new(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
             system.equations.add(&prior.row, [-prior.residual], weight);
             system.cost += 0.5 * weight * prior.residual * prior.residual;
@@ -92,9 +92,9 @@ pub(in crate::calibration) enum Quantity {
 
 /// Weak priors that let thin data shrink towards no correction: on the symmetric part of `W` (soft iron; scale is left
 /// free), on its skew part (mounting), on `b`, and on the inclination where it was told.
-pub(in crate::calibration) fn priors(likelihood: &Likelihood, point: &Point, mut tell: impl FnMut(KnownBefore)) {
+pub(in crate::calibration) fn priors(likelihood: &Likelihood, point: &Point, tell: &mut dyn FnMut(&KnownBefore)) {
     let config = &likelihood.config;
-    let mut prior = |of, row, residual, sigma| tell(KnownBefore { row, residual, sigma, of });
+    let mut prior = |of, row, residual, sigma| tell(&KnownBefore { row, residual, sigma, of });
     let w = |index: usize| point.w[(index / 3, index % 3)];
     // Indices of W's elements in the unknowns.
     for (ij, ji) in [(1, 3), (2, 6), (5, 7)] {
