@@ -7,11 +7,11 @@ use core::panic::PanicInfo;
 
 use super::stack;
 use cortex_m::peripheral::SCB;
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
 /// The longest message, as `ResetCause` takes it.
 const CAPACITY: usize = 96;
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// A message with its CRC: after power-on the memory holds anything.
 #[derive(Clone, Copy)]

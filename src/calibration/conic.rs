@@ -1,9 +1,10 @@
 //! The ellipse of one turn: its plane in sensor space and the conic in that plane.
 
-use nalgebra::{Matrix2, Matrix3, SVector, SymmetricEigen, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
 use super::least_squares::LeastSquares;
-use super::{Part, Sample, Side, SolveError};
+use super::plane::Plane;
+use super::{Part, Sample, Samples, Side, SolveError};
 
 /// An ellipse in space: `centre + p` for all `p` of the plane with `p^T Q p = 1`.
 #[derive(Clone, Debug)]
@@ -21,23 +22,16 @@ pub(super) struct Ellipse {
 impl Ellipse {
     /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        let fields = samples.iter().map(|s| rotation * s.field.ut);
-        let number = samples.len() as f32;
-        let mean = fields.clone().sum::<Vector3<f32>>() / number;
-        let scatter: Matrix3<f32> = fields.clone().map(|f| (f - mean) * (f - mean).transpose()).sum();
-        // Points scaled to about 1, or the normal equations would mix units of 1 and uT^4.
-        let scale = libm::sqrtf(scatter.trace() / number);
-        // A bound on iterations, because the unbounded variant never ends on what is not finite.
-        let eigen = SymmetricEigen::try_new(scatter, f32::EPSILON, 100).ok_or(SolveError::NotFinite)?;
-        let smallest = eigen.eigenvalues.imin();
-        let direction = |step: usize| eigen.eigenvectors.column((smallest + step) % 3).into_owned();
-        let axes = [direction(1), direction(2)];
-        let points = fields.map(|f| Vector2::from(axes.map(|axis| axis.dot(&(f - mean)) / scale)));
+        let samples = Samples { left: samples, ..Samples::default() };
+        let Some(plane) = Plane::through(&samples, rotation) else { return Err(SolveError::NotFinite) };
+        // Points scaled to about 1, or the equations would mix units of 1 and uT^4.
+        let scale = plane.spread_ut;
+        let points = samples.iter().map(|s| plane.flat(&(rotation * s.field.ut)) / scale);
         let (centre, form) = conic(points).ok_or(SolveError::NotAnEllipse(Part::Turns(side)))?;
         Ok(Self {
-            centre_ut: mean + (axes[0] * centre.x + axes[1] * centre.y) * scale,
-            normal: direction(0),
-            axes,
+            centre_ut: plane.origin_ut + (plane.axes[0] * centre.x + plane.axes[1] * centre.y) * scale,
+            normal: plane.normal,
+            axes: plane.axes,
             form: form / (scale * scale),
         })
     }

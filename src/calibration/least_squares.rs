@@ -11,7 +11,7 @@ use nalgebra::{SMatrix, SVector};
 /// The triangle `D (U x - t)` of all equations so far, for `N` unknowns and `M` right-hand sides: `D` diagonal, `U` upper
 /// triangular with a unit diagonal.
 #[derive(Clone, Debug)]
-pub(super) struct LeastSquares<const N: usize, const M: usize> {
+pub(crate) struct LeastSquares<const N: usize, const M: usize> {
     d: [f32; N],
     /// What is not above the diagonal is not used.
     u: [[f32; N]; N],

@@ -12,7 +12,7 @@
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
 //! | `likelihood/` | how likely samples are with a set of coefficients |
 //! | `least_squares.rs` | linear least squares in `f32` |
-//! | `response.rs`, `conic.rs` | what the closed forms give and are made of |
+//! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `evidence.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
 //! | `advice.rs` | what to fly to make it smaller |
@@ -33,6 +33,7 @@ mod level;
 mod likelihood;
 mod maximum_likelihood;
 mod orientation;
+mod plane;
 mod response;
 mod solver;
 mod two_plane;
@@ -47,6 +48,7 @@ pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use solver::{Progress, Solution, Solver, solve};
 pub use uncertainty::Uncertainty;
+pub(crate) use {least_squares::LeastSquares, plane::Plane};
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 
 use core::ops::RangeInclusive;
 
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
 use super::StoreError;
@@ -15,7 +15,8 @@ const VERSION: u8 = 2;
 /// and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 896;
 
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// Without a table of 1 KB: a save waits for the flash, not for this.
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 const CRC_SIZE: usize = 4;
 
 /// What the user has chosen.
