@@ -1,20 +1,23 @@
 //! NMEA 0183 heading sentences out: `HCHDM`, `HCHDG`, and the proprietary `PASWH` with the heading's quality.
 
-use core::fmt::{self, Write as _};
+//!
+//! Written without `core::fmt`, which takes 2,000 instructions for such a sentence.
 
-use super::decimal::Decimal;
 use crate::heading::{Heading, NoHeading};
 
 /// A sentence with its checksum and line end; at most 82 characters by the standard.
 pub type Sentence = heapless::String<82>;
 
+/// Whether there was room. Bodies here are at most 40 characters, so there always is.
+type Fits = Option<()>;
+
 /// `$HCHDM,hhh.h,M*cs`: magnetic heading. The field is empty when there is no heading to trust.
 #[must_use]
 pub fn hdm(heading_deg: Option<f32>) -> Sentence {
     sentence(|body| {
-        body.write_str("HCHDM,")?;
-        write_heading(body, heading_deg)?;
-        body.write_str(",M")
+        put(body, "HCHDM,")?;
+        put_heading(body, heading_deg)?;
+        put(body, ",M")
     })
 }
 
@@ -25,15 +28,15 @@ pub fn hdm(heading_deg: Option<f32>) -> Sentence {
 #[must_use]
 pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     sentence(|body| {
-        body.write_str("HCHDG,")?;
-        write_heading(body, heading_deg)?;
-        body.write_str(",,,")?;
+        put(body, "HCHDG,")?;
+        put_heading(body, heading_deg)?;
+        put(body, ",,,")?;
         match variation_deg {
             Some(variation_deg) => {
-                let direction = if variation_deg < 0.0 { 'W' } else { 'E' };
-                write!(body, "{},{direction}", Decimal::<1>(variation_deg.abs()))
+                put_tenths(body, rounded_tenths(variation_deg.abs()), 1)?;
+                put(body, if variation_deg < 0.0 { ",W" } else { ",E" })
             }
-            None => body.write_char(','),
+            None => put(body, ","),
         }
     })
 }
@@ -43,36 +46,75 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
 #[must_use]
 pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
     sentence(|body| {
-        body.write_str("PASWH,")?;
+        put(body, "PASWH,")?;
         match heading {
             Ok(heading) => {
-                write_heading(body, Some(heading.magnetic_deg()))?;
+                put_heading(body, Some(heading.magnetic_deg()))?;
+                put(body, ",")?;
                 // Beyond this the heading says nothing at all.
-                write!(body, ",{},ok", Decimal::<1>(heading.sigma_deg().min(180.0)))
+                put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
+                put(body, ",ok")
             }
-            Err(why) => write!(body, ",,{}", why.code()),
+            Err(why) => {
+                put(body, ",,")?;
+                put(body, why.code())
+            }
         }
     })
 }
 
-/// Writes 000.0..359.9, or nothing.
-fn write_heading(body: &mut Sentence, heading_deg: Option<f32>) -> fmt::Result {
-    let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Ok(()) };
-    // Rounded first, so that 359.97 goes out as 000.0 and never as 360.0.
-    let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
-    let tenths = tenths.rem_euclid(3600);
-    write!(body, "{:03}.{}", tenths / 10, tenths % 10)
+fn put(body: &mut Sentence, text: &str) -> Fits {
+    body.push_str(text).ok()
 }
 
-/// Frames a body with `$`, checksum and line end. Bodies here are at most 40 characters, so they always fit; should
-/// one ever not, the sentence is cut and its missing checksum tells the receiver.
-fn sentence(fill: impl FnOnce(&mut Sentence) -> fmt::Result) -> Sentence {
+/// 000.0..359.9, or nothing.
+fn put_heading(body: &mut Sentence, heading_deg: Option<f32>) -> Fits {
+    let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Some(()) };
+    // Rounded first, so that 359.97 goes out as 000.0 and never as 360.0.
+    let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
+    put_tenths(body, tenths.rem_euclid(3600).unsigned_abs(), 3)
+}
+
+/// Of a number that is not negative.
+fn rounded_tenths(value: f32) -> u32 {
+    (value * 10.0 + 0.5) as u32
+}
+
+/// A number with one decimal and at least so many digits before the point.
+fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
+    /// Digits of the largest whole part.
+    const DIGITS: usize = 9;
+    let digit = |value: u32| b'0' + (value % 10) as u8;
+    let mut text = [b'.'; DIGITS + 2];
+    let (whole, fraction) = text.split_at_mut(DIGITS);
+    if let Some(last) = fraction.last_mut() {
+        *last = digit(tenths);
+    }
+    let mut rest = tenths / 10;
+    let mut digits = 0;
+    for place in whole.iter_mut().rev() {
+        if rest == 0 && digits >= least_digits {
+            break;
+        }
+        *place = digit(rest);
+        rest /= 10;
+        digits += 1;
+    }
+    put(body, core::str::from_utf8(text.get(DIGITS - digits..)?).ok()?)
+}
+
+/// Frames a body with `$`, checksum and line end. Should one ever not fit, the sentence is cut and its missing checksum
+/// tells the receiver.
+fn sentence(fill: impl FnOnce(&mut Sentence) -> Fits) -> Sentence {
+    const HEX: &[u8; 16] = b"0123456789ABCDEF";
     let mut out = Sentence::new();
-    let complete = out.write_char('$').and_then(|()| fill(&mut out));
-    if complete.is_ok() {
+    let complete = put(&mut out, "$").and_then(|()| fill(&mut out));
+    if complete.is_some() {
         let checksum = checksum(out.get(1..).unwrap_or_default());
-        // Fits for the reason above; nothing is lost but this sentence if it ever does not.
-        let _ = write!(out, "*{checksum:02X}\r\n");
+        let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX[usize::from(nibble)]);
+        let end = [b'*', high, low, b'\r', b'\n'];
+        // ASCII, and there is room: see `Fits`.
+        let _ = put(&mut out, core::str::from_utf8(&end).unwrap_or_default());
     }
     out
 }

@@ -29,10 +29,10 @@ pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
 /// `host-sim emulate`.
 pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
-    let failed = |error: &EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let mut emulator = Emulator::start(&image, world(&options.fly)?).map_err(|error| failed(&error))?;
+    let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
+    let mut emulator = Emulator::start(&image, world(&options.fly)?).map_err(failed)?;
     let flown = fly(&mut emulator, &options.fly);
-    emulator.failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
+    emulator.take_failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
 }
 
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {

@@ -96,9 +96,8 @@ impl Emulator {
     }
 
     /// Why a run has failed.
-    #[must_use]
-    pub fn failure(&self) -> Option<&EmulatorError> {
-        self.failure.as_ref()
+    pub fn take_failure(&mut self) -> Option<EmulatorError> {
+        self.failure.take()
     }
 
     /// Breaks or mends the sensor's data wire.
@@ -111,11 +110,11 @@ impl Emulator {
         self.machine.reset()
     }
 
-    /// The machine's ticks from the first access to the sensor to the last byte written, for each reading that was sent:
-    /// 40 ns each. An instruction takes 64 ns.
-    #[must_use]
-    pub fn ways_ticks(&self) -> &[u64] {
-        &self.way.ticks
+    /// Instructions from the first access to the sensor to the last byte written, for each reading that was sent since the
+    /// last time this was asked.
+    pub fn take_ways(&mut self) -> Vec<u64> {
+        let instructions = |ticks: u64| ticks * machine::TICK_NS / machine::INSTRUCTION_NS;
+        std::mem::take(&mut self.way.ticks).into_iter().map(instructions).collect()
     }
 
     /// When the machine wrote to the autopilot port since the last time this was asked, microseconds.

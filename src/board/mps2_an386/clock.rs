@@ -23,6 +23,8 @@ pub const TICKS_PER_US: u64 = 25;
 /// `CONTROL`: one shot, 32 bits. The machine takes 32 bits of `LOAD` only when it was told of them before.
 const STOPPED: u32 = 0b0000_0011;
 const RUNNING: u32 = 0b1010_0011;
+/// Keeps what is left of the time.
+const PAUSED: u32 = 0b0010_0011;
 
 /// The counter wraps after 171 s; the clock looks at it in less.
 const LONGEST_US: u64 = 60_000_000;
@@ -110,13 +112,11 @@ pub fn ticks() -> u64 {
     CLOCK.with(Clock::ticks)
 }
 
-/// Time stands still while `f` runs.
-pub fn freeze(f: impl FnOnce()) {
-    CONTROL.write(STOPPED);
+/// Time stands still while `f` runs, which is given the ticks of that instant.
+pub fn freeze(f: impl FnOnce(u64)) {
+    CONTROL.write(PAUSED);
     let before = CLOCK.with(Clock::counter);
-    f();
-    CLOCK.with(|clock| {
-        clock.frozen += clock.counter() - before;
-        clock.set_timer();
-    });
+    f(ticks());
+    CLOCK.with(|clock| clock.frozen += clock.counter() - before);
+    CONTROL.write(RUNNING);
 }

@@ -63,12 +63,11 @@ pub fn before_sensor() {
 
 /// After something was written to the autopilot.
 pub fn autopilot_written() {
-    critical_section::with(|_| tell(Told::Written));
+    critical_section::with(|_| clock::freeze(|ticks| tell(Told::Written, ticks)));
 }
 
-fn tell(what: Told) {
-    let ticks = clock::ticks().to_le_bytes();
-    for byte in core::iter::once(what as u8).chain(ticks) {
+fn tell(what: Told, ticks: u64) {
+    for byte in core::iter::once(what as u8).chain(ticks.to_le_bytes()) {
         // The emulator hands a byte to the host before it goes on.
         while !LOCKSTEP.put(byte) {}
     }
@@ -76,8 +75,8 @@ fn tell(what: Told) {
 
 fn wait(what: Told) {
     critical_section::with(|_| {
-        tell(what);
-        clock::freeze(|| {
+        clock::freeze(|ticks| {
+            tell(what, ticks);
             let others = mask_others();
             let [console, autopilot, wires] = core::array::from_fn(|_| take(&LOCKSTEP));
             receive(&CONSOLE, console);
