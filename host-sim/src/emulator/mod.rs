@@ -1,6 +1,6 @@
 //! The firmware as ARM code: QEMU's `mps2-an386`, a Cortex-M4F with QEMU's own magnetometer, flown by the same world.
 //!
-//! Machine and world move in lockstep: the machine stops every millisecond, and before every access to its sensor, tells
+//! Machine and world move in lockstep: the machine stops every other millisecond, and before every access to its sensor, tells
 //! its time, and goes on when the world has caught up. The computer's own time has no part in it.
 
 pub mod budget;

@@ -14,6 +14,7 @@ use super::registers::{Peripheral, Register};
 const COUNTER: Register = Register::of(Peripheral::FpgaIo, 0x18);
 const PRESCALE: Register = Register::of(Peripheral::FpgaIo, 0x1C);
 const LOAD: Register = Register::of(Peripheral::DualTimer, 0x00);
+const VALUE: Register = Register::of(Peripheral::DualTimer, 0x04);
 const CONTROL: Register = Register::of(Peripheral::DualTimer, 0x08);
 const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
 
@@ -118,5 +119,8 @@ pub fn freeze(f: impl FnOnce(u64)) {
     let before = CLOCK.with(Clock::counter);
     f(ticks());
     CLOCK.with(|clock| clock.frozen += clock.counter() - before);
-    CONTROL.write(RUNNING);
+    // If it has run out, its interrupt is pending and sets it anew.
+    if VALUE.read() != 0 {
+        CONTROL.write(RUNNING);
+    }
 }

@@ -23,9 +23,27 @@ impl embedded_hal_async::i2c::Error for NoAcknowledge {
 }
 
 /// The master of the bus.
-pub struct SensorBus;
+pub struct SensorBus(());
+
+/// Clocks after which a chip has finished whatever byte it was sending, and seen that nobody acknowledges it.
+const CLOCKS_TO_LET_GO: u8 = 9;
 
 impl SensorBus {
+    /// The bus, cleared of what a reset may have broken off.
+    pub fn new() -> Self {
+        let mut bus = Self(());
+        bus.clear();
+        bus
+    }
+
+    /// Has a chip that holds the data wire let it go.
+    fn clear(&mut self) {
+        for _ in 0..CLOCKS_TO_LET_GO {
+            self.take_bit();
+        }
+        self.stop();
+    }
+
     fn start(&mut self) {
         SET.write(SDA);
         SET.write(SCL);
@@ -98,7 +116,7 @@ impl I2c for SensorBus {
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
         lockstep::before_sensor();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
-        self.stop();
+        if result.is_ok() { self.stop() } else { self.clear() }
         result
     }
 }

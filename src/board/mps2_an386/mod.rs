@@ -119,7 +119,7 @@ pub fn start() -> ! {
     // Each task is spawned once, and there is room for one of each: `spawned` cannot fail.
     STEP_TASK.start(Interrupt::StepTask).spawn(spawned(step()));
     let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
-    above.spawn(spawned(sensor(Sensor::new(SensorBus))));
+    above.spawn(spawned(sensor(Sensor::new(SensorBus::new()))));
     above.spawn(spawned(attitude()));
     above.spawn(spawned(stream()));
     above.spawn(spawned(watch()));

@@ -1,0 +1,182 @@
+//! The firmware as ARM code: the same promises, in QEMU. Needs qemu-system-arm and the images of scripts/build-firmware, so it
+//! is left out of plain `cargo test`: cargo test --release --test emulator -- --ignored
+
+use autoswing::app::StackUse;
+use host_sim::emulator::{self, Emulator, budget};
+use host_sim::mission::{Plan, fly_with};
+use host_sim::module::{Module as _, Ran};
+use host_sim::nmea::Reader;
+use host_sim::told;
+use host_sim::world::WorldConfig;
+use host_sim::world::autopilot::Leg;
+
+fn started() -> Emulator {
+    let mut emulator =
+        Emulator::start(&emulator::default_image(), WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    emulator.run_for_s(1.0);
+    emulator
+}
+
+fn with_bench_image() -> Emulator {
+    let image = emulator::default_bench_image();
+    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    emulator.run_for_s(1.0);
+    emulator.printed();
+    emulator
+}
+
+/// What `status` says of the stack.
+fn stack(status: &str) -> StackUse {
+    let line = status.lines().find_map(|line| line.strip_prefix("stack: ")).unwrap_or_else(|| panic!("{status}"));
+    let numbers: Vec<usize> = line.split(' ').filter_map(|word| word.parse().ok()).collect();
+    StackUse { used: numbers[0], size: numbers[1] }
+}
+
+/// Deterministic noise on a wire; no letters, for a line that says reboot by chance would be obeyed.
+fn garbage(seed: u32, bytes: usize) -> Vec<u8> {
+    let mut state = seed;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    std::iter::repeat_with(&mut next).filter(|byte| !byte.is_ascii_alphabetic()).take(bytes).collect()
+}
+
+/// Headings in the next seconds, and sentences without one.
+fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
+    let _ = emulator.autopilot().receive();
+    emulator.run_for_s(seconds);
+    let mut reader = Reader::default();
+    let received: Vec<_> = emulator
+        .autopilot()
+        .receive_timed()
+        .into_iter()
+        .filter_map(|timed| reader.push(timed.at_us, timed.byte))
+        .collect();
+    let headings = received.iter().filter(|r| r.heading_deg.is_some()).count();
+    (headings, received.len() - headings)
+}
+
+/// The README's flight, with noise on both wires before it; what the image needs of memory after all of it.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn it_flies_calibrates_stores_restarts_and_is_right() {
+    let mut emulator = started();
+    let status = emulator.type_line("status");
+    assert!(status.contains("sensor: LSM303DLHC at 1e"), "{status}");
+    emulator.console().send(&garbage(1, 500));
+    emulator.autopilot().send(&garbage(2, 2000));
+    emulator.run_for_s(1.0);
+    emulator.type_line("");
+    let flown = fly_with(&mut emulator, Plan::default(), &mut |_, _| {});
+    assert!(emulator.take_failure().is_none());
+    assert!(flown.result.is_ok(), "{:?}\n{}", flown.result, flown.session);
+    let after = flown.after.figures();
+    assert!(after.max_deg <= 1.5, "{after:?}");
+    let streamed = flown.streamed.unwrap();
+    assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
+
+    // It restarted by command for the headings above; now by its button.
+    emulator.press_reset().unwrap();
+    emulator.run_for_s(1.0);
+    let status = emulator.type_line("status");
+    assert!(status.contains("started by reset pin") && status.contains("ok calibrated"), "{status}");
+
+    // A wire breaks and is mended.
+    emulator.break_sensor_wire(true);
+    emulator.run_for_s(0.5);
+    assert_eq!(listen(&mut emulator, 1.0).0, 0);
+    assert!(emulator.type_line("status").contains("heading: none, sensor-silent"));
+    emulator.break_sensor_wire(false);
+    emulator.run_for_s(1.0);
+    let (headings, empty) = listen(&mut emulator, 1.0);
+    assert!(headings >= 27 && empty == 0, "{headings} {empty}");
+}
+
+/// README and scripts/build-firmware: at most 48 KB of memory, 34 of which the image may reserve.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
+    let mut emulator = started();
+    emulator.type_line("stream rate 80");
+    emulator.type_line("cal start");
+    emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
+    emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
+    while emulator.world().legs_left() > 0 {
+        assert_eq!(emulator.run_for_s(1.0), Ran::Time);
+    }
+    emulator.printed();
+    emulator.take_ways();
+    // If it has not solved by itself yet it does now; either way it is to erase and write, too.
+    let text = emulator.type_line("cal solve");
+    emulator.run_for_s(4.0);
+    let text = text + &emulator.printed();
+    assert!(matches!(told::notice(&text), Some(told::Notice::Calibrated(_)) | None), "{text}");
+    for declination_deg in 0..12 {
+        emulator.type_line(&format!("set declination {declination_deg}"));
+    }
+    let mut ways = emulator.take_ways();
+    assert!(ways.len() > 700, "{}", ways.len());
+    ways.sort_unstable();
+    // From the sensor's registers to the last byte written, at 15.6 million instructions a second; the reference board is
+    // five times faster. At 115200 baud the three sentences then take 6 ms to leave.
+    let us = |instructions: u64| instructions as f64 * 0.064;
+    let (least_us, most_us) = (us(ways[0]), us(ways[ways.len() - 1]));
+    println!("from register to last byte {least_us:.0} to {most_us:.0} us");
+    assert!(most_us - least_us <= 1000.0, "{least_us} to {most_us} us");
+    let status = emulator.type_line("status");
+    assert!(status.contains("ok calibrated"), "{status}");
+    let stack = stack(&status);
+    println!("stack {stack:?}");
+    assert!(stack.used <= 14 * 1024, "{stack:?}");
+}
+
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn one_seed_is_one_run() {
+    let run = || {
+        let mut emulator = started();
+        emulator.type_line("cal start");
+        emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
+        emulator.run_for_s(10.0);
+        let status = emulator.type_line("status");
+        (status, emulator.autopilot().receive())
+    };
+    assert_eq!(run(), run());
+}
+
+/// A fault, a stack that overflows and a panic end in a reset, and `status` says what it was.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn a_crash_leaves_its_last_words() {
+    let mut emulator = with_bench_image();
+    for (test, words) in
+        [("fault", "panic: fault at pc "), ("overflow", "panic: stack overflow"), ("panic", "asked for")]
+    {
+        emulator.type_line(&format!("bench {test}"));
+        emulator.run_for_s(1.0);
+        let status = emulator.type_line("status");
+        let line = status.lines().find(|line| line.starts_with("up: ")).unwrap_or_else(|| panic!("{test}: {status}"));
+        assert!(line.contains("started by panic: ") && line.contains(words), "{test}: {line}");
+    }
+    emulator.type_line("reboot");
+    assert!(emulator.type_line("status").contains("started by reboot"), "they are forgotten");
+}
+
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn instructions_stay_within_their_budgets() {
+    let image = emulator::default_bench_image();
+    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    for budget in budget::count(&mut emulator).unwrap() {
+        assert!(budget.is_kept(), "{budget:?}");
+    }
+}
+
+/// A mistake of a person, told as such.
+#[test]
+fn no_image_is_told_with_the_way_to_one() {
+    let Err(error) = Emulator::start("no/such.elf".as_ref(), WorldConfig::table1(1)) else { panic!("it started") };
+    assert_eq!(error.code(), "no-image");
+    assert!(error.to_string().contains("scripts/build-firmware"), "{error}");
+}
