@@ -143,6 +143,8 @@ impl Bench {
             // The state machine with its samples: too large for a future inside a future.
             Box::pin(app::compass::run(&l, store)).await;
         });
+        let l = links.clone();
+        simulation.spawn(Level::Thread, "pulse", async move { app::watchdog::pulse(&l).await });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run(&links, console_rx, console_tx, platform, cause).await;
         });

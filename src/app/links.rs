@@ -132,21 +132,28 @@ pub(super) fn count(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Signs of life, one counter a task.
+/// Signs of life, one counter each.
 #[derive(Debug)]
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub attitude: AtomicU32,
     pub stream: AtomicU32,
+    /// The executor of the tasks below those.
+    pub below: AtomicU32,
 }
 
 impl Heartbeats {
     const fn new() -> Self {
-        Self { sensor: AtomicU32::new(0), attitude: AtomicU32::new(0), stream: AtomicU32::new(0) }
+        Self {
+            sensor: AtomicU32::new(0),
+            attitude: AtomicU32::new(0),
+            stream: AtomicU32::new(0),
+            below: AtomicU32::new(0),
+        }
     }
 
-    pub fn snapshot(&self) -> [u32; 3] {
-        [&self.sensor, &self.attitude, &self.stream].map(|beat| beat.load(Ordering::Relaxed))
+    pub fn snapshot(&self) -> [u32; 4] {
+        [&self.sensor, &self.attitude, &self.stream, &self.below].map(|beat| beat.load(Ordering::Relaxed))
     }
 }
 

@@ -5,7 +5,7 @@
 //! interrupt executor                                     thread executor
 //! sensor ---readings---> stream ---samples------------>  compass ---notices---> console
 //! attitude ---track------^   ^---active calibration---   compass <--requests--- console
-//! watchdog <--heartbeats of the three
+//! watchdog <--heartbeats of the three, and <------------ pulse
 //! ```
 //!
 //! What makes a heading runs above everything that may take long (a solve, an erase, a person), so none of that delays
@@ -34,7 +34,9 @@ pub trait Platform {
 
     /// Runs a test of the bench image and writes what came of it.
     #[cfg(feature = "bench")]
-    fn test(&mut self, test: crate::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result;
+    fn test(&mut self, test: crate::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+        writeln!(out, "error no-test: {test:?} is for the bench image on a board")
+    }
 }
 
 /// The deepest the stack has been since the start.

@@ -1,14 +1,26 @@
-//! Feeds the watchdog while the tasks that make headings live.
+//! Feeds the watchdog while the tasks that make headings live, and those below them get their turn.
 
 use embassy_time::{Duration, Timer};
 
+use super::links::count;
 use super::{Links, Watchdog};
 
 /// Between two looks. The slowest sign of life, a sensor that does not answer, comes every 600 ms; the hardware's
 /// period must be twice this and more.
 const LOOK: Duration = Duration::from_millis(700);
 
-/// Feeds when sensor, attitude and stream have each shown life since the last look, and only then.
+/// The lower executor shows life so often. Its longest stretch without a wait is a step of a solve, 0.1 s.
+const PULSE: Duration = Duration::from_millis(200);
+
+/// Shows that the executor this runs on gets round: a task that does not give way would stop it.
+pub async fn pulse(links: &Links) -> ! {
+    loop {
+        count(&links.heartbeats.below);
+        Timer::after(PULSE).await;
+    }
+}
+
+/// Feeds when sensor, attitude, stream and the lower executor have each shown life since the last look, and only then.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeats.snapshot();
     loop {

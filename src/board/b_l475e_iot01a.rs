@@ -96,6 +96,7 @@ pub fn start() -> ! {
     OTHER_TASKS.init(Executor::new()).run(|below| {
         below.spawn(spawned(compass(Store::new(flash, region))));
         below.spawn(spawned(console(console_rx, console_tx, reset)));
+        below.spawn(spawned(pulse()));
     })
 }
 
@@ -216,6 +217,11 @@ async fn stream(tx: UartTx) -> ! {
 #[embassy_executor::task]
 async fn watch(dog: Dog) -> ! {
     app::watchdog::run(&LINKS, dog).await
+}
+
+#[embassy_executor::task]
+async fn pulse() -> ! {
+    app::watchdog::pulse(&LINKS).await
 }
 
 #[embassy_executor::task]

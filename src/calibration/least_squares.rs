@@ -92,7 +92,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
 }
 
 /// Rotates one column of an equation and of the triangle.
-#[inline(always)]
+#[inline]
 fn rotate(r: &mut f32, u: &mut f32, x: f32, gain: f32) {
     *r -= x * *u;
     *u += gain * *r;

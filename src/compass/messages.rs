@@ -8,7 +8,7 @@ use crate::store::{Record, Settings, StoreError};
 use crate::turns::Progress;
 
 /// What happened.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// A magnetometer answered.
     SensorFound(Identity),

@@ -29,7 +29,7 @@ pub const INSTRUCTION_NS: u64 = 1 << ICOUNT_SHIFT;
 const FLASH_BYTES: usize = 16 << 20;
 
 /// A machine that says nothing for so long has stopped. It is the computer's time, and only ends runs that hang.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Microtesla on x, y and z that make QEMU's values, which may not be negative, out of those that are. The firmware's
 /// board file takes them off.

@@ -25,8 +25,9 @@ impl Qmp {
 
     /// Executes commands and waits until all are done.
     pub fn execute(&mut self, commands: &[Value]) -> Result<(), EmulatorError> {
-        let text: String = commands.iter().map(|command| format!("{command}\n")).collect();
-        self.writer.write_all(text.as_bytes()).map_err(failed)?;
+        // In one write: each would be a turn of QEMU's loop.
+        let lines: Vec<String> = commands.iter().map(Value::to_string).collect();
+        self.writer.write_all((lines.join("\n") + "\n").as_bytes()).map_err(failed)?;
         for _ in commands {
             self.done()?;
         }

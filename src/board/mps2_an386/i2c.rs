@@ -116,7 +116,11 @@ impl I2c for SensorBus {
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
         lockstep::before_sensor();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
-        if result.is_ok() { self.stop() } else { self.clear() }
+        if result.is_ok() {
+            self.stop()
+        } else {
+            self.clear()
+        }
         result
     }
 }

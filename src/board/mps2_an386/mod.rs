@@ -126,6 +126,7 @@ pub fn start() -> ! {
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);
     below.spawn(spawned(compass(Store::new(flash, region))));
     below.spawn(spawned(console(reset)));
+    below.spawn(spawned(pulse()));
     loop {
         asm::wfi();
     }
@@ -183,6 +184,11 @@ async fn stream() -> ! {
 #[embassy_executor::task]
 async fn watch() -> ! {
     app::watchdog::run(&LINKS, NoWatchdog).await
+}
+
+#[embassy_executor::task]
+async fn pulse() -> ! {
+    app::watchdog::pulse(&LINKS).await
 }
 
 #[embassy_executor::task]
