@@ -58,6 +58,7 @@ pub struct Emulator {
     noise: Random,
     field_set_us: Option<u64>,
     sensor_broken: bool,
+    reset_pressed: bool,
     /// World time at the machine's last reset, and the machine's own since then.
     since_us: u64,
     machine_us: u64,
@@ -87,6 +88,7 @@ impl Emulator {
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
             sensor_broken: false,
+            reset_pressed: false,
             since_us: 0,
             machine_us: 0,
             way: Way::default(),
@@ -105,9 +107,9 @@ impl Emulator {
         self.sensor_broken = broken;
     }
 
-    /// Presses the reset button.
-    pub fn press_reset(&mut self) -> Result<(), EmulatorError> {
-        self.machine.reset()
+    /// Presses the reset button, as soon as time goes on.
+    pub fn press_reset(&mut self) {
+        self.reset_pressed = true;
     }
 
     /// Instructions from the first access to the sensor to the last byte written, for each reading that was sent since the
@@ -139,6 +141,8 @@ impl Emulator {
                 self.way.looked(ticks);
                 self.set_field()?;
             }
+            // While the machine waits no message is under way in either direction, which a reset would cut.
+            Told::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
             Told::Step => {}
         }
         let go = Go {
