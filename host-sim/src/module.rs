@@ -11,7 +11,7 @@ pub enum Ran {
     Time,
     /// The power went; [`Bench::power_on`](crate::bench::Bench::power_on) brings it back.
     PowerCut,
-    /// The emulator has ended, or does not answer: see [`Emulator::failure`](crate::emulator::Emulator::failure).
+    /// The emulator has ended, or does not answer: see [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
     Failed,
 }
 
