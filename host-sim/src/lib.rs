@@ -5,7 +5,7 @@
 //! | [`clock`] | the virtual clock behind `embassy_time` |
 //! | [`simulation`] | the executor: tasks, priorities, power off |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
-//! | [`bench`], [`emulator`] | a module in an aircraft: simulated here, or ARM code in QEMU; [`module`] is what both are |
+//! | [`mod@bench`], [`emulator`] | a module in an aircraft: simulated here, or ARM code in QEMU; [`module`] is what both are |
 //! | [`mission`] | the flight that calibrates, on either |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
