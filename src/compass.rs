@@ -68,7 +68,7 @@ enum Pending {
     Settings(Settings),
 }
 
-/// The state machine. About 22 KB, most of it samples.
+/// The state machine. About 18 KB, most of it samples.
 #[derive(Debug)]
 pub struct Compass {
     config: Config,

@@ -11,9 +11,9 @@ use crate::magnetometer::Identity;
 
 /// Version of the format. To be raised when the meaning of the bytes changes.
 const VERSION: u8 = 2;
-/// Room for version, contents and CRC. The contents take at most 850 bytes: 404 for each record, 30 for the settings,
-/// and the tags of the options.
-pub(super) const VALUE_SIZE: usize = 896;
+/// Room for version, contents and CRC. The contents take at most 690 bytes: 333 for each record, 22 for settings and the
+/// count of saves, and the tags of the options.
+pub(super) const VALUE_SIZE: usize = 704;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);

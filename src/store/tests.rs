@@ -197,7 +197,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     assert_eq!(block_on(store.load_generations()), Ok(generations(6)));
 }
 
-/// Three times round a half of the region (two copies of 0.9 KB a page, 4 pages).
+/// Three times round a half of the region (two copies of 0.7 KB a page, 4 pages).
 #[test]
 fn every_one_of_many_saves_is_found_again() {
     let mut flash = RamFlash::new();
