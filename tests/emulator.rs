@@ -180,3 +180,14 @@ fn no_image_is_told_with_the_way_to_one() {
     assert_eq!(error.code(), "no-image");
     assert!(error.to_string().contains("scripts/build-firmware"), "{error}");
 }
+
+/// What QEMU says reaches the person.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn an_image_for_another_machine_is_told() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("target/firmware/autoswing.elf");
+    let mut emulator = Emulator::start(&path, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(emulator.run_for_s(0.1), Ran::Failed);
+    let error = emulator.take_failure().unwrap();
+    assert_eq!(error.code(), "emulator-ended", "{error}");
+}

@@ -11,6 +11,8 @@ pub enum EmulatorError {
     NoQemu(io::Error),
     /// There is no firmware image at this place.
     NoImage(PathBuf),
+    /// It has ended by itself; what it said.
+    Ended(String),
     /// A connection to it failed; what for.
     Connection(&'static str, io::Error),
     /// It answered what was not asked; what it said.
@@ -24,6 +26,7 @@ impl EmulatorError {
         match self {
             Self::NoQemu(_) => "no-qemu",
             Self::NoImage(_) => "no-image",
+            Self::Ended(_) => "emulator-ended",
             Self::Connection(..) => "emulator-connection",
             Self::Protocol(_) => "emulator-protocol",
         }
@@ -42,6 +45,7 @@ impl fmt::Display for EmulatorError {
             Self::NoImage(path) => {
                 write!(f, "no firmware at {}; build it: scripts/build-firmware", path.display())
             }
+            Self::Ended(said) => write!(f, "{} has ended: {}", super::QEMU, said.trim()),
             Self::Connection(what, error) => write!(f, "the emulator's {what}: {error}"),
             Self::Protocol(said) => write!(f, "the emulator said: {said}"),
         }

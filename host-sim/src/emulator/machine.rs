@@ -31,6 +31,12 @@ const FLASH_BYTES: usize = 16 << 20;
 /// A machine that says nothing for so long has stopped. It is the computer's time, and only ends runs that hang.
 const PATIENCE: Duration = Duration::from_mins(1);
 
+/// Between two looks at whether it has started or ended.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// A QEMU that has closed a connection ends within this time.
+const ENDING: Duration = Duration::from_secs(2);
+
 /// Microtesla on x, y and z that make QEMU's values, which may not be negative, out of those that are. The firmware's
 /// board file takes them off.
 const ADDED_UT: [f64; 3] = [93.0, 93.0, 104.0];
@@ -66,7 +72,7 @@ pub const MOST_BYTES: usize = 255;
 
 /// A running QEMU. It ends with this value.
 pub struct Machine {
-    qemu: Child,
+    qemu: Qemu,
     qmp: Qmp,
     console: UnixStream,
     autopilot: UnixStream,
@@ -85,22 +91,25 @@ impl Machine {
         let flash = directory.path().join("flash.bin");
         fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;
         let sockets = ["console", "autopilot", "lockstep", "qmp"].map(|name| directory.path().join(name));
-        let qemu = command(image, &flash, &sockets).spawn().map_err(EmulatorError::NoQemu)?;
-        let mut starting = Starting(Some(qemu));
-        let [console, autopilot, lockstep, qmp] =
-            [("console", 0), ("autopilot port", 1), ("lockstep", 2), ("machine protocol", 3)]
-                .map(|(what, i)| connect(&sockets[i]).map_err(|error| EmulatorError::Connection(what, error)));
-        let (console, autopilot) = (not_waited_for(console?)?, not_waited_for(autopilot?)?);
-        let mut qmp = Qmp::new(qmp?)?;
+        let log = directory.path().join("log");
+        let stderr = fs::File::create(&log).map_err(|error| EmulatorError::Connection("log", error))?;
+        let child = command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
+        let mut qemu = Qemu { child, log };
+        let [console, autopilot, lockstep, qmp] = &sockets;
+        let console = not_waited_for(qemu.connect("console", console)?)?;
+        let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
+        let lockstep = qemu.connect("lockstep", lockstep)?;
+        let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
         qmp.execute(&[json!({ "execute": "cont" })])?;
-        let qemu = starting.0.take().ok_or_else(|| EmulatorError::Protocol("ended".to_owned()))?;
-        Ok(Self { qemu, qmp, console, autopilot, lockstep: lockstep?, _directory: directory })
+        Ok(Self { qemu, qmp, console, autopilot, lockstep, _directory: directory })
     }
 
     /// Waits until the machine tells something; what, and its clock's ticks since its last reset.
     pub fn listen(&mut self) -> Result<(Told, u64), EmulatorError> {
         let mut message = [0; 9];
-        self.lockstep.read_exact(&mut message).map_err(|error| EmulatorError::Connection("lockstep", error))?;
+        if let Err(error) = self.lockstep.read_exact(&mut message) {
+            return Err(self.qemu.why_ended(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
+        }
         let [what, ticks @ ..] = message;
         let told = match what {
             b'T' => Told::Step,
@@ -151,23 +160,54 @@ impl Machine {
     }
 }
 
-impl Drop for Machine {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.qemu.kill();
-        let _ = self.qemu.wait();
+/// The process; killed with this value.
+struct Qemu {
+    child: Child,
+    /// What it says.
+    log: PathBuf,
+}
+
+impl Qemu {
+    /// Connects as soon as it has made the socket.
+    fn connect(&mut self, what: &'static str, socket: &Path) -> Result<UnixStream, EmulatorError> {
+        let failed = |error| EmulatorError::Connection(what, error);
+        let mut left = PATIENCE;
+        loop {
+            match UnixStream::connect(socket) {
+                Ok(stream) => {
+                    stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
+                    return Ok(stream);
+                }
+                Err(error) if left.is_zero() => return Err(failed(error)),
+                Err(_) => {
+                    if let Some(ended) = self.why_ended(PAUSE) {
+                        return Err(ended);
+                    }
+                    left = left.saturating_sub(PAUSE);
+                }
+            }
+        }
+    }
+
+    /// What it said last, if it has ended by itself or does so within this time.
+    fn why_ended(&mut self, within: Duration) -> Option<EmulatorError> {
+        let mut left = within;
+        while !matches!(self.child.try_wait(), Ok(Some(_))) {
+            if left.is_zero() {
+                return None;
+            }
+            std::thread::sleep(PAUSE);
+            left = left.saturating_sub(PAUSE);
+        }
+        Some(EmulatorError::Ended(fs::read_to_string(&self.log).unwrap_or_default()))
     }
 }
 
-/// A QEMU that is not a [`Machine`] yet.
-struct Starting(Option<Child>);
-
-impl Drop for Starting {
+impl Drop for Qemu {
     fn drop(&mut self) {
-        if let Some(qemu) = &mut self.0 {
-            let _ = qemu.kill();
-            let _ = qemu.wait();
-        }
+        // It may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -192,25 +232,6 @@ fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, qmp]: &[Pa
         command.arg("-serial").arg(format!("unix:{},server=on,wait=off", socket.display()));
     }
     command
-}
-
-/// Connects as soon as QEMU has made the socket.
-fn connect(socket: &Path) -> std::io::Result<UnixStream> {
-    const PAUSE: Duration = Duration::from_millis(10);
-    let mut left = PATIENCE;
-    loop {
-        match UnixStream::connect(socket) {
-            Ok(stream) => {
-                stream.set_read_timeout(Some(PATIENCE))?;
-                return Ok(stream);
-            }
-            Err(error) if left.is_zero() => return Err(error),
-            Err(_) => {
-                std::thread::sleep(PAUSE);
-                left = left.saturating_sub(PAUSE);
-            }
-        }
-    }
 }
 
 fn not_waited_for(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
