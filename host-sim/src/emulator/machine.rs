@@ -48,6 +48,8 @@ const LARGEST_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 /// Why the machine has stopped for the world to move on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Told {
+    /// It has started, and goes on by itself.
+    Started,
     /// Time has passed.
     Step,
     /// It is about to look at the sensor.
@@ -112,6 +114,7 @@ impl Machine {
         }
         let [what, ticks @ ..] = message;
         let told = match what {
+            b'B' => Told::Started,
             b'T' => Told::Step,
             b'S' => Told::Sensor,
             b'W' => Told::Written,

@@ -127,6 +127,10 @@ impl Emulator {
     /// Lets the machine run to where it tells something next, and the world catch up.
     fn step(&mut self) -> Result<(), EmulatorError> {
         let (told, ticks) = self.machine.listen()?;
+        if told == Told::Started {
+            self.restarted();
+            return Ok(());
+        }
         self.catch_up(ticks / TICKS_PER_US);
         let [console, autopilot] = self.machine.written()?;
         self.console_wire.write(&console);
@@ -143,7 +147,7 @@ impl Emulator {
             }
             // While the machine waits no message is under way in either direction, which a reset would cut.
             Told::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
-            Told::Step => {}
+            Told::Started | Told::Step => {}
         }
         let go = Go {
             console: self.console_wire.take(),
@@ -153,15 +157,18 @@ impl Emulator {
         self.machine.go(&go)
     }
 
+    /// The machine has started, again perhaps: that took no time, and made its sensor forget the field.
+    fn restarted(&mut self) {
+        self.since_us += self.machine_us;
+        self.machine_us = 0;
+        self.field_set_us = None;
+        self.way.began = None;
+    }
+
     /// Moves the world on to the machine's time.
     fn catch_up(&mut self, machine_us: u64) {
-        if machine_us < self.machine_us {
-            // It was reset, which took no time and made its sensor forget the field.
-            self.since_us += self.machine_us;
-            self.field_set_us = None;
-            self.way.began = None;
-        }
-        self.machine_us = machine_us;
+        // A step may be told of a little late.
+        self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }
 

@@ -12,7 +12,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::asm;
 use cortex_m::peripheral::NVIC;
-use embassy_time::{Duration, Ticker};
+use embassy_time::{Duration, Instant, Timer};
 
 use super::registers::Interrupt;
 use super::uart::Uart;
@@ -24,6 +24,8 @@ const STEP: Duration = Duration::from_millis(2);
 /// What the world is told.
 #[derive(Clone, Copy)]
 enum Told {
+    /// The machine goes on: it has just started.
+    Started = b'B' as isize,
     /// The machine waits: time has passed.
     Step = b'T' as isize,
     /// The machine waits: it is about to look at the sensor.
@@ -47,18 +49,25 @@ pub fn sensor_is_broken() -> bool {
     SENSOR_BROKEN.load(Ordering::Relaxed)
 }
 
-/// Lets the world catch up from time to time.
+/// Lets the world catch up from time to time. It is told when that was to be, not when it came to be: that depends on what
+/// else ran, and on where between two ticks of the clock.
 pub async fn run() -> ! {
-    let mut ticker = Ticker::every(STEP);
+    let mut due = Instant::now();
     loop {
-        ticker.next().await;
-        wait(Told::Step);
+        due += STEP;
+        Timer::at(due).await;
+        wait(Told::Step, Some(due));
     }
+}
+
+/// At the start, before anything waits.
+pub fn started() {
+    tell(Told::Started, clock::ticks());
 }
 
 /// Before a look at the sensor.
 pub fn before_sensor() {
-    wait(Told::Sensor);
+    wait(Told::Sensor, None);
 }
 
 /// After something was written to the autopilot.
@@ -73,14 +82,16 @@ fn tell(what: Told, ticks: u64) {
     }
 }
 
-fn wait(what: Told) {
+fn wait(what: Told, due: Option<Instant>) {
     critical_section::with(|_| {
         clock::freeze(|ticks| {
-            tell(what, ticks);
+            tell(what, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
             let others = mask_others();
             let [console, autopilot, wires] = core::array::from_fn(|_| take(&LOCKSTEP));
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
+            // What was taken without a wait would interrupt later, and now and then.
+            forget_interrupts();
             SENSOR_BROKEN.store(wires & Wires::SENSOR_BROKEN != 0, Ordering::Relaxed);
             unmask(others);
         });
@@ -108,6 +119,11 @@ fn receive(uart: &Uart, bytes: u8) {
 /// Until a UART has a byte. Interrupts are off: a pending one ends the wait and is not served.
 fn sleep() {
     asm::wfi();
+    forget_interrupts();
+}
+
+/// Of the bytes that were taken already.
+fn forget_interrupts() {
     for interrupt in RECEIVERS {
         NVIC::unpend(interrupt);
     }

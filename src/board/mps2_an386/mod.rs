@@ -109,6 +109,7 @@ pub fn start() -> ! {
         uart.enable();
     }
     clock::start();
+    lockstep::started();
     for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx] {
         // SAFETY: their handlers are in the table above.
         unsafe { NVIC::unmask(interrupt) };
