@@ -108,16 +108,69 @@ pub extern "C" fn on_interrupt() {
     CLOCK.with(Clock::set_timer);
 }
 
+/// Which of five instructions this is, by how many ticks pass in each of four.
+#[inline(never)]
+fn place_in_five() -> u32 {
+    /// By the four differences less one, as bits.
+    const PLACES: [u8; 16] = [0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 4, 1, 0, 3, 0, 0];
+    let (a, b, c, d, e): (u32, u32, u32, u32, u32);
+    // SAFETY: five reads of a register that reading does not change, one after the other.
+    unsafe {
+        core::arch::asm!(
+            "ldr {a}, [{counter}]",
+            "ldr {b}, [{counter}]",
+            "ldr {c}, [{counter}]",
+            "ldr {d}, [{counter}]",
+            "ldr {e}, [{counter}]",
+            counter = in(reg) COUNTER.address(),
+            a = out(reg) a,
+            b = out(reg) b,
+            c = out(reg) c,
+            d = out(reg) d,
+            e = out(reg) e,
+            options(nostack, preserves_flags),
+        );
+    }
+    let bit = |from: u32, to: u32| to.wrapping_sub(from).wrapping_sub(1) & 1;
+    let bits = bit(a, b) << 3 | bit(b, c) << 2 | bit(c, d) << 1 | bit(d, e);
+    u32::from(PLACES[bits as usize & 15])
+}
+
+/// Executes as many instructions as bring this place in five to where it was.
+#[inline(never)]
+fn fill_up_five(place: u32) {
+    let missing = (place + 5 - place_in_five()) % 5;
+    // SAFETY: jumps over `4 - missing` of four instructions that do nothing; the one before them is jumped over always.
+    unsafe {
+        core::arch::asm!(
+            "add pc, {skip}",
+            "nop",
+            "nop",
+            "nop",
+            "nop",
+            "nop",
+            skip = in(reg) 2 * (4 - missing),
+            options(nomem, nostack, preserves_flags),
+        );
+    }
+}
+
 /// Ticks since the start, those left out during which time stood still.
 pub fn ticks() -> u64 {
     CLOCK.with(Clock::ticks)
 }
 
 /// Time stands still while `f` runs, which is given the ticks of that instant.
+///
+/// How many instructions `f` takes is for the computer to say: bytes come when they come. An instruction takes 64 ns and a
+/// tick 40, so five instructions are eight ticks; anything but a multiple of five would leave the clock between two ticks
+/// elsewhere than it was, and runs of one seed would drift apart.
 pub fn freeze(f: impl FnOnce(u64)) {
     CONTROL.write(PAUSED);
+    let place = place_in_five();
     let before = CLOCK.with(Clock::counter);
     f(ticks());
+    fill_up_five(place);
     CLOCK.with(|clock| clock.frozen += clock.counter() - before);
     // If it has run out, its interrupt is pending and sets it anew.
     if VALUE.read() != 0 {

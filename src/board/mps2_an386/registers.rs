@@ -12,6 +12,10 @@ impl Register {
         Self(peripheral as usize + offset)
     }
 
+    pub const fn address(self) -> usize {
+        self.0
+    }
+
     pub fn read(self) -> u32 {
         // SAFETY: the address is of a peripheral of this machine, whose registers are aligned words. Those this firmware
         // uses have no effect on memory.
