@@ -185,7 +185,7 @@ struct Fly {
 /// The same mission with the firmware as ARM code: QEMU's mps2-an386, a Cortex-M4F with QEMU's own magnetometer.
 ///
 /// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that a run
-/// is a function of its seed here, too. It takes a minute or two.
+/// is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.
 #[derive(Args)]
 struct Emulate {
     #[command(flatten)]

@@ -3,7 +3,8 @@
 //! Every two milliseconds, and before every access to the sensor, the machine tells its time on a UART of its own and
 //! stops: its clock stands still, no timer runs, nothing but the UARTs can wake the processor. The world moves on to that
 //! time, sets the field, sends what the autopilot and the console's user would have sent meanwhile, and lets the machine
-//! go on. So a run is a function of its seed, however fast or slow the computer is.
+//! go on. So a run is a function of its seed, however fast or slow the computer is, but for a microsecond that QEMU may take
+//! more or less to restart.
 //!
 //! To the world: a [`Told`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
 //! console and to the autopilot port, and its [`Wires`].
