@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::bench::Bench;
 use crate::module::{Module, Ran};
 use crate::nmea::Reader;
-use crate::score::{Errors, Figures, wrap_180};
+use crate::score::{Errors, Figures, within_percent, wrap_180};
 use crate::told::{self, Notice, Shown};
 use crate::world::WorldConfig;
 use crate::world::autopilot::Leg;
@@ -189,7 +189,7 @@ impl<M: Module> Mission<'_, M> {
         let _ = self.module.autopilot().receive();
         self.type_line("reboot");
         let mut errors_deg: Vec<f64> = Vec::new();
-        let mut sigmas = Vec::new();
+        let mut normalised = Vec::new();
         let mut empty = 0;
         let mut reader = Reader::default();
         let legs = [
@@ -210,7 +210,7 @@ impl<M: Module> Mission<'_, M> {
                         (Some(deg), Some(sigma_deg)) => {
                             let error_deg = wrap_180(deg - self.module.world().true_state(timed.at_us).heading_deg());
                             errors_deg.push(error_deg);
-                            sigmas.push(error_deg.abs() / sigma_deg);
+                            normalised.push(error_deg / sigma_deg);
                         }
                         _ => empty += 1,
                     }
@@ -220,14 +220,7 @@ impl<M: Module> Mission<'_, M> {
         (self.watch)(Stage::Stream, 1.0);
         self.listen();
         let Figures { rms_deg, max_deg, .. } = Figures::of(&errors_deg);
-        let within = |number: f64| sigmas.iter().filter(|&&sigma| sigma <= number).count() as f64;
-        Streamed {
-            rms_deg,
-            max_deg,
-            within_percent: [1.0, 2.0].map(|number| 100.0 * within(number) / errors_deg.len() as f64),
-            headings: errors_deg.len(),
-            empty,
-        }
+        Streamed { rms_deg, max_deg, within_percent: within_percent(&normalised), headings: errors_deg.len(), empty }
     }
 
     /// Flies a leg to its end, taking glimpses in turns.

@@ -65,6 +65,15 @@ impl Figures {
     }
 }
 
+/// Percent of errors, each over its standard deviation, within one and within two.
+#[must_use]
+pub fn within_percent(normalised: &[f64]) -> [f64; 2] {
+    [1.0, 2.0].map(|sigmas| {
+        let within = normalised.iter().filter(|error| error.abs() <= sigmas).count();
+        100.0 * within as f64 / normalised.len().max(1) as f64
+    })
+}
+
 /// Wraps an angle in degrees to -180..180.
 #[must_use]
 pub fn wrap_180(angle_deg: f64) -> f64 {

@@ -99,6 +99,16 @@ impl Solver {
         }
     }
 
+    /// Solves to the end.
+    pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
+        // Ends, because a refinement takes a bounded number of steps, and there are at most two.
+        loop {
+            if let Progress::Finished(end) = self.step(samples) {
+                return end;
+            }
+        }
+    }
+
     /// What a bad start led astray may be found from another; false if there is none left.
     #[inline(never)]
     fn begin_again(&mut self, samples: Samples<'_>) -> bool {
@@ -173,13 +183,7 @@ impl Solver {
 
 /// Solves to the end.
 pub fn solve(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solution, SolveError> {
-    let mut solver = Solver::new(method, samples, prior)?;
-    // Ends, because a refinement takes a bounded number of steps, and there are at most two.
-    loop {
-        if let Progress::Finished(end) = solver.step(samples) {
-            return end;
-        }
-    }
+    Solver::new(method, samples, prior)?.run(samples)
 }
 
 fn begin(method: Method, prior: &Prior, samples: Samples<'_>, start: &Start) -> Result<Refinement, SolveError> {

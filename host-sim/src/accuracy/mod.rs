@@ -7,12 +7,14 @@
 pub mod bound;
 pub mod trial;
 
-use autoswing::calibration::{Consider, Method, Prior, Progress, Samples, Solution, SolveError, Solver};
+use autoswing::calibration::{Consider, Method, Prior, Samples, Solution, SolveError, Solver};
 use autoswing::compass;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
 use trial::{Faults, Ranges, Trial};
+
+use crate::score::within_percent;
 
 /// What to try.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,12 +174,7 @@ impl Counts {
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: Consider) -> std::result::Result<Solution, SolveError> {
-    let mut solver = Solver::with_consider(method, samples, &Prior::default(), consider)?;
-    loop {
-        if let Progress::Finished(end) = solver.step(samples) {
-            return end;
-        }
-    }
+    Solver::with_consider(method, samples, &Prior::default(), consider)?.run(samples)
 }
 
 fn summary(trials: &[Tried], index: usize, method: Method) -> Result {
@@ -199,11 +196,8 @@ fn summary(trials: &[Tried], index: usize, method: Method) -> Result {
 }
 
 fn coverage(normalised: &[f64]) -> Coverage {
-    let headings = normalised.len();
-    let within = |sigmas: f64| {
-        100.0 * normalised.iter().filter(|error| error.abs() <= sigmas).count() as f64 / headings.max(1) as f64
-    };
-    Coverage { one_sigma_percent: within(1.0), two_sigma_percent: within(2.0), headings }
+    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
+    Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
 }
 
 /// The value that a part of the values does not exceed; not a number without values.

@@ -63,7 +63,6 @@ pub struct Emulator {
     since_us: u64,
     machine_us: u64,
     way: Way,
-    writes_us: Vec<u64>,
     failure: Option<EmulatorError>,
 }
 
@@ -92,7 +91,6 @@ impl Emulator {
             since_us: 0,
             machine_us: 0,
             way: Way::default(),
-            writes_us: Vec::new(),
             failure: None,
         })
     }
@@ -119,11 +117,6 @@ impl Emulator {
         std::mem::take(&mut self.way.ticks).into_iter().map(instructions).collect()
     }
 
-    /// When the machine wrote to the autopilot port since the last time this was asked, microseconds.
-    pub fn take_writes_us(&mut self) -> Vec<u64> {
-        std::mem::take(&mut self.writes_us)
-    }
-
     /// Lets the machine run to where it tells something next, and the world catch up.
     fn step(&mut self) -> Result<(), EmulatorError> {
         let (told, ticks) = self.machine.listen()?;
@@ -137,7 +130,6 @@ impl Emulator {
         self.autopilot_wire.write(&autopilot);
         match told {
             Told::Written => {
-                self.writes_us.push(self.now_us());
                 self.way.written(ticks);
                 return Ok(());
             }

@@ -13,7 +13,7 @@ use autoswing::turns::dataset::FIT_CAPACITY;
 use autoswing::turns::{self, Collector};
 use recording::Row;
 
-use crate::score::wrap_180;
+use crate::score::{within_percent, wrap_180};
 
 /// Which rows are fitted to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -247,14 +247,11 @@ fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> O
     });
     let mean_deg = sin.atan2(cos).to_degrees();
     let rest = |error: f64| wrap_180(error - mean_deg);
-    let within = |sigmas: f64| {
-        let inside = errors.iter().filter(|(error, sigma_deg)| rest(*error).abs() <= sigmas * sigma_deg).count();
-        100.0 * inside as f64 / number
-    };
+    let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
     Some(Score {
         rms_deg: (errors.iter().map(|(error, _)| rest(*error).powi(2)).sum::<f64>() / number).sqrt(),
         mean_deg,
         rows: errors.len(),
-        within_percent: [within(1.0), within(2.0)],
+        within_percent: within_percent(&normalised),
     })
 }
