@@ -85,13 +85,13 @@ impl Attitude {
     /// Takes roll and pitch out of a body field.
     #[must_use]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
-        Field::new(self.tilt().to_level(&body.ut))
+        self.tilt().level(body)
     }
 
     /// Puts roll and pitch into a level field: the inverse of [`level`](Self::level).
     #[must_use]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
-        Field::new(self.tilt().to_body(&level.ut))
+        self.tilt().body(level)
     }
 }
 
@@ -117,22 +117,24 @@ impl Tilt {
         self.cos_pitch
     }
 
-    /// Body components to level components.
+    /// Takes roll and pitch out of a body field.
     #[must_use]
-    pub fn to_level(&self, body: &Vector3<f32>) -> Vector3<f32> {
+    pub fn level(&self, body: Field<Body>) -> Field<Level> {
+        let body = body.ut;
         let lower = self.sin_roll * body.y + self.cos_roll * body.z;
-        Vector3::new(
+        Field::from_ut(
             self.cos_pitch * body.x + self.sin_pitch * lower,
             self.cos_roll * body.y - self.sin_roll * body.z,
             self.cos_pitch * lower - self.sin_pitch * body.x,
         )
     }
 
-    /// Level components to body components.
+    /// Puts roll and pitch into a level field: the inverse of [`level`](Self::level).
     #[must_use]
-    pub fn to_body(&self, level: &Vector3<f32>) -> Vector3<f32> {
+    pub fn body(&self, level: Field<Level>) -> Field<Body> {
+        let level = level.ut;
         let lower = self.sin_pitch * level.x + self.cos_pitch * level.z;
-        Vector3::new(
+        Field::from_ut(
             self.cos_pitch * level.x - self.sin_pitch * level.z,
             self.sin_roll * lower + self.cos_roll * level.y,
             self.cos_roll * lower - self.sin_roll * level.y,

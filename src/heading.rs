@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use crate::calibration::{Calibration, Uncertainty};
-use crate::frames::{Attitude, Field, Level, Sensor, wrap_two_pi};
+use crate::collection::averager;
+use crate::frames::{Attitude, Field, Sensor, wrap_two_pi};
 use crate::trig;
-use crate::turns::averager;
 
 /// A heading to be trusted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +101,7 @@ pub fn heading(
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
     let tilt = attitude.tilt();
-    let level = Field::<Level>::new(tilt.to_level(&calibration.apply(field).ut));
+    let level = tilt.level(calibration.apply(field));
     let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
     let of_total = Vector3::new(x, y, z);
     if is_disturbed(config, calibration, &of_total) {

@@ -10,7 +10,7 @@
 //!
 //! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla at an instant -> paired with the
 //! attitude interpolated to that instant ([`attitude`]) -> [`calibration::Sample`]
-//! -> [ turn detector and dataset ([`turns`]) -> solver ([`calibration`]) -> verification on held-back samples
+//! -> [ turn detector and dataset ([`collection`]) -> solver ([`calibration`]) -> verification on held-back samples
 //! ([`compass`]) -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading
 //! ([`heading`]) -> NMEA out ([`wire`]).
 //!
@@ -33,6 +33,7 @@
 pub mod app;
 pub mod attitude;
 pub mod calibration;
+pub mod collection;
 pub mod compass;
 pub mod console;
 pub mod frames;
@@ -40,6 +41,6 @@ pub mod heading;
 mod log;
 pub mod magnetometer;
 pub mod store;
+pub mod time;
 pub mod trig;
-pub mod turns;
 pub mod wire;

@@ -1,18 +1,19 @@
 //! The console as a person meets it: text in, text out, through the cable.
 
-use host_sim::bench::Bench;
 use host_sim::module::Module as _;
+use host_sim::rig::Rig;
 use host_sim::world::WorldConfig;
+use testkit::random::Random;
 
-fn bench() -> Bench {
-    let mut bench = Bench::new(WorldConfig::table1(1));
-    bench.run_for_s(1.0);
-    bench
+fn rig() -> Rig {
+    let mut rig = Rig::new(WorldConfig::table1(1));
+    rig.run_for_s(1.0);
+    rig
 }
 
 /// The lines of a reply, without the echo of what was typed and without the prompt.
-fn reply(bench: &mut Bench, line: &str) -> Vec<String> {
-    let text = bench.type_line(line);
+fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
+    let text = rig.type_line(line);
     let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
     assert_eq!(lines.pop().as_deref(), Some("> "), "{text:?} ends with a prompt");
     lines.remove(0);
@@ -20,21 +21,21 @@ fn reply(bench: &mut Bench, line: &str) -> Vec<String> {
 }
 
 /// The reply as one text, whatever was printed before thrown away.
-fn reply_after(bench: &mut Bench, line: &str) -> String {
-    bench.printed();
-    reply(bench, line).join("\n")
+fn reply_after(rig: &mut Rig, line: &str) -> String {
+    rig.printed();
+    reply(rig, line).join("\n")
 }
 
 #[test]
 fn it_greets_and_says_why_it_started() {
-    let bench = bench();
-    assert_eq!(bench.printed(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
+    let rig = rig();
+    assert_eq!(rig.printed(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
 }
 
 #[test]
 fn every_command_answers_ok_or_error_with_a_code() {
-    let mut bench = bench();
-    bench.printed();
+    let mut rig = rig();
+    rig.printed();
     for (line, answer) in [
         ("version", "ok autoswing 0.1.0"),
         ("status", "ok uncalibrated"),
@@ -90,7 +91,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("version now please", "error unexpected-argument: "),
         ("reboot", "ok restarting"),
     ] {
-        let text = bench.type_line(line);
+        let text = rig.type_line(line);
         let lines: Vec<&str> = text.split("\r\n").collect();
         assert_eq!(lines[0], line, "the line is echoed");
         assert!(lines[1].starts_with(answer), "{line}: {text:?}");
@@ -100,15 +101,15 @@ fn every_command_answers_ok_or_error_with_a_code() {
 /// What a person who wires a module looks for: does the sensor answer, does attitude come, is there a heading.
 #[test]
 fn status_shows_what_is_connected() {
-    let mut bench = bench();
-    let status = reply_after(&mut bench, "status");
+    let mut rig = rig();
+    let status = reply_after(&mut rig, "status");
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
     assert!(status.contains("heading: none, uncalibrated"), "{status}");
-    bench.chip.borrow_mut().set_silent(true);
-    bench.autopilot.send(&[0; 4000]);
-    bench.run_for_s(0.3);
-    let status = reply_after(&mut bench, "status");
+    rig.chip.borrow_mut().set_silent(true);
+    rig.autopilot.send(&[0; 4000]);
+    rig.run_for_s(0.3);
+    let status = reply_after(&mut rig, "status");
     // 4000 bytes of nothing hold the line for a third of a second: the attitude behind them is late.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
@@ -116,13 +117,13 @@ fn status_shows_what_is_connected() {
 
 #[test]
 fn help_lists_every_command() {
-    let mut bench = bench();
-    bench.printed();
-    let help = reply(&mut bench, "help").join("\n");
+    let mut rig = rig();
+    rig.printed();
+    let help = reply(&mut rig, "help").join("\n");
     for word in ["version", "status", "cal", "stream", "set", "reboot"] {
         assert!(help.contains(word), "{word} in {help}");
     }
-    let cal = reply(&mut bench, "help cal").join("\n");
+    let cal = reply(&mut rig, "help cal").join("\n");
     for word in ["start", "mark", "stop", "solve", "advise", "show", "clear", "undo", "abort"] {
         assert!(cal.contains(word), "{word} in {cal}");
     }
@@ -130,23 +131,23 @@ fn help_lists_every_command() {
 
 #[test]
 fn tab_completes_up_recalls_backspace_deletes() {
-    let mut bench = bench();
-    bench.printed();
-    assert!(bench.type_line("vers\t").contains("ok autoswing"));
-    assert!(bench.type_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
-    assert!(bench.type_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
-    assert!(bench.type_line("versionx\x08").contains("ok autoswing"), "so does BS");
+    let mut rig = rig();
+    rig.printed();
+    assert!(rig.type_line("vers\t").contains("ok autoswing"));
+    assert!(rig.type_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
+    assert!(rig.type_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
+    assert!(rig.type_line("versionx\x08").contains("ok autoswing"), "so does BS");
 }
 
 #[test]
 fn settings_last_over_a_restart() {
-    let mut bench = bench();
-    bench.type_line("set declination -11.3");
-    bench.type_line("stream rate 5");
-    bench.type_line("set inclination 61.5");
-    bench.type_line("set mount yaw180");
-    assert!(bench.type_line("reboot").contains("started by reboot"));
-    let status = reply(&mut bench, "status").join("\n");
+    let mut rig = rig();
+    rig.type_line("set declination -11.3");
+    rig.type_line("stream rate 5");
+    rig.type_line("set inclination 61.5");
+    rig.type_line("set mount yaw180");
+    assert!(rig.type_line("reboot").contains("started by reboot"));
+    let status = reply(&mut rig, "status").join("\n");
     for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "inclination: 61.5 deg", "mount: yaw180"] {
         assert!(status.contains(line), "{line} in {status}");
     }
@@ -154,33 +155,28 @@ fn settings_last_over_a_restart() {
 
 #[test]
 fn an_overlong_line_is_refused_and_not_cut() {
-    let mut bench = bench();
+    let mut rig = rig();
     // Cut after 64 characters this would be the valid, destructive command.
     let line = format!("cal clear all{}oops", " ".repeat(60));
-    assert!(bench.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
-    assert!(bench.type_line("version").contains("ok autoswing"));
+    assert!(rig.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
+    assert!(rig.type_line("version").contains("ok autoswing"));
 }
 
 /// Garbage of every kind, then a person: the console must live and answer.
 #[test]
 fn no_bytes_stop_it() {
-    let mut bench = bench();
-    let mut state = 12345_u32;
+    let mut rig = rig();
+    let mut random = Random(12345);
     for _ in 0..200 {
-        let bytes: Vec<u8> = (0..100)
-            .map(|_| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 24) as u8
-            })
-            // A line that says reboot or clear by chance would be obeyed; letters are left to the other tests.
-            .filter(|byte| !byte.is_ascii_alphabetic())
-            .collect();
-        bench.console.send(&bytes);
-        bench.run_for_s(0.02);
+        let mut bytes = random.bytes(100);
+        // A line that says reboot or clear by chance would be obeyed; letters are left to the other tests.
+        bytes.retain(|byte| !byte.is_ascii_alphabetic());
+        rig.console.send(&bytes);
+        rig.run_for_s(0.02);
     }
-    bench.run_for_s(1.0);
-    bench.type_line("\r");
-    let text = bench.type_line("version");
+    rig.run_for_s(1.0);
+    rig.type_line("\r");
+    let text = rig.type_line("version");
     assert!(text.contains("ok autoswing"), "{text:?}");
-    assert!(bench.type_line("status").contains("started by power-on"), "it did not restart");
+    assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
 }

@@ -6,9 +6,10 @@ use host_sim::emulator::{self, Emulator, budget};
 use host_sim::mission::{Plan, fly_with};
 use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::Reader;
-use host_sim::told;
+use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
+use testkit::random::Random;
 
 fn started() -> Emulator {
     let mut emulator =
@@ -33,13 +34,9 @@ fn stack(status: &str) -> StackUse {
 }
 
 /// Deterministic noise on a wire; no letters, for a line that says reboot by chance would be obeyed.
-fn garbage(seed: u32, bytes: usize) -> Vec<u8> {
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 24) as u8
-    };
-    std::iter::repeat_with(&mut next).filter(|byte| !byte.is_ascii_alphabetic()).take(bytes).collect()
+fn garbage(seed: u64, bytes: usize) -> Vec<u8> {
+    let mut random = Random(seed);
+    std::iter::repeat_with(|| random.byte()).filter(|byte| !byte.is_ascii_alphabetic()).take(bytes).collect()
 }
 
 /// Headings in the next seconds, and sentences without one.
@@ -111,7 +108,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let text = emulator.type_line("cal solve");
     emulator.run_for_s(4.0);
     let text = text + &emulator.printed();
-    assert!(matches!(told::notice(&text), Some(told::Notice::Calibrated(_)) | None), "{text}");
+    assert!(matches!(transcript::notice(&text), Some(transcript::Notice::Calibrated(_)) | None), "{text}");
     for declination_deg in 0..12 {
         emulator.type_line(&format!("set declination {declination_deg}"));
     }
@@ -185,7 +182,7 @@ fn no_image_is_told_with_the_way_to_one() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn an_image_for_another_machine_is_told() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("target/firmware/autoswing.elf");
+    let path = emulator::default_image().with_file_name("autoswing.elf");
     let mut emulator = Emulator::start(&path, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(emulator.run_for_s(0.1), Ran::Failed);
     let error = emulator.take_failure().unwrap();

@@ -1,67 +1,67 @@
 //! Calibration without flight: a level circle, a compass swing, tumbling on a bench; advice; alignment.
 
-use host_sim::bench::Bench;
 use host_sim::module::Module as _;
+use host_sim::rig::Rig;
 use host_sim::score::{Errors, wrap_180};
-use host_sim::told::{self, Notice, Shown};
+use host_sim::transcript::{self, Notice, Shown};
 use host_sim::world::WorldConfig;
 use host_sim::world::aircraft::Carried;
 
-fn bench(config: &WorldConfig) -> Bench {
-    let bench = Bench::new(*config);
-    bench.world.carry(Carried::default());
-    bench
+fn rig(config: &WorldConfig) -> Rig {
+    let rig = Rig::new(*config);
+    rig.world.carry(Carried::default());
+    rig
 }
 
-fn table1() -> Bench {
-    let mut bench = bench(&WorldConfig::table1(3));
-    bench.run_for_s(1.0);
-    bench
+fn table1() -> Rig {
+    let mut rig = rig(&WorldConfig::table1(3));
+    rig.run_for_s(1.0);
+    rig
 }
 
-fn turn_round(bench: &mut Bench, circles: f64) {
+fn turn_round(rig: &mut Rig, circles: f64) {
     let heading_rate_deg_s = 8.0;
-    bench.world.carry(Carried { heading_rate_deg_s, ..Carried::default() });
-    bench.run_for_s(360.0 / heading_rate_deg_s * circles);
+    rig.world.carry(Carried { heading_rate_deg_s, ..Carried::default() });
+    rig.run_for_s(360.0 / heading_rate_deg_s * circles);
 }
 
-fn stand_at(bench: &mut Bench, heading_deg: f64) {
-    bench.world.carry(Carried { heading_deg, ..Carried::default() });
-    bench.run_for_s(2.0);
+fn stand_at(rig: &mut Rig, heading_deg: f64) {
+    rig.world.carry(Carried { heading_deg, ..Carried::default() });
+    rig.run_for_s(2.0);
 }
 
 /// How the solve of the samples there are ends: what is stored then, or why not.
-fn solve(bench: &mut Bench) -> Result<Shown, Notice> {
-    bench.printed();
-    let reply = bench.type_line("cal solve");
-    match told::error(&reply) {
+fn solve(rig: &mut Rig) -> Result<Shown, Notice> {
+    rig.printed();
+    let reply = rig.type_line("cal solve");
+    match transcript::error(&reply) {
         Some(refused) => Err(refused),
-        None => outcome(bench, &reply),
+        None => outcome(rig, &reply),
     }
 }
 
 /// How a solve ended whose note is in this text or still to come.
-fn outcome(bench: &mut Bench, text: &str) -> Result<Shown, Notice> {
-    bench.run_for_s(2.0);
-    let text = format!("{text}{}", bench.printed());
-    match told::notice(&text).expect("a note") {
-        Notice::Calibrated(_) => Ok(told::shown(&bench.type_line("cal show")).expect("a calibration")),
+fn outcome(rig: &mut Rig, text: &str) -> Result<Shown, Notice> {
+    rig.run_for_s(2.0);
+    let text = format!("{text}{}", rig.printed());
+    match transcript::notice(&text).expect("a note") {
+        Notice::Calibrated(_) => Ok(transcript::shown(&rig.type_line("cal show")).expect("a calibration")),
         refused @ Notice::Refused { .. } => Err(refused),
     }
 }
 
 /// Largest level heading error less the constant one, and the constant one, degrees.
-fn level_errors_deg(bench: &Bench, shown: &Shown) -> (f64, f64) {
-    let level = Errors::of(&shown.calibration, &bench.world.config()).0[0];
+fn level_errors_deg(rig: &Rig, shown: &Shown) -> (f64, f64) {
+    let level = Errors::of(&shown.calibration, &rig.world.config()).0[0];
     let constant = level.iter().sum::<f64>() / 12.0;
     (level.iter().map(|e| (e - constant).abs()).fold(0.0, f64::max), constant)
 }
 
 /// The heading that `status` shows, less the true one: mean of twenty, 0.2 s apart, degrees.
-fn shown_error_deg(bench: &mut Bench, heading_deg: f64) -> f64 {
+fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
     let mut error = || {
-        bench.run_for_s(0.2);
-        let status = bench.type_line("status");
+        rig.run_for_s(0.2);
+        let status = rig.type_line("status");
         let line = status.lines().find_map(|line| line.strip_prefix("heading: ")).expect("a heading line");
         let shown: f64 =
             line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"));
@@ -74,38 +74,38 @@ fn shown_error_deg(bench: &mut Bench, heading_deg: f64) -> f64 {
 /// source's 0.3 deg at 54 deg of inclination another; 0.5 deg are three sigmas at the worst heading.
 #[test]
 fn a_level_circle_takes_out_all_but_a_constant() {
-    let mut bench = table1();
-    bench.printed();
-    assert!(bench.type_line("cal start level").contains("ok collecting"));
-    turn_round(&mut bench, 2.5);
-    let shown = outcome(&mut bench, "").unwrap();
+    let mut rig = table1();
+    rig.printed();
+    assert!(rig.type_line("cal start level").contains("ok collecting"));
+    turn_round(&mut rig, 2.5);
+    let shown = outcome(&mut rig, "").unwrap();
     assert_eq!(shown.method, "level");
-    let (rest, constant) = level_errors_deg(&bench, &shown);
+    let (rest, constant) = level_errors_deg(&rig, &shown);
     assert!(rest < 0.5, "{rest} deg");
     assert!(constant.abs() < 3.0, "{constant} deg, of an unsymmetric airframe");
     // Alignment takes the constant out, too.
-    stand_at(&mut bench, 120.0);
-    assert!(bench.type_line("set align 120").contains("ok calibrated"));
+    stand_at(&mut rig, 120.0);
+    assert!(rig.type_line("set align 120").contains("ok calibrated"));
     for heading_deg in [120.0, 200.0, 310.0] {
-        stand_at(&mut bench, heading_deg);
-        let error = shown_error_deg(&mut bench, heading_deg);
+        stand_at(&mut rig, heading_deg);
+        let error = shown_error_deg(&mut rig, heading_deg);
         // What the level circle left, twice, the second of alignment, and a fifth of a reading's noise.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
-    assert!(bench.type_line("set align none").contains("ok calibrated"));
+    assert!(rig.type_line("set align none").contains("ok calibrated"));
 }
 
 #[test]
 fn legs_at_five_headings_are_enough_and_four_are_not() {
-    let mut bench = table1();
+    let mut rig = table1();
     let mut legs = |headings: u32| {
-        bench.printed();
-        bench.type_line("cal start level");
+        rig.printed();
+        rig.type_line("cal start level");
         for i in 0..headings {
-            stand_at(&mut bench, f64::from(i) * 360.0 / f64::from(headings));
-            bench.run_for_s(6.0);
+            stand_at(&mut rig, f64::from(i) * 360.0 / f64::from(headings));
+            rig.run_for_s(6.0);
         }
-        solve(&mut bench)
+        solve(&mut rig)
     };
     let Err(Notice::Refused { code, .. }) = legs(4) else { panic!("four headings were enough") };
     assert_eq!(code, "too-few-headings");
@@ -118,41 +118,41 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
 #[test]
 fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {
-        let mut bench = bench(&WorldConfig::random(seed));
-        bench.run_for_s(1.0);
-        bench.printed();
-        assert!(bench.type_line("cal mark 0").contains("error not-swinging: "));
-        assert!(bench.type_line("cal start swing").contains("ok collecting"));
+        let mut rig = rig(&WorldConfig::random(seed));
+        rig.run_for_s(1.0);
+        rig.printed();
+        assert!(rig.type_line("cal mark 0").contains("error not-swinging: "));
+        assert!(rig.type_line("cal start swing").contains("ok collecting"));
         for i in 0..8 {
-            mark(&mut bench, i);
+            mark(&mut rig, i);
         }
-        let shown = solve(&mut bench).unwrap();
+        let shown = solve(&mut rig).unwrap();
         assert_eq!(shown.method, "compass-swing");
-        let (rest, constant) = level_errors_deg(&bench, &shown);
+        let (rest, constant) = level_errors_deg(&rig, &shown);
         assert!(rest < 1.0 && constant.abs() < 0.5, "seed {seed}: {rest} and {constant} deg");
     }
 }
 
 /// Turns on to the next heading; a mark is refused while it turns.
-fn mark(bench: &mut Bench, i: u32) {
+fn mark(rig: &mut Rig, i: u32) {
     let heading_deg = f64::from(i) * 45.0;
-    bench.world.carry(Carried { heading_deg: heading_deg - 45.0, heading_rate_deg_s: 9.0, ..Carried::default() });
-    bench.run_for_s(5.0);
-    assert!(bench.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
-    stand_at(bench, heading_deg);
-    let reply = bench.type_line(&format!("cal mark {heading_deg}"));
+    rig.world.carry(Carried { heading_deg: heading_deg - 45.0, heading_rate_deg_s: 9.0, ..Carried::default() });
+    rig.run_for_s(5.0);
+    assert!(rig.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
+    stand_at(rig, heading_deg);
+    let reply = rig.type_line(&format!("cal mark {heading_deg}"));
     assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
 }
 
-/// Turned through all attitudes on a bench, the autopilot as good as silent.
+/// Turned through all attitudes on a rig, the autopilot as good as silent.
 #[test]
 fn tumbling_needs_no_attitude() {
     let mut config = WorldConfig::table1(5);
     config.attitude_source.rate_hz = 0.001;
-    let mut bench = bench(&config);
-    bench.run_for_s(1.0);
-    bench.printed();
-    assert!(bench.type_line("cal start tumble").contains("ok collecting"));
+    let mut rig = rig(&config);
+    rig.run_for_s(1.0);
+    rig.printed();
+    assert!(rig.type_line("cal start tumble").contains("ok collecting"));
     for (pitch_deg, heading_deg) in [
         (0.0, 0.0),
         (0.0, 90.0),
@@ -164,12 +164,12 @@ fn tumbling_needs_no_attitude() {
         (-30.0, 280.0),
     ] {
         let carried = Carried { pitch_deg, heading_deg, roll_rate_deg_s: 30.0, ..Carried::default() };
-        bench.world.carry(carried);
-        bench.run_for_s(13.0);
+        rig.world.carry(carried);
+        rig.run_for_s(13.0);
     }
-    let shown = solve(&mut bench).unwrap();
+    let shown = solve(&mut rig).unwrap();
     assert_eq!(shown.method, "ellipsoid");
-    let errors = Errors::of(&shown.calibration, &bench.world.config()).figures();
+    let errors = Errors::of(&shown.calibration, &rig.world.config()).figures();
     // The paper's aircraft is unsymmetric by up to 1.5 deg about each axis, which without attitude looks like mounting;
     // at 54 deg of inclination such a tilt is 1.4 times that in heading.
     assert!(errors.max_demeaned_deg < 2.5 && errors.mean_deg.abs() < 2.5, "{errors:?}");
@@ -177,9 +177,9 @@ fn tumbling_needs_no_attitude() {
 
 #[test]
 fn a_few_attitudes_are_no_tumbling() {
-    let mut bench = table1();
-    bench.type_line("cal start tumble");
-    turn_round(&mut bench, 2.0);
-    let Err(Notice::Refused { code, .. }) = solve(&mut bench) else { panic!("a level circle was enough") };
+    let mut rig = table1();
+    rig.type_line("cal start tumble");
+    turn_round(&mut rig, 2.0);
+    let Err(Notice::Refused { code, .. }) = solve(&mut rig) else { panic!("a level circle was enough") };
     assert!(code == "not-determined" || code == "not-converged", "{code}");
 }

@@ -1,7 +1,7 @@
 //! The whole way of a sample: an aircraft with a badly disturbed compass calibrates itself in flight.
 
 use host_sim::mission::{Flown, Plan, fly};
-use host_sim::told::Notice;
+use host_sim::transcript::Notice;
 use host_sim::world::WorldConfig;
 
 fn flown(world: &WorldConfig) -> Flown {

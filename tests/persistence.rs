@@ -1,61 +1,61 @@
 //! What is in flash survives; what breaks off leaves the old.
 
-use host_sim::bench::Bench;
 use host_sim::devices::nor_flash::CutOutcome;
 use host_sim::module::{Module as _, Ran};
-use host_sim::told;
+use host_sim::rig::Rig;
+use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
 
 /// Flies turns both ways until the module has told how the solve ended.
-fn swing(bench: &mut Bench) -> Ran {
-    match swing_outcome(bench) {
+fn swing(rig: &mut Rig) -> Ran {
+    match swing_outcome(rig) {
         Some(_) => Ran::Time,
         None => Ran::PowerCut,
     }
 }
 
 /// The same; what the module told, none if the power was cut.
-fn swing_outcome(bench: &mut Bench) -> Option<told::Notice> {
-    bench.type_line("cal start");
-    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+fn swing_outcome(rig: &mut Rig) -> Option<transcript::Notice> {
+    rig.type_line("cal start");
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     for _ in 0..300 {
-        if bench.run_for_s(1.0) == Ran::PowerCut {
+        if rig.run_for_s(1.0) == Ran::PowerCut {
             return None;
         }
-        session.push_str(&bench.printed());
-        if let Some(notice) = told::notice(&session) {
+        session.push_str(&rig.printed());
+        if let Some(notice) = transcript::notice(&session) {
             return Some(notice);
         }
     }
     panic!("no outcome: {session}");
 }
 
-fn show(bench: &mut Bench) -> Option<told::Shown> {
-    told::shown(&bench.type_line("cal show"))
+fn show(rig: &mut Rig) -> Option<transcript::Shown> {
+    transcript::shown(&rig.type_line("cal show"))
 }
 
-fn calibrated() -> Bench {
-    let mut bench = Bench::new(WorldConfig::table1(3));
-    bench.run_for_s(1.0);
-    assert_eq!(swing(&mut bench), Ran::Time);
-    bench
+fn calibrated() -> Rig {
+    let mut rig = Rig::new(WorldConfig::table1(3));
+    rig.run_for_s(1.0);
+    assert_eq!(swing(&mut rig), Ran::Time);
+    rig
 }
 
 #[test]
 fn a_calibration_survives_a_restart_and_a_power_cut() {
-    let mut bench = calibrated();
-    let before = show(&mut bench).unwrap();
-    bench.type_line("reboot");
-    bench.run_for_s(1.0);
-    assert_eq!(show(&mut bench).unwrap(), before);
-    bench.power_off();
-    bench.power_on(autoswing::app::ResetCause::PowerOn);
-    bench.run_for_s(1.0);
-    assert_eq!(show(&mut bench).unwrap(), before);
-    assert!(bench.type_line("status").contains("ok calibrated"));
+    let mut rig = calibrated();
+    let before = show(&mut rig).unwrap();
+    rig.type_line("reboot");
+    rig.run_for_s(1.0);
+    assert_eq!(show(&mut rig).unwrap(), before);
+    rig.power_off();
+    rig.power_on(autoswing::app::ResetCause::PowerOn);
+    rig.run_for_s(1.0);
+    assert_eq!(show(&mut rig).unwrap(), before);
+    assert!(rig.type_line("status").contains("ok calibrated"));
 }
 
 /// Power cut at every operation of the first save, in each of three ways: the module starts uncalibrated or with the
@@ -67,17 +67,17 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
     let mut seen = [0, 0];
     for operations in (0..40).step_by(3) {
         for outcome in CutOutcome::ALL {
-            let mut bench = Bench::new(WorldConfig::table1(3));
-            bench.run_for_s(1.0);
-            bench.cut_power_after(operations, outcome);
-            let ran = swing(&mut bench);
+            let mut rig = Rig::new(WorldConfig::table1(3));
+            rig.run_for_s(1.0);
+            rig.cut_power_after(operations, outcome);
+            let ran = swing(&mut rig);
             if ran == Ran::Time {
                 continue; // The save was over before the cut.
             }
-            bench.power_on(autoswing::app::ResetCause::PowerOn);
-            bench.run_for_s(1.0);
-            bench.printed();
-            let found = show(&mut bench);
+            rig.power_on(autoswing::app::ResetCause::PowerOn);
+            rig.run_for_s(1.0);
+            rig.printed();
+            let found = show(&mut rig);
             assert!(found.is_none() || found.as_ref() == Some(&new), "after {operations} {outcome:?}: {found:?}");
             seen[usize::from(found.is_some())] += 1;
         }
@@ -88,21 +88,21 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
 /// The same while something is stored already, with the small save of a setting.
 #[test]
 fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
-    let mut bench = calibrated();
-    let old = show(&mut bench).unwrap();
+    let mut rig = calibrated();
+    let old = show(&mut rig).unwrap();
     let mut cuts = 0;
     for operations in 0..52 {
         for outcome in CutOutcome::ALL {
-            bench.cut_power_after(operations, outcome);
-            bench.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
-            if bench.run_for_s(0.5) == Ran::PowerCut {
+            rig.cut_power_after(operations, outcome);
+            rig.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
+            if rig.run_for_s(0.5) == Ran::PowerCut {
                 cuts += 1;
             }
-            bench.power_off();
-            bench.power_on(autoswing::app::ResetCause::PowerOn);
-            bench.run_for_s(0.5);
-            bench.printed();
-            assert_eq!(show(&mut bench).unwrap(), old, "after {operations} {outcome:?}");
+            rig.power_off();
+            rig.power_on(autoswing::app::ResetCause::PowerOn);
+            rig.run_for_s(0.5);
+            rig.printed();
+            assert_eq!(show(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
         }
     }
     // Settings and one record are some 360 bytes, 46 double words with the log's header; each is cut in three ways.
@@ -111,60 +111,62 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
 
 #[test]
 fn undo_goes_back_and_forth_and_clear_needs_its_word() {
-    let mut bench = calibrated();
-    let first = show(&mut bench).unwrap();
-    bench.type_line("cal undo");
-    assert!(show(&mut bench).is_some(), "there is nothing before the first, so it stays");
-    bench.type_line("cal clear");
-    assert_eq!(show(&mut bench).unwrap(), first);
-    assert!(bench.type_line("cal clear all").contains("ok uncalibrated"));
-    assert!(show(&mut bench).is_none());
-    bench.type_line("reboot");
-    bench.run_for_s(1.0);
-    assert!(show(&mut bench).is_none(), "cleared for good");
+    let mut rig = calibrated();
+    let first = show(&mut rig).unwrap();
+    rig.type_line("cal undo");
+    assert!(show(&mut rig).is_some(), "there is nothing before the first, so it stays");
+    rig.type_line("cal clear");
+    assert_eq!(show(&mut rig).unwrap(), first);
+    assert!(rig.type_line("cal clear all").contains("ok uncalibrated"));
+    assert!(show(&mut rig).is_none());
+    rig.type_line("reboot");
+    rig.run_for_s(1.0);
+    assert!(show(&mut rig).is_none(), "cleared for good");
 }
 
 /// A second swing replaces the first only if it is better on held-back samples; either way nothing is lost.
 #[test]
 fn a_second_swing_replaces_the_first_only_when_it_is_better() {
-    let mut bench = calibrated();
-    let first = show(&mut bench).unwrap();
+    let mut rig = calibrated();
+    let first = show(&mut rig).unwrap();
     // Another magnet has come aboard: the old calibration is now wrong by several degrees.
-    bench.world.disturb([6.0, -4.0, 3.0]);
-    swing(&mut bench);
-    let second = show(&mut bench).unwrap();
+    rig.world.disturb([6.0, -4.0, 3.0]);
+    swing(&mut rig);
+    let second = show(&mut rig).unwrap();
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // 0.5 uT is 1 deg of heading in this field.
     assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
-    bench.type_line("cal undo");
-    assert_eq!(show(&mut bench).unwrap().calibration, first.calibration);
-    bench.type_line("cal undo");
-    assert_eq!(show(&mut bench).unwrap().calibration, second.calibration);
+    rig.type_line("cal undo");
+    assert_eq!(show(&mut rig).unwrap().calibration, first.calibration);
+    rig.type_line("cal undo");
+    assert_eq!(show(&mut rig).unwrap().calibration, second.calibration);
 }
 
 /// Circles to one side and level legs say little of the vertical: their calibration may look better on more samples of
 /// the same flight, but never replaces one of both turns.
 #[test]
 fn a_thin_flight_does_not_replace_a_full_one() {
-    let mut bench = calibrated();
-    let first = show(&mut bench).unwrap();
-    bench.type_line("cal start");
-    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
+    let mut rig = calibrated();
+    let first = show(&mut rig).unwrap();
+    rig.type_line("cal start");
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
-        bench.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });
+        rig.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });
     }
-    while bench.world.legs_left() > 0 {
-        bench.run_for_s(1.0);
+    while rig.world.legs_left() > 0 {
+        rig.run_for_s(1.0);
     }
-    bench.printed();
-    let reply = bench.type_line("cal solve");
-    bench.run_for_s(2.0);
-    let text = format!("{reply}{}", bench.printed());
-    let Some(told::Notice::Refused { code, .. }) = told::notice(&text).or(told::error(&text)) else { panic!("{text}") };
+    rig.printed();
+    let reply = rig.type_line("cal solve");
+    rig.run_for_s(2.0);
+    let text = format!("{reply}{}", rig.printed());
+    let Some(transcript::Notice::Refused { code, .. }) = transcript::notice(&text).or(transcript::error(&text)) else {
+        panic!("{text}")
+    };
     assert_eq!(code, "thinner");
-    assert_eq!(show(&mut bench).unwrap(), first);
+    assert_eq!(show(&mut rig).unwrap(), first);
     // What it was weak in is told with the manoeuvre against it.
-    let advice = bench.type_line("cal advise");
+    let advice = rig.type_line("cal advise");
 
     assert!(advice.contains("right"), "{advice}");
 }
@@ -176,18 +178,18 @@ fn a_second_swing_that_is_no_better_changes_nothing() {
     let mut kept = 0;
     let mut replaced = 0;
     for seed in 0..8 {
-        let mut bench = Bench::new(WorldConfig::random(seed));
-        bench.run_for_s(1.0);
-        swing(&mut bench);
-        let first = show(&mut bench).unwrap();
-        let outcome = swing_outcome(&mut bench).unwrap();
-        let second = show(&mut bench).unwrap();
+        let mut rig = Rig::new(WorldConfig::random(seed));
+        rig.run_for_s(1.0);
+        swing(&mut rig);
+        let first = show(&mut rig).unwrap();
+        let outcome = swing_outcome(&mut rig).unwrap();
+        let second = show(&mut rig).unwrap();
         match outcome {
-            told::Notice::Calibrated(_) => {
+            transcript::Notice::Calibrated(_) => {
                 assert_ne!(first, second);
                 replaced += 1;
             }
-            told::Notice::Refused { code, words } => {
+            transcript::Notice::Refused { code, words } => {
                 assert_eq!(code, "not-better", "{words}");
                 assert_eq!(first, second);
                 kept += 1;
@@ -199,32 +201,32 @@ fn a_second_swing_that_is_no_better_changes_nothing() {
 
 #[test]
 fn a_calibration_is_not_used_with_another_mounting() {
-    let mut bench = calibrated();
-    assert!(bench.type_line("set mount yaw90").contains("ok uncalibrated"));
-    assert!(bench.type_line("set mount none").contains("ok calibrated"));
+    let mut rig = calibrated();
+    assert!(rig.type_line("set mount yaw90").contains("ok uncalibrated"));
+    assert!(rig.type_line("set mount none").contains("ok calibrated"));
 }
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were
 /// or become what was typed. `store/tests.rs` does the same at every fill of the region.
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing() {
-    let mut bench = Bench::new(WorldConfig::table1(5));
-    bench.run_for_s(0.2);
-    bench.type_line("set declination 7");
+    let mut rig = Rig::new(WorldConfig::table1(5));
+    rig.run_for_s(0.2);
+    rig.type_line("set declination 7");
     let mut cuts = 0;
     for first in (0..14).step_by(3) {
         for second in 0..14 {
             for outcomes in CutOutcome::ALL.map(|a| CutOutcome::ALL.map(|b| [a, b])).concat() {
                 for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
-                    bench.cut_power_after(operations, outcome);
-                    bench.console.send(b"stream rate 20\r");
-                    cuts += u32::from(bench.run_for_s(0.3) == Ran::PowerCut);
-                    bench.power_off();
-                    bench.power_on(autoswing::app::ResetCause::PowerOn);
-                    bench.run_for_s(0.2);
+                    rig.cut_power_after(operations, outcome);
+                    rig.console.send(b"stream rate 20\r");
+                    cuts += u32::from(rig.run_for_s(0.3) == Ran::PowerCut);
+                    rig.power_off();
+                    rig.power_on(autoswing::app::ResetCause::PowerOn);
+                    rig.run_for_s(0.2);
                 }
-                bench.printed();
-                let status = bench.type_line("status");
+                rig.printed();
+                let status = rig.type_line("status");
                 assert!(status.contains("declination: 7.0 deg"), "after {first} and {second} {outcomes:?}: {status}");
             }
         }

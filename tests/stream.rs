@@ -1,35 +1,36 @@
 //! The heading sentences as an autopilot receives them.
 
-use host_sim::bench::Bench;
 use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::{Reader, Received};
-use host_sim::told;
+use host_sim::rig::Rig;
+use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
+use testkit::random::Random;
 
-fn calibrated() -> Bench {
-    let mut bench = Bench::new(WorldConfig::table1(2));
-    bench.run_for_s(1.0);
-    bench.type_line("cal start");
-    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
-    bench.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
+fn calibrated() -> Rig {
+    let mut rig = Rig::new(WorldConfig::table1(2));
+    rig.run_for_s(1.0);
+    rig.type_line("cal start");
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
-    while told::notice(&session).is_none() {
-        assert_eq!(bench.run_for_s(1.0), Ran::Time);
-        session.push_str(&bench.printed());
+    while transcript::notice(&session).is_none() {
+        assert_eq!(rig.run_for_s(1.0), Ran::Time);
+        session.push_str(&rig.printed());
     }
-    bench.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
-    bench.run_for_s(25.0);
-    let _ = bench.autopilot.receive();
-    bench
+    rig.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
+    rig.run_for_s(25.0);
+    let _ = rig.autopilot.receive();
+    rig
 }
 
-fn listen(bench: &mut Bench, seconds: f64) -> Vec<Received> {
-    let _ = bench.autopilot.receive();
-    bench.run_for_s(seconds);
+fn listen(rig: &mut Rig, seconds: f64) -> Vec<Received> {
+    let _ = rig.autopilot.receive();
+    rig.run_for_s(seconds);
     let mut reader = Reader::default();
     let received =
-        bench.autopilot.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
+        rig.autopilot.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
     // The first line may have begun before.
     assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);
     received
@@ -41,10 +42,10 @@ fn headings(received: &[Received]) -> usize {
 
 #[test]
 fn every_sentence_comes_at_the_rate_that_was_set() {
-    let mut bench = calibrated();
+    let mut rig = calibrated();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
-        bench.type_line(&format!("stream rate {rate_hz}"));
-        let received = listen(&mut bench, 5.0);
+        rig.type_line(&format!("stream rate {rate_hz}"));
+        let received = listen(&mut rig, 5.0);
         for kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|r| r.kind == kind).count();
             // The sensor's own 80 Hz is the grid, and its clock need not divide the second.
@@ -52,94 +53,88 @@ fn every_sentence_comes_at_the_rate_that_was_set() {
         }
         assert_eq!(headings(&received), received.len());
     }
-    bench.type_line("stream off");
-    assert!(listen(&mut bench, 2.0).is_empty());
+    rig.type_line("stream off");
+    assert!(listen(&mut rig, 2.0).is_empty());
 }
 
 #[test]
 fn an_uncalibrated_module_sends_empty_headings() {
-    let mut bench = Bench::new(WorldConfig::table1(2));
-    bench.run_for_s(1.0);
-    let received = listen(&mut bench, 3.0);
+    let mut rig = Rig::new(WorldConfig::table1(2));
+    rig.run_for_s(1.0);
+    let received = listen(&mut rig, 3.0);
     assert!(received.len() >= 50);
     assert_eq!(headings(&received), 0);
 }
 
 #[test]
 fn variation_is_sent_when_it_is_set() {
-    let mut bench = calibrated();
-    let sentence = |bench: &mut Bench| {
-        let _ = bench.autopilot.receive();
-        bench.run_for_s(0.3);
-        let text = String::from_utf8(bench.autopilot.receive()).unwrap();
+    let mut rig = calibrated();
+    let sentence = |rig: &mut Rig| {
+        let _ = rig.autopilot.receive();
+        rig.run_for_s(0.3);
+        let text = String::from_utf8(rig.autopilot.receive()).unwrap();
         text.split("\r\n").find(|line| line.starts_with("$HCHDG")).unwrap().to_owned()
     };
-    assert!(sentence(&mut bench).contains(",,,,*"));
-    bench.type_line("set declination -11.3");
-    assert!(sentence(&mut bench).contains(",,,11.3,W*"));
-    bench.type_line("set declination 4");
-    assert!(sentence(&mut bench).contains(",,,4.0,E*"));
+    assert!(sentence(&mut rig).contains(",,,,*"));
+    rig.type_line("set declination -11.3");
+    assert!(sentence(&mut rig).contains(",,,11.3,W*"));
+    rig.type_line("set declination 4");
+    assert!(sentence(&mut rig).contains(",,,4.0,E*"));
 }
 
 /// 400 uT is beyond the sensor's range: no heading while it lasts, headings after.
 #[test]
 fn a_saturated_sensor_is_not_believed() {
-    let mut bench = calibrated();
-    bench.world.disturb([900.0, 0.0, 0.0]);
-    bench.run_for_s(0.2);
-    let received = listen(&mut bench, 2.0);
+    let mut rig = calibrated();
+    rig.world.disturb([900.0, 0.0, 0.0]);
+    rig.run_for_s(0.2);
+    let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 30 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(bench.type_line("status").contains("heading: none, sensor-saturated"));
-    bench.world.disturb([0.0; 3]);
-    bench.run_for_s(0.2);
-    let received = listen(&mut bench, 2.0);
+    assert!(rig.type_line("status").contains("heading: none, sensor-saturated"));
+    rig.world.disturb([0.0; 3]);
+    rig.run_for_s(0.2);
+    let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
 }
 
 /// 20 uT more than the Earth's field is iron or current, not heading.
 #[test]
 fn a_disturbed_field_is_not_believed() {
-    let mut bench = calibrated();
-    bench.world.disturb([0.0, 0.0, 25.0]);
-    bench.run_for_s(0.2);
-    assert_eq!(headings(&listen(&mut bench, 2.0)), 0);
-    assert!(bench.type_line("status").contains("heading: none, field-disturbed"));
+    let mut rig = calibrated();
+    rig.world.disturb([0.0, 0.0, 25.0]);
+    rig.run_for_s(0.2);
+    assert_eq!(headings(&listen(&mut rig, 2.0)), 0);
+    assert!(rig.type_line("status").contains("heading: none, field-disturbed"));
 }
 
 /// A chip that stops answering gives empty sentences within a quarter of a second, and headings again when it is back,
 /// although it has lost its configuration.
 #[test]
 fn a_sensor_that_goes_and_comes_back_is_noticed_and_used_again() {
-    let mut bench = calibrated();
-    bench.chip.borrow_mut().set_silent(true);
-    bench.run_for_s(0.25);
-    let received = listen(&mut bench, 2.0);
+    let mut rig = calibrated();
+    rig.chip.borrow_mut().set_silent(true);
+    rig.run_for_s(0.25);
+    let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 20 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
-    assert!(bench.type_line("status").contains("heading: none, sensor-silent"));
-    bench.chip.borrow_mut().power_cycle();
-    bench.chip.borrow_mut().set_silent(false);
-    bench.run_for_s(1.0);
-    let received = listen(&mut bench, 2.0);
+    assert!(rig.type_line("status").contains("heading: none, sensor-silent"));
+    rig.chip.borrow_mut().power_cycle();
+    rig.chip.borrow_mut().set_silent(false);
+    rig.run_for_s(1.0);
+    let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
     // The module looked after it without a restart.
-    assert!(bench.type_line("status").contains("started by power-on"));
+    assert!(rig.type_line("status").contains("started by power-on"));
 }
 
 /// Noise on the attitude line costs what it lies on, not the stream.
 #[test]
 fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
-    let mut bench = calibrated();
-    let mut state = 99_u32;
+    let mut rig = calibrated();
+    let mut random = Random(99);
     let mut seen = (0, 0);
     for _ in 0..100 {
-        let bytes: Vec<u8> = (0..40)
-            .map(|_| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 24) as u8
-            })
-            .collect();
-        bench.autopilot.send(&bytes);
-        let received = listen(&mut bench, 0.1);
+        rig.autopilot.send(&random.bytes(40));
+        let received = listen(&mut rig, 0.1);
         seen = (seen.0 + headings(&received), seen.1 + received.len());
     }
     assert!(seen.1 >= 150 && seen.0 == seen.1, "{seen:?}");

@@ -2,10 +2,9 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`clock`] | the virtual clock behind `embassy_time` |
-//! | [`simulation`] | the executor: tasks, priorities, power off |
+//! | [`clock`], [`simulation`] | the virtual clock behind `embassy_time`, the executor on it (package `testkit`) |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
-//! | [`mod@bench`], [`emulator`] | a module in an aircraft: simulated here, or ARM code in QEMU; [`module`] is what both are |
+//! | [`rig`], [`emulator`] | a module in an aircraft: simulated here, or ARM code in QEMU; [`module`] is what both are |
 //! | [`mission`] | the flight that calibrates, on either |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
@@ -15,9 +14,9 @@
 //!
 //! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
 
+pub use testkit::{clock, simulation};
+
 pub mod accuracy;
-pub mod bench;
-pub mod clock;
 pub mod devices;
 pub mod emulator;
 pub mod mission;
@@ -27,7 +26,7 @@ pub mod paper;
 pub mod random;
 pub mod replay;
 pub mod report;
+pub mod rig;
 pub mod score;
-pub mod simulation;
-pub mod told;
+pub mod transcript;
 pub mod world;

@@ -7,11 +7,11 @@ use autoswing::calibration::{Calibration, Orientation};
 use autoswing::frames::{Attitude, Field, Sensor};
 use serde::Serialize;
 
-use crate::bench::Bench;
 use crate::module::{Module, Ran};
 use crate::nmea::Reader;
+use crate::rig::Rig;
 use crate::score::{Errors, Figures, within_percent, wrap_180};
-use crate::told::{self, Notice, Shown};
+use crate::transcript::{self, Notice, Shown};
 use crate::world::WorldConfig;
 use crate::world::autopilot::Leg;
 
@@ -111,7 +111,7 @@ pub struct Flown {
 
 /// Flies a mission with the simulated module. `watch` hears the stage and how much of it is done, 0..1.
 pub fn fly(world: WorldConfig, plan: Plan, watch: &mut dyn FnMut(Stage, f64)) -> Flown {
-    fly_with(&mut Bench::new(world), plan, watch)
+    fly_with(&mut Rig::new(world), plan, watch)
 }
 
 /// Flies a mission with a module that has just been switched on.
@@ -160,7 +160,7 @@ impl<M: Module> Mission<'_, M> {
         }
         let notice = self.outcome();
         match notice {
-            Notice::Calibrated(_) => told::shown(&self.type_line("cal show")).ok_or(notice),
+            Notice::Calibrated(_) => transcript::shown(&self.type_line("cal show")).ok_or(notice),
             refused @ Notice::Refused { .. } => Err(refused),
         }
     }
@@ -169,11 +169,11 @@ impl<M: Module> Mission<'_, M> {
     fn outcome(&mut self) -> Notice {
         let waits = (PATIENCE_S / PIECE_S) as usize;
         for piece in 0..2 * waits {
-            if let Some(notice) = told::notice(&self.session) {
+            if let Some(notice) = transcript::notice(&self.session) {
                 return notice;
             }
             if piece == waits
-                && let Some(error) = told::error(&self.type_line("cal solve"))
+                && let Some(error) = transcript::error(&self.type_line("cal solve"))
             {
                 return error;
             }

@@ -1,4 +1,4 @@
-//! A heading module in an aircraft, as its pilot meets it: simulated ([`Bench`](crate::bench::Bench)) or emulated
+//! A heading module in an aircraft, as its pilot meets it: simulated ([`Bench`](crate::rig::Rig)) or emulated
 //! ([`Emulator`](crate::emulator::Emulator)).
 
 use crate::devices::uart::HostEnd;
@@ -9,7 +9,7 @@ use crate::world::World;
 pub enum Ran {
     /// The time asked for has come.
     Time,
-    /// The power went; [`Bench::power_on`](crate::bench::Bench::power_on) brings it back.
+    /// The power went; [`Bench::power_on`](crate::rig::Rig::power_on) brings it back.
     PowerCut,
     /// The emulator has ended, or does not answer: see [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
     Failed,

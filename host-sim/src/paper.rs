@@ -2,8 +2,9 @@
 //! and every method on the same samples.
 
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
+use autoswing::collection::averager::READINGS;
 use autoswing::frames::{Attitude, Field};
-use autoswing::turns::averager::READINGS;
+use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -93,7 +94,7 @@ impl Table {
     fn sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
         let field = self.airframe.measure(attitude.body(self.earth.level_field(heading_rad)));
-        Sample { field: Field::new(field.ut + noise_ut.cast()), attitude, time_ms: 0 }
+        Sample { field: Field::new(field.ut + noise_ut.cast()), attitude, time: WrappingMillis::default() }
     }
 
     /// Left and right, each turned the way it would fly.
@@ -107,7 +108,7 @@ impl Table {
                             / f64::from(READINGS).sqrt()
                     });
                     let sample = self.sample(sense * BANK_DEG, sense * heading_rad(i, experiment.samples), noise_ut);
-                    Sample { time_ms: u32::from(i) * 400, ..sample }
+                    Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
                 })
                 .collect()
         };

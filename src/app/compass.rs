@@ -10,6 +10,7 @@ use super::links::{Active, count};
 use crate::compass::{Command, Compass, Config, Effect, Event};
 use crate::log::{info, warning};
 use crate::store::{Store, StoreError};
+use crate::time::Timestamp;
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
@@ -52,8 +53,7 @@ async fn next_event(links: &Links, compass: &Compass) -> Event {
 }
 
 fn command(asked: Command) -> Event {
-    // The samples' clock: see `Sample::time_ms`.
-    Event::Command(asked, Instant::now().as_millis() as u32)
+    Event::Command(asked, Timestamp::from_us(Instant::now().as_micros()).wrapping_millis())
 }
 
 /// What flash held, with a damaged record counted and treated as absent: the module starts uncalibrated and says so.

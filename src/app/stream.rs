@@ -6,9 +6,9 @@ use embedded_io_async::Write;
 use super::Links;
 use super::links::{Active, StampedReading, count};
 use crate::attitude::Lookup;
+use crate::collection::averager::Averager;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
-use crate::turns::averager::Averager;
 use crate::wire::nmea;
 
 /// A sensor silent for longer gets empty sentences: eight periods at 80 Hz.

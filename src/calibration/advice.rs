@@ -6,8 +6,8 @@
 use core::f32::consts::TAU;
 use core::fmt;
 
-use super::evidence::{Consider, Evidence};
 use super::expected_error::{self, Deviation, Envelope};
+use super::information::{Consider, Information};
 use super::likelihood::{Likelihood, Point, Quantity, Vector13};
 use super::uncertainty::Covariance;
 use super::{Calibration, Side};
@@ -87,24 +87,24 @@ const SAMPLES: u8 = 24;
 /// Looks for the manoeuvre that would help most. `None` when nothing could be computed.
 #[inline(never)]
 pub(super) fn advise(
-    evidence: &Evidence,
+    information: &Information,
     likelihood: &Likelihood,
     unknowns: &Vector13,
     calibration: &Calibration,
     envelope: Envelope,
 ) -> Option<Advice> {
     let consider = Consider::DEFAULT;
-    let expected = |evidence: &Evidence| {
+    let expected = |information: &Information| {
         let mut covariance = Covariance::EXACT;
-        evidence.covariance(likelihood, unknowns, consider, &mut covariance)?;
+        information.covariance(likelihood, unknowns, consider, &mut covariance)?;
         expected_error::expected(calibration, &covariance, envelope)
     };
-    let now = expected(evidence)?;
+    let now = expected(information)?;
     let point = Point::new(unknowns);
     let (manoeuvre, with_it_deg) = Manoeuvre::ALL
         .into_iter()
         .filter_map(|manoeuvre| {
-            let mut supposed = evidence.clone();
+            let mut supposed = information.clone();
             let attitude = Attitude::from_deg(manoeuvre.roll_deg(), 0.0);
             for i in 0..SAMPLES {
                 supposed.suppose(likelihood, &point, attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
@@ -118,13 +118,13 @@ pub(super) fn advise(
         expected_deg: now.rms_deg,
         manoeuvre,
         with_it_deg,
-        assumed: assumed(evidence, likelihood, unknowns),
+        assumed: assumed(information, likelihood, unknowns),
     })
 }
 
-fn assumed(evidence: &Evidence, likelihood: &Likelihood, unknowns: &Vector13) -> Assumed {
+fn assumed(information: &Information, likelihood: &Likelihood, unknowns: &Vector13) -> Assumed {
     let mut assumed = Assumed::default();
-    for quantity in evidence.left_to_priors(likelihood, unknowns).into_iter().flatten() {
+    for quantity in information.left_to_priors(likelihood, unknowns).into_iter().flatten() {
         match quantity {
             Quantity::SoftIron => assumed.soft_iron = true,
             Quantity::Mounting => assumed.mounting = true,

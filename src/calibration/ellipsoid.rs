@@ -10,7 +10,7 @@
 
 use nalgebra::Vector3;
 
-use super::evidence::Evidence;
+use super::information::Information;
 use super::likelihood::{Likelihood, Quantity, Vector13};
 use super::{Calibration, Samples};
 
@@ -22,12 +22,12 @@ const MIN_DIRECTIONS: u32 = 22;
 pub(super) fn is_determined(
     samples: Samples<'_>,
     calibration: &Calibration,
-    evidence: &Evidence,
+    information: &Information,
     likelihood: &Likelihood,
     unknowns: &Vector13,
 ) -> bool {
     directions(samples, calibration) >= MIN_DIRECTIONS
-        && evidence
+        && information
             .left_to_priors(likelihood, unknowns)
             .is_some_and(|mut left| !left.any(|quantity| matches!(quantity, Quantity::SoftIron | Quantity::HardIron)))
 }

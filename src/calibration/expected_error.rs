@@ -107,7 +107,7 @@ pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envel
         let attitude = Attitude::from_deg(bank_deg, 0.0);
         let level = Field::<Level>::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
         let tilt = attitude.tilt();
-        let x = field_from_body * tilt.to_body(&level.ut);
+        let x = field_from_body * tilt.body(level).ut;
         coefficient_row(&heading_by_field(&tilt, &level.ut), &x)
     };
     let mut sum = 0.0;

@@ -14,7 +14,7 @@ use super::{Method, Part, Prior, Sample, Samples, Side, SolveError, level};
 
 /// How samples were collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Manner {
+pub enum Procedure {
     /// Left and right turns in flight, and the level flight between them.
     #[default]
     Turns,
@@ -26,7 +26,7 @@ pub enum Manner {
     Tumble,
 }
 
-impl Manner {
+impl Procedure {
     /// The word typed after `cal start`.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -38,10 +38,10 @@ impl Manner {
         }
     }
 
-    /// The manner of this name.
+    /// The procedure of this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Turns, Self::Level, Self::Swing, Self::Tumble].into_iter().find(|manner| manner.name() == name)
+        [Self::Turns, Self::Level, Self::Swing, Self::Tumble].into_iter().find(|procedure| procedure.name() == name)
     }
 }
 
@@ -57,10 +57,10 @@ impl Selection {
     /// Of samples to fit to. Parts too thin to show anything are left out. Level flight sharpens thin turns, but where
     /// both sides were flown it only brings in what the aircraft taxied beside.
     #[must_use]
-    pub fn of(fit: Samples<'_>, manner: Manner) -> Self {
+    pub fn of(fit: Samples<'_>, procedure: Procedure) -> Self {
         let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
         let (left, right) = (enough(fit.left), enough(fit.right));
-        let both = manner == Manner::Turns && left && right;
+        let both = procedure == Procedure::Turns && left && right;
         Self { left, right, level: enough(fit.level) && !both }
     }
 
@@ -82,13 +82,13 @@ impl Selection {
 /// # Errors
 ///
 /// [`SolveError::TooFewSamples`] names what is missing.
-pub fn choose(samples: Samples<'_>, manner: Manner, prior: &Prior) -> Result<Method, SolveError> {
-    match manner {
-        Manner::Level => Ok(Method::Level),
-        Manner::Swing => Ok(Method::CompassSwing),
-        Manner::Tumble => Ok(Method::Ellipsoid),
-        Manner::Turns => {
-            let Selection { left, right, .. } = Selection::of(samples, manner);
+pub fn choose(samples: Samples<'_>, procedure: Procedure, prior: &Prior) -> Result<Method, SolveError> {
+    match procedure {
+        Procedure::Level => Ok(Method::Level),
+        Procedure::Swing => Ok(Method::CompassSwing),
+        Procedure::Tumble => Ok(Method::Ellipsoid),
+        Procedure::Turns => {
+            let Selection { left, right, .. } = Selection::of(samples, procedure);
             let level = samples.level.len() >= MIN_SAMPLES;
             match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),

@@ -13,7 +13,7 @@
 //! | `likelihood/` | how likely samples are with a set of coefficients |
 //! | `least_squares.rs` | linear least squares in `f32` |
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
-//! | `evidence.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
+//! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
 //! | `advice.rs` | what to fly to make it smaller |
 //! | `verification.rs` | a candidate against the incumbent on held-back samples |
@@ -24,9 +24,9 @@ mod compass_swing;
 mod conic;
 mod ellipsoid;
 mod error;
-mod evidence;
 mod expected_error;
 mod four_ellipse;
+mod information;
 pub mod ladder;
 mod least_squares;
 mod level;
@@ -42,8 +42,8 @@ pub mod verification;
 
 pub use advice::{Advice, Assumed, Manoeuvre};
 pub use error::SolveError;
-pub use evidence::Consider;
 pub use expected_error::{Deviation, Envelope};
+pub use information::Consider;
 pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use solver::{Progress, Solution, Solver, solve};
@@ -54,6 +54,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::frames::{Attitude, Body, Field, Sensor};
+use crate::time::WrappingMillis;
 
 /// One measurement paired with the attitude at its instant: what calibration works on. 24 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +63,8 @@ pub struct Sample {
     pub field: Field<Sensor>,
     /// Attitude interpolated to the instant of the measurement.
     pub attitude: Attitude,
-    /// Milliseconds since start, wrapping. Only the order and differences within one turn are used.
-    pub time_ms: u32,
+    /// When it was measured. Only the order and differences within one turn are used.
+    pub time: WrappingMillis,
 }
 
 /// Which way a turn goes.

@@ -1,8 +1,8 @@
 //! From samples to a calibration, by any method, in steps.
 
 use super::advice::{self, Advice};
-use super::evidence::{self, Consider, Evidence};
 use super::expected_error::{self, Envelope};
+use super::information::{self, Consider, Information};
 use super::likelihood::{Config, Likelihood, Prior};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
@@ -139,17 +139,18 @@ impl Solver {
         }
         let calibration = likelihood.calibration(unknowns)?;
         self.plausible(samples, &calibration)?;
-        let mut evidence = Evidence::of_priors(likelihood, unknowns);
-        evidence.visit(likelihood, samples, unknowns);
+        let mut information = Information::of_priors(likelihood, unknowns);
+        information.visit(likelihood, samples, unknowns);
         if self.method == Method::Ellipsoid
-            && !ellipsoid::is_determined(samples, &calibration, &evidence, likelihood, unknowns)
+            && !ellipsoid::is_determined(samples, &calibration, &information, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
         let envelope = Envelope::of(self.method, samples);
         let mut covariance = Covariance::EXACT;
-        evidence.covariance(likelihood, unknowns, self.consider, &mut covariance).ok_or(SolveError::NotConverged)?;
-        let uncertainty = evidence::uncertainty(likelihood, unknowns, &covariance).ok_or(SolveError::NotConverged)?;
+        information.covariance(likelihood, unknowns, self.consider, &mut covariance).ok_or(SolveError::NotConverged)?;
+        let uncertainty =
+            information::uncertainty(likelihood, unknowns, &covariance).ok_or(SolveError::NotConverged)?;
         let expected = expected_error::expected(&calibration, &covariance, envelope).ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: self.method,
@@ -158,9 +159,9 @@ impl Solver {
             expected_worst_deg: expected.worst_deg,
             norm_residual: likelihood.noise.norm,
             dip_residual_deg: likelihood.noise.dip_rad.to_degrees(),
-            samples: evidence.system.samples,
+            samples: information.system.samples,
         };
-        let advice = advice::advise(&evidence, likelihood, unknowns, &calibration, envelope);
+        let advice = advice::advise(&information, likelihood, unknowns, &calibration, envelope);
         Ok(Solution { calibration, quality, uncertainty, advice })
     }
 

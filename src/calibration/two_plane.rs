@@ -101,7 +101,7 @@ pub(super) fn progress_rad(samples: &[Sample], side: Side, angle_rad: impl Fn(&S
     let progress_rad: f32 = samples
         .iter()
         .zip(samples.iter().skip(1))
-        .filter(|(a, b)| b.time_ms.wrapping_sub(a.time_ms) <= MAX_STEP_MS)
+        .filter(|(a, b)| b.time.since(a.time) <= MAX_STEP_MS)
         .map(|(a, b)| crate::frames::wrap_pi(angle_rad(b) - angle_rad(a)))
         .sum();
     match side {

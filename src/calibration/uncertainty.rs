@@ -144,7 +144,7 @@ const MIN_HORIZONTAL: f32 = 1e-6;
 /// `psi = atan2(-l_y, l_x)`, `d psi = (l_y d l_x - l_x d l_y) / (l_x^2 + l_y^2)`.
 pub(super) fn heading_by_field(tilt: &Tilt, level: &Vector3<f32>) -> Vector3<f32> {
     let horizontal = (level.x * level.x + level.y * level.y).max(MIN_HORIZONTAL);
-    tilt.to_body(&Vector3::new(level.y / horizontal, -level.x / horizontal, 0.0))
+    tilt.body(Field::from_ut(level.y / horizontal, -level.x / horizontal, 0.0)).ut
 }
 
 /// Derivative by the coefficients of `by_field . (W x - beta)`.
@@ -166,11 +166,8 @@ mod tests {
     /// The sixty numbers are the 78 as far as headings go: on any covariance, to the digits of `f32`.
     #[test]
     fn a_heading_s_variance_is_that_of_the_whole_covariance() {
-        let mut state = 1_u32;
-        let mut number = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / 8_388_608.0 - 1.0
-        };
+        let mut random = testkit::random::Random(1);
+        let mut number = || random.uniform(-1.0, 1.0);
         for _ in 0..50 {
             let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
             let full = root * root.transpose();

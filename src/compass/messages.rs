@@ -1,11 +1,12 @@
 //! What goes into the state machine and comes out of it.
 
 use super::refusal::Refusal;
-use crate::calibration::ladder::Manner;
+use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
+use crate::collection::Progress;
 use crate::magnetometer::Identity;
 use crate::store::{Record, Settings, StoreError};
-use crate::turns::Progress;
+use crate::time::WrappingMillis;
 
 /// What happened.
 #[derive(Clone, Copy, Debug)]
@@ -14,8 +15,8 @@ pub enum Event {
     SensorFound(Identity),
     /// The next averaged sample of the flight.
     Sample(Sample),
-    /// Somebody asked for something, at so many milliseconds by the samples' clock.
-    Command(Command, u32),
+    /// Somebody asked for something, at this time by the samples' clock.
+    Command(Command, WrappingMillis),
     /// Time for the next step of a solve: wanted while [`Compass::is_busy`](super::Compass::is_busy).
     Advance,
     /// The save asked for by [`Effect::Save`] has ended.
@@ -26,7 +27,7 @@ pub enum Event {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Begin collecting, from nothing.
-    CalStart(Manner),
+    CalStart(Procedure),
     /// The vehicle stands at this magnetic heading, degrees.
     CalMark(f32),
     /// Stop collecting, keep the samples.

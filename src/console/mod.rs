@@ -14,7 +14,7 @@ use embedded_cli::command::RawCommand;
 use embedded_cli::service::{FromRaw, ParseError};
 use session::MINUS;
 
-use crate::calibration::ladder::Manner;
+use crate::calibration::ladder::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass;
 use crate::wire::decimal;
@@ -146,7 +146,7 @@ enum Cal<'a> {
     /// Begin collecting; then fly three circles each way. Solves by itself when it has enough
     Start {
         /// turns (the default), level, swing or tumble
-        manner: Option<Manner>,
+        procedure: Option<Procedure>,
     },
     /// Give the magnetic heading the vehicle stands at, in a swing
     Mark {
@@ -239,7 +239,7 @@ impl<'a> FromArgument<'a> for Maybe {
     }
 }
 
-impl<'a> FromArgument<'a> for Manner {
+impl<'a> FromArgument<'a> for Procedure {
     fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
         Self::from_name(text).ok_or(FromArgumentError { value: text, expected: "turns, level, swing or tumble" })
     }
@@ -294,7 +294,7 @@ impl Line<'_> {
             }
             Line::Cal { command } => match command {
                 Cal::Show => return Ok(Request::CalShow),
-                Cal::Start { manner } => Command::CalStart(manner.unwrap_or_default()),
+                Cal::Start { procedure } => Command::CalStart(procedure.unwrap_or_default()),
                 Cal::Mark { heading } => Command::CalMark(heading.0),
                 Cal::Stop => Command::CalStop,
                 Cal::Solve { method } => Command::CalSolve(method),

@@ -5,14 +5,14 @@ use core::fmt::{self, Display, Write};
 
 use super::LineError;
 use crate::app::{Counts, ResetCause, StackUse};
-use crate::calibration::ladder::Manner;
+use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Envelope, Quality};
+use crate::collection::Progress;
+use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::Identity;
-use crate::turns::Progress;
-use crate::turns::dataset::{Coverage, SECTORS};
 use crate::wire::decimal::Decimal;
 
 /// The firmware's version.
@@ -134,19 +134,19 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
 }
 
 fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
-    writeln!(out, "collection: {}", progress.manner.name())?;
-    match progress.manner {
-        Manner::Turns => {
+    writeln!(out, "collection: {}", progress.procedure.name())?;
+    match progress.procedure {
+        Procedure::Turns => {
             writeln!(out, "left: {}", Side(&progress.left))?;
             writeln!(out, "right: {}", Side(&progress.right))?;
             writeln!(out, "level: {}", Side(&progress.level))
         }
-        Manner::Level => writeln!(out, "level: {}", Side(&progress.level)),
-        Manner::Swing => {
+        Procedure::Level => writeln!(out, "level: {}", Side(&progress.level)),
+        Procedure::Swing => {
             writeln!(out, "marks: {}", progress.marks)?;
             writeln!(out, "level: {}", Side(&progress.level))
         }
-        Manner::Tumble => {
+        Procedure::Tumble => {
             let Coverage { samples, held_back, .. } = progress.left;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }

@@ -91,7 +91,7 @@ pub(super) mod registers {
 
     use embedded_hal_async::i2c::{ErrorType, I2c, Operation};
     // Brings the virtual clock.
-    use host_sim as _;
+    use testkit as _;
 
     pub struct Registers {
         pub values: [u8; 0x40],

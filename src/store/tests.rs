@@ -2,6 +2,7 @@
 
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use testkit::random::Random;
 
 use super::*;
 use crate::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
@@ -43,20 +44,6 @@ fn change(generations: &Generations) -> Change<'_> {
     Change::Generations { current: generations.current.as_ref(), previous: generations.previous.as_ref() }
 }
 
-/// Deterministic noise (splitmix64).
-#[derive(Clone)]
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-}
-
 /// What has become of the operation during which power failed.
 #[derive(Clone, Copy, Debug)]
 enum Cut {
@@ -85,12 +72,12 @@ struct RamFlash {
     bytes: Vec<u8>,
     operations: usize,
     cut: Option<(usize, Cut)>,
-    noise: Noise,
+    noise: Random,
 }
 
 impl RamFlash {
     fn new() -> Self {
-        Self { bytes: vec![0xFF; PAGE * PAGES], operations: 0, cut: None, noise: Noise(1) }
+        Self { bytes: vec![0xFF; PAGE * PAGES], operations: 0, cut: None, noise: Random(1) }
     }
 
     /// Changes the bytes from `start` on to `target`, unless power fails now.
@@ -105,7 +92,7 @@ impl RamFlash {
             let changed = match cut {
                 None | Some(Cut::After) => 0xFF,
                 Some(Cut::Before) => 0,
-                Some(Cut::Torn) => self.noise.next() as u8,
+                Some(Cut::Torn) => self.noise.byte(),
             };
             *byte = (*byte & !changed) | (target & changed);
         }
@@ -113,7 +100,7 @@ impl RamFlash {
     }
 
     fn cut_at(&self, operation: usize, (cut, seed): (Cut, u64)) -> Self {
-        Self { operations: 0, cut: Some((operation, cut)), noise: Noise(seed), ..self.clone() }
+        Self { operations: 0, cut: Some((operation, cut)), noise: Random(seed), ..self.clone() }
     }
 
     fn power_on(&self) -> Self {
@@ -265,13 +252,13 @@ fn cuts(flash: &RamFlash) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
 #[test]
 fn garbage_is_survived() {
     for seed in 0..200 {
-        let mut noise = Noise(seed);
+        let mut noise = Random(seed);
         // From a few flipped bytes in a good image to all of it.
         let density = 1_u64 << (seed % 12);
         let mut flash = flash_after(seed as u32 % 20);
         for byte in &mut flash.bytes {
-            if noise.next().is_multiple_of(density) {
-                *byte = noise.next() as u8;
+            if noise.bits().is_multiple_of(density) {
+                *byte = noise.byte();
             }
         }
         let _ = load(&flash);

@@ -3,6 +3,7 @@
 use autoswing::calibration::{Calibration, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
+use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::random::{Purpose, Random};
@@ -42,7 +43,7 @@ impl Ranges {
         wander_deg: 2.0,
         sensor_noise: [0.003, 0.01],
         attitude_noise_deg: [0.2, 1.0],
-        samples: autoswing::turns::dataset::FIT_CAPACITY,
+        samples: autoswing::collection::dataset::FIT_CAPACITY,
     };
 }
 
@@ -92,7 +93,7 @@ pub struct Instant {
     pub roll_rad: f64,
     /// Radians, nose up.
     pub pitch_rad: f64,
-    time_ms: u32,
+    time: WrappingMillis,
 }
 
 /// An airframe at a place, its turns, and the noise of its instruments. The unit of field is the total intensity.
@@ -173,7 +174,7 @@ impl Trial {
             heading_rad: random.uniform(0.0, std::f64::consts::TAU),
             roll_rad: random.uniform(-30.0, 30.0).to_radians(),
             pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
-            time_ms: 0,
+            time: WrappingMillis::default(),
         };
         let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
         // The samples are single readings here.
@@ -194,7 +195,7 @@ impl Trial {
         Sample {
             field: Field::new((sensed * TOTAL_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
-            time_ms: instant.time_ms,
+            time: instant.time,
         }
     }
 
@@ -250,7 +251,12 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<Instant> {
             let roll_rad = (bank_deg + wander[0]).to_radians();
             // A coordinated turn at 22 m/s, as a small UAV flies.
             heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
-            Instant { heading_rad, roll_rad, pitch_rad: (2.0 + wander[1]).to_radians(), time_ms: i as u32 * 500 }
+            Instant {
+                heading_rad,
+                roll_rad,
+                pitch_rad: (2.0 + wander[1]).to_radians(),
+                time: WrappingMillis::new(i as u32 * 500),
+            }
         })
         .collect()
 }

@@ -4,13 +4,13 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use comfy_table::{Table, presets};
-use host_sim::bench::Bench;
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission::{self, Flown, Plan, Stage};
 use host_sim::module::Module;
 use host_sim::report;
+use host_sim::rig::Rig;
 use host_sim::score::{Errors, Figures};
-use host_sim::told::Notice;
+use host_sim::transcript::Notice;
 use host_sim::world::WorldConfig;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ use super::{Emulate, Failure, Fly};
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let flown = fly(&mut Bench::new(world(options)?), options);
+    let flown = fly(&mut Rig::new(world(options)?), options);
     tell(options, &flown)
 }
 

@@ -2,15 +2,16 @@
 
 pub mod recording;
 
-use autoswing::calibration::ladder::{self, Manner, Selection};
+use autoswing::calibration::ladder::{self, Procedure, Selection};
 use autoswing::calibration::{
     Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve, verification,
 };
+use autoswing::collection::averager::{Averager, READINGS};
+use autoswing::collection::dataset::FIT_CAPACITY;
+use autoswing::collection::{self, Collector};
 use autoswing::compass;
 use autoswing::heading::{self, NoHeading, heading};
-use autoswing::turns::averager::{Averager, READINGS};
-use autoswing::turns::dataset::FIT_CAPACITY;
-use autoswing::turns::{self, Collector};
+use autoswing::time::WrappingMillis;
 use recording::Row;
 
 use crate::score::{within_percent, wrap_180};
@@ -135,7 +136,7 @@ fn fitted(rows: &[Row], options: &Options, readings: u16) -> Vec<Sample> {
         let sample = |row: &Row| Sample {
             field: row.field,
             attitude: row.attitude,
-            time_ms: ((row.t_s - start_s) * 1e3) as u32,
+            time: WrappingMillis::new(((row.t_s - start_s) * 1e3) as u32),
         };
         usable.map(sample).collect()
     }
@@ -149,9 +150,9 @@ fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     for &sample in samples {
         collector.push(sample);
     }
-    let selection = Selection::of(collector.fit(), Manner::Turns);
+    let selection = Selection::of(collector.fit(), Procedure::Turns);
     let fit = selection.from(collector.fit());
-    let solved = ladder::choose(collector.fit(), Manner::Turns, prior)
+    let solved = ladder::choose(collector.fit(), Procedure::Turns, prior)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, selection.from(collector.held_back()))));
     (solved, fit.all().count())
@@ -181,7 +182,7 @@ struct Split {
 
 impl Split {
     fn of(samples: &[Sample]) -> Self {
-        let limit_rad = turns::Config::DEFAULT.level_roll_rad;
+        let limit_rad = collection::Config::DEFAULT.level_roll_rad;
         let of = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
             samples.iter().filter(|s| keep(s.attitude.roll_rad)).copied().collect()
         };

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use crate::mission::Flown;
 use crate::score::Figures;
-use crate::told::{Notice, Shown};
+use crate::transcript::{Notice, Shown};
 
 const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:920px;margin:2em auto;padding:0 1em;color:#222}\
 table{border-collapse:collapse}td,th{padding:.15em .8em;text-align:right;border-bottom:1px solid #ddd}\

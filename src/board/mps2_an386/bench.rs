@@ -8,6 +8,7 @@ use autoswing::calibration::{Method, Prior, Progress, Sample, Samples, Solution,
 use autoswing::console::BenchTest;
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
+use autoswing::time::WrappingMillis;
 use autoswing::wire::mavlink::Receiver;
 use autoswing::wire::nmea;
 use static_cell::StaticCell;
@@ -149,7 +150,7 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         roll_rad: attitude.roll_rad + 0.005 * noise.next(),
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
     };
-    Sample { field: Field::new(noisy), attitude: told, time_ms: 400 * i as u32 }
+    Sample { field: Field::new(noisy), attitude: told, time: WrappingMillis::new(400 * i as u32) }
 }
 
 /// What the sensor measures.

@@ -47,7 +47,7 @@ impl Point {
         // A field of zero has no direction; the floor keeps its residual finite and large.
         let total = body.norm().max(1e-6);
         let direction = body / total;
-        let level = tilt.to_level(&direction);
+        let level = tilt.level(Field::new(direction)).ut;
         // Next to a magnetic pole the dip's derivative grows without bound; 0.05 is 3 deg from it.
         let horizontal = libm::sqrtf(level.x * level.x + level.y * level.y).max(0.05);
         View {
@@ -72,7 +72,7 @@ impl Point {
     /// The field less the mean, noise-free, at an attitude and a heading.
     pub fn expected_field(&self, tilt: &Tilt, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth(1.0, self.inclination_rad, heading_rad);
-        Some(self.w.try_inverse()? * (tilt.to_body(&level.ut) - self.d))
+        Some(self.w.try_inverse()? * (tilt.body(level).ut - self.d))
     }
 }
 

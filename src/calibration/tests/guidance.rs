@@ -2,7 +2,7 @@
 
 use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, Recorded, level_circle};
-use crate::calibration::ladder::{self, Manner, Selection};
+use crate::calibration::ladder::{self, Procedure, Selection};
 use crate::calibration::{Advice, Deviation, Manoeuvre, Method, Part, Samples, Side, Solution, SolveError, solve};
 
 fn airframe(random: &mut Random) -> Airframe {
@@ -27,7 +27,7 @@ fn the_ladder_takes_what_the_samples_support() {
     let (left, right, level): (&[_], &[_], &[_]) = (&turns.left, &turns.right, &level);
     let choose = |left, right, level| {
         let samples = Samples { left, right, level, marks: &[] };
-        ladder::choose(samples, Manner::Turns, &NO_PRIOR)
+        ladder::choose(samples, Procedure::Turns, &NO_PRIOR)
     };
     let missing = |side, have| Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need: 12 });
     assert_eq!(choose(left, right, level), Ok(Method::MaximumLikelihood));
@@ -45,7 +45,7 @@ fn level_samples_only_fill_in() {
     let airframe = airframe(&mut random);
     let Recorded { left, right } = Flight::REAL.fly(&airframe, &mut random);
     let all = Samples { left: &left, right: &right, level: &left, marks: &[] };
-    let select = |fit: Samples<'_>| Selection::of(fit, Manner::Turns).from(all);
+    let select = |fit: Samples<'_>| Selection::of(fit, Procedure::Turns).from(all);
     assert!(select(all).level.is_empty());
     let thin = select(Samples { right: &right[..5], ..all });
     assert_eq!((thin.left.len(), thin.right.len(), thin.level.len()), (left.len(), 0, left.len()));

@@ -6,9 +6,10 @@ use nalgebra::Matrix3;
 
 use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
-use crate::calibration::ladder::{self, Manner};
+use crate::calibration::ladder::{self, Procedure};
 use crate::calibration::{Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, solve};
 use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
 
 /// A turn at constant bank and no pitch, nothing wrong: what the paper assumes.
 fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
@@ -18,7 +19,7 @@ fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
         .map(|i| {
             let heading_rad = sense * f32::from(i) / f32::from(samples) * TAU;
             let sample = sample(airframe, attitude, heading_rad, 0.0, &mut Random(0));
-            Sample { time_ms: u32::from(i) * 400, ..sample }
+            Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
         })
         .collect()
 }
@@ -67,7 +68,7 @@ fn level_flight_is_right_but_for_a_constant() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let samples = level_circle(&airframe, 48, &mut random);
         let level = Samples { level: &samples, ..Samples::default() };
-        assert_eq!(ladder::choose(level, Manner::Level, &NO_PRIOR), Ok(Method::Level));
+        assert_eq!(ladder::choose(level, Procedure::Level, &NO_PRIOR), Ok(Method::Level));
         let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
         let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         let constant = mean(&errors);
@@ -179,7 +180,7 @@ fn tumbling_finds_shape_and_centre() {
             })
             .collect();
         let samples = Samples { left: &tumbled, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Manner::Tumble, &NO_PRIOR), Ok(Method::Ellipsoid));
+        assert_eq!(ladder::choose(samples, Procedure::Tumble, &NO_PRIOR), Ok(Method::Ellipsoid));
         let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
@@ -234,7 +235,7 @@ fn one_side_and_level_flight_are_enough_and_know_how_much() {
         let turns = Flight { attitude_bias_deg: 0.0, ..Flight::REAL }.fly(&airframe, &mut random);
         let level = level_circle(&airframe, 60, &mut random);
         let samples = Samples { left: &turns.left, level: &level, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Manner::Turns, &NO_PRIOR), Ok(Method::MaximumLikelihood));
+        assert_eq!(ladder::choose(samples, Procedure::Turns, &NO_PRIOR), Ok(Method::MaximumLikelihood));
         let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
         ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
     }

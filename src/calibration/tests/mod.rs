@@ -9,12 +9,12 @@ mod synthetic;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::ladder::{self, Manner};
+use super::ladder::{self, Procedure};
 use super::{
     Calibration, Method, Orientation, Part, Prior, Samples, Side, SolveError, rows, solve, two_plane, verification,
 };
 use crate::frames::Field;
-use synthetic::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms};
+use synthetic::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms, vector};
 
 const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None };
 
@@ -146,7 +146,7 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
     let one_side = Samples { left: &[], ..good.turns() };
-    let missing = ladder::choose(one_side, Manner::Turns, &NO_PRIOR);
+    let missing = ladder::choose(one_side, Procedure::Turns, &NO_PRIOR);
     assert!(matches!(missing, Err(SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
@@ -169,7 +169,7 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
     let mut noise = Random(3);
     let mut chaos = good.clone();
     for s in chaos.left.iter_mut().chain(&mut chaos.right) {
-        s.field = Field::new(noise.vector(60.0));
+        s.field = Field::new(vector(&mut noise, 60.0));
     }
     assert!(solved(&chaos).is_err());
 }

@@ -1,7 +1,7 @@
 //! Faults in the samples: the right answer, or a refusal with a reason. Never a wrong answer that looks right.
 
 use super::solved;
-use super::synthetic::{Airframe, Flight, Random, Recorded, rms};
+use super::synthetic::{Airframe, Flight, Random, Recorded, rms, vector};
 use crate::calibration::Sample;
 
 /// What came of a fault over many airframes.
@@ -66,7 +66,7 @@ fn gusts() {
 fn a_power_line() {
     let tally = suffer(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
-            let disturbance = random.vector(1.0).normalize() * 15.0;
+            let disturbance = vector(random, 1.0).normalize() * 15.0;
             for (i, sample) in side.iter_mut().skip(60).take(10).enumerate() {
                 sample.field.ut += disturbance * (core::f32::consts::PI * i as f32 / 10.0).sin();
             }
@@ -79,7 +79,7 @@ fn a_power_line() {
 #[test]
 fn motor_current_steps() {
     let tally = suffer(|recorded, random| {
-        let step = random.vector(1.0).normalize() * 0.5;
+        let step = vector(random, 1.0).normalize() * 0.5;
         let mut seconds = 0.0;
         each(recorded, |sample| {
             seconds += 0.5;
@@ -134,8 +134,8 @@ fn standing_still_is_refused() {
         for side in [&mut recorded.left, &mut recorded.right] {
             let first = side[0];
             for sample in side.iter_mut() {
-                let noise = random.vector(0.2);
-                *sample = Sample { time_ms: sample.time_ms, ..first };
+                let noise = vector(random, 0.2);
+                *sample = Sample { time: sample.time, ..first };
                 sample.field.ut += noise;
             }
         }

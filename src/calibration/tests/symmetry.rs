@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Unit};
 
 use super::NO_PRIOR;
-use super::synthetic::{Airframe, Flight, Random, Recorded};
+use super::synthetic::{Airframe, Flight, Random, Recorded, vector};
 use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve};
 use crate::frames::{Field, wrap_pi};
 
@@ -52,7 +52,7 @@ fn rotating_sensor_and_mount_together() {
 #[test]
 fn rotating_the_sensor_in_its_mount() {
     for (seed, recorded, mut random) in flights() {
-        let axis = Unit::new_normalize(random.vector(1.0));
+        let axis = Unit::new_normalize(vector(&mut random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, 10.0_f32.to_radians());
         let turned = changed(&recorded, |s| Sample { field: Field::new(turn * s.field.ut), ..*s });
         let (a, b) = (calibrate(&recorded, Orientation::NONE), calibrate(&turned, Orientation::NONE));

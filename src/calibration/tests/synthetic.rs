@@ -1,29 +1,15 @@
 //! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
+pub use testkit::random::Random;
 
 use crate::calibration::{Calibration, Orientation, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
+use crate::time::WrappingMillis;
 
-/// Seeded random numbers: splitmix64, and the sum of twelve uniform ones for a normal one.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        low + (high - low) * ((z >> 40) as f32 / (1_u64 << 24) as f32)
-    }
-
-    pub fn normal(&mut self) -> f32 {
-        (0..12).map(|_| self.uniform(-0.5, 0.5)).sum()
-    }
-
-    pub fn vector(&mut self, bound: f32) -> Vector3<f32> {
-        Vector3::from_fn(|_, _| self.uniform(-bound, bound))
-    }
+/// A vector whose components are evenly distributed within a bound either way.
+pub fn vector(random: &mut Random, bound: f32) -> Vector3<f32> {
+    Vector3::from_fn(|_, _| random.uniform(-bound, bound))
 }
 
 /// Noise that forgets with time constant `tau_s`.
@@ -59,11 +45,11 @@ impl Airframe {
         let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
         let total_ut = random.uniform(40.0, 60.0);
         let half = Matrix3::from_fn(|_, _| random.uniform(-soft, soft));
-        let axis = nalgebra::Unit::new_normalize(random.vector(1.0));
+        let axis = nalgebra::Unit::new_normalize(vector(random, 1.0));
         let turn = Rotation3::from_axis_angle(&axis, random.uniform(0.0, mount_deg).to_radians());
         let soft_iron = (half + half.transpose()) / 2.0;
         let h0_ut = total_ut * inclination_rad.cos();
-        let direction = random.vector(1.0).normalize();
+        let direction = vector(random, 1.0).normalize();
         Self {
             a: turn.matrix() * (Matrix3::identity() + soft_iron),
             b_ut: direction * h0_ut * random.uniform(0.0, hard),
@@ -100,7 +86,11 @@ impl Airframe {
 /// A sample at an attitude and heading, with noise.
 pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_ut: f32, random: &mut Random) -> Sample {
     let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
-    Sample { field: Field::new(airframe.field(attitude, heading_rad).ut + noise), attitude, time_ms: 0 }
+    Sample {
+        field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
+        attitude,
+        time: WrappingMillis::default(),
+    }
 }
 
 /// A circle without bank, as a multirotor or a boat turns: noise of sensor and attitude as in [`Flight::REAL`].
@@ -112,7 +102,11 @@ pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> V
             let measured = sample(airframe, truth, heading_rad, 0.12, random);
             let [roll_rad, pitch_rad] =
                 [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * 0.3).to_radians());
-            Sample { attitude: Attitude { roll_rad, pitch_rad }, time_ms: u32::from(i) * 400, ..measured }
+            Sample {
+                attitude: Attitude { roll_rad, pitch_rad },
+                time: WrappingMillis::new(u32::from(i) * 400),
+                ..measured
+            }
         })
         .collect()
 }
@@ -184,7 +178,7 @@ impl Flight {
                         roll_rad: told.roll_rad + bias.roll_rad,
                         pitch_rad: told.pitch_rad + bias.pitch_rad,
                     },
-                    time_ms: u32::from(i) * 500,
+                    time: WrappingMillis::new(u32::from(i) * 500),
                 }
             })
             .collect()

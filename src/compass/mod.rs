@@ -11,15 +11,16 @@ mod refusal;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary};
 pub use refusal::Refusal;
 
-use crate::calibration::ladder::{self, Manner, Selection};
+use crate::calibration::ladder::{self, Procedure, Selection};
 use crate::calibration::verification::{self, Scores};
 use crate::calibration::{
     Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
 };
+use crate::collection::{Collector, Recent};
 use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
 use crate::store::{Change, Generations, Record, Settings, StoreError};
-use crate::turns::{Collector, Recent};
+use crate::time::WrappingMillis;
 
 /// Fixed numbers of the machine.
 #[derive(Clone, Copy, Debug)]
@@ -112,7 +113,7 @@ impl Compass {
     /// Whether samples are wanted although no attitude is known.
     #[must_use]
     pub fn tumbles(&self) -> bool {
-        matches!(self.phase, Phase::Collecting) && self.collector.manner() == Manner::Tumble
+        matches!(self.phase, Phase::Collecting) && self.collector.procedure() == Procedure::Tumble
     }
 
     /// The record in use: the stored one, if it is for this sensor and mounting.
@@ -167,7 +168,7 @@ impl Compass {
                 Effect::None
             }
             Event::Sample(sample) => self.sample(sample),
-            Event::Command(command, now_ms) => match self.command(command, now_ms) {
+            Event::Command(command, now) => match self.command(command, now) {
                 Ok(effect) => effect,
                 Err(refusal) => Effect::Reply(Err(refusal)),
             },
@@ -193,20 +194,20 @@ impl Compass {
     }
 
     #[inline(never)]
-    fn command(&mut self, command: Command, now_ms: u32) -> Result<Effect, Refusal> {
+    fn command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
         let runs = self.is_busy() || matches!(self.phase, Phase::Saving(_));
         let asks_only = matches!(command, Command::Report | Command::CalAbort | Command::CalAdvise);
         if runs && !asks_only {
             return Err(Refusal::Busy);
         }
         match command {
-            Command::CalStart(manner) => {
+            Command::CalStart(procedure) => {
                 self.sensor.ok_or(Refusal::NoSensor)?;
-                self.collector.begin(manner);
+                self.collector.begin(procedure);
                 self.recent = Recent::new();
                 self.phase = Phase::Collecting;
             }
-            Command::CalMark(heading_deg) => return self.mark(heading_deg, now_ms),
+            Command::CalMark(heading_deg) => return self.mark(heading_deg, now),
             Command::CalStop => match self.phase {
                 Phase::Collecting => self.phase = Phase::Idle,
                 _ => return Err(Refusal::NotCollecting),
@@ -218,13 +219,13 @@ impl Compass {
             // A save that has begun is finished: half a save is nobody's wish.
             Command::CalAbort if matches!(self.phase, Phase::Saving(_)) => return Err(Refusal::Busy),
             Command::CalAbort => {
-                self.collector.begin(Manner::Turns);
+                self.collector.begin(Procedure::Turns);
                 self.phase = Phase::Idle;
             }
             Command::CalClear => return Ok(self.save(Pending::Clear)),
             Command::CalUndo => return self.undo(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
-            Command::SetAlign(heading_deg) => return self.align(heading_deg, now_ms),
+            Command::SetAlign(heading_deg) => return self.align(heading_deg, now),
             Command::StreamOn(_)
             | Command::StreamRate(_)
             | Command::SetDeclination(_)
@@ -235,13 +236,13 @@ impl Compass {
     }
 
     /// Takes the last second of samples as those of a heading.
-    fn mark(&mut self, heading_deg: f32, now_ms: u32) -> Result<Effect, Refusal> {
-        let swinging = matches!(self.phase, Phase::Collecting) && self.collector.manner() == Manner::Swing;
+    fn mark(&mut self, heading_deg: f32, now: WrappingMillis) -> Result<Effect, Refusal> {
+        let swinging = matches!(self.phase, Phase::Collecting) && self.collector.procedure() == Procedure::Swing;
         if !swinging {
             return Err(Refusal::NotSwinging);
         }
         in_circle(heading_deg)?;
-        let sample = self.recent.steady(now_ms).ok_or(Refusal::NotSteady)?;
+        let sample = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
         if !self.collector.mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
             return Err(Refusal::TooManyMarks);
         }
@@ -251,13 +252,13 @@ impl Compass {
     }
 
     /// What is added to every heading, so that the one of now is the given one.
-    fn align(&mut self, heading_deg: Option<f32>, now_ms: u32) -> Result<Effect, Refusal> {
+    fn align(&mut self, heading_deg: Option<f32>, now: WrappingMillis) -> Result<Effect, Refusal> {
         let mut settings = self.settings;
         settings.align_deg = 0.0;
         if let Some(heading_deg) = heading_deg {
             in_circle(heading_deg)?;
             let calibration = &self.in_use().ok_or(Refusal::NoCalibration)?.calibration;
-            let now = self.recent.steady(now_ms).ok_or(Refusal::NotSteady)?;
+            let now = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
             let shown_rad = now.attitude.level(calibration.apply(now.field)).heading_rad();
             settings.align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
         }
@@ -310,7 +311,7 @@ impl Compass {
         }
         let inclination_rad = self.settings.inclination_deg.map(f32::to_radians);
         let prior = Prior { mount: self.settings.mount, inclination_rad };
-        let supported = || ladder::choose(self.collector.fit(), self.collector.manner(), &prior);
+        let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
         let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;
         self.phase = Phase::Solving(solver);
@@ -351,7 +352,7 @@ impl Compass {
     #[inline(never)]
     fn verify(&self, candidate: &Solution) -> Result<Record, Refusal> {
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
-        let selection = Selection::of(self.collector.fit(), self.collector.manner());
+        let selection = Selection::of(self.collector.fit(), self.collector.procedure());
         let held_back = selection.from(self.collector.held_back());
         let (have, need) = (fewest(&to_fit(&self.collector), &held_back), self.config.min_held_back);
         if have < need {
@@ -365,7 +366,7 @@ impl Compass {
         let in_use = self.in_use();
         let incumbent =
             in_use.map_or_else(|| Calibration::uncalibrated(self.settings.mount), |record| record.calibration);
-        let knows_attitude = self.collector.manner() != Manner::Tumble;
+        let knows_attitude = self.collector.procedure() != Procedure::Tumble;
         let scores = verification::verify(held_back, knows_attitude, &candidate.calibration, &incumbent);
         let better = scores.candidate < scores.incumbent;
         if !better {
@@ -453,7 +454,7 @@ impl Compass {
 
 /// The samples that a solve uses.
 fn to_fit(collector: &Collector) -> Samples<'_> {
-    Selection::of(collector.fit(), collector.manner()).from(collector.fit())
+    Selection::of(collector.fit(), collector.procedure()).from(collector.fit())
 }
 
 /// How many samples were held back of the part with the fewest, of those that were fitted to. Marks have none of their

@@ -1,4 +1,4 @@
-//! The module on the bench: the firmware's own tasks, wired to simulated hardware in a simulated world.
+//! The module on the rig: the firmware's own tasks, wired to simulated hardware in a simulated world.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -24,7 +24,7 @@ const STORE_PAGES: usize = 8;
 const WATCHDOG_US: u64 = 2_000_000;
 
 /// A module in an aircraft, with cables to its two ports.
-pub struct Bench {
+pub struct Rig {
     simulation: Simulation,
     /// The world it flies in.
     pub world: World,
@@ -72,7 +72,7 @@ impl Watchdog for SimulatedWatchdog {
     }
 }
 
-impl Bench {
+impl Rig {
     /// A module with empty flash, switched on now, in a world of these settings.
     #[must_use]
     pub fn new(config: WorldConfig) -> Self {
@@ -95,7 +95,7 @@ impl Bench {
             world.attitude_source().run(world.clone(), autopilot.clone()),
         );
         simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
-        let mut bench = Self {
+        let mut rig = Self {
             simulation,
             world,
             console: console_cable.host(),
@@ -107,8 +107,8 @@ impl Bench {
             autopilot_cable,
             reset,
         };
-        bench.power_on(ResetCause::PowerOn);
-        bench
+        rig.power_on(ResetCause::PowerOn);
+        rig
     }
 
     /// Cuts the power: the module's tasks are gone at this instant, wherever they were.
@@ -156,7 +156,7 @@ impl Bench {
     }
 }
 
-impl Module for Bench {
+impl Module for Rig {
     fn world(&self) -> &World {
         &self.world
     }

@@ -69,7 +69,7 @@ pub fn now_us() -> u64 {
 }
 
 /// Back to zero, with no deadlines.
-pub(crate) fn reset() {
+pub fn reset() {
     CLOCK.with_borrow_mut(|clock| {
         clock.now_us = 0;
         clock.asked = 0;
@@ -78,17 +78,17 @@ pub(crate) fn reset() {
 }
 
 /// Forgets the deadlines of a task that is gone.
-pub(crate) fn forget(waker: &Waker) {
+pub fn forget(waker: &Waker) {
     CLOCK.with_borrow_mut(|clock| clock.deadlines.retain(|deadline| !deadline.waker.will_wake(waker)));
 }
 
 /// The earliest deadline.
-pub(crate) fn next_deadline_us() -> Option<u64> {
+pub fn next_deadline_us() -> Option<u64> {
     CLOCK.with_borrow(|clock| clock.deadlines.iter().map(|deadline| deadline.at_us).min())
 }
 
 /// Moves time forward to `to_us` (never back) and wakes whoever is due, in the order of deadlines.
-pub(crate) fn advance(to_us: u64) {
+pub fn advance(to_us: u64) {
     let due = CLOCK.with_borrow_mut(|clock| {
         clock.now_us = clock.now_us.max(to_us);
         clock.take_due()

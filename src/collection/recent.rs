@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::calibration::Sample;
 use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
 
 /// Samples in it: eight tenths of a second.
 const SAMPLES: usize = 8;
@@ -38,9 +39,9 @@ impl Recent {
 
     /// Their mean; `None` if the vehicle moves, or the samples are few or old.
     #[must_use]
-    pub fn steady(&self, now_ms: u32) -> Option<Sample> {
+    pub fn steady(&self, now: WrappingMillis) -> Option<Sample> {
         let oldest = self.samples.front().filter(|_| self.samples.is_full())?;
-        if now_ms.wrapping_sub(oldest.time_ms) > MAX_AGE_MS {
+        if now.since(oldest.time) > MAX_AGE_MS {
             return None;
         }
         let number = SAMPLES as f32;
@@ -50,7 +51,7 @@ impl Recent {
         steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },
-            time_ms: oldest.time_ms,
+            time: oldest.time,
         })
     }
 }
@@ -63,7 +64,11 @@ mod tests {
         let mut recent = Recent::new();
         for (i, x) in fields_ut.enumerate() {
             let attitude = Attitude::from_deg(1.0, -2.0);
-            recent.push(Sample { field: Field::from_ut(x, 5.0, 40.0), attitude, time_ms: 1000 + i as u32 * 100 });
+            recent.push(Sample {
+                field: Field::from_ut(x, 5.0, 40.0),
+                attitude,
+                time: WrappingMillis::new(1000 + i as u32 * 100),
+            });
         }
         recent
     }
@@ -71,15 +76,19 @@ mod tests {
     #[test]
     fn a_vehicle_at_rest_is_averaged() {
         let rest = recent((0_u8..20).map(|i| 20.0 + f32::from(i % 2) * 0.4));
-        let mean = rest.steady(3000).unwrap();
+        let mean = rest.steady(WrappingMillis::new(3000)).unwrap();
         assert!((mean.field.ut.x - 20.2).abs() < 1e-4);
         assert!((mean.attitude.pitch_rad.to_degrees() + 2.0).abs() < 1e-4);
     }
 
     #[test]
     fn a_turning_vehicle_and_old_samples_are_not() {
-        assert_eq!(recent((0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3)).steady(3000), None, "3 uT a second");
-        assert_eq!(recent((0_u8..20).map(|_| 20.0)).steady(30_000), None, "27 s later");
-        assert_eq!(recent((0_u8..7).map(|_| 20.0)).steady(1700), None, "too few");
+        assert_eq!(
+            recent((0_u8..20).map(|i| 20.0 + f32::from(i) * 0.3)).steady(WrappingMillis::new(3000)),
+            None,
+            "3 uT a second"
+        );
+        assert_eq!(recent((0_u8..20).map(|_| 20.0)).steady(WrappingMillis::new(30_000)), None, "27 s later");
+        assert_eq!(recent((0_u8..7).map(|_| 20.0)).steady(WrappingMillis::new(1700)), None, "too few");
     }
 }

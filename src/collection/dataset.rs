@@ -5,6 +5,7 @@
 
 use super::circle::Circle;
 use crate::calibration::{Part, Sample, Samples, Side};
+use crate::time::WrappingMillis;
 
 /// Sectors a turn is divided into, 30 deg each.
 pub const SECTORS: usize = 12;
@@ -165,7 +166,7 @@ struct PartSamples<const FIT: usize, const HELD: usize> {
     fit: heapless::Vec<Sample, FIT>,
     held_back: heapless::Vec<Sample, HELD>,
     /// Time of the last sample taken, and how many were.
-    last: Option<(u32, u16)>,
+    last: Option<(WrappingMillis, u16)>,
     coverage: Coverage,
 }
 
@@ -188,12 +189,12 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
     }
 
     fn push(&mut self, config: &Config, sample: Sample) {
-        let too_soon = |(last_ms, _)| sample.time_ms.wrapping_sub(last_ms) < config.spacing_ms;
+        let too_soon = |(last, _)| sample.time.since(last) < config.spacing_ms;
         if self.last.is_some_and(too_soon) || !sample.field.ut.iter().all(|c| c.is_finite()) {
             return;
         }
         let taken = self.last.map_or(0, |(_, taken)| taken);
-        self.last = Some((sample.time_ms, taken.wrapping_add(1)));
+        self.last = Some((sample.time, taken.wrapping_add(1)));
         let circle = Circle::through(&Samples { left: &self.fit, right: &self.held_back, ..Samples::default() });
         let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector(s));
         if taken % config.hold_back_every == config.hold_back_every - 1 {
@@ -206,7 +207,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
 
     /// As [`push`](Self::push), but what counts is the distance from the samples there are.
     fn push_apart(&mut self, config: &Config, apart_ut: &mut f32, sample: Sample) {
-        if self.last.is_some_and(|(last_ms, _)| sample.time_ms.wrapping_sub(last_ms) < config.spacing_ms) {
+        if self.last.is_some_and(|(last, _)| sample.time.since(last) < config.spacing_ms) {
             return;
         }
         // What is not finite is near to nothing and far from nothing.
@@ -219,7 +220,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
             return;
         }
         let taken = self.last.map_or(0, |(_, taken)| taken);
-        self.last = Some((sample.time_ms, taken.wrapping_add(1)));
+        self.last = Some((sample.time, taken.wrapping_add(1)));
         if taken % config.hold_back_every == config.hold_back_every - 1 && !self.held_back.is_full() {
             let _ = self.held_back.push(sample);
         } else {
@@ -323,7 +324,11 @@ mod tests {
             let t_s = f32::from(i) / 10.0;
             let attitude = Attitude::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
             let body = attitude.body(Field::<Level>::earth(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
-            Sample { field: Field::new(body.ut + HARD_IRON_UT), attitude, time_ms: u32::from(i) * 100 }
+            Sample {
+                field: Field::new(body.ut + HARD_IRON_UT),
+                attitude,
+                time: WrappingMillis::new(u32::from(i) * 100),
+            }
         })
     }
 
@@ -353,7 +358,7 @@ mod tests {
             for sample in turn(25.0, 0, 150, f32::from(tenths) / 10.0) {
                 dataset.push_turn(Side::Right, sample);
                 let complete = dataset.coverage(RIGHT).is_complete();
-                assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time_ms);
+                assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time.count());
                 completed = complete;
             }
             assert!(completed);
@@ -376,14 +381,14 @@ mod tests {
         let coverage = dataset.coverage(RIGHT);
         assert_eq!(coverage.samples as usize, FIT_CAPACITY, "the buffer was full");
         assert_eq!(coverage.sectors, 12);
-        assert!(dataset.fit().right.is_sorted_by_key(|s| s.time_ms));
+        assert!(dataset.fit().right.is_sorted_by_key(|s| s.time.count()));
     }
 
     #[test]
     fn held_back_samples_are_apart_from_those_of_the_fit_and_as_well_spread() {
         let dataset = collect(turn(25.0, 0, 120, 13.0));
         let (fit, held) = (dataset.fit().right, dataset.held_back().right);
-        assert!(held.iter().all(|h| fit.iter().all(|f| f.time_ms != h.time_ms)));
+        assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
         let circle = Circle::through(&Samples { left: held, ..Samples::default() }).unwrap();
         assert!(count(held, |s| circle.sector(s)).iter().all(|&n| n >= 2));
     }
@@ -394,7 +399,7 @@ mod tests {
         let samples = (0..600_u32).map(|i| Sample {
             field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
             attitude: Attitude::from_deg(25.0, 0.0),
-            time_ms: i * 400,
+            time: WrappingMillis::new(i * 400),
         });
         assert!(collect(samples).coverage(RIGHT).samples > 0);
     }

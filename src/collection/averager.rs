@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::calibration::Sample;
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
+use crate::time::Timestamp;
 
 /// Readings in one sample: a tenth of a second at 80 Hz. Eight readings have a third of the noise of one, and within a
 /// tenth of a second a turn of 30 deg/s moves by 3 deg, which bends the mean by less than 0.02 % of the field.
@@ -78,8 +79,7 @@ impl Run {
                 roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / count),
                 pitch_rad: self.pitch_rad / count,
             },
-            // Wraps after 49 days, as the type says.
-            time_ms: (middle_us / 1000) as u32,
+            time: Timestamp::from_us(middle_us).wrapping_millis(),
         }
     }
 }
@@ -87,6 +87,7 @@ impl Run {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::WrappingMillis;
 
     #[test]
     fn averages_field_attitude_and_time_of_a_run() {
@@ -100,7 +101,7 @@ mod tests {
         assert_eq!(samples.len(), 2);
         assert_eq!(samples[1].field, Field::from_ut(11.5, 0.0, -11.5));
         assert!((samples[1].attitude.roll_rad.to_degrees() - 11.5).abs() < 1e-4);
-        assert_eq!(samples[1].time_ms, 143);
+        assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 
     #[test]
@@ -112,6 +113,6 @@ mod tests {
         }
         let later: Vec<_> = (1..=7_u64).filter_map(|i| push(100_000 + i * 12_500)).collect();
         assert_eq!(later.len(), 1, "the run starts at the reading after the last gap");
-        assert_eq!(later[0].time_ms, 143);
+        assert_eq!(later[0].time, WrappingMillis::new(143));
     }
 }

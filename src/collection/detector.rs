@@ -4,6 +4,7 @@
 //! is not looked at. Whether the heading really went round is seen by the dataset, from the field itself.
 
 use crate::calibration::{Sample, Side};
+use crate::time::WrappingMillis;
 
 /// Fixed numbers of the detector.
 #[derive(Clone, Copy, Debug)]
@@ -39,8 +40,8 @@ impl Config {
 #[derive(Clone, Copy, Debug)]
 struct Bank {
     side: Side,
-    since_ms: u32,
-    last_ms: u32,
+    since: WrappingMillis,
+    last: WrappingMillis,
 }
 
 /// Follows the bank from sample to sample.
@@ -66,23 +67,17 @@ impl Detector {
     /// The sustained turn the aircraft is in.
     #[must_use]
     pub fn turning(&self) -> Option<Side> {
-        self.bank.filter(|bank| bank.last_ms.wrapping_sub(bank.since_ms) >= self.config.settle_ms).map(|bank| bank.side)
+        self.bank.filter(|bank| bank.last.since(bank.since) >= self.config.settle_ms).map(|bank| bank.side)
     }
 
     fn follow(&self, sample: &Sample) -> Option<Bank> {
         let roll_rad = sample.attitude.roll_rad;
         let side = if roll_rad < 0.0 { Side::Left } else { Side::Right };
-        let held = self
-            .bank
-            .filter(|bank| bank.side == side && sample.time_ms.wrapping_sub(bank.last_ms) <= self.config.max_gap_ms);
+        let held = self.bank.filter(|bank| bank.side == side && sample.time.since(bank.last) <= self.config.max_gap_ms);
         let least_rad = if held.is_some() { self.config.leave_roll_rad } else { self.config.enter_roll_rad };
         let usable = (least_rad..=self.config.max_roll_rad).contains(&roll_rad.abs())
             && sample.attitude.pitch_rad.abs() <= self.config.max_pitch_rad;
-        usable.then(|| Bank {
-            side,
-            since_ms: held.map_or(sample.time_ms, |bank| bank.since_ms),
-            last_ms: sample.time_ms,
-        })
+        usable.then(|| Bank { side, since: held.map_or(sample.time, |bank| bank.since), last: sample.time })
     }
 }
 
@@ -101,7 +96,7 @@ mod tests {
                     field: Field::from_ut(20.0, 0.0, 40.0),
                     attitude: Attitude::from_deg(roll_deg(t_s), pitch_deg),
                     // Starts just before the milliseconds wrap, as a module does after 49 days.
-                    time_ms: (u32::from(i) * 100).wrapping_sub(1000),
+                    time: WrappingMillis::new((u32::from(i) * 100).wrapping_sub(1000)),
                 })
             })
             .collect()

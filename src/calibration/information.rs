@@ -44,7 +44,7 @@ pub(super) fn uncertainty(
 
 /// Everything the samples say of the coefficients near a set of them.
 #[derive(Clone, Debug)]
-pub(super) struct Evidence {
+pub(super) struct Information {
     pub system: System,
     /// The part of the information that comes from dips: the lower triangle.
     dip: Matrix13,
@@ -54,7 +54,7 @@ pub(super) struct Evidence {
     correlation: [f32; 3],
 }
 
-impl Evidence {
+impl Information {
     /// What is known without samples.
     #[inline(never)]
     pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {

@@ -12,7 +12,7 @@ mod recent;
 
 pub use recent::Recent;
 
-use crate::calibration::ladder::Manner;
+use crate::calibration::ladder::Procedure;
 use crate::calibration::{Mark, Part, Sample, Samples, Side};
 use dataset::{Coverage, Dataset};
 use detector::Detector;
@@ -37,7 +37,7 @@ impl Config {
 /// Detector, dataset and marks together: the collection of one calibration. About 15 KB.
 #[derive(Debug)]
 pub struct Collector {
-    manner: Manner,
+    procedure: Procedure,
     detector: Detector,
     dataset: Dataset,
     marks: heapless::Vec<Mark, MARKS_CAPACITY>,
@@ -49,7 +49,7 @@ pub struct Collector {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Progress {
     /// How samples are collected.
-    pub manner: Manner,
+    pub procedure: Procedure,
     /// Left turns; all attitudes when tumbling.
     pub left: Coverage,
     /// Right turns.
@@ -66,10 +66,10 @@ impl Progress {
     /// There are all the samples that can be asked for. Only a person knows when a swing or a tumbling is over.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        match self.manner {
-            Manner::Turns => self.left.is_complete() && self.right.is_complete(),
-            Manner::Level => self.level.is_complete(),
-            Manner::Swing | Manner::Tumble => false,
+        match self.procedure {
+            Procedure::Turns => self.left.is_complete() && self.right.is_complete(),
+            Procedure::Level => self.level.is_complete(),
+            Procedure::Swing | Procedure::Tumble => false,
         }
     }
 }
@@ -79,7 +79,7 @@ impl Collector {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            manner: Manner::Turns,
+            procedure: Procedure::Turns,
             detector: Detector::new(detector::Config::DEFAULT),
             dataset: Dataset::new(),
             marks: heapless::Vec::new(),
@@ -89,11 +89,11 @@ impl Collector {
 
     /// Takes the next averaged sample.
     pub fn push(&mut self, sample: Sample) {
-        match self.manner {
-            Manner::Turns => self.push_flown(sample),
-            Manner::Level | Manner::Swing if is_level(&sample) => self.dataset.push_level(sample),
-            Manner::Level | Manner::Swing => {}
-            Manner::Tumble => self.dataset.push_any(sample),
+        match self.procedure {
+            Procedure::Turns => self.push_flown(sample),
+            Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
+            Procedure::Level | Procedure::Swing => {}
+            Procedure::Tumble => self.dataset.push_any(sample),
         }
     }
 
@@ -112,9 +112,9 @@ impl Collector {
         self.marks.push(mark).is_ok()
     }
 
-    /// Forgets everything collected, to begin again in a manner.
-    pub fn begin(&mut self, manner: Manner) {
-        self.manner = manner;
+    /// Forgets everything collected, to begin again in a procedure.
+    pub fn begin(&mut self, procedure: Procedure) {
+        self.procedure = procedure;
         self.detector = Detector::new(detector::Config::DEFAULT);
         self.dataset.clear();
         self.marks.clear();
@@ -123,15 +123,15 @@ impl Collector {
 
     /// How samples are collected.
     #[must_use]
-    pub fn manner(&self) -> Manner {
-        self.manner
+    pub fn procedure(&self) -> Procedure {
+        self.procedure
     }
 
     /// How far the collection is.
     #[must_use]
     pub fn progress(&self) -> Progress {
         Progress {
-            manner: self.manner,
+            procedure: self.procedure,
             left: self.dataset.coverage(Part::Turns(Side::Left)),
             right: self.dataset.coverage(Part::Turns(Side::Right)),
             level: self.dataset.coverage(Part::Level),
