@@ -40,6 +40,7 @@ pub mod frames;
 pub mod heading;
 mod log;
 pub mod magnetometer;
+pub mod settings;
 pub mod store;
 pub mod time;
 pub mod trig;

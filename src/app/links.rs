@@ -14,7 +14,7 @@ use crate::compass::{Command, Outcome, Refusal, Reply};
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::magnetometer::{Identity, Reading};
-use crate::store::Settings;
+use crate::settings::Settings;
 
 /// A reading with its instant.
 #[derive(Clone, Copy, Debug)]

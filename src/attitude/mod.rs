@@ -1,8 +1,8 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 use crate::frames::{Attitude, wrap_pi};
+use crate::time::WrappingMillis;
 use crate::trig;
-use crate::wire::mavlink::Report;
 
 /// Fixed numbers of this module.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +31,17 @@ impl Config {
         max_clock_error_us: 100_000,
         clock_leak_us: 10,
     };
+}
+
+/// What an attitude source reports, its yaw left out: that is what the module is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The sender's clock when it was sent. Some senders have none and leave it 0.
+    pub sender_time: WrappingMillis,
+    /// Roll and pitch.
+    pub attitude: Attitude,
+    /// Body rates p, q, r, rad/s; zero where the sender gave none.
+    pub rates_rad_s: [f32; 3],
 }
 
 /// A report with the instant at which its attitude was true, microseconds of the module's clock.
@@ -70,7 +81,7 @@ impl Track {
 
     /// Takes a report whose last byte arrived at `arrival_us`.
     pub fn push(&mut self, arrival_us: u64, report: Report) {
-        let sent_us = self.clock.on_module_clock(arrival_us, report.sender_ms, &self.config);
+        let sent_us = self.clock.on_module_clock(arrival_us, report.sender_time.count(), &self.config);
         let time_us = sent_us.saturating_sub(u64::from(self.config.latency_us));
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
         if self.reports.back().is_some_and(|last| last.time_us >= time_us) {
@@ -173,7 +184,11 @@ mod tests {
     const CONFIG: Config = Config::DEFAULT;
 
     fn report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> Report {
-        Report { sender_ms, attitude: Attitude::from_deg(roll_deg, 0.0), rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0] }
+        Report {
+            sender_time: WrappingMillis::new(sender_ms),
+            attitude: Attitude::from_deg(roll_deg, 0.0),
+            rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0],
+        }
     }
 
     fn roll_deg(lookup: Lookup) -> f32 {

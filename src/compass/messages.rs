@@ -5,7 +5,8 @@ use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
 use crate::collection::Progress;
 use crate::magnetometer::Identity;
-use crate::store::{Record, Settings, StoreError};
+use crate::settings::Settings;
+use crate::store::{Record, StoreError};
 use crate::time::WrappingMillis;
 
 /// What happened.

@@ -19,7 +19,8 @@ use crate::calibration::{
 use crate::collection::{Collector, Recent};
 use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
-use crate::store::{Change, Generations, Record, Settings, StoreError};
+use crate::settings::Settings;
+use crate::store::{Change, Generations, Record, StoreError};
 use crate::time::WrappingMillis;
 
 /// Fixed numbers of the machine.

@@ -26,8 +26,10 @@ use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-pub use contents::{Change, Generations, Record, Settings};
+pub use contents::{Change, Generations, Record};
 use contents::{Contents, VALUE_SIZE};
+
+use crate::settings::Settings;
 
 /// The only key of the map.
 const KEY: u8 = 0;

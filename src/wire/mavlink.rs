@@ -7,18 +7,9 @@
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MavlinkVersion, MessageData as _, calculate_crc};
 
+use crate::attitude::Report;
 use crate::frames::Attitude;
-
-/// What one ATTITUDE message says, its yaw left out: that is what the module is asked for, not told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
-    /// The sender's time since boot, milliseconds. Some senders leave it 0.
-    pub sender_ms: u32,
-    /// Roll and pitch.
-    pub attitude: Attitude,
-    /// Body rates p, q, r, rad/s; zero where the sender gave none.
-    pub rates_rad_s: [f32; 3],
-}
+use crate::time::WrappingMillis;
 
 /// Finds ATTITUDE frames in a stream of bytes.
 #[derive(Debug, Default)]
@@ -147,7 +138,7 @@ fn decode(frame: &[u8], layout: &Layout) -> Option<Report> {
     let rate = |rad_s: f32| if rad_s.is_finite() { rad_s } else { 0.0 };
     let possible = data.roll.abs() <= MAX_ROLL_RAD && data.pitch.abs() <= MAX_PITCH_RAD;
     possible.then(|| Report {
-        sender_ms: data.time_boot_ms,
+        sender_time: WrappingMillis::new(data.time_boot_ms),
         attitude: Attitude { roll_rad: data.roll, pitch_rad: data.pitch },
         rates_rad_s: [rate(data.rollspeed), rate(data.pitchspeed), rate(data.yawspeed)],
     })
@@ -191,7 +182,7 @@ mod tests {
         let (reports, rejected) = receive(&bytes);
         let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
         assert_eq!(rolls, [0.25, -0.5]);
-        assert_eq!((reports[0].sender_ms, rejected), (1234, 0));
+        assert_eq!((reports[0].sender_time.count(), rejected), (1234, 0));
     }
 
     #[test]
