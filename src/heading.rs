@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use crate::calibration::{Calibration, Uncertainty};
-use crate::collection::averager;
 use crate::frames::{Attitude, Field, Sensor, wrap_two_pi};
 use crate::trig;
 
@@ -81,11 +80,12 @@ pub struct Config {
 
 impl Config {
     /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
-    pub const DEFAULT: Self = Self {
-        max_total_deviation: 0.2,
-        min_cos_of_dip_deviation: 0.978_1,
-        readings_per_sample: averager::READINGS as f32,
-    };
+    pub const DEFAULT: Self =
+        Self { max_total_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1, readings_per_sample: 8.0 };
+
+    /// Believes every field: for showing what is not sent.
+    pub const ANY_FIELD: Self =
+        Self { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1, ..Self::DEFAULT };
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).

@@ -30,6 +30,7 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod acceptance;
 pub mod app;
 pub mod attitude;
 pub mod calibration;
@@ -38,8 +39,11 @@ pub mod compass;
 pub mod console;
 pub mod frames;
 pub mod heading;
+pub mod health;
+pub mod instrument;
 mod log;
 pub mod magnetometer;
+pub mod outlet;
 pub mod settings;
 pub mod store;
 pub mod time;

@@ -55,3 +55,142 @@ impl Settings {
             && self.mount.is_valid()
     }
 }
+
+/// One setting, changed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Setting {
+    /// Heading sentences on or off.
+    StreamOn(bool),
+    /// Heading sentences a second.
+    StreamRateHz(u8),
+    /// Variation (declination) for the sentences, degrees, east positive; none: left out.
+    Declination(Option<f32>),
+    /// Inclination of the Earth field here, degrees, positive down; none: found from the samples.
+    Inclination(Option<f32>),
+    /// How the sensor sits in the aircraft.
+    Mount(Orientation),
+}
+
+/// A value outside its range; what it must be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutOfRange(pub &'static str);
+
+impl Setting {
+    /// Whether a solve under way rests on this setting, so that it must not change until that has ended.
+    #[must_use]
+    pub const fn is_used_by_solves(self) -> bool {
+        match self {
+            Self::Inclination(_) | Self::Mount(_) => true,
+            Self::StreamOn(_) | Self::StreamRateHz(_) | Self::Declination(_) => false,
+        }
+    }
+
+    const fn range(self) -> &'static str {
+        match self {
+            Self::StreamOn(_) => "on or off",
+            Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
+            Self::Declination(_) => "a declination is -180 to 180 degrees",
+            Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
+            Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
+        }
+    }
+}
+
+impl Settings {
+    /// The settings with one of them changed.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when they would not be [valid](Self::is_valid).
+    pub fn with(self, setting: Setting) -> Result<Self, OutOfRange> {
+        let mut changed = self;
+        match setting {
+            Setting::StreamOn(on) => changed.stream_on = on,
+            Setting::StreamRateHz(hz) => changed.stream_rate_hz = hz,
+            Setting::Declination(deg) => changed.declination_deg = deg,
+            Setting::Inclination(deg) => changed.inclination_deg = deg,
+            Setting::Mount(mount) => changed.mount = mount,
+        }
+        if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each range from both sides; what is refused names its range.
+    #[test]
+    fn every_setting_has_its_range() {
+        let nan = f32::NAN;
+        for (good, bad, words) in [
+            (
+                &[Setting::StreamRateHz(1), Setting::StreamRateHz(80)][..],
+                &[Setting::StreamRateHz(0), Setting::StreamRateHz(81)][..],
+                "a rate is 1 to 80",
+            ),
+            (
+                &[Setting::Declination(Some(-180.0)), Setting::Declination(Some(180.0)), Setting::Declination(None)],
+                &[
+                    Setting::Declination(Some(-180.1)),
+                    Setting::Declination(Some(180.1)),
+                    Setting::Declination(Some(nan)),
+                ],
+                "a declination is -180 to 180",
+            ),
+            (
+                &[Setting::Inclination(Some(-90.0)), Setting::Inclination(Some(90.0)), Setting::Inclination(None)],
+                &[Setting::Inclination(Some(-90.1)), Setting::Inclination(Some(90.1)), Setting::Inclination(Some(nan))],
+                "an inclination is -90 to 90",
+            ),
+        ] {
+            for &setting in good {
+                assert!(Settings::DEFAULT.with(setting).is_ok(), "{setting:?}");
+            }
+            for &setting in bad {
+                let OutOfRange(range) = Settings::DEFAULT.with(setting).unwrap_err();
+                assert!(range.starts_with(words), "{setting:?}: {range}");
+            }
+        }
+        for mount in Orientation::all() {
+            assert_eq!(Settings::DEFAULT.with(Setting::Mount(mount)).unwrap().mount, mount);
+        }
+    }
+
+    #[test]
+    fn a_setting_changes_itself_and_nothing_else() {
+        let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
+        let mount = Orientation::from_name("yaw90").unwrap();
+        for (setting, after) in [
+            (Setting::StreamOn(false), Settings { stream_on: false, ..before }),
+            (Setting::StreamRateHz(5), Settings { stream_rate_hz: 5, ..before }),
+            (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
+            (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
+            (Setting::Mount(mount), Settings { mount, ..before }),
+        ] {
+            assert_eq!(before.with(setting), Ok(after));
+        }
+    }
+
+    /// Alignment is set by standing at a heading, so it is checked where settings are loaded.
+    #[test]
+    fn an_alignment_is_half_a_circle_either_way() {
+        for (align_deg, valid) in [(180.0, true), (-180.0, true), (180.1, false), (-180.1, false), (f32::NAN, false)] {
+            assert_eq!(Settings { align_deg, ..Settings::DEFAULT }.is_valid(), valid, "{align_deg}");
+        }
+    }
+
+    #[test]
+    fn solves_use_mounting_and_inclination() {
+        let none = Orientation::NONE;
+        for (setting, used) in [
+            (Setting::Mount(none), true),
+            (Setting::Inclination(None), true),
+            (Setting::Declination(None), false),
+            (Setting::StreamOn(true), false),
+            (Setting::StreamRateHz(1), false),
+        ] {
+            assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
+        }
+    }
+}

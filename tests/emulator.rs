@@ -1,7 +1,7 @@
 //! The firmware as ARM code: the same promises, in QEMU. Needs qemu-system-arm and the images of scripts/build-firmware, so it
 //! is left out of plain `cargo test`: cargo test --release --test emulator -- --ignored
 
-use autoswing::app::StackUse;
+use autoswing::health::StackUse;
 use host_sim::emulator::{self, Emulator, budget};
 use host_sim::mission::{Plan, fly_with};
 use host_sim::module::{Module as _, Ran};

@@ -52,7 +52,7 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     rig.run_for_s(1.0);
     assert_eq!(show(&mut rig).unwrap(), before);
     rig.power_off();
-    rig.power_on(autoswing::app::ResetCause::PowerOn);
+    rig.power_on(autoswing::health::ResetCause::PowerOn);
     rig.run_for_s(1.0);
     assert_eq!(show(&mut rig).unwrap(), before);
     assert!(rig.type_line("status").contains("ok calibrated"));
@@ -74,7 +74,7 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
             if ran == Ran::Time {
                 continue; // The save was over before the cut.
             }
-            rig.power_on(autoswing::app::ResetCause::PowerOn);
+            rig.power_on(autoswing::health::ResetCause::PowerOn);
             rig.run_for_s(1.0);
             rig.printed();
             let found = show(&mut rig);
@@ -99,7 +99,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
                 cuts += 1;
             }
             rig.power_off();
-            rig.power_on(autoswing::app::ResetCause::PowerOn);
+            rig.power_on(autoswing::health::ResetCause::PowerOn);
             rig.run_for_s(0.5);
             rig.printed();
             assert_eq!(show(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
@@ -222,7 +222,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
                     rig.console.send(b"stream rate 20\r");
                     cuts += u32::from(rig.run_for_s(0.3) == Ran::PowerCut);
                     rig.power_off();
-                    rig.power_on(autoswing::app::ResetCause::PowerOn);
+                    rig.power_on(autoswing::health::ResetCause::PowerOn);
                     rig.run_for_s(0.2);
                 }
                 rig.printed();

@@ -2,8 +2,8 @@
 //! and every method on the same samples.
 
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
-use autoswing::collection::averager::READINGS;
 use autoswing::frames::{Attitude, Field};
+use autoswing::instrument::readings_per_sample;
 use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -20,6 +20,9 @@ pub const HEADINGS: usize = 12;
 /// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample of
 /// the module is the mean of several.
 const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
+
+/// A LIS3MDL measures 80 times a second.
+const READING_PERIOD_US: u32 = 12_500;
 
 /// Samples and how they are measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,7 +108,7 @@ impl Table {
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
                         noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
-                            / f64::from(READINGS).sqrt()
+                            / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
                     });
                     let sample = self.sample(sense * BANK_DEG, sense * heading_rad(i, experiment.samples), noise_ut);
                     Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }

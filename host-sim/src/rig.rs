@@ -3,8 +3,10 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use autoswing::app::{self, Links, Platform, ResetCause, Watchdog};
+use autoswing::app::{self, Links, Platform, Watchdog};
+use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
+use autoswing::outlet::NmeaOutlet;
 use autoswing::store::Store;
 use embassy_time::{Duration, Timer};
 
@@ -22,6 +24,7 @@ const STORE_PAGES: usize = 8;
 
 /// The watchdog's period, as on the board.
 const WATCHDOG_US: u64 = 2_000_000;
+const _: () = assert!(WATCHDOG_US > app::watchdog::LONGEST_WITHOUT_FEED_US);
 
 /// A module in an aircraft, with cables to its two ports.
 pub struct Rig {
@@ -135,7 +138,11 @@ impl Rig {
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "attitude", async move { app::attitude::run(&l, autopilot_rx).await });
         let l = links.clone();
-        simulation.spawn(Level::Interrupt, "stream", async move { app::stream::run(&l, autopilot_tx).await });
+        simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run(&l).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "outlet", async move {
+            app::outlet::run(&l, NmeaOutlet, autopilot_tx).await;
+        });
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();

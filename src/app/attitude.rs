@@ -1,10 +1,10 @@
 //! Listens to the autopilot.
 
-use embassy_time::{Duration, Instant, Timer, with_timeout};
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
 
 use super::Links;
-use super::links::count;
+use super::links::{count, stamped};
 use crate::wire::mavlink::Receiver;
 
 /// The task shows life so often on a silent line.
@@ -13,7 +13,7 @@ const SILENCE: Duration = Duration::from_millis(100);
 /// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// Reads bytes for ever and keeps the attitude track.
+/// Reads bytes for ever and passes on the reports in them.
 pub async fn run(links: &Links, mut rx: impl Read) -> ! {
     let mut receiver = Receiver::new();
     let mut bytes = [0; 64];
@@ -31,11 +31,10 @@ pub async fn run(links: &Links, mut rx: impl Read) -> ! {
 }
 
 fn take(links: &Links, receiver: &mut Receiver, bytes: &[u8]) {
-    let arrival_us = Instant::now().as_micros();
     let rejected_before = receiver.rejected;
     for report in bytes.iter().filter_map(|&byte| receiver.push(byte)) {
         count(&links.counters.attitude_reports);
-        links.with_track(|track| track.push(arrival_us, report));
+        links.offer(&links.reports, stamped(report));
     }
     let rejected = receiver.rejected.wrapping_sub(rejected_before);
     links.counters.attitude_rejected.fetch_add(rejected, core::sync::atomic::Ordering::Relaxed);

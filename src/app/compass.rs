@@ -2,31 +2,33 @@
 
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
-use embassy_time::Instant;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
-use super::links::{Active, count};
-use crate::compass::{Command, Compass, Config, Effect, Event};
+use super::links::{FoundSensor, Listener, count, listen, now, publish};
+use crate::acceptance::Policy;
+use crate::compass::{Command, Compass, Effect, Event};
+use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
 use crate::store::{Store, StoreError};
-use crate::time::Timestamp;
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
     let settings = loaded(links, store.load_settings().await).unwrap_or_default();
     let generations = loaded(links, store.load_generations().await).unwrap_or_default();
-    let mut compass = Compass::new(Config::DEFAULT, settings, generations);
+    let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
+    let mut sensor = listen(&links.sensor);
     loop {
-        publish(links, &compass);
-        let event = next_event(links, &compass).await;
+        tell(links, &compass);
+        let event = next_event(links, &compass, &mut sensor).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = store.save(change).await;
             count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
-        publish(links, &compass);
+        // Before the reply: whoever reads it finds the module as it says.
+        tell(links, &compass);
         match effect {
             Effect::Reply(reply) => links.replies.send(reply).await,
             Effect::Notify(outcome) => {
@@ -39,21 +41,21 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
 }
 
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
-async fn next_event(links: &Links, compass: &Compass) -> Event {
+async fn next_event(links: &Links, compass: &Compass, sensor: &mut Listener<'_, FoundSensor, 2>) -> Event {
     if compass.is_busy() {
         // Between two steps of a solve the console gets its turn.
         yield_now().await;
         return links.requests.try_receive().map_or(Event::Advance, command);
     }
-    match select3(links.requests.receive(), links.found.wait(), links.samples.receive()).await {
+    match select3(links.requests.receive(), sensor.changed(), links.samples.receive()).await {
         Either3::First(asked) => command(asked),
-        Either3::Second(identity) => Event::SensorFound(identity),
+        Either3::Second(found) => Event::SensorFound(found.identity, readings_per_sample(found.period_us)),
         Either3::Third(sample) => Event::Sample(sample),
     }
 }
 
 fn command(asked: Command) -> Event {
-    Event::Command(asked, Timestamp::from_us(Instant::now().as_micros()).wrapping_millis())
+    Event::Command(asked, now().wrapping_millis())
 }
 
 /// What flash held, with a damaged record counted and treated as absent: the module starts uncalibrated and says so.
@@ -66,7 +68,8 @@ fn loaded<T>(links: &Links, result: Result<T, StoreError>) -> Option<T> {
         .ok()
 }
 
-fn publish(links: &Links, compass: &Compass) {
-    let calibration = compass.in_use().map(|record| (record.calibration, record.uncertainty));
-    links.set_active(Active { calibration, settings: *compass.settings(), without_attitude: compass.tumbles() });
+/// Tells the other tasks what has changed for them.
+fn tell(links: &Links, compass: &Compass) {
+    publish(&links.correction, compass.correction());
+    publish(&links.settings, *compass.settings());
 }

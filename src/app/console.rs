@@ -6,11 +6,13 @@ use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use super::{Links, Platform, ResetCause};
+use super::{Links, Platform};
 use crate::compass::{Command, Refusal, Reply};
-use crate::console::report::{self, Health};
+use crate::console::report;
 use crate::console::session::{Output, Session};
 use crate::console::{LineError, Request};
+use crate::health::{Health, ResetCause};
+use crate::instrument::Estimate;
 
 /// A terminal that takes nothing for so long loses what was to be shown.
 const WRITE_PATIENCE: Duration = Duration::from_millis(500);
@@ -79,8 +81,6 @@ async fn answer(
             Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
             other => reply(session, &other),
         },
-        #[cfg(feature = "bench")]
-        Ok(Request::Bench(test)) => session.reply(|out| platform.test(test, out)),
         Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
     }
 }
@@ -99,10 +99,11 @@ async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
 }
 
 fn health(links: &Links, reset: &ResetCause, platform: &impl Platform) -> Health {
+    let Estimate { attitude, heading, .. } = links.estimates.try_get().unwrap_or(Estimate::NOTHING);
     Health {
-        sensor: links.identity(),
-        attitude: links.attitude_at(Instant::now().as_micros()),
-        heading: links.heading(),
+        sensor: links.sensor.try_get().map(|found| found.identity),
+        attitude,
+        heading,
         counts: links.counts(),
         reset: reset.clone(),
         uptime_s: Instant::now().as_secs() as u32,

@@ -1,52 +1,65 @@
 //! The wires between tasks.
 
-use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
+use embassy_sync::watch::{Receiver, Watch};
+use embassy_time::Instant;
 
-use crate::attitude::{self, Lookup, Track};
-use crate::calibration::{Calibration, Sample, Uncertainty};
+use crate::attitude::Report;
+use crate::calibration::Sample;
 use crate::compass::{Command, Outcome, Refusal, Reply};
-use crate::frames::Attitude;
-use crate::heading::{Heading, NoHeading};
+use crate::health::{Counters, Counts};
+use crate::instrument::{Correction, Estimate};
 use crate::magnetometer::{Identity, Reading};
 use crate::settings::Settings;
+use crate::time::Timestamp;
 
-/// A reading with its instant.
+/// Something with the instant at which it was ready.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StampedReading {
-    /// When the measurement was ready, microseconds since start.
-    pub time_us: u64,
-    pub reading: Reading,
+pub(super) struct Stamped<T> {
+    pub at: Timestamp,
+    pub value: T,
 }
 
-/// What the stream works with: replaced as a whole, so that a sentence never mixes two calibrations.
-#[derive(Clone, Debug)]
-pub(super) struct Active {
-    /// The calibration in use, and how wrong a heading by it may be.
-    pub calibration: Option<(Calibration, Uncertainty)>,
-    pub settings: Settings,
-    /// Whether samples are wanted although no attitude is known.
-    pub without_attitude: bool,
+/// A magnetometer that has answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FoundSensor {
+    pub identity: Identity,
+    pub period_us: u32,
 }
+
+/// A channel whose sender never waits: what finds it full is counted and lost.
+pub(super) type Queue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
+
+/// A latest value that a number of tasks wait for.
+pub(super) type Latest<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>;
+
+/// A task's end of a [`Latest`].
+pub(super) type Listener<'a, T, const N: usize> = Receiver<'a, CriticalSectionRawMutex, T, N>;
+
+/// The most outlets that can run at once: one for each port, and one to spare.
+pub(super) const OUTLETS: usize = 3;
 
 /// All wires between tasks. The tasks run at two priorities, so every wire is closed by a critical section, of some
 /// hundred instructions at most.
 pub struct Links {
-    pub(super) readings: Channel<CriticalSectionRawMutex, StampedReading, 4>,
-    pub(super) samples: Channel<CriticalSectionRawMutex, Sample, 8>,
-    pub(super) requests: Channel<CriticalSectionRawMutex, Command, 1>,
-    pub(super) replies: Channel<CriticalSectionRawMutex, Result<Reply, Refusal>, 1>,
+    pub(super) readings: Queue<Stamped<Reading>, 4>,
+    pub(super) reports: Queue<Stamped<Report>, 8>,
+    pub(super) samples: Queue<Sample, 8>,
+    pub(super) requests: Queue<Command, 1>,
+    pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     pub(super) notices: Signal<CriticalSectionRawMutex, Outcome>,
-    pub(super) found: Signal<CriticalSectionRawMutex, Identity>,
-    track: Mutex<CriticalSectionRawMutex, RefCell<Track>>,
-    active: Mutex<CriticalSectionRawMutex, RefCell<Active>>,
-    heading: Mutex<CriticalSectionRawMutex, Cell<Result<Heading, NoHeading>>>,
-    identity: Mutex<CriticalSectionRawMutex, Cell<Option<Identity>>>,
+    /// To the instrument and to the state machine.
+    pub(super) sensor: Latest<FoundSensor, 2>,
+    /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
+    pub(super) correction: Latest<Correction, 1>,
+    /// To the outlets.
+    pub(super) settings: Latest<Settings, OUTLETS>,
+    /// To the outlets; the console looks at it now and then.
+    pub(super) estimates: Latest<Estimate, OUTLETS>,
     pub(super) counters: Counters,
     pub(super) heartbeats: Heartbeats,
 }
@@ -57,61 +70,18 @@ impl Links {
     pub const fn new() -> Self {
         Self {
             readings: Channel::new(),
+            reports: Channel::new(),
             samples: Channel::new(),
             requests: Channel::new(),
             replies: Channel::new(),
             notices: Signal::new(),
-            found: Signal::new(),
-            track: Mutex::new(RefCell::new(Track::new(attitude::Config::DEFAULT))),
-            active: Mutex::new(RefCell::new(Active {
-                calibration: None,
-                settings: Settings::DEFAULT,
-                without_attitude: false,
-            })),
-            heading: Mutex::new(Cell::new(Err(NoHeading::SensorSilent))),
-            identity: Mutex::new(Cell::new(None)),
+            sensor: Watch::new(),
+            correction: Watch::new(),
+            settings: Watch::new(),
+            estimates: Watch::new(),
             counters: Counters::new(),
             heartbeats: Heartbeats::new(),
         }
-    }
-
-    // None of the closures below calls anything that borrows the same cell again, so the borrows cannot fail.
-
-    pub(super) fn with_track<R>(&self, f: impl FnOnce(&mut Track) -> R) -> R {
-        self.track.lock(|track| f(&mut track.borrow_mut()))
-    }
-
-    /// The attitude at an instant, interpolated or carried on; none when the source's reports do not reach it.
-    pub(super) fn attitude_at(&self, time_us: u64) -> Option<Attitude> {
-        match self.with_track(|track| track.at(time_us)) {
-            Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Some(attitude),
-            Lookup::Missing | Lookup::Stale => None,
-        }
-    }
-
-    pub(super) fn active(&self) -> Active {
-        self.active.lock(|active| active.borrow().clone())
-    }
-
-    pub(super) fn set_active(&self, new: Active) {
-        self.active.lock(|active| *active.borrow_mut() = new);
-    }
-
-    pub(super) fn heading(&self) -> Result<Heading, NoHeading> {
-        self.heading.lock(Cell::get)
-    }
-
-    pub(super) fn set_heading(&self, new: Result<Heading, NoHeading>) {
-        self.heading.lock(|heading| heading.set(new));
-    }
-
-    pub(super) fn identity(&self) -> Option<Identity> {
-        self.identity.lock(Cell::get)
-    }
-
-    pub(super) fn set_identity(&self, new: Identity) {
-        self.identity.lock(|identity| identity.set(Some(new)));
-        self.found.signal(new);
     }
 
     /// The counters as they are now.
@@ -119,11 +89,44 @@ impl Links {
     pub fn counts(&self) -> Counts {
         self.counters.snapshot()
     }
+
+    /// Puts something into a queue whose reader may be behind.
+    pub(super) fn offer<T, const N: usize>(&self, queue: &Queue<T, N>, item: T) {
+        if queue.try_send(item).is_err() {
+            count(&self.counters.samples_dropped);
+        }
+    }
 }
 
 impl Default for Links {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// This instant.
+pub(super) fn now() -> Timestamp {
+    Timestamp::from_us(Instant::now().as_micros())
+}
+
+/// This instant's value.
+pub(super) fn stamped<T>(value: T) -> Stamped<T> {
+    Stamped { at: now(), value }
+}
+
+/// A task's end of a wire that has one for each task on it.
+///
+/// # Panics
+///
+/// At the start of the firmware, when a board runs more tasks than [`Links`] has ends for: a mistake in its task list.
+pub(super) fn listen<T: Clone, const N: usize>(latest: &Latest<T, N>) -> Listener<'_, T, N> {
+    latest.receiver().expect("an end of the wire for each task that a board runs")
+}
+
+/// Publishes a value if it is another than the last, so that nobody wakes for nothing. For wires with one publisher.
+pub(super) fn publish<T: Clone + PartialEq, const N: usize>(latest: &Latest<T, N>, value: T) {
+    if latest.try_get().as_ref() != Some(&value) {
+        latest.sender().send(value);
     }
 }
 
@@ -137,79 +140,29 @@ pub(super) fn count(counter: &AtomicU32) {
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub attitude: AtomicU32,
-    pub stream: AtomicU32,
+    pub instrument: AtomicU32,
+    /// Of the task at the first outlet.
+    pub outlet: AtomicU32,
     /// The executor of the tasks below those.
     pub below: AtomicU32,
 }
+
+/// Signs of life that the watchdog waits for.
+pub(super) const HEARTBEATS: usize = 5;
 
 impl Heartbeats {
     const fn new() -> Self {
         Self {
             sensor: AtomicU32::new(0),
             attitude: AtomicU32::new(0),
-            stream: AtomicU32::new(0),
+            instrument: AtomicU32::new(0),
+            outlet: AtomicU32::new(0),
             below: AtomicU32::new(0),
         }
     }
 
-    pub fn snapshot(&self) -> [u32; 4] {
-        [&self.sensor, &self.attitude, &self.stream, &self.below].map(|beat| beat.load(Ordering::Relaxed))
+    pub fn snapshot(&self) -> [u32; HEARTBEATS] {
+        let Self { sensor, attitude, instrument, outlet, below } = self;
+        [sensor, attitude, instrument, outlet, below].map(|beat| beat.load(Ordering::Relaxed))
     }
-}
-
-/// Declares the counters once, as atomics and as a snapshot.
-macro_rules! counters {
-    ($($(#[$doc:meta])* $name:ident),* $(,)?) => {
-        /// Event counters since start; each wraps after 2^32.
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-        pub struct Counts {
-            $($(#[$doc])* pub $name: u32,)*
-        }
-
-        #[derive(Debug)]
-        pub(super) struct Counters {
-            $(pub $name: AtomicU32,)*
-        }
-
-        impl Counters {
-            const fn new() -> Self {
-                Self { $($name: AtomicU32::new(0),)* }
-            }
-
-            fn snapshot(&self) -> Counts {
-                Counts { $($name: self.$name.load(Ordering::Relaxed),)* }
-            }
-        }
-    };
-}
-
-counters! {
-    /// Measurements read from the sensor.
-    readings,
-    /// Measurements the sensor overwrote before they were read.
-    overruns,
-    /// Measurements at the end of the range.
-    saturated,
-    /// Times the sensor had to be initialised again.
-    sensor_errors,
-    /// Valid attitude reports.
-    attitude_reports,
-    /// Attitude frames with a wrong CRC or impossible values.
-    attitude_rejected,
-    /// Errors of the attitude line itself.
-    attitude_line_errors,
-    /// Headings sent, in one or more sentences each.
-    sentences,
-    /// of them without a heading.
-    sentences_empty,
-    /// Sentences that could not be written.
-    stream_errors,
-    /// Readings for which no attitude came.
-    unpaired,
-    /// Readings or samples that found their queue full.
-    samples_dropped,
-    /// Successful saves.
-    saves,
-    /// Failed loads and saves.
-    store_errors,
 }

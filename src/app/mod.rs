@@ -2,10 +2,11 @@
 //! a board's executors and on the host's virtual clock.
 //!
 //! ```text
-//! interrupt executor                                     thread executor
-//! sensor ---readings---> stream ---samples------------>  compass ---notices---> console
-//! attitude ---track------^   ^---active calibration---   compass <--requests--- console
-//! watchdog <--heartbeats of the three, and <------------ pulse
+//! interrupt executor                                                    thread executor
+//! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
+//! attitude ---reports---> instrument <--correction---------------------- compass <--requests--- console
+//!                         instrument ---estimates---> outlet <--settings-- compass
+//! watchdog <--heartbeats of the four, and <----------------------------- pulse
 //! ```
 //!
 //! What makes a heading runs above everything that may take long (a solve, an erase, a person), so none of that delays
@@ -14,12 +15,15 @@
 pub mod attitude;
 pub mod compass;
 pub mod console;
+pub mod instrument;
 mod links;
+pub mod outlet;
 pub mod sensor;
-pub mod stream;
 pub mod watchdog;
 
-pub use links::{Counts, Links};
+pub use links::Links;
+
+use crate::health::StackUse;
 
 /// What a board can do for the tasks beyond its wires.
 pub trait Platform {
@@ -27,44 +31,14 @@ pub trait Platform {
     /// next wait.
     fn reboot(&mut self);
 
-    /// How much of the stack was ever in use, where that can be told.
+    /// How much of the stack was ever in use, where that is known.
     fn stack(&self) -> Option<StackUse> {
         None
     }
-
-    /// Runs a test of the bench image and writes what came of it.
-    #[cfg(feature = "bench")]
-    fn test(&mut self, test: crate::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
-        writeln!(out, "error no-test: {test:?} is for the bench image on a board")
-    }
-}
-
-/// The deepest the stack has been since the start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StackUse {
-    /// Bytes used.
-    pub used: usize,
-    /// Bytes there are.
-    pub size: usize,
 }
 
 /// A hardware watchdog: resets the module when [`feed`](Self::feed) stays away for longer than its period.
 pub trait Watchdog {
     /// Starts the period anew.
     fn feed(&mut self);
-}
-
-/// Why the module started, as far as the hardware remembers.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ResetCause {
-    /// Power was switched on.
-    PowerOn,
-    /// The reset pin, or a debugger.
-    Pin,
-    /// The console's `reboot`.
-    Software,
-    /// A task hung and the watchdog struck.
-    Watchdog,
-    /// The firmware panicked or faulted; what it left as its last words.
-    Panic(heapless::String<96>),
 }

@@ -1,9 +1,9 @@
 //! Keeps the magnetometer measuring.
 
-use embassy_time::{Duration, Instant, Timer, with_timeout};
+use embassy_time::{Duration, Timer, with_timeout};
 
 use super::Links;
-use super::links::{StampedReading, count};
+use super::links::{FoundSensor, count, stamped};
 use crate::log::{info, warning};
 use crate::magnetometer::Magnetometer;
 
@@ -13,13 +13,16 @@ const RETRY: Duration = Duration::from_millis(200);
 /// No driver call takes longer, or its bus hangs.
 const PATIENCE: Duration = Duration::from_millis(400);
 
+/// The longest time without a sign of life from this task, milliseconds.
+pub(super) const LONGEST_SILENCE_MS: u64 = RETRY.as_millis() + PATIENCE.as_millis();
+
 /// Initialises the magnetometer, reads every measurement, and begins again after any error.
 pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
     loop {
         match with_timeout(PATIENCE, magnetometer.init()).await {
             Ok(Ok(identity)) => {
                 info!("magnetometer {=str}", identity.model.name());
-                links.set_identity(identity);
+                links.sensor.sender().send(FoundSensor { identity, period_us: magnetometer.period_us() });
                 read_until_error(links, &mut magnetometer).await;
             }
             Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer"),
@@ -32,18 +35,16 @@ pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
 
 async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) {
     while let Ok(Ok(reading)) = with_timeout(PATIENCE, magnetometer.read()).await {
-        let time_us = Instant::now().as_micros();
+        let reading = stamped(reading);
         count(&links.counters.readings);
         count(&links.heartbeats.sensor);
-        if reading.overrun {
+        if reading.value.overrun {
             count(&links.counters.overruns);
         }
-        if reading.saturated {
+        if reading.value.saturated {
             count(&links.counters.saturated);
         }
-        if links.readings.try_send(StampedReading { time_us, reading }).is_err() {
-            count(&links.counters.samples_dropped);
-        }
+        links.offer(&links.readings, reading);
     }
     warning!("magnetometer lost");
 }

@@ -5,12 +5,17 @@ use embassy_time::{Duration, Timer};
 use super::links::count;
 use super::{Links, Watchdog};
 
-/// Between two looks. The slowest sign of life, a sensor that does not answer, comes every 600 ms; the hardware's
-/// period must be twice this and more.
+/// Between two looks. The slowest sign of life is that of a sensor that does not answer.
 const LOOK: Duration = Duration::from_millis(700);
 
 /// The lower executor shows life so often. Its longest stretch without a wait is a step of a solve, 0.1 s.
 const PULSE: Duration = Duration::from_millis(200);
+
+/// The hardware's period must be longer than this, microseconds: a look that finds life feeds it, and a look in vain is
+/// allowed.
+pub const LONGEST_WITHOUT_FEED_US: u64 = 2 * LOOK.as_micros();
+
+const _: () = assert!(LOOK.as_millis() > super::sensor::LONGEST_SILENCE_MS && LOOK.as_millis() > 2 * PULSE.as_millis());
 
 /// Shows that the executor this runs on gets round: a task that does not give way would stop it.
 pub async fn pulse(links: &Links) -> ! {
@@ -20,7 +25,7 @@ pub async fn pulse(links: &Links) -> ! {
     }
 }
 
-/// Feeds when sensor, attitude, stream and the lower executor have each shown life since the last look, and only then.
+/// Feeds when sensor, attitude, instrument, outlet and the lower executor have each shown life since the last look, and only then.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeats.snapshot();
     loop {

@@ -1,8 +1,13 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
+mod clock;
+
+use core::f32::consts::FRAC_PI_2;
+
 use crate::frames::{Attitude, wrap_pi};
-use crate::time::WrappingMillis;
+use crate::time::{Timestamp, WrappingMillis};
 use crate::trig;
+use clock::SenderClock;
 
 /// Fixed numbers of this module.
 #[derive(Clone, Copy, Debug)]
@@ -44,10 +49,10 @@ pub struct Report {
     pub rates_rad_s: [f32; 3],
 }
 
-/// A report with the instant at which its attitude was true, microseconds of the module's clock.
+/// A report with the instant at which its attitude was true.
 #[derive(Clone, Copy, Debug)]
 struct Stamped {
-    time_us: u64,
+    at: Timestamp,
     report: Report,
 }
 
@@ -76,48 +81,52 @@ impl Track {
     /// No reports yet.
     #[must_use]
     pub const fn new(config: Config) -> Self {
-        Self { config, reports: heapless::Deque::new(), clock: SenderClock { last: None } }
+        Self { config, reports: heapless::Deque::new(), clock: SenderClock::new() }
     }
 
-    /// Takes a report whose last byte arrived at `arrival_us`.
-    pub fn push(&mut self, arrival_us: u64, report: Report) {
-        let sent_us = self.clock.on_module_clock(arrival_us, report.sender_time.count(), &self.config);
-        let time_us = sent_us.saturating_sub(u64::from(self.config.latency_us));
+    /// Takes a report whose last byte arrived at `arrival`.
+    pub fn push(&mut self, arrival: Timestamp, report: Report) {
+        let sent = self.clock.sent_at(arrival, report.sender_time, &self.config);
+        let at = sent.minus_us(u64::from(self.config.latency_us));
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
-        if self.reports.back().is_some_and(|last| last.time_us >= time_us) {
+        if self.reports.back().is_some_and(|last| last.at >= at) {
             return;
         }
         if self.reports.is_full() {
             self.reports.pop_front();
         }
         // There is room: one was just taken out if there was none.
-        let _ = self.reports.push_back(Stamped { time_us, report });
+        let _ = self.reports.push_back(Stamped { at, report });
     }
 
     /// The attitude at an instant.
     #[must_use]
-    pub fn at(&self, time_us: u64) -> Lookup {
+    pub fn at(&self, at: Timestamp) -> Lookup {
         let Some(newest) = self.reports.back() else { return Lookup::Stale };
-        if time_us > newest.time_us {
-            let ahead_us = time_us - newest.time_us;
+        if at == newest.at {
+            return Lookup::Interpolated(newest.report.attitude);
+        }
+        if at > newest.at {
+            let ahead_us = at.us_since(newest.at);
             return if ahead_us <= u64::from(self.config.max_extrapolation_us) {
                 Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
             } else {
                 Lookup::Stale
             };
         }
-        let pairs = self.reports.iter().zip(self.reports.iter().skip(1));
-        for (before, after) in pairs {
-            if (before.time_us..=after.time_us).contains(&time_us) {
-                let gap_us = after.time_us - before.time_us;
-                if gap_us > u64::from(self.config.max_gap_us) {
-                    return Lookup::Missing;
-                }
-                let fraction = (time_us - before.time_us) as f32 / gap_us as f32;
-                return Lookup::Interpolated(interpolate(&before.report, &after.report, fraction));
-            }
-        }
-        Lookup::Missing
+        let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
+        pairs
+            .find(|(before, after)| (before.at..after.at).contains(&at))
+            .and_then(|(before, after)| self.between(before, after, at))
+            .map_or(Lookup::Missing, Lookup::Interpolated)
+    }
+
+    /// Between two reports, unless they are too far apart.
+    fn between(&self, before: &Stamped, after: &Stamped, at: Timestamp) -> Option<Attitude> {
+        let gap_us = after.at.us_since(before.at);
+        let fraction = at.us_since(before.at) as f32 / gap_us as f32;
+        (at == before.at || gap_us <= u64::from(self.config.max_gap_us))
+            .then(|| interpolate(&before.report, &after.report, fraction))
     }
 }
 
@@ -143,108 +152,9 @@ fn extrapolate(report: &Report, ahead_s: f32) -> Attitude {
     let pitch_rate = q * cos_roll - r * sin_roll;
     Attitude {
         roll_rad: wrap_pi(roll_rad + roll_rate * ahead_s),
-        pitch_rad: (pitch_rad + pitch_rate * ahead_s)
-            .clamp(-core::f32::consts::FRAC_PI_2, core::f32::consts::FRAC_PI_2),
-    }
-}
-
-/// The sender's clock against the module's: the smallest delay seen is the one without queueing, so time stamps
-/// follow the sender's even spacing and not the line's jitter.
-#[derive(Debug)]
-struct SenderClock {
-    /// The last report's sender time in milliseconds, and module time less sender time of the least delayed report in
-    /// microseconds.
-    last: Option<(u32, i64)>,
-}
-
-impl SenderClock {
-    /// When the report was sent, on the module's clock.
-    fn on_module_clock(&mut self, arrival_us: u64, sender_ms: u32, config: &Config) -> u64 {
-        let sender_us = i64::from(sender_ms) * 1000;
-        let observed_us = arrival_us.cast_signed() - sender_us;
-        let offset_us = match self.last {
-            Some((last_ms, offset_us))
-                if sender_ms > last_ms
-                    && (observed_us - offset_us).unsigned_abs() <= u64::from(config.max_clock_error_us) =>
-            {
-                observed_us.min(offset_us + i64::from(config.clock_leak_us))
-            }
-            // First report, a rebooted sender, or one without a clock: the arrival is all there is.
-            _ => observed_us,
-        };
-        self.last = Some((sender_ms, offset_us));
-        (sender_us + offset_us).max(0) as u64
+        pitch_rad: (pitch_rad + pitch_rate * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CONFIG: Config = Config::DEFAULT;
-
-    fn report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> Report {
-        Report {
-            sender_time: WrappingMillis::new(sender_ms),
-            attitude: Attitude::from_deg(roll_deg, 0.0),
-            rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0],
-        }
-    }
-
-    fn roll_deg(lookup: Lookup) -> f32 {
-        match lookup {
-            Lookup::Interpolated(a) | Lookup::Extrapolated(a) => a.roll_rad.to_degrees(),
-            other => panic!("{other:?}"),
-        }
-    }
-
-    /// 50 Hz reports of a 10 deg/s roll: the attitude asked for is the one that was true, latency taken out.
-    #[test]
-    fn interpolates_and_extrapolates_to_the_instant() {
-        let mut track = Track::new(CONFIG);
-        for i in 0..8_u32 {
-            let true_us = 1_000_000 + u64::from(i) * 20_000;
-            track.push(true_us + u64::from(CONFIG.latency_us), report(500 + i * 20, 0.2 * i as f32, 10.0));
-        }
-        let lookup = track.at(1_050_000);
-        assert!(matches!(lookup, Lookup::Interpolated(_)));
-        assert!((roll_deg(lookup) - 0.5).abs() < 1e-3);
-        let lookup = track.at(1_180_000);
-        assert!(matches!(lookup, Lookup::Extrapolated(_)));
-        assert!((roll_deg(lookup) - 1.8).abs() < 1e-3);
-        assert_eq!(track.at(1_400_000), Lookup::Stale);
-        assert_eq!(track.at(900_000), Lookup::Missing);
-    }
-
-    /// Reports delayed at random by up to 15 ms on the line: stamps keep the sender's spacing to the least delay.
-    #[test]
-    fn jitter_of_the_line_is_taken_out() {
-        let mut track = Track::new(CONFIG);
-        for i in 0..200_u32 {
-            let jitter_us = u64::from(i * 7919 % 15) * 1000;
-            let sent_us = 1_000_000 + u64::from(i) * 20_000;
-            track.push(sent_us + jitter_us, report(i * 20, i as f32 * 0.2, 0.0));
-        }
-        // Roll rises by 10 deg/s: 0.3 ms of stamp error is 0.003 deg; without the clock it would be up to 0.15.
-        let asked_us = 1_000_000 + 197 * 20_000 - u64::from(CONFIG.latency_us);
-        assert!((roll_deg(track.at(asked_us)) - 197.0 * 0.2).abs() < 0.003);
-    }
-
-    #[test]
-    fn a_sender_without_clock_or_after_reboot_is_stamped_by_arrival() {
-        let mut track = Track::new(CONFIG);
-        for (i, sender_ms) in [900_000, 900_020, 0, 0, 0].into_iter().enumerate() {
-            track.push(2_000_000 + i as u64 * 20_000, report(sender_ms, i as f32, 0.0));
-        }
-        let newest_us = 2_080_000 - u64::from(CONFIG.latency_us);
-        assert!((roll_deg(track.at(newest_us)) - 4.0).abs() < 1e-3);
-    }
-
-    #[test]
-    fn roll_is_interpolated_the_short_way_round() {
-        let mut track = Track::new(CONFIG);
-        track.push(1_020_000, report(0, 179.0, 0.0));
-        track.push(1_040_000, report(20, -179.0, 0.0));
-        assert!((roll_deg(track.at(1_010_000)).abs() - 180.0).abs() < 1e-3);
-    }
-}
+mod tests;

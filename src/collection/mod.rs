@@ -1,10 +1,9 @@
 //! Turns: which samples of a flight calibration is made of.
 //!
-//! Readings paired with attitude are averaged to ten a second ([`averager`]), a detector that looks at bank alone says
+//! Of samples with attitude, ten a second, a detector that looks at bank alone says
 //! when the aircraft is in a sustained left or right turn ([`detector`]), and a dataset of fixed capacity keeps samples
 //! evenly spread over heading for each side, a part of them held back for verification ([`dataset`]).
 
-pub mod averager;
 mod circle;
 pub mod dataset;
 pub mod detector;

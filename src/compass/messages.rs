@@ -5,15 +5,15 @@ use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
 use crate::collection::Progress;
 use crate::magnetometer::Identity;
-use crate::settings::Settings;
+use crate::settings::{Setting, Settings};
 use crate::store::{Record, StoreError};
 use crate::time::WrappingMillis;
 
 /// What happened.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
-    /// A magnetometer answered.
-    SensorFound(Identity),
+    /// A magnetometer answered; so many of its readings make a sample.
+    SensorFound(Identity, u16),
     /// The next averaged sample of the flight.
     Sample(Sample),
     /// Somebody asked for something, at this time by the samples' clock.
@@ -45,19 +45,11 @@ pub enum Command {
     CalUndo,
     /// State, progress, settings and the calibration in use.
     Report,
-    /// Heading sentences on or off.
-    StreamOn(bool),
-    /// Heading sentences a second.
-    StreamRate(u8),
-    /// Variation (declination) for the sentences, degrees, east positive.
-    SetDeclination(Option<f32>),
-    /// How the sensor sits in the aircraft.
-    SetMount(Orientation),
-    /// Inclination of the Earth field here, degrees, positive down; none to find it from the samples.
-    SetInclination(Option<f32>),
+    /// Change a setting.
+    Set(Setting),
     /// The vehicle stands at this magnetic heading, degrees: from now on that is what is shown there. None takes the
     /// offset away.
-    SetAlign(Option<f32>),
+    Align(Option<f32>),
 }
 
 /// What is to be done next.
@@ -74,7 +66,7 @@ pub enum Effect {
 }
 
 /// An answer that is not a refusal.
-#[allow(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
+#[expect(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.

@@ -2,9 +2,10 @@
 
 use core::fmt;
 
+use crate::acceptance::Rejection;
 use crate::calibration::SolveError;
+use crate::settings::OutOfRange;
 use crate::store::StoreError;
-use crate::wire::decimal::Decimal;
 
 /// Why the module did not do what was asked or tried.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,35 +31,11 @@ pub enum Refusal {
     /// `cal undo` without a calibration before.
     NothingToUndo,
     /// A value outside its range; what it must be.
-    OutOfRange(&'static str),
+    OutOfRange(OutOfRange),
     /// The samples gave no calibration.
     Solve(SolveError),
-    /// Too few samples were held back on a side to verify with.
-    TooFewHeldBack {
-        /// How many there are.
-        have: u16,
-        /// How many it takes.
-        need: u16,
-    },
-    /// Solved, but not accurate enough to be of use.
-    NotAccurate {
-        /// Expected heading error, degrees RMS.
-        expected_rms_deg: f32,
-    },
-    /// On held-back samples it is no better than the one in use.
-    NotBetter {
-        /// Score of the new one, smaller is better.
-        candidate: f32,
-        /// Score of the one in use.
-        incumbent: f32,
-    },
-    /// The samples determine less than those of the calibration in use did, and do not contradict it.
-    Thinner {
-        /// Expected heading error, degrees RMS.
-        expected_rms_deg: f32,
-        /// That of the calibration in use.
-        incumbent_rms_deg: f32,
-    },
+    /// Solved, but not accepted.
+    Rejected(Rejection),
     /// Writing failed; the calibration in use is the old one.
     Store(StoreError),
 }
@@ -80,10 +57,7 @@ impl Refusal {
             Self::NothingToUndo => "nothing-to-undo",
             Self::OutOfRange(_) => "out-of-range",
             Self::Solve(error) => error.code(),
-            Self::TooFewHeldBack { .. } => "too-few-held-back",
-            Self::NotAccurate { .. } => "not-accurate",
-            Self::NotBetter { .. } => "not-better",
-            Self::Thinner { .. } => "thinner",
+            Self::Rejected(rejection) => rejection.code(),
             Self::Store(error) => error.code(),
         }
     }
@@ -103,23 +77,9 @@ impl fmt::Display for Refusal {
             Self::NoSamples => f.write_str("there are no samples; cal start, then fly left and right turns"),
             Self::NoSensor => f.write_str("the magnetometer has not answered; check its wiring, see status"),
             Self::NothingToUndo => f.write_str("there is no calibration before this one"),
-            Self::OutOfRange(what) => f.write_str(what),
+            Self::OutOfRange(OutOfRange(range)) => f.write_str(range),
             Self::Solve(error) => error.fmt(f),
-            Self::TooFewHeldBack { have, need } => {
-                write!(f, "{have} of {need} samples to verify with on the thinner side; fly longer turns each way")
-            }
-            Self::NotAccurate { expected_rms_deg } => {
-                let expected = Decimal::<1>(*expected_rms_deg);
-                write!(f, "expected error {expected} deg; fly full circles both ways with steadier bank")
-            }
-            Self::NotBetter { candidate, incumbent } => {
-                let (candidate, incumbent) = (Decimal::<2>(*candidate), Decimal::<2>(*incumbent));
-                write!(f, "score {candidate} against {incumbent} of the one in use, which stays")
-            }
-            Self::Thinner { expected_rms_deg, incumbent_rms_deg } => {
-                let (new, old) = (Decimal::<1>(*expected_rms_deg), Decimal::<1>(*incumbent_rms_deg));
-                write!(f, "expected error {new} deg, {old} deg of the one in use, which stays; see cal advise")
-            }
+            Self::Rejected(rejection) => rejection.fmt(f),
             Self::Store(error) => error.fmt(f),
         }
     }

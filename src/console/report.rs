@@ -4,38 +4,17 @@
 use core::fmt::{self, Display, Write};
 
 use super::LineError;
-use crate::app::{Counts, ResetCause, StackUse};
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Envelope, Quality};
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
 use crate::frames::Attitude;
-use crate::heading::{Heading, NoHeading};
-use crate::magnetometer::Identity;
+use crate::health::{Counts, Health, ResetCause, StackUse};
 use crate::wire::decimal::Decimal;
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-
-/// What the module shows of itself beside the state machine's report.
-#[derive(Clone, Debug)]
-pub struct Health {
-    /// The magnetometer that answered.
-    pub sensor: Option<Identity>,
-    /// The attitude now, if the source sends any.
-    pub attitude: Option<Attitude>,
-    /// The last heading, or why there is none.
-    pub heading: Result<Heading, NoHeading>,
-    /// Event counters.
-    pub counts: Counts,
-    /// Why the module started.
-    pub reset: ResetCause,
-    /// Since when, seconds.
-    pub uptime_s: u32,
-    /// How deep the stack has been, where that can be told.
-    pub stack: Option<StackUse>,
-}
 
 /// `error <code>: what to do`.
 pub fn error(out: &mut impl Write, code: &str, what_to_do: impl Display) -> fmt::Result {
@@ -188,7 +167,7 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(
         out,
         "sentences: {}, {} empty, {} not sent; readings: {} unpaired, {} dropped",
-        counts.sentences, counts.sentences_empty, counts.stream_errors, counts.unpaired, counts.samples_dropped
+        counts.messages, counts.messages_empty, counts.write_errors, counts.unpaired, counts.samples_dropped
     )?;
     writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
 }

@@ -7,8 +7,8 @@
 pub mod bound;
 pub mod trial;
 
+use autoswing::acceptance::Policy;
 use autoswing::calibration::{Consider, Method, Prior, Samples, Solution, SolveError, Solver};
-use autoswing::compass;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
@@ -165,7 +165,7 @@ impl Counts {
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
         let expected_deg = solution.quality.expected_rms_deg;
-        let accepted = expected_deg <= compass::Config::DEFAULT.max_expected_rms_deg;
+        let accepted = expected_deg <= Policy::DEFAULT.max_expected_rms_deg;
         self.solved += 1;
         self.squares += square;
         self.accepted += u32::from(accepted);

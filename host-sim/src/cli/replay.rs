@@ -39,8 +39,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
 fn reason(refused: &Refused) -> (&'static str, String) {
     match refused {
         Refused::Solve(error) => (error.code(), error.to_string()),
-        Refused::NotAccurate(expected_deg) => ("not-accurate", format!("expected error {expected_deg:.1} deg")),
-        Refused::NotBetter => ("not-better", "no better than no calibration on samples held back".to_owned()),
+        Refused::Rejected(rejection) => (rejection.code(), rejection.to_string()),
     }
 }
 

@@ -1,17 +1,17 @@
-//! A recorded flight through the module's own collection and solver.
+//! A recorded flight through the module's own instrument, collection, solver and acceptance.
 
 pub mod recording;
 
+use autoswing::acceptance::{self, Evidence, Incumbent, Policy, Rejection};
+use autoswing::attitude::{self, Report};
 use autoswing::calibration::ladder::{self, Procedure, Selection};
-use autoswing::calibration::{
-    Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve, verification,
-};
-use autoswing::collection::averager::{Averager, READINGS};
+use autoswing::calibration::{Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve};
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector};
-use autoswing::compass;
-use autoswing::heading::{self, NoHeading, heading};
-use autoswing::time::WrappingMillis;
+use autoswing::heading::{self, NoHeading};
+use autoswing::instrument::{Config, Correction, Estimate, Instrument};
+use autoswing::magnetometer::Reading;
+use autoswing::time::{Timestamp, WrappingMillis};
 use recording::Row;
 
 use crate::score::{within_percent, wrap_180};
@@ -41,10 +41,8 @@ pub struct Options {
 pub enum Refused {
     /// The solver's reason.
     Solve(SolveError),
-    /// Expected to be too inaccurate, degrees RMS.
-    NotAccurate(f32),
-    /// On held-back samples no better than none.
-    NotBetter,
+    /// Solved, but an uncalibrated module would not have taken it.
+    Rejected(Rejection),
 }
 
 /// A heading of every row.
@@ -93,12 +91,12 @@ pub struct Replayed {
 /// Replays a flight. The rows are in the order of time.
 #[must_use]
 pub fn replay(rows: &[Row], options: &Options) -> Replayed {
+    let config = config_of(rows);
     let prior = Prior {
         mount: Orientation::NONE,
         inclination_rad: options.inclination_deg.map(|degrees| degrees.to_radians() as f32),
     };
-    let readings = readings_per_sample(rows);
-    let usable: Vec<Sample> = fitted(rows, options, readings);
+    let usable = fitted(rows, options, config);
     let (result, samples) = match options.selected {
         Selected::All => from_all(&usable, &prior),
         Selected::Turns => from_turns(&usable, &prior),
@@ -109,37 +107,41 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
-    let shown: Vec<Shown> =
-        solution.iter().flat_map(|solution| rows.iter().map(|row| show(solution, row, readings))).collect();
+    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, solution, config));
     let mut each = shown.iter();
     let score = solution.and_then(|_| score(rows, |_| each.next().map(|s| (s.heading_deg, s.sigma_deg))));
     Replayed { solution, accepted, samples, shown, score, uncorrected }
 }
 
-/// How many rows make a sample of the device's: rows at a reading's rate are averaged, slower ones are samples already.
-fn readings_per_sample(rows: &[Row]) -> u16 {
+/// An instrument for rows that come as often as these, their attitude of the same instants as their field.
+fn config_of(rows: &[Row]) -> Config {
     let mut steps_s: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
     steps_s.sort_by(f64::total_cmp);
-    let is_fast = steps_s.get(steps_s.len() / 2).is_some_and(|median_s| *median_s < 0.03);
-    if is_fast { READINGS } else { 1 }
+    let median_s = steps_s.get(steps_s.len() / 2).copied().unwrap_or(0.1);
+    let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
+    Config { attitude, ..Config::new((median_s * 1e6).round() as u32) }
+}
+
+/// What the instrument makes of a row, its instant counted from a start.
+fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
+    let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
+    // A recording has no clock but its own: reports are stamped by their arrival.
+    let sender_time = WrappingMillis::default();
+    instrument.on_attitude(at, Report { sender_time, attitude: row.attitude, rates_rad_s: [0.0; 3] });
+    instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
 }
 
 /// The samples that may be fitted to.
-fn fitted(rows: &[Row], options: &Options, readings: u16) -> Vec<Sample> {
+fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
     let usable = rows.iter().filter(|row| row.usable && options.fit_until_s.is_none_or(|until_s| row.t_s < until_s));
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
-    if readings > 1 {
-        let mut averager = Averager::new();
-        let push = |row: &Row| averager.push(((row.t_s - start_s) * 1e6) as u64, row.field, row.attitude);
-        usable.filter_map(push).collect()
-    } else {
-        let sample = |row: &Row| Sample {
-            field: row.field,
-            attitude: row.attitude,
-            time: WrappingMillis::new(((row.t_s - start_s) * 1e3) as u32),
-        };
-        usable.map(sample).collect()
-    }
+    let mut instrument = Instrument::new(config);
+    usable
+        .flat_map(|row| {
+            estimate(&mut instrument, row, start_s);
+            std::iter::from_fn(|| instrument.next_sample()).collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
@@ -154,7 +156,7 @@ fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     let fit = selection.from(collector.fit());
     let solved = ladder::choose(collector.fit(), Procedure::Turns, prior)
         .and_then(|method| solve(method, fit, prior))
-        .map(|solution| (solution, judged(&solution, selection.from(collector.held_back()))));
+        .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
     (solved, fit.all().count())
 }
 
@@ -169,7 +171,7 @@ fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     };
     let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
     let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
-        .map(|solution| (solution, judged(&solution, held_back.samples())));
+        .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
     (solved, number)
 }
 
@@ -199,32 +201,37 @@ impl Split {
 }
 
 /// Whether an uncalibrated module would take it.
-fn judged(solution: &Solution, held_back: Samples<'_>) -> Result<(), Refused> {
-    let expected_rms_deg = solution.quality.expected_rms_deg;
-    if expected_rms_deg > compass::Config::DEFAULT.max_expected_rms_deg {
-        return Err(Refused::NotAccurate(expected_rms_deg));
-    }
-    let none = Calibration::uncalibrated(Orientation::NONE);
-    let scores = verification::verify(held_back, true, &solution.calibration, &none);
-    if scores.candidate < scores.incumbent { Ok(()) } else { Err(Refused::NotBetter) }
+fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), Refused> {
+    let none = Incumbent { calibration: Calibration::uncalibrated(Orientation::NONE), quality: None };
+    let evidence = Evidence { fitted, held_back, knows_attitude: true };
+    acceptance::judge(&Policy::DEFAULT, solution, evidence, &none).map(|_| ()).map_err(Refused::Rejected)
 }
 
 fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
     f64::from(row.attitude.level(calibration.apply(row.field)).heading_rad().to_degrees())
 }
 
-fn show(solution: &Solution, row: &Row, readings: u16) -> Shown {
-    let config = heading::Config { readings_per_sample: f32::from(readings), ..heading::Config::DEFAULT };
-    // The heading is shown in any field; whether it would have been sent is its status.
-    let any = heading::Config { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1, ..config };
-    let of = |config| heading(config, &solution.calibration, &solution.uncertainty, row.field, row.attitude);
-    let sigma_deg = of(any).map_or(f64::NAN, |found| f64::from(found.sigma_deg()));
-    Shown {
-        t_s: row.t_s,
-        heading_deg: heading_deg(&solution.calibration, row),
-        sigma_deg,
-        status: of(config).map(|_| ()),
-    }
+/// What the module would have shown for every row.
+fn show(rows: &[Row], solution: &Solution, config: Config) -> Vec<Shown> {
+    let start_s = rows.first().map_or(0.0, |row| row.t_s);
+    let calibration = Some((solution.calibration, solution.uncertainty));
+    let [mut device, mut any] = [config.heading, heading::Config::ANY_FIELD].map(|heading| {
+        let mut instrument = Instrument::new(Config { heading, ..config });
+        instrument.correct_with(Correction { calibration, ..Correction::NONE });
+        instrument
+    });
+    rows.iter()
+        .map(|row| {
+            // The heading is shown in any field; whether it would have been sent is its status.
+            let sigma_deg = estimate(&mut any, row, start_s).heading.map_or(f64::NAN, |found| found.sigma_deg().into());
+            Shown {
+                t_s: row.t_s,
+                heading_deg: heading_deg(&solution.calibration, row),
+                sigma_deg,
+                status: estimate(&mut device, row, start_s).heading.map(|_| ()),
+            }
+        })
+        .collect()
 }
 
 /// Errors of usable rows with a reference; `heading` is asked for every row in turn.

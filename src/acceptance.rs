@@ -1,0 +1,407 @@
+//! Acceptance: whether a candidate may replace the calibration in use. One pure function, asked by the device, by replayed
+//! flights and by accuracy studies alike.
+//!
+//! In this order, the first that applies:
+//!
+//! | rejected as | because |
+//! |---|---|
+//! | `too-few-held-back` | nothing could be verified |
+//! | `not-accurate` | its expected heading error is of no use |
+//! | `not-better` | on held-back samples it does no better than what is in use |
+//! | `thinner` | its samples show less than those behind the one in use, which they do not contradict |
+
+use core::fmt;
+
+use crate::calibration::verification::{self, Scores};
+use crate::calibration::{Calibration, Quality, Samples, Solution};
+use crate::wire::decimal::Decimal;
+
+/// Fixed numbers of the judgement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Policy {
+    /// A calibration expected to be worse than this is rejected, degrees RMS: an uncalibrated compass in a clean
+    /// airframe is about as good.
+    pub max_expected_rms_deg: f32,
+    /// Held-back samples needed of each part that was used: one for every sector but a few.
+    pub min_held_back: u16,
+    /// A candidate expected to be worse than the calibration in use by more than this factor is thinner.
+    pub thinner_by: f32,
+    /// A thinner candidate is only taken when it explains the held-back samples this many times better: then the
+    /// airframe's iron has changed, and the calibration in use is wrong whatever it was expected to be.
+    pub contradicted_by: f32,
+}
+
+impl Policy {
+    /// Numbers for every vehicle.
+    pub const DEFAULT: Self =
+        Self { max_expected_rms_deg: 3.0, min_held_back: 8, thinner_by: 1.5, contradicted_by: 3.0 };
+}
+
+/// What is judged on.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence<'a> {
+    /// The samples that the candidate was fitted to.
+    pub fitted: Samples<'a>,
+    /// Samples of the same parts that it was not fitted to.
+    pub held_back: Samples<'a>,
+    /// Whether the samples' attitudes are known.
+    pub knows_attitude: bool,
+}
+
+/// What a candidate would replace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Incumbent {
+    /// The calibration in use; without one, the mounting alone ([`Calibration::uncalibrated`]).
+    pub calibration: Calibration,
+    /// How good it is expected to be; none without a calibration in use.
+    pub quality: Option<Quality>,
+}
+
+/// Why a candidate may not replace the calibration in use.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rejection {
+    /// Too few samples of a part were held back to verify with.
+    TooFewHeldBack {
+        /// How many there are, of the part with the fewest.
+        have: u16,
+        /// How many it takes.
+        need: u16,
+    },
+    /// Solved, but not accurate enough to be of use.
+    NotAccurate {
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+    },
+    /// On held-back samples it is no better than the one in use.
+    NotBetter {
+        /// Score of the new one, smaller is better.
+        candidate: f32,
+        /// Score of the one in use.
+        incumbent: f32,
+    },
+    /// The samples determine less than those of the calibration in use did, and do not contradict it.
+    Thinner {
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+        /// That of the calibration in use.
+        incumbent_rms_deg: f32,
+    },
+}
+
+/// Judges a candidate; its scores on the held-back samples if it may replace the incumbent.
+///
+/// # Errors
+///
+/// The first [`Rejection`] that applies, in the order of their declaration.
+pub fn judge(
+    policy: &Policy,
+    candidate: &Solution,
+    evidence: Evidence<'_>,
+    incumbent: &Incumbent,
+) -> Result<Scores, Rejection> {
+    enough_held_back(policy, &evidence)?;
+    accurate(policy, candidate.quality.expected_rms_deg)?;
+    let scores = better(candidate, &evidence, incumbent)?;
+    if let Some(quality) = &incumbent.quality {
+        not_thinner(policy, &candidate.quality, quality, scores)?;
+    }
+    Ok(scores)
+}
+
+fn enough_held_back(policy: &Policy, evidence: &Evidence<'_>) -> Result<(), Rejection> {
+    let (have, need) = (fewest_held_back(evidence), policy.min_held_back);
+    if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
+}
+
+/// How many samples were held back of the part with the fewest, of those that were fitted to. Marks have none of their
+/// own: what was seen between them is held back.
+fn fewest_held_back(evidence: &Evidence<'_>) -> u16 {
+    let Evidence { fitted, held_back, .. } = evidence;
+    [(fitted.left, held_back.left), (fitted.right, held_back.right), (fitted.level, held_back.level)]
+        .iter()
+        .filter(|(fitted, _)| !fitted.is_empty())
+        .map(|(_, held_back)| u16::try_from(held_back.len()).unwrap_or(u16::MAX))
+        .min()
+        .unwrap_or(0)
+}
+
+fn accurate(policy: &Policy, expected_rms_deg: f32) -> Result<(), Rejection> {
+    // What is not a number is not accurate either.
+    if expected_rms_deg <= policy.max_expected_rms_deg {
+        Ok(())
+    } else {
+        Err(Rejection::NotAccurate { expected_rms_deg })
+    }
+}
+
+fn better(candidate: &Solution, evidence: &Evidence<'_>, incumbent: &Incumbent) -> Result<Scores, Rejection> {
+    let scores = verification::verify(
+        evidence.held_back,
+        evidence.knows_attitude,
+        &candidate.calibration,
+        &incumbent.calibration,
+    );
+    if scores.candidate < scores.incumbent {
+        Ok(scores)
+    } else {
+        Err(Rejection::NotBetter { candidate: scores.candidate, incumbent: scores.incumbent })
+    }
+}
+
+/// Thin data never make the heading worse than the calibration in use: held-back samples of a thin flight show no more
+/// than those it was fitted to.
+fn not_thinner(policy: &Policy, new: &Quality, old: &Quality, scores: Scores) -> Result<(), Rejection> {
+    let thinner = new.expected_rms_deg > policy.thinner_by * old.expected_rms_deg
+        || (old.is_of_everything() && !new.is_of_everything());
+    let contradicted = scores.incumbent > policy.contradicted_by * scores.candidate;
+    if thinner && !contradicted {
+        let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
+        return Err(Rejection::Thinner { expected_rms_deg, incumbent_rms_deg });
+    }
+    Ok(())
+}
+
+impl Rejection {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::TooFewHeldBack { .. } => "too-few-held-back",
+            Self::NotAccurate { .. } => "not-accurate",
+            Self::NotBetter { .. } => "not-better",
+            Self::Thinner { .. } => "thinner",
+        }
+    }
+}
+
+/// What to do about it, in words.
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::TooFewHeldBack { have, need } => {
+                write!(f, "{have} of {need} samples to verify with on the thinner side; fly longer turns each way")
+            }
+            Self::NotAccurate { expected_rms_deg } => {
+                let expected = Decimal::<1>(expected_rms_deg);
+                write!(f, "expected error {expected} deg; fly full circles both ways with steadier bank")
+            }
+            Self::NotBetter { candidate, incumbent } => {
+                let (candidate, incumbent) = (Decimal::<2>(candidate), Decimal::<2>(incumbent));
+                write!(f, "score {candidate} against {incumbent} of the one in use, which stays")
+            }
+            Self::Thinner { expected_rms_deg, incumbent_rms_deg } => {
+                let (new, old) = (Decimal::<1>(expected_rms_deg), Decimal::<1>(incumbent_rms_deg));
+                write!(f, "expected error {new} deg, {old} deg of the one in use, which stays; see cal advise")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Envelope, Method, Orientation, Sample, Uncertainty};
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    const POLICY: Policy = Policy::DEFAULT;
+
+    fn quality(expected_rms_deg: f32) -> Quality {
+        Quality {
+            method: Method::MaximumLikelihood,
+            envelope: Envelope::Banked,
+            expected_rms_deg,
+            expected_worst_deg: 2.0 * expected_rms_deg,
+            norm_residual: 0.004,
+            dip_residual_deg: 0.4,
+            samples: 300,
+        }
+    }
+
+    /// A calibration that is wrong by so much hard iron along x.
+    fn wrong_by(b_ut: f32) -> Calibration {
+        Calibration {
+            b_ut: [b_ut, 0.0, 0.0],
+            inclination_rad: 1.0,
+            total_ut: 50.0,
+            ..Calibration::uncalibrated(Orientation::NONE)
+        }
+    }
+
+    fn candidate(b_ut: f32, quality: Quality) -> Solution {
+        Solution { calibration: wrong_by(b_ut), quality, uncertainty: Uncertainty::NONE, advice: None }
+    }
+
+    fn in_use(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
+        Incumbent { calibration: wrong_by(b_ut), quality: Some(quality(expected_rms_deg)) }
+    }
+
+    const NOT_CALIBRATED: Incumbent = Incumbent {
+        calibration: Calibration {
+            w: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            b_ut: [9.0, 0.0, 0.0],
+            inclination_rad: 0.0,
+            total_ut: 0.0,
+        },
+        quality: None,
+    };
+
+    /// What a sensor without iron sees on a circle at this bank. A calibration wrong by b changes the total field by
+    /// up to b cos(dip) / F, so that scores are proportional to b.
+    fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
+        (0..samples)
+            .map(|i| {
+                let attitude = Attitude::from_deg(roll_deg, 0.0);
+                let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
+                let field = Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut);
+                Sample { field, attitude, time: WrappingMillis::new(u32::from(i) * 400) }
+            })
+            .collect()
+    }
+
+    /// Judges with so many samples of left turns, right turns and level flight held back; of each part some were fitted.
+    fn judged(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) -> Result<Scores, Rejection> {
+        let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle(roll_deg, 24));
+        let [l, r, v] = [(-25.0, held_back[0]), (25.0, held_back[1]), (0.0, held_back[2])]
+            .map(|(roll_deg, samples)| circle(roll_deg, samples));
+        let level_used = held_back[2] > 0;
+        let evidence = Evidence {
+            fitted: Samples {
+                left: &fitted[0],
+                right: &fitted[1],
+                level: if level_used { &fitted[2] } else { &[] },
+                marks: &[],
+            },
+            held_back: Samples { left: &l, right: &r, level: &v, marks: &[] },
+            knows_attitude: true,
+        };
+        judge(&POLICY, candidate, evidence, incumbent)
+    }
+
+    const ENOUGH: [u16; 3] = [24, 24, 0];
+
+    #[test]
+    fn a_good_candidate_replaces_no_calibration_and_a_worse_one() {
+        for incumbent in [NOT_CALIBRATED, in_use(2.0, 0.5)] {
+            let scores = judged(ENOUGH, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
+            assert!(scores.candidate < scores.incumbent, "{scores:?}");
+        }
+    }
+
+    /// Eight of each part that was fitted to, and it is the part with the fewest that counts.
+    #[test]
+    fn every_part_needs_its_samples_held_back() {
+        let good = candidate(0.1, quality(0.5));
+        let rejected = |have| Err(Rejection::TooFewHeldBack { have, need: 8 });
+        for (held_back, expected) in [
+            ([8, 8, 0], None),
+            ([7, 30, 0], Some(7)),
+            ([30, 7, 0], Some(7)),
+            ([30, 30, 7], Some(7)),
+            ([30, 30, 8], None),
+            ([0, 30, 0], Some(0)),
+        ] {
+            let found = judged(held_back, &good, &NOT_CALIBRATED);
+            match expected {
+                Some(have) => assert_eq!(found, rejected(have), "{held_back:?}"),
+                None => assert!(found.is_ok(), "{held_back:?}: {found:?}"),
+            }
+        }
+    }
+
+    /// Marks are fitted to and have nothing of their own held back: without samples of other parts nothing is verified.
+    #[test]
+    fn nothing_held_back_is_too_few() {
+        let evidence = Evidence { fitted: Samples::default(), held_back: Samples::default(), knows_attitude: true };
+        let found = judge(&POLICY, &candidate(0.1, quality(0.5)), evidence, &NOT_CALIBRATED);
+        assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
+    }
+
+    /// 3 deg RMS; what is not a number is refused, however well it scores.
+    #[test]
+    fn an_expected_error_beyond_use_is_refused() {
+        let of = |expected_rms_deg| judged(ENOUGH, &candidate(0.1, quality(expected_rms_deg)), &NOT_CALIBRATED);
+        assert!(of(3.0).is_ok());
+        assert_eq!(of(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
+        assert!(matches!(of(f32::NAN), Err(Rejection::NotAccurate { .. })));
+        assert!(matches!(of(f32::INFINITY), Err(Rejection::NotAccurate { .. })));
+    }
+
+    /// The held-back samples decide, by however little, and a draw changes nothing.
+    #[test]
+    fn only_a_better_one_replaces() {
+        let of = |b_ut| judged(ENOUGH, &candidate(b_ut, quality(0.5)), &in_use(1.0, 0.5));
+        assert!(of(0.99).is_ok());
+        for worse in [1.0, 1.01, f32::NAN] {
+            let Err(Rejection::NotBetter { candidate, incumbent }) = of(worse) else { panic!("{worse}") };
+            assert!(candidate.is_nan() || candidate >= incumbent, "{candidate} {incumbent}");
+        }
+    }
+
+    /// 1.5 times the expected error of the one in use.
+    #[test]
+    fn a_thinner_flight_does_not_replace_a_fuller_one() {
+        let of = |expected_rms_deg| judged(ENOUGH, &candidate(0.9, quality(expected_rms_deg)), &in_use(1.0, 1.0));
+        assert!(of(1.5).is_ok());
+        assert_eq!(of(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
+        // Without a calibration in use there is nothing fuller.
+        assert!(judged(ENOUGH, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
+    }
+
+    /// A calibration that shows only level headings, or not the mounting, is thinner than one of everything whatever it
+    /// expects.
+    #[test]
+    fn one_of_less_does_not_replace_one_of_everything() {
+        let level = Quality { envelope: Envelope::Level, ..quality(0.2) };
+        let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
+        for less in [level, tumbled] {
+            let found = judged(ENOUGH, &candidate(0.9, less), &in_use(1.0, 1.0));
+            assert_eq!(found, Err(Rejection::Thinner { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
+            let incumbent = Incumbent { quality: Some(less), ..in_use(1.0, 1.0) };
+            assert!(judged(ENOUGH, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
+            assert!(judged(ENOUGH, &candidate(0.9, quality(0.2)), &incumbent).is_ok(), "this one is of more");
+        }
+    }
+
+    /// Three times better on the held-back samples: the iron has changed, and the one in use is wrong.
+    #[test]
+    fn a_thinner_flight_that_contradicts_replaces() {
+        let of = |b_ut| judged(ENOUGH, &candidate(b_ut, quality(2.0)), &in_use(3.0, 1.0));
+        assert!(matches!(of(1.05), Err(Rejection::Thinner { .. })), "{:?}", of(1.05));
+        assert!(of(0.95).is_ok(), "{:?}", of(0.95));
+    }
+
+    /// Without attitude the samples' inclinations mean nothing and take no part.
+    #[test]
+    fn attitude_that_is_not_known_is_not_used() {
+        let mut samples = circle(0.0, 24);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0);
+        }
+        let score = |knows_attitude| {
+            let parts = Samples { left: &samples, ..Samples::default() };
+            let evidence = Evidence { fitted: parts, held_back: parts, knows_attitude };
+            judge(&POLICY, &candidate(0.1, quality(0.5)), evidence, &NOT_CALIBRATED).map(|scores| scores.candidate)
+        };
+        assert!(score(false).unwrap() < 1.0, "{:?}", score(false));
+        assert!(score(true).is_err() || score(true).unwrap() > 10.0, "{:?}", score(true));
+    }
+
+    /// Scripts rely on the codes, people on the words.
+    #[test]
+    fn rejections_have_codes_and_say_what_to_do() {
+        for (rejection, code, words) in [
+            (Rejection::TooFewHeldBack { have: 5, need: 8 }, "too-few-held-back", "5 of 8 samples to verify with"),
+            (Rejection::NotAccurate { expected_rms_deg: 4.26 }, "not-accurate", "expected error 4.3 deg; fly full"),
+            (Rejection::NotBetter { candidate: 1.5, incumbent: 1.25 }, "not-better", "score 1.50 against 1.25 of"),
+            (
+                Rejection::Thinner { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 },
+                "thinner",
+                "expected error 2.0 deg, 0.5 deg of the one in use, which stays",
+            ),
+        ] {
+            assert_eq!(rejection.code(), code);
+            assert!(rejection.to_string().starts_with(words), "{rejection}");
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Feeds the instrument and forwards what comes out of it.
+
+use embassy_futures::select::{Either4, select4};
+use embassy_time::{Instant, Timer};
+
+use super::Links;
+use super::links::{FoundSensor, count, listen, now};
+use crate::instrument::{Config, Instrument};
+
+/// The period of the reference sensor: what silence is measured by until one has answered.
+const FIRST_PERIOD_US: u32 = 12_500;
+
+/// Runs the instrument for ever.
+pub async fn run(links: &Links) -> ! {
+    let mut sensor = listen(&links.sensor);
+    let mut correction = listen(&links.correction);
+    let estimates = links.estimates.sender();
+    let mut instrument = Instrument::new(Config::new(FIRST_PERIOD_US));
+    let mut silent_at = silence_from_now(&instrument);
+    loop {
+        // Reports before readings: what is known of an instant counts at that instant.
+        let event =
+            select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
+        count(&links.heartbeats.instrument);
+        if let Some(changed) = correction.try_changed() {
+            instrument.correct_with(changed);
+        }
+        match event {
+            Either4::First(found) => adapt(&mut instrument, found),
+            Either4::Second(report) => instrument.on_attitude(report.at, report.value),
+            Either4::Third(reading) => {
+                estimates.send(instrument.on_reading(reading.at, reading.value));
+                silent_at = silence_from_now(&instrument);
+            }
+            Either4::Fourth(()) => {
+                estimates.send(instrument.on_silence(now()));
+                silent_at = silence_from_now(&instrument);
+            }
+        }
+        while let Some(sample) = instrument.next_sample() {
+            links.offer(&links.samples, sample);
+        }
+        links.counters.unpaired.store(instrument.unpaired(), core::sync::atomic::Ordering::Relaxed);
+    }
+}
+
+fn silence_from_now(instrument: &Instrument) -> Instant {
+    Instant::now() + embassy_time::Duration::from_micros(instrument.config().silence_us())
+}
+
+/// A sensor of another rate than the last makes another instrument.
+fn adapt(instrument: &mut Instrument, found: FoundSensor) {
+    if found.period_us != instrument.config().reading_period_us {
+        instrument.set_reading_period(found.period_us);
+    }
+}

@@ -1,0 +1,248 @@
+//! What the attitude track promises.
+
+use super::*;
+
+const CONFIG: Config = Config::DEFAULT;
+const LATENCY_US: u64 = CONFIG.latency_us as u64;
+const PERIOD_US: u64 = 20_000;
+
+fn at(us: u64) -> Timestamp {
+    Timestamp::from_us(us)
+}
+
+fn rolling(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> Report {
+    moving(sender_ms, Attitude::from_deg(roll_deg, 0.0), [p_deg_s, 0.0, 0.0])
+}
+
+fn moving(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> Report {
+    let rates_rad_s = rates_deg_s.map(f32::to_radians);
+    Report { sender_time: WrappingMillis::new(sender_ms), attitude, rates_rad_s }
+}
+
+/// A track with one report whose attitude was true at 1 s.
+fn of_one(attitude: Attitude, rates_deg_s: [f32; 3]) -> Track {
+    let mut track = Track::new(CONFIG);
+    track.push(at(1_000_000 + LATENCY_US), moving(0, attitude, rates_deg_s));
+    track
+}
+
+fn known(lookup: Lookup) -> [f32; 2] {
+    match lookup {
+        Lookup::Interpolated(a) | Lookup::Extrapolated(a) => [a.roll_rad, a.pitch_rad].map(f32::to_degrees),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn roll_deg(lookup: Lookup) -> f32 {
+    known(lookup)[0]
+}
+
+/// 50 Hz reports of a 10 deg/s roll: the attitude asked for is the one that was true, latency taken out.
+#[test]
+fn interpolates_and_extrapolates_to_the_instant() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..8_u32 {
+        let true_us = 1_000_000 + u64::from(i) * PERIOD_US;
+        track.push(at(true_us + LATENCY_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+    }
+    let lookup = track.at(at(1_050_000));
+    assert!(matches!(lookup, Lookup::Interpolated(_)));
+    assert!((roll_deg(lookup) - 0.5).abs() < 1e-3);
+    let lookup = track.at(at(1_180_000));
+    assert!(matches!(lookup, Lookup::Extrapolated(_)));
+    assert!((roll_deg(lookup) - 1.8).abs() < 1e-3);
+    assert_eq!(track.at(at(1_400_000)), Lookup::Stale);
+    assert_eq!(track.at(at(900_000)), Lookup::Missing);
+}
+
+/// A quarter of the way from one attitude to the other, in roll and in pitch.
+#[test]
+fn both_angles_are_interpolated() {
+    let mut track = Track::new(CONFIG);
+    for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (14.0, 8.0)].into_iter().enumerate() {
+        let report = moving(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
+        track.push(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
+    }
+    let [roll, pitch] = known(track.at(at(1_000_000 + PERIOD_US / 4)));
+    assert!((roll - 11.0).abs() < 1e-4 && (pitch + 1.0).abs() < 1e-4, "{roll} {pitch}");
+}
+
+/// A recording may hold attitude and field of the same instants, and nothing between or after.
+#[test]
+fn the_instant_of_a_report_needs_no_other() {
+    let mut track = of_one(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
+    assert!(matches!(track.at(at(1_000_000)), Lookup::Interpolated(_)));
+    // The next comes after a gap too long to interpolate in.
+    track.push(at(9_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
+    let [roll, pitch] = known(track.at(at(1_000_000)));
+    assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
+    assert_eq!(track.at(at(1_000_001)), Lookup::Missing);
+}
+
+/// Level: p rolls to the right, q lifts the nose, r does neither. Banked 90 deg to the right the nose is moved by -r,
+/// and at 45 deg nose up a yaw rate rolls: phi' = tan 45 deg r.
+#[test]
+fn body_rates_carry_roll_and_pitch_on_with_their_signs() {
+    let after_tenth = |roll_deg: f32, pitch_deg: f32, rates_deg_s: [f32; 3]| {
+        known(of_one(Attitude::from_deg(roll_deg, pitch_deg), rates_deg_s).at(at(1_100_000)))
+    };
+    for (roll_deg, pitch_deg, rates_deg_s, [roll_to, pitch_to]) in [
+        (0.0, 0.0, [30.0, 0.0, 0.0], [3.0, 0.0]),
+        (0.0, 0.0, [-30.0, 0.0, 0.0], [-3.0, 0.0]),
+        (0.0, 0.0, [0.0, 20.0, 0.0], [0.0, 2.0]),
+        (0.0, 0.0, [0.0, 0.0, 20.0], [0.0, 0.0]),
+        (90.0, 0.0, [0.0, 0.0, 20.0], [90.0, -2.0]),
+        (90.0, 45.0, [0.0, 20.0, 0.0], [92.0, 45.0]),
+        (0.0, 45.0, [0.0, 0.0, 20.0], [2.0, 45.0]),
+        (60.0, 0.0, [0.0, 20.0, 0.0], [60.0, 1.0]),
+        // The tangent is held at five where the nose is nearly vertical.
+        (0.0, 88.0, [0.0, 0.0, 10.0], [5.0, 88.0]),
+        (0.0, -88.0, [0.0, 0.0, 10.0], [-5.0, -88.0]),
+        // Through 180 deg the short way, and not past the vertical.
+        (179.0, 0.0, [20.0, 0.0, 0.0], [-179.0, 0.0]),
+        (0.0, 89.5, [0.0, 20.0, 0.0], [0.0, 90.0]),
+        (0.0, -89.5, [0.0, -20.0, 0.0], [0.0, -90.0]),
+    ] {
+        let [roll, pitch] = after_tenth(roll_deg, pitch_deg, rates_deg_s);
+        let case = format!("from {roll_deg} {pitch_deg} at {rates_deg_s:?}: {roll} {pitch}");
+        assert!((roll - roll_to).abs() < 1e-3 && (pitch - pitch_to).abs() < 1e-3, "{case}");
+    }
+}
+
+/// 200 ms: a source of 10 Hz with one report lost.
+#[test]
+fn an_attitude_is_carried_on_so_far_and_no_further() {
+    let track = of_one(Attitude::default(), [10.0, 0.0, 0.0]);
+    assert!((roll_deg(track.at(at(1_200_000))) - 2.0).abs() < 1e-3);
+    assert_eq!(track.at(at(1_200_001)), Lookup::Stale);
+    assert_eq!(Track::new(CONFIG).at(at(0)), Lookup::Stale);
+}
+
+/// 250 ms.
+#[test]
+fn a_longer_gap_is_not_interpolated_over() {
+    for (gap_us, bridged) in [(250_000, true), (250_001, false)] {
+        let mut track = of_one(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+        track.push(at(1_000_000 + gap_us + LATENCY_US), rolling(0, 20.0, 0.0));
+        match track.at(at(1_100_000)) {
+            Lookup::Interpolated(_) => assert!(bridged, "{gap_us} us"),
+            lookup => assert!(!bridged && lookup == Lookup::Missing, "{gap_us} us: {lookup:?}"),
+        }
+    }
+}
+
+/// Eight are kept; what lies before them is gone.
+#[test]
+fn the_oldest_report_makes_room() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..9_u32 {
+        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(0, i as f32, 0.0));
+    }
+    assert_eq!(track.at(at(1_010_000)), Lookup::Missing);
+    assert!((roll_deg(track.at(at(1_030_000))) - 1.5).abs() < 1e-3);
+}
+
+/// A burst of reports of the same instant, and one that was overtaken: neither may turn the track back.
+#[test]
+fn a_report_that_is_not_newer_changes_nothing() {
+    let mut track = of_one(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
+    for arrival_us in [1_000_000, 990_000, 0] {
+        track.push(at(arrival_us + LATENCY_US), rolling(0, 50.0, 0.0));
+    }
+    assert!((roll_deg(track.at(at(1_000_000))) - 10.0).abs() < 1e-3);
+    assert_eq!(track.at(at(999_999)), Lookup::Missing);
+}
+
+/// Reports delayed at random by up to 15 ms on the line: stamps keep the sender's spacing to the least delay.
+#[test]
+fn jitter_of_the_line_is_taken_out() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..200_u32 {
+        let jitter_us = u64::from(i * 7919 % 15) * 1000;
+        let sent_us = 1_000_000 + u64::from(i) * PERIOD_US;
+        track.push(at(sent_us + jitter_us), rolling(i * 20, i as f32 * 0.2, 0.0));
+    }
+    // Roll rises by 10 deg/s: 0.3 ms of stamp error is 0.003 deg; without the clock it would be up to 0.15.
+    let asked = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
+    assert!((roll_deg(track.at(asked)) - 197.0 * 0.2).abs() < 0.003);
+}
+
+/// A sender whose clock runs fast by 400 ppm, 8 us a report: the stamps follow it to 1 ms for ever. Without the leak
+/// they would be 16 ms behind after 2000 reports.
+#[test]
+fn a_drifting_clock_is_followed() {
+    for (ppm, name) in [(400_i64, "slow"), (-400, "fast")] {
+        let mut track = Track::new(CONFIG);
+        let mut sent_us = 0;
+        for i in 0..2000_i64 {
+            sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
+            track.push(at(sent_us as u64), rolling(i as u32 * 20, i as f32 * 0.01, 0.0));
+        }
+        // 0.01 deg a report of 20 ms: 1 ms is 0.0005 deg.
+        let found = roll_deg(track.at(at(sent_us as u64 - 10_000 - LATENCY_US)));
+        assert!((found - 19.985).abs() < 0.0006, "{name}: {found}");
+    }
+}
+
+/// 100 ms: a report further from where its sender's clock says is stamped by its arrival, one nearer by the clock.
+#[test]
+fn a_clock_that_is_too_far_off_is_not_believed() {
+    for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
+        let mut track = Track::new(CONFIG);
+        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push(at(1_020_000 + delay_us), rolling(20, 0.0, 0.0));
+        // Newer than the newest is carried on, so an instant just after the clock's stamp tells which it was.
+        let lookup = track.at(at(1_020_011 - LATENCY_US));
+        assert_eq!(matches!(lookup, Lookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
+    }
+}
+
+#[test]
+fn a_sender_without_clock_or_after_reboot_is_stamped_by_arrival() {
+    let mut track = Track::new(CONFIG);
+    for (i, sender_ms) in [900_000, 900_020, 0, 0, 0].into_iter().enumerate() {
+        track.push(at(2_000_000 + i as u64 * PERIOD_US), rolling(sender_ms, i as f32, 0.0));
+    }
+    let newest = at(2_080_000 - LATENCY_US);
+    assert!((roll_deg(track.at(newest)) - 4.0).abs() < 1e-3);
+}
+
+/// After 49.7 days the sender's milliseconds begin again; its spacing is followed through that.
+#[test]
+fn a_sender_s_clock_may_wrap() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..40_u32 {
+        let jitter_us = if i == 30 { 15_000 } else { 0 };
+        let sent_us = 1_000_000 + u64::from(i) * PERIOD_US + jitter_us;
+        track.push(at(sent_us), rolling((i * 20).wrapping_sub(400), if i < 31 { i as f32 } else { 99.0 }, 0.0));
+        if i == 30 {
+            break;
+        }
+    }
+    // Stamped by its arrival, the last would be 15 ms later and the one before it still the newest here.
+    assert!((roll_deg(track.at(at(1_000_000 + 30 * PERIOD_US - LATENCY_US))) - 30.0).abs() < 0.01);
+}
+
+#[test]
+fn roll_is_interpolated_the_short_way_round() {
+    let mut track = Track::new(CONFIG);
+    track.push(at(1_020_000), rolling(0, 179.0, 0.0));
+    track.push(at(1_040_000), rolling(20, -179.0, 0.0));
+    assert!((roll_deg(track.at(at(1_010_000))).abs() - 180.0).abs() < 1e-3);
+}
+
+/// Rates that are huge or not numbers, angles at every edge: some attitude or none, never a panic.
+#[test]
+fn no_report_panics() {
+    let mut random = testkit::random::Random(1);
+    let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -1e9, 1e-30];
+    let mut track = Track::new(CONFIG);
+    let mut pick = || odd[random.bits() as usize % odd.len()];
+    for i in 0..500_u64 {
+        let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
+        let rates_rad_s = [pick(), pick(), pick()];
+        let sender_time = WrappingMillis::new(pick().to_bits());
+        track.push(at(pick().to_bits().into()), Report { sender_time, attitude, rates_rad_s });
+        let _ = (track.at(at(i * 1_000)), track.at(at(u64::MAX)));
+    }
+}

@@ -1,0 +1,113 @@
+//! How the module is: what it counts, why it started, how much stack it has used. What `status` shows beside the state
+//! machine's report.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use crate::frames::Attitude;
+use crate::heading::{Heading, NoHeading};
+use crate::magnetometer::Identity;
+
+/// What the module shows of itself beside the state machine's report.
+#[derive(Clone, Debug)]
+pub struct Health {
+    /// The magnetometer that answered.
+    pub sensor: Option<Identity>,
+    /// The attitude at the last reading, if the source sends any.
+    pub attitude: Option<Attitude>,
+    /// The last heading, or why there is none.
+    pub heading: Result<Heading, NoHeading>,
+    /// Event counters.
+    pub counts: Counts,
+    /// Why the module started.
+    pub reset: ResetCause,
+    /// Since when, seconds.
+    pub uptime_s: u32,
+    /// How deep the stack has been, where that is known.
+    pub stack: Option<StackUse>,
+}
+
+/// The deepest the stack has been since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StackUse {
+    /// Bytes used.
+    pub used: usize,
+    /// Bytes there are.
+    pub size: usize,
+}
+
+/// Why the module started, as far as the hardware remembers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power was switched on.
+    PowerOn,
+    /// The reset pin, or a debugger.
+    Pin,
+    /// The console's `reboot`.
+    Software,
+    /// A task hung and the watchdog struck.
+    Watchdog,
+    /// The firmware panicked or faulted; what it left as its last words.
+    Panic(heapless::String<96>),
+}
+
+/// Declares the counters once, as atomics and as a snapshot.
+macro_rules! counters {
+    ($($(#[$doc:meta])* $name:ident),* $(,)?) => {
+        /// Event counters since start; each wraps after 2^32.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct Counts {
+            $($(#[$doc])* pub $name: u32,)*
+        }
+
+        /// The counters themselves, for tasks of any priority to count in.
+        #[derive(Debug)]
+        pub struct Counters {
+            $($(#[$doc])* pub $name: AtomicU32,)*
+        }
+
+        impl Counters {
+            /// All at zero.
+            #[must_use]
+            pub const fn new() -> Self {
+                Self { $($name: AtomicU32::new(0),)* }
+            }
+
+            /// The counts of now.
+            #[must_use]
+            pub fn snapshot(&self) -> Counts {
+                Counts { $($name: self.$name.load(Ordering::Relaxed),)* }
+            }
+        }
+    };
+}
+
+counters! {
+    /// Measurements read from the sensor.
+    readings,
+    /// Measurements the sensor overwrote before they were read.
+    overruns,
+    /// Measurements at the end of the range.
+    saturated,
+    /// Times the sensor had to be initialised again.
+    sensor_errors,
+    /// Valid attitude reports.
+    attitude_reports,
+    /// Attitude frames with a wrong CRC or impossible values.
+    attitude_rejected,
+    /// Errors of the attitude line itself.
+    attitude_line_errors,
+    /// Messages sent by outlets, of one or more sentences each.
+    messages,
+    /// Messages among them that held no heading.
+    messages_empty,
+    /// Messages that could not be written.
+    write_errors,
+    /// Readings for which no attitude came.
+    unpaired,
+    /// Readings or samples that found their queue full.
+    samples_dropped,
+    /// Successful saves.
+    saves,
+    /// Failed loads and saves.
+    store_errors,
+}

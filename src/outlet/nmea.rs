@@ -1,0 +1,66 @@
+//! NMEA 0183: heading, heading with variation, and the heading's quality.
+
+use super::{Message, Outlet};
+use crate::heading::Heading;
+use crate::instrument::Estimate;
+use crate::settings::Settings;
+use crate::wire::nmea;
+
+/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NmeaOutlet;
+
+impl Outlet for NmeaOutlet {
+    fn rate_hz(&self, settings: &Settings) -> Option<u8> {
+        settings.stream_on.then_some(settings.stream_rate_hz)
+    }
+
+    fn tell(&mut self, estimate: &Estimate, settings: &Settings, message: &mut Message) {
+        let heading_deg = estimate.heading.as_ref().ok().map(Heading::magnetic_deg);
+        for sentence in
+            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&estimate.heading)]
+        {
+            // Three sentences always fit.
+            let _ = message.extend_from_slice(sentence.as_bytes());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::heading::NoHeading;
+
+    fn told(estimate: &Estimate, settings: &Settings) -> String {
+        let mut message = Message::new();
+        NmeaOutlet.tell(estimate, settings, &mut message);
+        String::from_utf8(message.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn three_sentences_tell_a_heading() {
+        let heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6 };
+        let estimate = Estimate { heading: Ok(heading), ..Estimate::NOTHING };
+        let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
+        let lines: Vec<String> = told(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
+        assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
+        assert!(lines[1].starts_with("$HCHDG,101.1,,,3.5,W*"), "{lines:?}");
+        assert!(lines[2].starts_with("$PASWH,101.1,0.6,ok*"), "{lines:?}");
+        assert_eq!(lines.len(), 3);
+    }
+
+    #[test]
+    fn without_a_heading_the_fields_are_empty_and_the_reason_is_told() {
+        let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::NOTHING };
+        let text = told(&estimate, &Settings::DEFAULT);
+        assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
+        assert!(text.contains("$PASWH,,,sensor-saturated*"), "{text}");
+    }
+
+    #[test]
+    fn the_rate_is_the_one_that_was_set_and_off_is_off() {
+        let settings = Settings { stream_rate_hz: 25, ..Settings::DEFAULT };
+        assert_eq!(NmeaOutlet.rate_hz(&settings), Some(25));
+        assert_eq!(NmeaOutlet.rate_hz(&Settings { stream_on: false, ..settings }), None);
+    }
+}
