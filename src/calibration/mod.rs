@@ -337,4 +337,4 @@ pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,1 +1,579 @@
+//! What the state machine promises, driven event by event.
 
+use super::*;
+use crate::acceptance::Rejection;
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
+use crate::calibration::{Orientation, SolveError};
+use crate::frames::{Attitude, Field, Sensor};
+use crate::magnetometer::Model;
+use crate::settings::Setting;
+use crate::store::tests::record;
+
+const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
+const READINGS: u16 = 8;
+
+/// Samples are so far apart that each is a new one to the collection, and so near that a turn is one turn.
+const STEP_MS: u32 = 500;
+
+/// A machine and the clock of its samples.
+struct Bed {
+    compass: Compass,
+    now: u32,
+}
+
+impl Bed {
+    fn new() -> Self {
+        Self::with(Policy::DEFAULT, Generations::default())
+    }
+
+    fn with(policy: Policy, generations: Generations) -> Self {
+        let mut bed = Self { compass: Compass::new(policy, Settings::DEFAULT, generations), now: u32::MAX - 20_000 };
+        bed.compass.step(Event::SensorFound(SENSOR, READINGS));
+        bed
+    }
+
+    fn time(&self) -> WrappingMillis {
+        WrappingMillis::new(self.now)
+    }
+
+    fn command(&mut self, command: Command) -> Effect {
+        let now = self.time();
+        self.compass.step(Event::Command(command, now))
+    }
+
+    /// A command whose answer is no save.
+    fn ask(&mut self, command: Command) -> Result<Reply, Refusal> {
+        match self.command(command) {
+            Effect::Reply(reply) => reply,
+            other => panic!("{command:?}: {other:?}"),
+        }
+    }
+
+    fn refused(&mut self, command: Command) -> Refusal {
+        self.ask(command).map(|_| ()).expect_err("a refusal")
+    }
+
+    fn done(&mut self, command: Command) -> State {
+        match self.ask(command) {
+            Ok(Reply::Done(state)) => state,
+            other => panic!("{command:?}: {other:?}"),
+        }
+    }
+
+    /// A command that is answered when something has been saved; the answer.
+    fn saved(&mut self, command: Command) -> Result<Reply, Refusal> {
+        assert!(matches!(self.command(command), Effect::Save), "{command:?}");
+        assert!(self.compass.to_save().is_some());
+        match self.compass.step(Event::Saved(Ok(()))) {
+            Effect::Reply(reply) => reply,
+            other => panic!("{command:?}: {other:?}"),
+        }
+    }
+
+    fn sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
+        let effect = self.compass.step(Event::Sample(Sample { field, attitude, time: self.time() }));
+        self.now = self.now.wrapping_add(STEP_MS);
+        effect
+    }
+
+    /// Stands still for so many samples, a tenth of a second apart.
+    fn stand(&mut self, field: Field<Sensor>, samples: u32) {
+        for _ in 0..samples {
+            self.compass.step(Event::Sample(Sample { field, attitude: Attitude::default(), time: self.time() }));
+            self.now = self.now.wrapping_add(100);
+        }
+    }
+
+    /// Flies turns, left ones first, until the machine is busy or they are over.
+    fn fly(&mut self, recorded: &Recorded) {
+        for sample in recorded.left.iter().chain(&recorded.right) {
+            if !self.compass.is_busy() {
+                assert!(matches!(self.sample(sample.field, sample.attitude), Effect::None));
+            }
+        }
+    }
+
+    /// Runs a solve to its save or its end.
+    fn solve(&mut self) -> Effect {
+        for _ in 0..1000 {
+            match self.compass.step(Event::Advance) {
+                Effect::None => assert!(self.compass.is_busy(), "it waits for nothing"),
+                end => return end,
+            }
+        }
+        panic!("it never ends");
+    }
+
+    /// Calibrates in turns; how the solve ended.
+    fn calibrate(&mut self, recorded: &Recorded) -> Outcome {
+        assert_eq!(self.done(Command::CalStart(Procedure::Turns)), State::Collecting);
+        self.fly(recorded);
+        if !self.compass.is_busy() {
+            assert_eq!(self.done(Command::CalSolve(None)), State::Solving);
+        }
+        let end = self.solve();
+        self.settle(end)
+    }
+
+    fn settle(&mut self, end: Effect) -> Outcome {
+        match end {
+            Effect::Notify(outcome) => outcome,
+            Effect::Save => match self.compass.step(Event::Saved(Ok(()))) {
+                Effect::Notify(outcome) => outcome,
+                other => panic!("{other:?}"),
+            },
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn report(&mut self) -> Report {
+        match self.ask(Command::Report) {
+            Ok(Reply::Report(report)) => report,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn airframe() -> Airframe {
+    Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0])
+}
+
+/// Two and a half circles each way: as many samples as the collection waits for.
+fn turns(airframe: &Airframe, seed: u64) -> Recorded {
+    Flight { samples: 190, ..Flight::REAL }.fly(airframe, &mut Random(seed))
+}
+
+/// A circle each way, which is enough to solve when asked to.
+fn few_turns(airframe: &Airframe, seed: u64) -> Recorded {
+    Flight { samples: 60, ..Flight::REAL }.fly(airframe, &mut Random(seed))
+}
+
+fn some_field() -> Field<Sensor> {
+    airframe().field(Attitude::default(), 0.7)
+}
+
+#[test]
+fn full_turns_each_way_end_in_a_calibration() {
+    let mut bed = Bed::new();
+    assert_eq!(bed.compass.state(), State::Uncalibrated);
+    assert_eq!(bed.compass.correction(), Correction::NONE);
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&turns(&airframe(), 1));
+    // It solves by itself.
+    assert_eq!(bed.compass.state(), State::Solving);
+    while bed.compass.state() == State::Solving {
+        assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+    }
+    assert_eq!(bed.compass.state(), State::Verifying);
+    assert!(matches!(bed.compass.step(Event::Advance), Effect::Save));
+    assert_eq!(bed.compass.state(), State::Verifying, "until it is written");
+    assert!(bed.compass.in_use().is_none());
+    let Some(Change::Generations { current: Some(written), previous: None }) = bed.compass.to_save() else {
+        panic!("{:?}", bed.compass.to_save())
+    };
+    let written = *written;
+    let Effect::Notify(Ok(quality)) = bed.compass.step(Event::Saved(Ok(()))) else { panic!("not told") };
+    assert_eq!(bed.compass.state(), State::Calibrated);
+    assert_eq!(bed.compass.in_use(), Some(&written));
+    assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
+    assert_eq!(written.quality, quality);
+    assert!(bed.compass.to_save().is_none());
+    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * quality.expected_rms_deg);
+    assert_eq!(bed.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
+    let report = bed.report();
+    assert_eq!((report.state, report.has_previous, report.last.is_some()), (State::Calibrated, false, true));
+    assert_eq!(report.current.map(|summary| summary.serial), Some(1));
+}
+
+/// Which commands a solve makes wait: those that it rests on, or that would begin another.
+#[test]
+fn a_solve_makes_busy_what_it_rests_on() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&turns(&airframe(), 1));
+    assert_eq!(bed.compass.state(), State::Solving);
+    for command in [
+        Command::CalStart(Procedure::Turns),
+        Command::CalMark(10.0),
+        Command::CalStop,
+        Command::CalSolve(None),
+        Command::CalClear,
+        Command::CalUndo,
+        Command::Align(Some(10.0)),
+        Command::Align(None),
+        Command::Set(Setting::Mount(Orientation::NONE)),
+        Command::Set(Setting::Inclination(Some(50.0))),
+    ] {
+        assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
+    }
+    // What a solve does not rest on is changed and written meanwhile, and the solve goes on.
+    for setting in [Setting::StreamOn(false), Setting::StreamRateHz(5), Setting::Declination(Some(3.0))] {
+        assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(State::Solving))), "{setting:?}");
+    }
+    assert_eq!(bed.report().state, State::Solving);
+    assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
+    let end = bed.solve();
+    assert!(bed.settle(end).is_ok());
+    let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bed.compass.settings();
+    assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
+}
+
+/// Half a save is nobody's wish.
+#[test]
+fn a_save_makes_busy_all_that_would_change_something() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&turns(&airframe(), 1));
+    assert!(matches!(bed.solve(), Effect::Save));
+    for command in [
+        Command::CalAbort,
+        Command::CalClear,
+        Command::CalStart(Procedure::Turns),
+        Command::Set(Setting::StreamOn(false)),
+        Command::Align(None),
+    ] {
+        assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
+    }
+    assert_eq!(bed.report().state, State::Verifying);
+    assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::Notify(Ok(_))));
+    assert_eq!(bed.done(Command::CalAbort), State::Calibrated);
+}
+
+#[test]
+fn an_abort_ends_a_solve_and_forgets_the_samples() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&turns(&airframe(), 1));
+    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    assert!(!bed.compass.is_busy());
+    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    // The same in a collection.
+    bed.done(Command::CalStart(Procedure::Level));
+    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    assert_eq!(bed.refused(Command::CalStop), Refusal::NotCollecting);
+}
+
+#[test]
+fn a_stopped_collection_keeps_its_samples() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&few_turns(&airframe(), 1));
+    let collected = bed.report().progress;
+    assert!(collected.left.samples >= 30 && collected.right.samples >= 30, "{collected:?}");
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+    assert_eq!(bed.refused(Command::CalStop), Refusal::NotCollecting);
+    bed.fly(&few_turns(&airframe(), 2));
+    assert_eq!(bed.report().progress, collected, "nothing is collected any more");
+    assert_eq!(bed.done(Command::CalSolve(None)), State::Solving);
+    let end = bed.solve();
+    assert!(bed.settle(end).is_ok());
+}
+
+/// A new start forgets what was collected before.
+#[test]
+fn a_start_begins_from_nothing() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&few_turns(&airframe(), 1));
+    bed.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+}
+
+#[test]
+fn without_a_sensor_nothing_is_calibrated() {
+    let mut compass = Compass::new(Policy::DEFAULT, Settings::DEFAULT, Generations::default());
+    for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
+        let effect = compass.step(Event::Command(command, WrappingMillis::default()));
+        assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_solved_is_refused_with_the_solver_s_reason() {
+    let mut bed = Bed::new();
+    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bed.done(Command::CalStart(Procedure::Turns));
+    let Recorded { left, .. } = few_turns(&airframe(), 1);
+    bed.fly(&Recorded { left, right: Vec::new() });
+    let Refusal::Solve(SolveError::TooFewSamples { have: 0, need: 12, .. }) = bed.refused(Command::CalSolve(None))
+    else {
+        panic!("one side is not enough")
+    };
+    // A method by name is taken, whatever the samples support, and a solve that fails is told when it has ended.
+    bed.done(Command::CalSolve(Some(Method::Ellipsoid)));
+    let end = bed.solve();
+    let refused = bed.settle(end).unwrap_err();
+    assert!(matches!(refused, Refusal::Solve(_)), "{refused:?}");
+    assert_eq!(bed.report().last, Some(Err(refused)));
+    assert_eq!(bed.compass.state(), State::Uncalibrated);
+}
+
+/// The policy is asked, and what it refuses changes nothing.
+#[test]
+fn what_acceptance_rejects_is_not_used() {
+    let strict = Policy { max_expected_rms_deg: 0.01, ..Policy::DEFAULT };
+    let more = Policy { min_held_back: 1000, ..Policy::DEFAULT };
+    for (policy, code) in [(strict, "not-accurate"), (more, "too-few-held-back")] {
+        let mut bed = Bed::with(policy, Generations::default());
+        let refused = bed.calibrate(&turns(&airframe(), 1)).unwrap_err();
+        assert_eq!(refused.code(), code);
+        assert!(matches!(refused, Refusal::Rejected(_)));
+        assert_eq!(bed.compass.state(), State::Uncalibrated);
+        assert!(bed.compass.to_save().is_none());
+    }
+}
+
+/// Held-back samples count that the solve has not seen: a candidate is judged on them alone.
+#[test]
+fn a_second_calibration_is_judged_against_the_first() {
+    let mut bed = Bed::new();
+    bed.calibrate(&turns(&airframe(), 1)).unwrap();
+    let first = *bed.compass.in_use().unwrap();
+    // A thin flight of the same airframe: worse expected, not contradicted.
+    let thin = Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::REAL }.fly(&airframe(), &mut Random(5));
+    let refused = bed.calibrate(&thin).unwrap_err();
+    let rejected = matches!(
+        refused,
+        Refusal::Rejected(Rejection::Thinner { .. } | Rejection::NotBetter { .. } | Rejection::TooFewHeldBack { .. })
+    );
+    assert!(rejected, "{refused:?}");
+    assert_eq!(bed.compass.in_use(), Some(&first));
+    assert_eq!(bed.compass.state(), State::Calibrated);
+    // Other iron: taken, and counted on.
+    let moved = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
+    bed.calibrate(&turns(&moved, 2)).unwrap();
+    let second = *bed.compass.in_use().unwrap();
+    assert_eq!(second.serial, 2);
+    assert!(bed.report().has_previous);
+    // Back, and forth again.
+    assert!(matches!(bed.saved(Command::CalUndo), Ok(Reply::Done(State::Calibrated))));
+    assert_eq!(bed.compass.in_use(), Some(&first));
+    bed.saved(Command::CalUndo).unwrap();
+    assert_eq!(bed.compass.in_use(), Some(&second));
+}
+
+#[test]
+fn serial_numbers_wrap() {
+    let last = Record { serial: u32::MAX, ..record(1) };
+    let mut bed = Bed::with(Policy::DEFAULT, Generations { current: Some(last), previous: None });
+    bed.calibrate(&turns(&airframe(), 1)).unwrap();
+    assert_eq!(bed.compass.in_use().unwrap().serial, 0);
+}
+
+#[test]
+fn a_record_is_for_its_sensor_and_mounting() {
+    let current = Some(record(4));
+    let generations = Generations { current, previous: None };
+    let mut bed = Bed::with(Policy::DEFAULT, generations);
+    assert_eq!(bed.compass.state(), State::Calibrated);
+    // The same chip at another address is another chip.
+    for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: Model::Lsm303dlhc, ..SENSOR }] {
+        bed.compass.step(Event::SensorFound(other, READINGS));
+        assert_eq!(bed.compass.state(), State::Uncalibrated, "{other:?}");
+        assert!(bed.compass.correction().calibration.is_none());
+        assert_eq!(bed.refused(Command::Align(Some(10.0))), Refusal::NoCalibration);
+    }
+    bed.compass.step(Event::SensorFound(SENSOR, READINGS));
+    assert_eq!(bed.compass.state(), State::Calibrated);
+    let turned = Orientation::from_name("yaw90").unwrap();
+    bed.saved(Command::Set(Setting::Mount(turned))).unwrap();
+    assert_eq!(bed.compass.state(), State::Uncalibrated);
+    bed.saved(Command::Set(Setting::Mount(Orientation::NONE))).unwrap();
+    assert_eq!(bed.compass.state(), State::Calibrated);
+    // Before any sensor has answered there is nothing to correct.
+    let unknown = Compass::new(Policy::DEFAULT, Settings::DEFAULT, generations);
+    assert!(unknown.in_use().is_none());
+}
+
+/// Mounting and inclination reach the solver.
+#[test]
+fn a_solve_uses_the_settings() {
+    let mount = Orientation::from_name("roll180-yaw90").unwrap();
+    let mut bed = Bed::new();
+    bed.saved(Command::Set(Setting::Mount(mount))).unwrap();
+    bed.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
+    assert_eq!(bed.compass.in_use().unwrap().mount, mount);
+    // An inclination that is 5 deg off pulls the one that is found towards it.
+    let found_deg = |given: Option<f32>| {
+        let mut bed = Bed::new();
+        bed.saved(Command::Set(Setting::Inclination(given))).unwrap();
+        bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+        bed.compass.in_use().unwrap().calibration.inclination_rad.to_degrees()
+    };
+    let (free, given) = (found_deg(None), found_deg(Some(60.0)));
+    assert!(given > free + 0.02, "{given} {free}");
+}
+
+#[test]
+fn a_mark_takes_the_last_second_and_the_next_mark_another() {
+    let mut bed = Bed::new();
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
+    bed.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
+    // Samples of before the swing do not count.
+    bed.stand(some_field(), 8);
+    bed.done(Command::CalStart(Procedure::Swing));
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSteady);
+    bed.stand(some_field(), 8);
+    for outside in [-0.1, 360.1, f32::NAN] {
+        assert_eq!(bed.refused(Command::CalMark(outside)).code(), "out-of-range");
+    }
+    assert!(matches!(bed.ask(Command::CalMark(360.0)), Ok(Reply::Marked(1))));
+    // Two marks share no samples.
+    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotSteady);
+    bed.stand(some_field(), 7);
+    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotSteady);
+    bed.stand(some_field(), 1);
+    assert!(matches!(bed.ask(Command::CalMark(0.0)), Ok(Reply::Marked(2))));
+    // A person who thinks for two seconds marks nothing: the samples are of another time.
+    bed.stand(some_field(), 8);
+    bed.now = bed.now.wrapping_add(3000);
+    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotSteady);
+}
+
+#[test]
+fn there_is_room_for_36_marks() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Swing));
+    for number in 1..=36 {
+        bed.stand(some_field(), 8);
+        assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(n)) if n == number));
+    }
+    bed.stand(some_field(), 8);
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
+}
+
+/// The heading that is shown when standing at 100 deg becomes 100, whichever way round the circle.
+#[test]
+fn alignment_takes_out_a_constant() {
+    let generations = Generations { current: Some(record(1)), previous: None };
+    let mut bed = Bed::with(Policy::DEFAULT, generations);
+    assert_eq!(bed.refused(Command::Align(Some(100.0))), Refusal::NotSteady);
+    assert_eq!(bed.refused(Command::Align(Some(360.5))).code(), "out-of-range");
+    let calibration = record(1).calibration;
+    for (shown_deg, stands_at_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
+        let earth = Field::earth(48.0, 1.0, f32::to_radians(shown_deg));
+        bed.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+        bed.saved(Command::Align(Some(stands_at_deg))).unwrap();
+        let found_deg = bed.compass.settings().align_deg;
+        assert!((found_deg - align_deg).abs() < 0.01, "{shown_deg} at {stands_at_deg}: {found_deg}");
+        assert!((bed.compass.correction().align_deg - align_deg).abs() < 0.01);
+    }
+    bed.saved(Command::Align(None)).unwrap();
+    assert!(bed.compass.settings().align_deg.abs() < f32::EPSILON);
+}
+
+#[test]
+fn clear_forgets_and_undo_needs_something() {
+    let mut bed = Bed::with(Policy::DEFAULT, Generations { current: Some(record(2)), previous: None });
+    assert_eq!(bed.refused(Command::CalUndo), Refusal::NothingToUndo);
+    bed.compass.generations.previous = Some(record(1));
+    assert!(matches!(bed.command(Command::CalClear), Effect::Save));
+    assert!(matches!(bed.compass.to_save(), Some(Change::Generations { current: None, previous: None })));
+    assert!(bed.compass.in_use().is_some(), "until it is written");
+    assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::Reply(Ok(Reply::Done(State::Uncalibrated)))));
+    assert!(bed.compass.in_use().is_none());
+    assert_eq!(bed.refused(Command::CalUndo), Refusal::NothingToUndo);
+}
+
+/// A flash that fails: the old calibration and the old settings stay, and it is told to who asked or listens.
+#[test]
+fn what_could_not_be_written_has_not_happened() {
+    let failed = || Event::Saved(Err(StoreError::Verify));
+    let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
+    let mut bed = Bed::with(Policy::DEFAULT, generations);
+    for command in [Command::CalUndo, Command::CalClear, Command::Set(Setting::StreamOn(false)), Command::Align(None)] {
+        assert!(matches!(bed.command(command), Effect::Save));
+        let effect = bed.compass.step(failed());
+        assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
+        assert_eq!(bed.compass.generations, generations);
+        assert_eq!(*bed.compass.settings(), Settings::DEFAULT);
+        assert!(bed.compass.to_save().is_none());
+    }
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    bed.fly(&turns(&airframe(), 1));
+    assert!(matches!(bed.solve(), Effect::Save));
+    assert!(matches!(bed.compass.step(failed()), Effect::Notify(Err(Refusal::Store(StoreError::Verify)))));
+    assert_eq!(bed.compass.state(), State::Uncalibrated);
+    assert_eq!(bed.report().last, Some(Err(Refusal::Store(StoreError::Verify))));
+}
+
+/// An event that nobody waits for changes nothing.
+#[test]
+fn stray_events_are_passed_over() {
+    let mut bed = Bed::new();
+    assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+    assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::None));
+    bed.done(Command::CalStart(Procedure::Turns));
+    assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+    assert_eq!(bed.compass.state(), State::Collecting);
+}
+
+#[test]
+fn settings_out_of_range_are_refused_and_not_written() {
+    let mut bed = Bed::new();
+    let refused = bed.refused(Command::Set(Setting::StreamRateHz(81)));
+    assert_eq!(refused, Refusal::OutOfRange(OutOfRange("a rate is 1 to 80 sentences a second")));
+    assert!(bed.compass.to_save().is_none());
+    assert!(matches!(bed.command(Command::Set(Setting::StreamRateHz(80))), Effect::Save));
+    assert!(matches!(bed.compass.to_save(), Some(Change::Settings(Settings { stream_rate_hz: 80, .. }))));
+}
+
+/// While it tumbles samples are wanted without attitude, and what is found is verified without.
+#[test]
+fn a_tumbling_needs_no_attitude() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Tumble));
+    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Unknown);
+    let airframe = Airframe::random(&mut Random(3), 0.1, 1.0, 0.0, [55.0, 55.0]);
+    let mut random = Random(4);
+    for _ in 0..240 {
+        let attitude = Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
+        let field = airframe.field(attitude, random.uniform(0.0, 6.28));
+        bed.sample(field, Attitude::default());
+    }
+    bed.done(Command::CalSolve(None));
+    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+    let end = bed.solve();
+    let quality = bed.settle(end).unwrap();
+    assert_eq!(quality.method, Method::Ellipsoid);
+    // Only while it collects, and in no other procedure.
+    bed.done(Command::CalStart(Procedure::Level));
+    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+}
+
+#[test]
+fn advice_is_of_the_last_solve() {
+    let mut bed = Bed::new();
+    assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
+    bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+    let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
+    assert!(advice.expected_deg > 0.0);
+}
+
+/// Scripts rely on the codes, people on the words.
+#[test]
+fn refusals_have_codes_and_say_what_to_do() {
+    for (refusal, code, words) in [
+        (Refusal::Busy, "busy", "cal abort"),
+        (Refusal::NotCollecting, "not-collecting", "cal start begins"),
+        (Refusal::NotSwinging, "not-swinging", "cal start swing"),
+        (Refusal::NotSteady, "not-steady", "stand still"),
+        (Refusal::TooManyMarks, "too-many-marks", "cal solve"),
+        (Refusal::NotSolved, "not-solved", "cal solve first"),
+        (Refusal::NoCalibration, "no-calibration", "calibrate first"),
+        (Refusal::NoSamples, "no-samples", "fly left and right turns"),
+        (Refusal::NoSensor, "no-sensor", "check its wiring"),
+        (Refusal::NothingToUndo, "nothing-to-undo", "no calibration before"),
+        (Refusal::OutOfRange(OutOfRange("so")), "out-of-range", "so"),
+        (Refusal::Solve(SolveError::SamePlane), "same-plane", "bank 15 deg"),
+        (Refusal::Store(StoreError::Full), "store-full", "does not fit"),
+    ] {
+        assert_eq!(refusal.code(), code);
+        assert!(refusal.to_string().contains(words), "{refusal}");
+    }
+    let states = [State::Uncalibrated, State::Collecting, State::Solving, State::Verifying, State::Calibrated];
+    let names = ["uncalibrated", "collecting", "solving", "verifying", "calibrated"];
+    assert_eq!(states.map(State::name), names);
+}

@@ -1,1 +1,367 @@
+//! What the instrument promises, without tasks and clocks.
 
+use super::*;
+use crate::calibration::Orientation;
+use crate::frames::Sensor;
+use crate::time::WrappingMillis;
+use testkit::random::Random;
+
+const PERIOD_US: u64 = 12_500;
+const LATENCY_US: u64 = attitude::Config::DEFAULT.latency_us as u64;
+/// Fields and attitudes begin here, so that nothing is before the start.
+const BEGIN_US: u64 = 1_000_000;
+
+fn at(us: u64) -> Timestamp {
+    Timestamp::from_us(BEGIN_US + us)
+}
+
+fn instrument() -> Instrument {
+    Instrument::new(Config::new(PERIOD_US as u32))
+}
+
+fn calibration() -> Calibration {
+    Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
+}
+
+fn calibrated() -> Instrument {
+    let mut instrument = instrument();
+    instrument.correct_with(Correction { calibration: Some((calibration(), Uncertainty::NONE)), ..Correction::NONE });
+    instrument
+}
+
+/// The field at a heading and an attitude, of an aircraft without iron.
+fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
+    Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut)
+}
+
+fn reading(field: Field<Sensor>) -> Reading {
+    Reading { field, saturated: false, overrun: false }
+}
+
+fn saturated(field: Field<Sensor>) -> Reading {
+    Reading { saturated: true, ..reading(field) }
+}
+
+/// A report of an attitude that is true at this time, on a line of the source's latency.
+fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
+    let report = Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
+    instrument.on_attitude(at(us + LATENCY_US), report);
+}
+
+fn samples(instrument: &mut Instrument) -> Vec<Sample> {
+    std::iter::from_fn(|| instrument.next_sample()).collect()
+}
+
+const SOME: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
+
+#[test]
+fn ten_samples_a_second_are_made_of_any_sensor_s_readings() {
+    for (period_us, readings) in [
+        (12_500, 8),
+        (13_333, 8),
+        (6_450, 16),
+        (5_000, 20),
+        (66_666, 2),
+        (66_667, 1),
+        (100_000, 1),
+        (1_000_000, 1),
+        (u32::MAX, 1),
+        (1, u16::MAX),
+        (0, u16::MAX),
+    ] {
+        assert_eq!(readings_per_sample(period_us), readings, "{period_us} us");
+        assert_eq!(Config::new(period_us).readings_per_sample(), readings);
+    }
+}
+
+/// Eight periods: 100 ms of the reference sensor, 0.8 s of a recording at 10 Hz.
+#[test]
+fn silence_is_measured_in_periods() {
+    assert_eq!(Config::new(12_500).silence_us(), 100_000);
+    assert_eq!(Config::new(100_000).silence_us(), 800_000);
+}
+
+#[test]
+fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
+    let mut instrument = calibrated();
+    let attitude = Attitude::from_deg(25.0, -4.0);
+    report(&mut instrument, 0, attitude);
+    let estimate = instrument.on_reading(at(10_000), reading(sensed(2.0, attitude)));
+    assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
+    assert_eq!(estimate.at, at(10_000));
+    assert_eq!(estimate.attitude, Some(attitude));
+    assert_eq!(estimate.body, Some(calibration().apply(sensed(2.0, attitude))));
+}
+
+/// 0.3 rad is 17.2 deg; alignment turns the heading and leaves the field of the body.
+#[test]
+fn alignment_is_added_to_the_heading_alone() {
+    let mut instrument = calibrated();
+    let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
+    instrument.correct_with(correction);
+    report(&mut instrument, 0, Attitude::default());
+    let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
+    let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
+    assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
+    assert_eq!(estimate.body, Some(calibration().apply(sensed(0.3, Attitude::default()))));
+}
+
+#[test]
+fn every_want_has_its_reason_and_the_first_of_them_is_told() {
+    // Neither calibration nor attitude.
+    let estimate = instrument().on_reading(at(0), reading(SOME));
+    assert_eq!((estimate.heading, estimate.body, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
+    // A calibration, but no attitude: the field of the body needs none.
+    let estimate = calibrated().on_reading(at(0), reading(SOME));
+    assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
+    assert_eq!(estimate.body, Some(calibration().apply(SOME)));
+    // A saturated sensor says nothing at all.
+    let estimate = calibrated().on_reading(at(0), saturated(SOME));
+    assert_eq!((estimate.heading, estimate.body), (Err(NoHeading::SensorSaturated), None));
+    // A field that is not the Earth's.
+    let mut disturbed = calibrated();
+    report(&mut disturbed, 0, Attitude::default());
+    let estimate = disturbed.on_reading(at(0), reading(Field::from_ut(90.0, 0.0, 0.0)));
+    assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
+    assert!(estimate.body.is_some());
+}
+
+#[test]
+fn a_silent_sensor_still_has_an_attitude() {
+    let mut instrument = calibrated();
+    assert_eq!(instrument.on_silence(at(0)), Estimate { at: at(0), ..Estimate::NOTHING });
+    let attitude = Attitude::from_deg(3.0, 2.0);
+    report(&mut instrument, 0, attitude);
+    let estimate = instrument.on_silence(at(50_000));
+    assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
+    assert_eq!((estimate.body, estimate.attitude), (None, Some(attitude)));
+}
+
+/// The attitude is carried on for 200 ms, and then there is none.
+#[test]
+fn a_source_that_falls_silent_takes_the_heading_with_it() {
+    let mut instrument = calibrated();
+    report(&mut instrument, 0, Attitude::default());
+    let field = sensed(1.0, Attitude::default());
+    assert!(instrument.on_reading(at(200_000), reading(field)).heading.is_ok());
+    assert_eq!(instrument.on_reading(at(200_001), reading(field)).heading, Err(NoHeading::AttitudeStale));
+}
+
+/// Eight readings wait until a report after the last of them says what their attitudes were: the roll goes up by 1 deg
+/// in 12.5 ms, so that its mean over the eight is 3.5 deg.
+#[test]
+fn a_sample_waits_for_the_attitude_after_it() {
+    let mut instrument = instrument();
+    report(&mut instrument, 0, Attitude::from_deg(0.0, 2.0));
+    for i in 0..8 {
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        assert!(samples(&mut instrument).is_empty(), "an attitude that is carried on is not good enough");
+    }
+    report(&mut instrument, 8 * PERIOD_US, Attitude::from_deg(8.0, 2.0));
+    let [sample] = samples(&mut instrument)[..] else { panic!("one sample") };
+    assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
+    assert_eq!(sample.field, SOME);
+    assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
+    assert_eq!(instrument.unpaired(), 0);
+}
+
+/// A slow source: one report completes what has waited since the one before, two samples here.
+#[test]
+fn one_report_can_complete_several_samples() {
+    let mut instrument = instrument();
+    report(&mut instrument, 0, Attitude::default());
+    for i in 1..=17 {
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+    }
+    assert!(samples(&mut instrument).is_empty());
+    report(&mut instrument, 17 * PERIOD_US, Attitude::default());
+    assert_eq!(samples(&mut instrument).len(), 2);
+}
+
+/// Readings of a saturated sensor never enter a sample, and do not stop the others.
+#[test]
+fn saturated_readings_are_in_no_sample() {
+    let mut instrument = instrument();
+    let mut made = Vec::new();
+    for i in 0..24 {
+        report(&mut instrument, i * PERIOD_US, Attitude::default());
+        let wrong = Field::from_ut(900.0, 0.0, 0.0);
+        let is_saturated = i % 3 == 2;
+        instrument.on_reading(at(i * PERIOD_US), if is_saturated { saturated(wrong) } else { reading(SOME) });
+        made.extend(samples(&mut instrument));
+    }
+    // 16 good ones.
+    assert_eq!(made.len(), 2);
+    assert!(made.iter().all(|s| (s.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
+}
+
+/// No attitude, no sample: not one with an attitude that was made up. The source's pause is 0.4 s, longer than is
+/// interpolated over.
+#[test]
+fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
+    let mut instrument = instrument();
+    report(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
+    for i in 1..=32 {
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+    }
+    report(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
+    // The one at the very instant of the report is paired.
+    assert!(samples(&mut instrument).is_empty());
+    assert_eq!(instrument.unpaired(), 31);
+}
+
+/// Without any attitude a reading waits for 0.3 s.
+#[test]
+fn readings_wait_for_their_attitude_no_longer_than_it_can_come() {
+    let mut instrument = instrument();
+    for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
+        instrument.on_reading(at(us), reading(SOME));
+        assert!(samples(&mut instrument).is_empty());
+        assert_eq!(instrument.unpaired(), unpaired, "after {us} us");
+    }
+    // A sensor that saturates lets time pass as well.
+    instrument.on_reading(at(899_998), saturated(SOME));
+    assert!(samples(&mut instrument).is_empty());
+    assert_eq!(instrument.unpaired(), 4);
+}
+
+/// Sixty-four wait, 0.3 s at 200 Hz; a faster sensor loses the oldest, and they are counted.
+#[test]
+fn what_cannot_wait_is_counted() {
+    let mut instrument = Instrument::new(Config::new(1_000));
+    report(&mut instrument, 0, Attitude::default());
+    for i in 1..=70 {
+        instrument.on_reading(at(i * 1_000), reading(SOME));
+        assert!(samples(&mut instrument).is_empty());
+    }
+    assert_eq!(instrument.unpaired(), 6);
+    report(&mut instrument, 70_000, Attitude::default());
+    assert!(samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
+    assert_eq!(instrument.unpaired(), 6);
+}
+
+/// A tumbling needs no attitude: samples come at once, and level.
+#[test]
+fn samples_of_the_field_alone_wait_for_nothing() {
+    let mut instrument = instrument();
+    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+    instrument.correct_with(unknown.clone());
+    let mut made = Vec::new();
+    for i in 0..16 {
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        made.extend(samples(&mut instrument));
+    }
+    assert_eq!(made.len(), 2);
+    assert!(made.iter().all(|s| s.attitude == Attitude::default() && s.field == SOME));
+    // A saturated reading is none here, either.
+    instrument.on_reading(at(16 * PERIOD_US), saturated(SOME));
+    assert!(samples(&mut instrument).is_empty());
+}
+
+/// Half a run of the field alone does not become a sample with attitude.
+#[test]
+fn a_sample_is_of_one_kind() {
+    let mut instrument = instrument();
+    let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+    instrument.correct_with(unknown.clone());
+    for i in 0..4 {
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+        assert!(samples(&mut instrument).is_empty());
+    }
+    instrument.correct_with(Correction::NONE);
+    for i in 4..8 {
+        report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+    }
+    assert!(samples(&mut instrument).is_empty());
+    // Another calibration is no other kind.
+    let align = Correction { align_deg: 5.0, ..Correction::NONE };
+    instrument.correct_with(align);
+    for i in 8..12 {
+        report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
+        instrument.on_reading(at(i * PERIOD_US), reading(SOME));
+    }
+    assert_eq!(samples(&mut instrument).len(), 1);
+}
+
+/// Rows of a recording at 10 Hz, each with field and attitude of one instant: each is a sample, as it is.
+#[test]
+fn a_recording_at_10_hz_passes_unchanged() {
+    let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
+    let mut instrument = Instrument::new(Config { attitude, ..Config::new(100_000) });
+    for row in 0..50_u16 {
+        let us = u64::from(row) * 100_000;
+        let attitude = Attitude::from_deg(f32::from(row), -f32::from(row) / 10.0);
+        let field = Field::from_ut(f32::from(row), 1.0, 2.0);
+        let report = Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
+        instrument.on_attitude(at(us), report);
+        let estimate = instrument.on_reading(at(us), reading(field));
+        assert_eq!(estimate.attitude, Some(attitude), "row {row}");
+        let sample = Sample { field, attitude, time: at(us).wrapping_millis() };
+        assert_eq!(samples(&mut instrument), [sample], "row {row}");
+    }
+}
+
+/// Chips of 155 and 200 Hz in 20 s of attitude at 50 Hz: ten samples a second, or as near as whole readings come to it,
+/// none lost but those at the end.
+#[test]
+fn a_faster_sensor_gives_as_many_samples() {
+    for (period_us, in_20_s) in [(12_500, 200), (6_452, 206), (5_000, 200)] {
+        let mut instrument = Instrument::new(Config::new(period_us));
+        let mut number = 0;
+        let mut reported_us = 0;
+        for us in (0..20_000_000_u64).step_by(period_us as usize) {
+            while reported_us <= us {
+                report(&mut instrument, reported_us, Attitude::default());
+                reported_us += 20_000;
+            }
+            instrument.on_reading(at(us), reading(SOME));
+            number += samples(&mut instrument).len();
+        }
+        assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
+        assert_eq!(instrument.unpaired(), 0);
+    }
+}
+
+/// The sensor is replaced by one of another rate: what had waited is forgotten, what was counted is not.
+#[test]
+fn another_sensor_has_another_period() {
+    let mut instrument = instrument();
+    for us in [0, 300_000, 300_001] {
+        instrument.on_reading(at(us), reading(SOME));
+        assert!(samples(&mut instrument).is_empty());
+    }
+    assert_eq!(instrument.unpaired(), 1);
+    instrument.set_reading_period(100_000);
+    assert_eq!(instrument.config().reading_period_us, 100_000);
+    report(&mut instrument, 400_000, Attitude::default());
+    assert!(samples(&mut instrument).is_empty(), "nothing waits");
+    instrument.on_reading(at(400_000), reading(SOME));
+    assert_eq!(samples(&mut instrument).len(), 1);
+    assert_eq!(instrument.unpaired(), 1);
+}
+
+/// Whatever arrives, whenever: an estimate, and no panic.
+#[test]
+fn nothing_that_arrives_panics() {
+    let mut random = Random(7);
+    let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -400.0, 1e-30];
+    let mut instrument = calibrated();
+    for _ in 0..5_000 {
+        let mut pick = || odd[random.bits() as usize % odd.len()];
+        let field = Field::from_ut(pick(), pick(), pick());
+        let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
+        let rates_rad_s = [pick(), pick(), pick()];
+        let us = random.bits() >> (random.bits() % 64);
+        let at = Timestamp::from_us(us);
+        match random.bits() % 4 {
+            0 => {
+                let sender_time = WrappingMillis::new(random.bits() as u32);
+                instrument.on_attitude(at, Report { sender_time, attitude, rates_rad_s });
+            }
+            1 => drop(instrument.on_silence(at)),
+            _ => drop(instrument.on_reading(at, reading(field))),
+        }
+        let _ = samples(&mut instrument);
+    }
+}

@@ -18,7 +18,7 @@
 
 mod contents;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use core::ops::Range;
 

@@ -14,7 +14,7 @@ const WORD: usize = 8;
 const REGION: Range<u32> = 0..(PAGE * PAGES) as u32;
 
 /// A record that is different for every serial number.
-pub(super) fn record(serial: u32) -> Record {
+pub(crate) fn record(serial: u32) -> Record {
     let calibration = Calibration {
         b_ut: [serial as f32, 2.0, 3.0],
         inclination_rad: 1.0,

@@ -5,7 +5,7 @@ mod guidance;
 mod methods;
 mod robustness;
 mod symmetry;
-mod synthetic;
+pub(crate) mod synthetic;
 
 use nalgebra::{Matrix3, Vector3};
 
