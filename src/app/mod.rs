@@ -19,6 +19,8 @@ pub mod instrument;
 mod links;
 pub mod outlet;
 pub mod sensor;
+#[cfg(test)]
+mod tests;
 pub mod watchdog;
 
 pub use links::Links;

@@ -1,0 +1,97 @@
+//! The sensor task: measurements on the wire, and a sensor that is lost and found.
+
+use std::rc::Rc;
+
+use super::Bed;
+use super::devices::{Chip, Mood, SENSOR};
+use crate::app::links::{FoundSensor, listen};
+use crate::app::sensor;
+
+fn bed() -> (Bed, Chip) {
+    let (mut bed, chip) = (Bed::new(), Chip::default());
+    let magnetometer = chip.clone();
+    bed.run("sensor", |links| async move { sensor::run(&links, magnetometer).await });
+    (bed, chip)
+}
+
+#[test]
+fn every_measurement_is_passed_on_with_its_instant() {
+    let (mut bed, _) = bed();
+    bed.ms(35);
+    let readings: Vec<u64> =
+        std::iter::from_fn(|| bed.links.readings.try_receive().ok()).map(|reading| reading.at.as_us()).collect();
+    assert_eq!(readings, [10_000, 20_000, 30_000]);
+    assert_eq!(bed.links.counts().readings, 3);
+    let found = FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US };
+    assert_eq!(bed.links.sensor.try_get(), Some(found));
+}
+
+/// Four readings wait for a reader that is behind; what comes then is counted as lost.
+#[test]
+fn what_nobody_reads_is_counted() {
+    let (mut bed, _) = bed();
+    bed.ms(65);
+    assert_eq!((bed.links.counts().readings, bed.links.counts().samples_dropped), (6, 2));
+}
+
+#[test]
+fn what_the_chip_says_of_itself_is_counted() {
+    let (mut bed, chip) = bed();
+    for (flags, saturated, overruns) in [((true, false), 1, 0), ((false, true), 1, 1), ((false, false), 1, 1)] {
+        chip.flags.set(flags);
+        bed.ms(10);
+        let counts = bed.links.counts();
+        assert_eq!((counts.saturated, counts.overruns), (saturated, overruns), "{flags:?}");
+    }
+}
+
+/// A sensor that does not answer is asked again every 0.2 s, and shows its life each time.
+#[test]
+fn a_missing_sensor_is_looked_for_every_fifth_of_a_second() {
+    let (mut bed, chip) = bed();
+    chip.init.set(Mood::Fails);
+    bed.ms(999);
+    assert_eq!(chip.inits.get(), 5, "at 0, 200, 400, 600 and 800 ms");
+    assert_eq!(bed.links.counts().sensor_errors, 5);
+    assert_eq!(bed.links.heartbeats.snapshot()[0], 5);
+    assert!(bed.links.sensor.try_get().is_none());
+    chip.init.set(Mood::Works);
+    bed.ms(1);
+    bed.ms(100);
+    assert_eq!(bed.links.counts().readings, 10);
+}
+
+/// A driver call that never ends is given up after 0.4 s.
+#[test]
+fn a_bus_that_hangs_is_given_up() {
+    let (mut bed, chip) = bed();
+    chip.init.set(Mood::Hangs);
+    bed.ms(399);
+    assert_eq!(bed.links.counts().sensor_errors, 0);
+    bed.ms(1);
+    assert_eq!(bed.links.counts().sensor_errors, 1);
+    chip.init.set(Mood::Works);
+    bed.ms(250);
+    assert_eq!(bed.links.counts().readings, 5);
+    chip.read.set(Mood::Hangs);
+    bed.ms(420);
+    assert_eq!(bed.links.counts().sensor_errors, 2);
+}
+
+/// After an error of a reading the sensor is initialised again, and whoever listens is told.
+#[test]
+fn a_lost_sensor_is_found_again() {
+    let (mut bed, chip) = bed();
+    let links = Rc::clone(&bed.links);
+    let mut found = listen(&links.sensor);
+    bed.ms(15);
+    assert!(found.try_changed().is_some());
+    chip.read.set(Mood::Fails);
+    bed.ms(10);
+    chip.read.set(Mood::Works);
+    assert_eq!((chip.inits.get(), bed.links.counts().sensor_errors), (1, 1));
+    assert!(found.try_changed().is_none());
+    bed.ms(200);
+    assert_eq!(chip.inits.get(), 2);
+    assert!(found.try_changed().is_some());
+}
