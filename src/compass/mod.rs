@@ -16,6 +16,7 @@ use crate::calibration::verification::{self, Scores};
 use crate::calibration::{
     Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
 };
+use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
 use crate::collection::{Collector, Recent};
 use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
@@ -44,6 +45,9 @@ impl Config {
     pub const DEFAULT: Self =
         Self { max_expected_rms_deg: 3.0, min_held_back: 8, thinner_by: 1.5, contradicted_by: 3.0 };
 }
+
+// A part that is complete has been held back from as much as verification asks for.
+const _: () = assert!(Config::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
 
 /// What runs now.
 #[allow(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]

@@ -324,7 +324,8 @@ mod tests {
         }
     }
 
-    /// Noise of their own, the same source: its bias of 10 deg is in both, the noise of at most 1 deg is in neither mean.
+    /// Noise of their own, the same source: its bias of 10 deg is in both, the noise of at most 1 deg is in neither
+    /// mean.
     #[test]
     fn held_back_samples_have_noise_of_their_own_and_the_source_s_bias() {
         let mean_deg = |samples: Samples<'_>| {

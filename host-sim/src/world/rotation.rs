@@ -1,12 +1,12 @@
 //! Rotations of the simulated world, written from first principles in `f64`.
 //!
-//! The module under test has rotations of its own. A world that borrowed those would turn with a wrong sign as the module
-//! does, and nobody would notice; so nothing here, and nothing that makes a field from here, uses the library's.
+//! The module under test has rotations of its own. A world that borrowed those would turn with a wrong sign as the
+//! module does, and nobody would notice; so nothing here, and nothing that makes a field from here, uses the library's.
 //!
 //! Axes: north, east, down for the Earth; forward, right, down for the body. An aircraft comes from the first to the
-//! second by a yaw about the down axis, then a pitch about the wing, then a roll about the nose (Euler ZYX; B. L. Stevens,
-//! F. L. Lewis, "Aircraft Control and Simulation", section 1.3). Each elementary matrix takes the components of a fixed
-//! vector to the turned axes.
+//! second by a yaw about the down axis, then a pitch about the wing, then a roll about the nose (Euler ZYX; B. L.
+//! Stevens, F. L. Lewis, "Aircraft Control and Simulation", section 1.3). Each elementary matrix takes the components
+//! of a fixed vector to the turned axes.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -112,7 +112,7 @@ mod tests {
         is(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
     }
 
-    /// With the right wing straight down, down is along the right wing and the left side of the world is below the belly.
+    /// With the right wing straight down, down is along the right wing and what was to the left is below the belly.
     #[test]
     fn roll_is_right_wing_down() {
         let banked = Euler::from_deg(90.0, 0.0, 0.0).body_from_earth();
@@ -121,8 +121,8 @@ mod tests {
         is(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
     }
 
-    /// Heading east, the right wing points south. Nose up by 90 deg, the belly then faces east. Right wing down by 90 deg,
-    /// which is towards the belly, the wing points east and the belly away from where the wing was, north.
+    /// Heading east, the right wing points south. Nose up by 90 deg, the belly then faces east. Right wing down by 90
+    /// deg, which is towards the belly, the wing points east and the belly away from where the wing was, north.
     #[test]
     fn the_order_is_yaw_pitch_roll() {
         let earth_from_body = Euler::from_deg(90.0, 90.0, 90.0).body_from_earth().transpose();
