@@ -46,7 +46,7 @@ impl Config {
         Self { max_expected_rms_deg: 3.0, min_held_back: 8, thinner_by: 1.5, contradicted_by: 3.0 };
 }
 
-// A part that is complete has been held back from as much as verification asks for.
+// A complete part has as many held-back samples as verification asks for.
 const _: () = assert!(Config::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
 
 /// What runs now.
