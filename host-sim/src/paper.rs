@@ -1,5 +1,5 @@
-//! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either side,
-//! and every method on the same samples.
+//! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either
+//! side, and every method on the same samples.
 
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
 use autoswing::frames::{Attitude, Field};
@@ -12,13 +12,14 @@ use crate::random::{Purpose, Random};
 use crate::score::{Figures, wrap_180};
 use crate::world::airframe::Airframe;
 use crate::world::earth::Earth;
+use crate::world::rotation::Euler;
 use crate::world::table1::{BANK_DEG, Sides};
 
 /// Headings at which errors are shown, 30 deg apart.
 pub const HEADINGS: usize = 12;
 
-/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample of
-/// the module is the mean of several.
+/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample
+/// of the module is the mean of several.
 const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
 
 /// A LIS3MDL measures 80 times a second.
@@ -70,6 +71,10 @@ impl Column {
 }
 
 /// The columns of the table: uncompensated, compass swing, four ellipses, two planes, maximum likelihood.
+///
+/// # Errors
+///
+/// Why a method could not solve its samples.
 pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
     let table = Table { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);
@@ -95,8 +100,9 @@ struct Table {
 
 impl Table {
     fn sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
+        let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
+        let field = self.airframe.measure(&self.earth.body_field_ut(truth));
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
-        let field = self.airframe.measure(attitude.body(self.earth.level_field(heading_rad)));
         Sample { field: Field::new(field.ut + noise_ut.cast()), attitude, time: WrappingMillis::default() }
     }
 

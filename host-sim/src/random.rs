@@ -31,6 +31,8 @@ pub enum Purpose {
     Magnetometer = 9,
     /// What a power cut leaves in flash.
     Flash = 10,
+    /// Noise of the samples that a study holds back.
+    HeldBack = 12,
 }
 
 /// A stream of random numbers.

@@ -7,6 +7,7 @@ use autoswing::frames::Attitude;
 use serde::Serialize;
 
 use crate::world::WorldConfig;
+use crate::world::rotation::Euler;
 
 /// Banks at which a calibration is scored, degrees.
 pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
@@ -34,8 +35,10 @@ impl Errors {
     #[must_use]
     pub fn of(calibration: &Calibration, world: &WorldConfig) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
+            let truth = Euler { roll_rad: bank_deg.to_radians(), pitch_rad: 0.0, heading_rad };
+            let sensed = world.airframe.measure(&world.earth.body_field_ut(truth));
+            // From here on it is the module's own arithmetic that is judged.
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-            let sensed = world.airframe.measure(attitude.body(world.earth.level_field(heading_rad)));
             let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };

@@ -22,13 +22,13 @@ pub enum Envelope {
     Level,
 }
 
-/// Samples all of which have less bank than this, radians, show level headings alone: 10 deg.
-const LEVEL_ROLL_RAD: f32 = 0.175;
-
 impl Envelope {
+    /// Samples all of which have less bank than this, radians, show level headings alone; a turn begins at it.
+    pub const MIN_BANK_RAD: f32 = 10_f32.to_radians();
+
     /// Where a method's result from these samples is meant to be used.
     pub(super) fn of(method: Method, samples: Samples<'_>) -> Self {
-        let is_level = |s: &Sample| s.attitude.roll_rad.abs() < LEVEL_ROLL_RAD;
+        let is_level = |s: &Sample| s.attitude.roll_rad.abs() < Self::MIN_BANK_RAD;
         match method {
             Method::Level => Self::Level,
             // Its samples have no attitude.

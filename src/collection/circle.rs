@@ -2,14 +2,21 @@
 //!
 //! The heading is not known while a compass is being calibrated, and hard iron several times the horizontal field turns
 //! the raw direction into a few degrees to and fro. What is known is that a turn at constant bank is a plane ellipse in
-//! sensor space. So a side's samples are projected on their own principal plane, a circle is fitted there, and the angle
-//! about its centre divides the turn into sectors. No axis convention enters: a wrongly configured mounting collects as
-//! well as a right one.
+//! sensor space. So a side's samples are projected on their own principal plane, a circle is fitted there, and the
+//! angle about its centre divides the turn into sectors. No axis convention enters: a wrongly configured mounting
+//! collects as well as a right one.
+
+use core::f32::consts::TAU;
 
 use nalgebra::{Matrix3, Vector2};
 
-use super::dataset::SECTORS;
 use crate::calibration::{LeastSquares, Plane, Sample, Samples};
+
+/// Sectors a circle is divided into, 30 deg each.
+pub const SECTORS: usize = 12;
+
+/// Fewer points than these three have no circle.
+const MIN_POINTS: usize = 3;
 
 /// A circle in the principal plane of a turn's samples.
 #[derive(Clone, Copy, Debug)]
@@ -21,10 +28,11 @@ pub(super) struct Circle {
 }
 
 impl Circle {
-    /// Least squares of `x^2 + y^2 = a x + b y + c` (Kasa's fit) in the plane of the largest two principal axes. An arc is
-    /// enough; `None` while there is no arc to speak of.
+    /// Least squares of `x^2 + y^2 = a x + b y + c` (I. Kasa, "A circle fitting procedure and its error analysis",
+    /// IEEE Trans. Instrum. Meas. 25(1), 1976) in the plane of the largest two principal axes. An arc is enough; `None`
+    /// while there is no arc to speak of.
     pub fn through(samples: &Samples<'_>) -> Option<Self> {
-        if samples.iter().count() < 3 {
+        if samples.iter().count() < MIN_POINTS {
             return None;
         }
         let plane = Plane::through(samples, &Matrix3::identity())?;
@@ -42,9 +50,52 @@ impl Circle {
     /// Which sector a sample lies in, 0..[`SECTORS`].
     pub fn sector(&self, sample: &Sample) -> usize {
         let p = self.plane.flat(&sample.field.ut) - self.centre_ut;
-        let angle_rad = libm::atan2f(p.y, p.x);
-        let turns = angle_rad / core::f32::consts::TAU + 0.5;
+        let turns = libm::atan2f(p.y, p.x) / TAU + 0.5;
         // The cast saturates and takes NaN to 0, so the index is in range for every input.
         ((turns * SECTORS as f32) as usize).min(SECTORS - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{RADIUS_UT, on_circle};
+    use super::*;
+
+    fn through(samples: &[Sample]) -> Option<Circle> {
+        Circle::through(&Samples { left: samples, ..Samples::default() })
+    }
+
+    /// A sixth of the circle is enough to know the rest; f32 leaves 1e-6 of 100 uT of hard iron, ten times that here.
+    #[test]
+    fn an_arc_gives_the_circle() {
+        let arc: Vec<Sample> = (0..=60).step_by(5).map(|heading_deg| on_circle(heading_deg as f32)).collect();
+        let circle = through(&arc).unwrap();
+        assert!((circle.radius_ut - RADIUS_UT).abs() < 0.01, "{circle:?}");
+    }
+
+    #[test]
+    fn two_points_and_what_is_not_finite_have_no_circle() {
+        let points = [0.0, 90.0, 200.0].map(on_circle);
+        assert!(through(&points[..2]).is_none());
+        assert!(through(&points).is_some());
+        let broken = Sample { field: crate::frames::Field::from_ut(f32::NAN, 0.0, 0.0), ..points[0] };
+        assert!(through(&[points[0], points[1], points[2], broken]).is_none());
+    }
+
+    /// Where the sectors begin depends on the plane's axes; that each is 30 deg wide and next to its neighbours does
+    /// not.
+    #[test]
+    fn sectors_are_twelve_of_thirty_degrees_in_order() {
+        let all: Vec<Sample> = (0..360_u16).map(|heading_deg| on_circle(f32::from(heading_deg))).collect();
+        let circle = through(&all).unwrap();
+        let sectors: Vec<usize> = all.iter().map(|s| circle.sector(s)).collect();
+        for sector in 0..SECTORS {
+            // A sample on a border may fall to either side.
+            let wide = sectors.iter().filter(|s| **s == sector).count();
+            assert!((29..=31).contains(&wide), "sector {sector} is {wide} deg wide");
+        }
+        let changes = sectors.iter().zip(sectors.iter().cycle().skip(1)).filter(|(a, b)| a != b);
+        assert_eq!(changes.clone().count(), SECTORS);
+        assert!(changes.clone().all(|(a, b)| a.abs_diff(*b) == 1 || a.abs_diff(*b) == SECTORS - 1));
     }
 }

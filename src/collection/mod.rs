@@ -1,18 +1,24 @@
-//! Turns: which samples of a flight calibration is made of.
+//! Collection: which samples a calibration is made of.
 //!
-//! Of samples with attitude, ten a second, a detector that looks at bank alone says
-//! when the aircraft is in a sustained left or right turn ([`detector`]), and a dataset of fixed capacity keeps samples
-//! evenly spread over heading for each side, a part of them held back for verification ([`dataset`]).
+//! Samples come ten a second from the [`instrument`](crate::instrument). How they are collected is the
+//! [`Procedure`]: in flight a detector that looks at bank alone says when the aircraft is in a sustained left or right
+//! turn, and level flight between turns is collected as well; level vehicles and compass swings collect samples of
+//! little bank, and a module that is tumbled by hand whatever it sees. A dataset of fixed capacity keeps samples evenly
+//! spread over heading, a part of them held back for verification ([`dataset`]). A compass swing adds marks: samples at
+//! headings that a person knows.
 
 mod circle;
 pub mod dataset;
-pub mod detector;
+mod detector;
+mod part;
 mod recent;
+#[cfg(test)]
+mod testing;
 
 pub use recent::Recent;
 
 use crate::calibration::ladder::Procedure;
-use crate::calibration::{Mark, Part, Sample, Samples, Side};
+use crate::calibration::{Mark, Sample, Samples, Side};
 use dataset::{Coverage, Dataset};
 use detector::Detector;
 
@@ -22,15 +28,16 @@ pub const MARKS_CAPACITY: usize = 36;
 /// Fixed numbers of the collection.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
-    /// Level flight is below this bank, radians: 7 deg, where turns end.
+    /// Level is a bank of at most this, radians: the one below which turns end.
     pub level_roll_rad: f32,
-    /// and below this pitch, radians: 12 deg.
+    /// Level is a pitch of at most this, radians.
     pub level_pitch_rad: f32,
 }
 
 impl Config {
     /// Numbers for all vehicles.
-    pub const DEFAULT: Self = Self { level_roll_rad: 0.122, level_pitch_rad: 0.21 };
+    pub const DEFAULT: Self =
+        Self { level_roll_rad: detector::Config::DEFAULT.leave_roll_rad, level_pitch_rad: 12_f32.to_radians() };
 }
 
 /// Detector, dataset and marks together: the collection of one calibration. About 15 KB.
@@ -131,9 +138,9 @@ impl Collector {
     pub fn progress(&self) -> Progress {
         Progress {
             procedure: self.procedure,
-            left: self.dataset.coverage(Part::Turns(Side::Left)),
-            right: self.dataset.coverage(Part::Turns(Side::Right)),
-            level: self.dataset.coverage(Part::Level),
+            left: self.dataset.turns(Side::Left),
+            right: self.dataset.turns(Side::Right),
+            level: self.dataset.level(),
             marks: self.marks.len() as u16,
             turning: self.detector.turning(),
         }
@@ -162,3 +169,6 @@ fn is_level(sample: &Sample) -> bool {
     let Config { level_roll_rad, level_pitch_rad } = Config::DEFAULT;
     sample.attitude.roll_rad.abs() <= level_roll_rad && sample.attitude.pitch_rad.abs() <= level_pitch_rad
 }
+
+#[cfg(test)]
+mod tests;

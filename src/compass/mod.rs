@@ -18,6 +18,7 @@ use crate::calibration::ladder::{self, Procedure, Selection};
 use crate::calibration::{
     Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
 };
+use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
 use crate::collection::{Collector, Recent};
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
@@ -25,6 +26,9 @@ use crate::magnetometer::Identity;
 use crate::settings::{OutOfRange, Settings};
 use crate::store::{Change, Generations, Record, StoreError};
 use crate::time::WrappingMillis;
+
+// A complete part has as many held-back samples as verification asks for.
+const _: () = assert!(Policy::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
 
 /// What runs now.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]

@@ -1,14 +1,15 @@
 //! The Cramer-Rao bound: how well anybody could know the heading after a flight.
 //!
 //! Computed from the true parameters. Each instant has three unknowns of its own - heading, roll and pitch - and five
-//! measurements: three of the field, two of the attitude. With `J_g` the derivatives of the measurements by the thirteen
-//! common unknowns (`A`, `b`, inclination; the total field is the unit), `J_l` those by the instant's own, and all
-//! measurements divided by their sigma, its information on the common ones is
+//! measurements: three of the field, two of the attitude. With `J_g` the derivatives of the measurements by the
+//! thirteen common unknowns (`A`, `b`, inclination; the total field is the unit), `J_l` those by the instant's own, and
+//! all measurements divided by their sigma, its information on the common ones is
 //! `J_g^T J_g - J_g^T J_l (J_l^T J_l)^-1 J_l^T J_g`. Nothing is assumed of the airframe.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::trial::{Instant, Trial, body_field, body_from_level, envelope};
+use super::trial::{Instant, Trial, envelope};
+use crate::world::rotation::Euler;
 
 type Matrix13 = SMatrix<f64, 13, 13>;
 
@@ -19,16 +20,16 @@ pub fn rms_deg(trial: &Trial) -> Option<f64> {
     let information: Matrix13 = trial.instants().map(|instant| information(trial, instant)).sum();
     let covariance = information.cholesky()?.inverse();
     let w = trial.a.try_inverse()?;
-    let (sum, number) = envelope().fold((0.0, 0.0), |(sum, number), (heading_rad, roll_rad)| {
-        let row = heading_row(trial, &w, heading_rad, roll_rad);
+    let (sum, number) = envelope().fold((0.0, 0.0), |(sum, number), euler| {
+        let row = heading_row(trial, &w, euler);
         (sum + row.dot(&(covariance * row)), number + 1.0)
     });
     Some((sum / number).sqrt().to_degrees())
 }
 
 fn information(trial: &Trial, instant: &Instant) -> Matrix13 {
-    let Instant { heading_rad, roll_rad, pitch_rad, .. } = *instant;
-    let body = trial.body(heading_rad, roll_rad, pitch_rad);
+    let euler = instant.euler;
+    let body = trial.body(euler);
     let mut common = SMatrix::<f64, 5, 13>::zeros();
     for i in 0..3 {
         for j in 0..3 {
@@ -38,13 +39,13 @@ fn information(trial: &Trial, instant: &Instant) -> Matrix13 {
     }
     // Central differences of a smooth function of three angles: 1e-5 leaves an error of 1e-10.
     let by = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
-    let by_dip = by(&|step| trial.a * body_field(trial.inclination_rad + step, heading_rad, roll_rad, pitch_rad));
+    let by_dip = by(&|step| trial.a * euler.field(1.0, trial.inclination_rad + step));
     common.fixed_view_mut::<3, 1>(0, 12).copy_from(&by_dip);
     let mut own = SMatrix::<f64, 5, 3>::zeros();
     for (column, derivative) in [
-        by(&|step| trial.a * trial.body(heading_rad + step, roll_rad, pitch_rad)),
-        by(&|step| trial.a * trial.body(heading_rad, roll_rad + step, pitch_rad)),
-        by(&|step| trial.a * trial.body(heading_rad, roll_rad, pitch_rad + step)),
+        by(&|step| trial.a * trial.body(Euler { heading_rad: euler.heading_rad + step, ..euler })),
+        by(&|step| trial.a * trial.body(Euler { roll_rad: euler.roll_rad + step, ..euler })),
+        by(&|step| trial.a * trial.body(Euler { pitch_rad: euler.pitch_rad + step, ..euler })),
     ]
     .iter()
     .enumerate()
@@ -59,17 +60,17 @@ fn information(trial: &Trial, instant: &Instant) -> Matrix13 {
         own.row_mut(row).unscale_mut(sigma);
     }
     let projected = own.tr_mul(&common);
-    // The attitude's rows give roll and pitch information of their own, the field's give heading: never singular, but at
-    // a magnetic pole.
+    // The attitude's rows give roll and pitch information of their own, the field's give heading: never singular, but
+    // at a magnetic pole.
     let nuisance = (own.tr_mul(&own)).try_inverse().unwrap_or_else(Matrix3::zeros);
     common.tr_mul(&common) - projected.tr_mul(&(nuisance * projected))
 }
 
 /// Derivative of the indicated heading by the common unknowns. The field found is `W (m - b)`, so that an error of `A`
 /// and `b` moves it by `-W (dA h + db)`.
-fn heading_row(trial: &Trial, w: &Matrix3<f64>, heading_rad: f64, roll_rad: f64) -> SVector<f64, 13> {
-    let body = trial.body(heading_rad, roll_rad, 0.0);
-    let to_level = body_from_level(roll_rad, 0.0).transpose();
+fn heading_row(trial: &Trial, w: &Matrix3<f64>, euler: Euler) -> SVector<f64, 13> {
+    let body = trial.body(euler);
+    let to_level = euler.body_from_level().transpose();
     let level = to_level * body;
     let horizontal = level.x * level.x + level.y * level.y;
     let gradient = (to_level.row(0) * level.y - to_level.row(1) * level.x).transpose() / horizontal;

@@ -1,8 +1,8 @@
 //! How accurate the methods are, against the bound of what is possible.
 //!
 //! Random airframes, places, flights and instruments ([`trial`]); for each, many draws of the noise, solved by every
-//! method. What counts is the RMS heading error over that of the Cramer-Rao bound ([`bound`]), and whether the sigma of a
-//! heading is true.
+//! method. What counts is the RMS heading error over that of the Cramer-Rao bound ([`bound`]), and whether the sigma of
+//! a heading is true.
 
 pub mod bound;
 pub mod trial;
@@ -40,9 +40,9 @@ pub struct Result {
     pub wrong: u32,
     /// RMS heading error, median over the airframes, degrees.
     pub rms_median_deg: f64,
-    /// RMS heading error over the bound's: median over the airframes,
+    /// RMS heading error over the bound's, median over the airframes.
     pub ratio_median: f64,
-    /// and the value that a tenth of them exceed.
+    /// RMS heading error over the bound's: the value that a tenth of the airframes exceed.
     pub ratio_worst_decile: f64,
 }
 
@@ -73,10 +73,10 @@ pub struct Outcome {
 /// The methods compared.
 const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
 
-/// Of every so many draws, the sigmas are looked at, too,
+/// Of every so many draws, the sigmas are looked at, too.
 const COVERAGE_EVERY: u64 = 5;
 
-/// at so many headings.
+/// Headings at which they are looked at.
 const HEADINGS: usize = 16;
 
 /// Runs the plan; `tick` is called once an airframe, from any thread.

@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::random::{Purpose, Random};
 use crate::score::wrap_180;
+use crate::world::rotation::Euler;
 
 /// Ranges that airframes, places and flights are drawn from.
 #[derive(Clone, Copy, Debug)]
@@ -87,13 +88,24 @@ pub struct Use {
 /// An instant of the flight, as it truly was.
 #[derive(Clone, Copy, Debug)]
 pub struct Instant {
-    /// Radians, clockwise from magnetic north.
-    pub heading_rad: f64,
-    /// Radians, right wing down.
-    pub roll_rad: f64,
-    /// Radians, nose up.
-    pub pitch_rad: f64,
+    /// How the aircraft lay; the heading counts whole turns.
+    pub euler: Euler,
     time: WrappingMillis,
+}
+
+impl Instant {
+    /// Half-way to a later one.
+    fn midway(&self, later: &Self) -> Self {
+        let (from, to) = (self.euler, later.euler);
+        Self {
+            euler: Euler {
+                roll_rad: from.roll_rad.midpoint(to.roll_rad),
+                pitch_rad: from.pitch_rad.midpoint(to.pitch_rad),
+                heading_rad: from.heading_rad.midpoint(to.heading_rad),
+            },
+            time: WrappingMillis::new(self.time.count() + later.time.since(self.time) / 2),
+        }
+    }
 }
 
 /// An airframe at a place, its turns, and the noise of its instruments. The unit of field is the total intensity.
@@ -151,45 +163,49 @@ impl Trial {
 
     /// The Earth field in the body frame, in units of the total field.
     #[must_use]
-    pub fn body(&self, heading_rad: f64, roll_rad: f64, pitch_rad: f64) -> Vector3<f64> {
-        body_field(self.inclination_rad, heading_rad, roll_rad, pitch_rad)
+    pub fn body(&self, euler: Euler) -> Vector3<f64> {
+        euler.field(1.0, self.inclination_rad)
     }
 
     /// What the module would record, and the noise of what it measures thereafter: the `repetition`-th draw.
     #[must_use]
     pub fn record(&self, repetition: u64, faults: Faults) -> (Recorded, Use) {
-        let mut random = Random::new(self.seed.wrapping_mul(1_000_003).wrapping_add(repetition), Purpose::Magnetometer);
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
+        let mut random = Random::new(seed, Purpose::Magnetometer);
         let source = faults.draw(&mut random);
-        let mut record = |instants: &[Instant]| instants.iter().map(|i| self.sample(i, source, &mut random)).collect();
-        let recorded = Recorded { left: record(&self.left), right: record(&self.right) };
-        (recorded, Use { source, random })
+        let fit = Sides::of(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
+        // A stream of their own: with or without them, all else is drawn as it is.
+        let mut fresh = Random::new(seed, Purpose::HeldBack);
+        let [left, right] = [midways(&self.left), midways(&self.right)];
+        let held_back = Sides::of(&left, &right, |instant| self.sample(instant, source, &mut fresh));
+        (Recorded { fit, held_back }, Use { source, random })
     }
 
-    /// A heading at a random attitude, as the module would show it with a solution: its error over its sigma. `None` where
-    /// it would show none.
+    /// A heading at a random attitude, as the module would show it with a solution: its error over its sigma. `None`
+    /// where it would show none.
     #[must_use]
     pub fn error_over_sigma(&self, solution: &Solution, used: &mut Use) -> Option<f64> {
         let random = &mut used.random;
-        let instant = Instant {
+        let euler = Euler {
             heading_rad: random.uniform(0.0, std::f64::consts::TAU),
             roll_rad: random.uniform(-30.0, 30.0).to_radians(),
             pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
-            time: WrappingMillis::default(),
         };
+        let instant = Instant { euler, time: WrappingMillis::default() };
         let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
         // The samples are single readings here.
         let config = heading::Config { readings_per_sample: 1.0, ..heading::Config::DEFAULT };
         let shown = heading::heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
-        let error_deg = wrap_180((f64::from(shown.magnetic_rad) - instant.heading_rad).to_degrees());
+        let error_deg = wrap_180((f64::from(shown.magnetic_rad) - euler.heading_rad).to_degrees());
         Some(error_deg / f64::from(shown.sigma_deg()))
     }
 
     fn sample(&self, instant: &Instant, source: Source, random: &mut Random) -> Sample {
-        let body = self.body(instant.heading_rad, instant.roll_rad, instant.pitch_rad);
-        let sensed = self.a * body + self.b + random.normal_vector() * self.sensor_sigma;
+        let euler = instant.euler;
+        let sensed = self.a * self.body(euler) + self.b + random.normal_vector() * self.sensor_sigma;
         let told = [
-            instant.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
-            instant.pitch_rad + source.pitch_bias_rad,
+            euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
+            euler.pitch_rad + source.pitch_bias_rad,
         ];
         let [roll_rad, pitch_rad] = told.map(|angle| (angle + random.normal() * self.attitude_sigma_rad) as f32);
         Sample {
@@ -203,39 +219,26 @@ impl Trial {
     #[must_use]
     pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f64> {
         envelope()
-            .map(|(heading_rad, roll_rad)| {
-                let sensed = (self.a * self.body(heading_rad, roll_rad, 0.0) + self.b) * TOTAL_UT;
-                let attitude = Attitude { roll_rad: roll_rad as f32, pitch_rad: 0.0 };
+            .map(|euler| {
+                let sensed = (self.a * self.body(euler) + self.b) * TOTAL_UT;
+                let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
                 let found = attitude.level(calibration.apply(Field::new(sensed.cast()))).heading_rad();
-                wrap_180((f64::from(found) - heading_rad).to_degrees())
+                wrap_180((f64::from(found) - euler.heading_rad).to_degrees())
             })
             .collect()
     }
 }
 
-/// The envelope: headings and rolls in radians.
-pub fn envelope() -> impl Iterator<Item = (f64, f64)> {
-    [-30.0_f64, 0.0, 30.0]
+/// The envelope: twelve headings at each of three banks, at pitch zero.
+pub fn envelope() -> impl Iterator<Item = Euler> {
+    [-30.0, 0.0, 30.0]
         .into_iter()
-        .flat_map(|bank_deg| (0..12).map(move |step| (f64::from(step * 30).to_radians(), bank_deg.to_radians())))
+        .flat_map(|bank_deg| (0..12).map(move |step| Euler::from_deg(bank_deg, 0.0, f64::from(step * 30))))
 }
 
-/// The Earth field in the body frame, in units of the total field.
-#[must_use]
-pub fn body_field(inclination_rad: f64, heading_rad: f64, roll_rad: f64, pitch_rad: f64) -> Vector3<f64> {
-    let (sin_i, cos_i) = inclination_rad.sin_cos();
-    let level = Vector3::new(cos_i * heading_rad.cos(), -cos_i * heading_rad.sin(), sin_i);
-    body_from_level(roll_rad, pitch_rad) * level
-}
-
-/// Takes level components to body components: `R_x(phi) R_y(theta)`.
-#[must_use]
-pub fn body_from_level(roll_rad: f64, pitch_rad: f64) -> Matrix3<f64> {
-    let (s, c) = roll_rad.sin_cos();
-    let (sp, cp) = pitch_rad.sin_cos();
-    let roll = Matrix3::new(1.0, 0.0, 0.0, 0.0, c, s, 0.0, -s, c);
-    let pitch = Matrix3::new(cp, 0.0, -sp, 0.0, 1.0, 0.0, sp, 0.0, cp);
-    roll * pitch
+/// The instants half-way between each of these and the next.
+fn midways(instants: &[Instant]) -> Vec<Instant> {
+    instants.iter().zip(instants.iter().skip(1)).map(|(earlier, later)| earlier.midway(later)).collect()
 }
 
 /// Turns with bank and pitch that wander with a time constant of 1.5 s, a sample every half second.
@@ -251,12 +254,8 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<Instant> {
             let roll_rad = (bank_deg + wander[0]).to_radians();
             // A coordinated turn at 22 m/s, as a small UAV flies.
             heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
-            Instant {
-                heading_rad,
-                roll_rad,
-                pitch_rad: (2.0 + wander[1]).to_radians(),
-                time: WrappingMillis::new(i as u32 * 500),
-            }
+            let pitch_rad = (2.0 + wander[1]).to_radians();
+            Instant { euler: Euler { roll_rad, pitch_rad, heading_rad }, time: WrappingMillis::new(i as u32 * 500) }
         })
         .collect()
 }
@@ -264,14 +263,82 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<Instant> {
 /// The samples of a flight.
 #[derive(Clone, Debug)]
 pub struct Recorded {
+    fit: Sides,
+    held_back: Sides,
+}
+
+/// Samples of left and right turns.
+#[derive(Clone, Debug)]
+struct Sides {
     left: Vec<Sample>,
     right: Vec<Sample>,
 }
 
 impl Recorded {
-    /// As the solver takes them.
+    /// Those to solve with.
     #[must_use]
     pub fn samples(&self) -> Samples<'_> {
+        self.fit.samples()
+    }
+
+    /// Those to verify with: of the same flight and attitude source, half-way between the others, with noise of their
+    /// own.
+    #[must_use]
+    pub fn held_back(&self) -> Samples<'_> {
+        self.held_back.samples()
+    }
+}
+
+impl Sides {
+    /// Samples left turns first.
+    fn of(left: &[Instant], right: &[Instant], mut sample: impl FnMut(&Instant) -> Sample) -> Self {
+        Self { left: left.iter().map(&mut sample).collect(), right: right.iter().map(&mut sample).collect() }
+    }
+
+    fn samples(&self) -> Samples<'_> {
         Samples { left: &self.left, right: &self.right, ..Samples::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Not fitted, of the same flight: in time half-way between those of the fit, and of the field what noise of 1 % of
+    /// 50 uT and half a second of a turn (at 45 deg of bank 13 deg of heading) leave.
+    #[test]
+    fn held_back_samples_are_of_the_same_flight_and_not_of_the_fit() {
+        for seed in 0..20 {
+            let trial = Trial::draw(&Ranges::HARSH, seed);
+            let (recorded, _) = trial.record(3, Faults::NONE);
+            let (fit, held_back) = (recorded.samples(), recorded.held_back());
+            for (fit, held_back) in [(fit.left, held_back.left), (fit.right, held_back.right)] {
+                assert_eq!(held_back.len(), fit.len() - 1);
+                for (pair, held) in fit.windows(2).zip(held_back) {
+                    assert_eq!((held.time.since(pair[0].time), pair[1].time.since(held.time)), (250, 250));
+                    let mean_ut = (pair[0].field.ut + pair[1].field.ut) / 2.0;
+                    assert!((held.field.ut - mean_ut).norm() < 5.0, "seed {seed}: {held:?} between {pair:?}");
+                    assert!(held.field != pair[0].field && held.field != pair[1].field);
+                }
+            }
+        }
+    }
+
+    /// Noise of their own, the same source: its bias of 10 deg is in both, the noise of at most 1 deg is in neither
+    /// mean.
+    #[test]
+    fn held_back_samples_have_noise_of_their_own_and_the_source_s_bias() {
+        let mean_deg = |samples: Samples<'_>| {
+            let rolls = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees()));
+            rolls.sum::<f64>() / samples.iter().count() as f64
+        };
+        let trial = Trial::draw(&Ranges::HARSH, 5);
+        let [first, second] = [0, 1].map(|draw| trial.record(draw, Faults { bias_deg: 10.0, bank_scale: 0.0 }).0);
+        for recorded in [&first, &second] {
+            let difference_deg = mean_deg(recorded.samples()) - mean_deg(recorded.held_back());
+            assert!(difference_deg.abs() < 0.5, "{difference_deg}");
+        }
+        assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");
+        assert_ne!(first.held_back().left[0].field, second.held_back().left[0].field);
     }
 }

@@ -1,7 +1,7 @@
 //! The airframe's iron and the mounting of the sensor: `m = A h_body + b` (Liu 2007 eq. 8).
 
 use autoswing::calibration::Calibration;
-use autoswing::frames::{Body, Field, Sensor};
+use autoswing::frames::{Field, Sensor};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -79,10 +79,10 @@ impl Airframe {
         Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
     }
 
-    /// What reaches the chip.
+    /// What reaches the chip of a field in body axes, microtesla.
     #[must_use]
-    pub fn measure(&self, body: Field<Body>) -> Field<Sensor> {
-        Field::new((self.a * body.ut.cast() + self.b_ut).cast())
+    pub fn measure(&self, body_ut: &Vector3<f64>) -> Field<Sensor> {
+        Field::new((self.a * body_ut + self.b_ut).cast())
     }
 
     /// The calibration that undoes this airframe exactly; `None` when `A` has no inverse.
@@ -110,6 +110,7 @@ mod tests {
     use autoswing::frames::Attitude;
 
     use super::*;
+    use crate::world::rotation::Euler;
 
     #[test]
     fn random_airframes_stay_within_their_limits_and_use_them() {
@@ -139,8 +140,9 @@ mod tests {
             let airframe = Airframe::random(seed, &earth);
             let calibration = airframe.true_calibration(&earth).unwrap();
             let attitude = Attitude::from_deg(25.0, -4.0);
-            let body = attitude.body(earth.level_field(1.0));
-            let level = attitude.level(calibration.apply(airframe.measure(body)));
+            let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
+            let body_ut = earth.body_field_ut(truth);
+            let level = attitude.level(calibration.apply(airframe.measure(&body_ut)));
             assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
             assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
             assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
@@ -155,7 +157,7 @@ mod tests {
             hard_iron_ut: [0.0; 3],
             mounting_deg: [0.0, 0.0, 90.0],
         };
-        let measured = Airframe::from(description).measure(Field::from_ut(10.0, 20.0, 30.0));
+        let measured = Airframe::from(description).measure(&Vector3::new(10.0, 20.0, 30.0));
         assert!((measured.ut - Vector3::new(20.0, -10.0, 30.0)).norm() < 1e-5, "{measured:?}");
     }
 }

@@ -98,6 +98,10 @@ impl WorldConfig {
     }
 
     /// `table1`, `random`, or the path of an airframe file.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError`] when the file cannot be read, is not of the format, or a number in it makes no sense.
     pub fn named(aircraft: &str, seed: u64) -> Result<Self, ConfigError> {
         match aircraft {
             "table1" => Ok(Self::table1(seed)),
@@ -107,6 +111,10 @@ impl WorldConfig {
     }
 
     /// Reads an airframe file; see `airframes/example.toml` for the format.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError`] when the file cannot be read, is not of the format, or a number in it makes no sense.
     pub fn from_file(path: &Path, seed: u64) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| ConfigError::Unreadable { path: path.display().to_string(), reason: error.to_string() })?;
@@ -114,6 +122,10 @@ impl WorldConfig {
     }
 
     /// Reads the text of an airframe file.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError::Format`] and [`ConfigError::OutOfRange`].
     pub fn from_toml(text: &str, seed: u64) -> Result<Self, ConfigError> {
         let file: File = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
         let config = Self {
@@ -142,6 +154,10 @@ impl WorldConfig {
     }
 
     /// Checks that every number makes sense, infinities and not-a-numbers included.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError::OutOfRange`] with the first number that makes none.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let Self { airframe, earth, aircraft, weather, attitude_source: source, .. } = self;
         let singular = airframe.a.singular_values();

@@ -1,9 +1,10 @@
 //! The Earth's field: uniform over the flight. Heading is magnetic heading; variation is a matter for whoever wants
 //! true north.
 
-use autoswing::frames::{Field, Level};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::rotation::Euler;
 use crate::random::{Purpose, Random};
 
 /// The field at the place of the flight.
@@ -41,12 +42,10 @@ impl Earth {
         self.total_ut * self.inclination_deg.to_radians().cos()
     }
 
-    /// The field in the level frame of an aircraft at a heading.
+    /// The field in the body axes of an aircraft, microtesla.
     #[must_use]
-    pub fn level_field(&self, heading_rad: f64) -> Field<Level> {
-        // The heading counts whole turns; they would cost f32 its resolution.
-        let heading_rad = heading_rad.rem_euclid(std::f64::consts::TAU);
-        Field::earth(self.total_ut as f32, self.inclination_deg.to_radians() as f32, heading_rad as f32)
+    pub fn body_field_ut(&self, aircraft: Euler) -> Vector3<f64> {
+        aircraft.field(self.total_ut, self.inclination_deg.to_radians())
     }
 }
 

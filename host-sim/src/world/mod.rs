@@ -3,11 +3,12 @@
 //! | file | holds |
 //! |---|---|
 //! | `config.rs` | all settings, the airframe file |
-//! | `aircraft.rs`, `autopilot.rs`, `weather.rs` | how it flies, who flies it, what the air does |
+//! | `aircraft/`, `autopilot.rs`, `weather.rs` | how it flies, who flies it, what the air does |
 //! | `state.rs` | the truth at one instant |
+//! | `rotation.rs` | from north, east, down to body axes: the world's own mathematics |
 //! | `earth.rs`, `airframe.rs` | the field, and what the iron makes of it |
 //! | `table1.rs` | the airframe of Liu 2007 table 1 and the published errors |
-//! | `attitude_source.rs` | MAVLink attitude with the errors of a real source |
+//! | `attitude_source/` | MAVLink attitude with the errors of a real source |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
@@ -17,6 +18,7 @@ pub mod autopilot;
 mod config;
 pub mod earth;
 pub mod gauss_markov;
+pub mod rotation;
 mod state;
 pub mod table1;
 pub mod weather;
@@ -153,8 +155,8 @@ impl Inner {
 
     fn sensor_field(&mut self, at_us: u64) -> Field<Sensor> {
         let truth = self.true_state(at_us);
-        let body = truth.attitude().body(self.config.earth.level_field(truth.heading_rad));
-        let measured = self.config.airframe.measure(body);
+        let body_ut = self.config.earth.body_field_ut(truth.euler());
+        let measured = self.config.airframe.measure(&body_ut);
         Field::new(measured.ut + self.disturbance_ut.cast())
     }
 }

@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 
 use autoswing::frames::Attitude;
 
+use super::rotation::Euler;
+
 /// Attitude, heading, motion. Angles in radians, FRD body axes, Euler ZYX; heading counts whole turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrueState {
@@ -46,7 +48,13 @@ impl TrueState {
         self.east_m_s.atan2(self.north_m_s).rem_euclid(TAU).to_degrees()
     }
 
-    /// Roll and pitch.
+    /// How the aircraft lies.
+    #[must_use]
+    pub fn euler(&self) -> Euler {
+        Euler { roll_rad: self.roll_rad, pitch_rad: self.pitch_rad, heading_rad: self.heading_rad }
+    }
+
+    /// Roll and pitch, as the module's library takes them.
     #[must_use]
     pub fn attitude(&self) -> Attitude {
         Attitude { roll_rad: self.roll_rad as f32, pitch_rad: self.pitch_rad as f32 }

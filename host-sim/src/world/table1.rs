@@ -70,11 +70,12 @@ mod tests {
     use super::*;
     use crate::world::airframe::Airframe;
     use crate::world::earth::Earth;
+    use crate::world::rotation::Euler;
 
     fn error_before_deg(airframe: &Airframe, heading_deg: f64, bank_deg: f64) -> f64 {
+        let body_ut = Earth::default().body_field_ut(Euler::from_deg(bank_deg, 0.0, heading_deg));
+        let uncorrected = Calibration::uncalibrated(Orientation::NONE).apply(airframe.measure(&body_ut));
         let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
-        let body = attitude.body(Earth::default().level_field(heading_deg.to_radians()));
-        let uncorrected = Calibration::uncalibrated(Orientation::NONE).apply(airframe.measure(body));
         let indicated_deg = f64::from(attitude.level(uncorrected).heading_rad().to_degrees());
         (indicated_deg - heading_deg + 180.0).rem_euclid(360.0) - 180.0
     }

@@ -1,0 +1,193 @@
+use super::super::circle::Circle;
+use super::super::testing::{sample, turn};
+use super::*;
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+fn collect(samples: impl Iterator<Item = Sample>) -> Dataset {
+    let mut dataset = Dataset::new();
+    for sample in samples {
+        dataset.push_turn(Side::Right, sample);
+    }
+    dataset
+}
+
+fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
+    collect(samples).turns(Side::Right)
+}
+
+#[test]
+fn three_circles_fill_a_side_in_spite_of_the_hard_iron() {
+    // 28 s a circle. Half a circle is 6 of 12 sectors, one more where it ends inside one.
+    let half = coverage(turn(25.0, 0, 14, 13.0));
+    assert!((6..=8).contains(&half.sectors), "{half:?}");
+    assert!(!half.is_complete());
+    let full = coverage(turn(25.0, 0, 84, 13.0));
+    assert_eq!((full.sectors, full.percent), (12, 100), "{full:?}");
+}
+
+#[test]
+fn a_complete_side_stays_complete() {
+    for tenths in (100..200_u16).step_by(4) {
+        let mut dataset = Dataset::new();
+        let mut completed = false;
+        for sample in turn(25.0, 0, 150, f32::from(tenths) / 10.0) {
+            dataset.push_turn(Side::Right, sample);
+            let complete = dataset.turns(Side::Right).is_complete();
+            assert!(complete || !completed, "{tenths} tenths of a degree a second, at {} ms", sample.time.count());
+            completed = complete;
+        }
+        assert!(completed);
+    }
+}
+
+#[test]
+fn a_held_heading_is_no_coverage_however_long() {
+    let straight = coverage(turn(25.0, 0, 300, 0.0));
+    // Bank wander draws a short line, which is an arc of two sectors at most.
+    assert!(straight.sectors <= 2 && straight.percent < 20, "{straight:?}");
+}
+
+#[test]
+fn a_full_buffer_makes_room_for_headings_it_lacks() {
+    // Ten minutes to and fro over a third of the circle, then one circle: the new headings must all come in.
+    let third = (0..12).flat_map(|i| turn(25.0, i * 50, i * 50 + 9, 13.0));
+    let later = turn(25.0, 700, 728, 13.0);
+    let dataset = collect(third.chain(later));
+    let coverage = dataset.turns(Side::Right);
+    assert_eq!(coverage.samples as usize, FIT_CAPACITY, "the buffer was full");
+    assert_eq!(coverage.sectors, 12);
+    assert!(dataset.fit().right.is_sorted_by_key(|s| s.time.count()));
+}
+
+#[test]
+fn held_back_samples_are_apart_from_those_of_the_fit_and_as_well_spread() {
+    let dataset = collect(turn(25.0, 0, 120, 13.0));
+    let (fit, held) = (dataset.fit().right, dataset.held_back().right);
+    assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
+    let circle = Circle::through(&Samples { left: held, ..Samples::default() }).unwrap();
+    for sector in 0..SECTORS {
+        assert!(held.iter().filter(|s| circle.sector(s) == sector).count() >= 2, "sector {sector}");
+    }
+}
+
+/// What verification may count on, and no more than that.
+#[test]
+fn a_complete_part_has_the_held_back_samples_it_promises() {
+    assert_eq!(HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
+    let mut dataset = Dataset::new();
+    for sample in turn(0.0, 0, 84, 13.0).take_while(|s| s.time.count() < 84_000) {
+        dataset.push_level(sample);
+        if dataset.level().is_complete() {
+            break;
+        }
+    }
+    let level = dataset.level();
+    assert!(level.is_complete() && level.held_back >= HELD_BACK_WHEN_COMPLETE, "{level:?}");
+}
+
+#[test]
+fn parts_do_not_mix_and_are_forgotten_together() {
+    let mut dataset = Dataset::new();
+    let lengths = |samples: Samples<'_>| [samples.left.len(), samples.right.len(), samples.level.len()];
+    for i in 0..8_u32 {
+        // Eight left, four right, four level: of each four one is held back.
+        dataset.push_turn(Side::Left, sample([i as f32, 0.0, 0.0], i * 400));
+        if i < 4 {
+            dataset.push_turn(Side::Right, sample([i as f32, 1.0, 0.0], i * 400));
+            dataset.push_level(sample([i as f32, 2.0, 0.0], i * 400));
+        }
+    }
+    assert_eq!(lengths(dataset.fit()), [6, 3, 3]);
+    assert_eq!(lengths(dataset.held_back()), [2, 1, 1]);
+    assert!(dataset.fit().right.iter().chain(dataset.held_back().right).all(|s| s.field.ut.y.to_bits() == 0x3F80_0000));
+    let numbers = |coverage: Coverage| (coverage.samples, coverage.held_back);
+    assert_eq!([Side::Left, Side::Right].map(|side| numbers(dataset.turns(side))), [(6, 2), (3, 1)]);
+    assert_eq!(numbers(dataset.level()), (3, 1));
+    dataset.clear();
+    assert_eq!((lengths(dataset.fit()), lengths(dataset.held_back())), ([0; 3], [0; 3]));
+    assert_eq!([dataset.turns(Side::Left), dataset.turns(Side::Right), dataset.level()], [Coverage::default(); 3]);
+}
+
+/// A point every `step_ut` along a line, so many of them, offered as samples of all attitudes; what is kept.
+fn tumbled(dataset: &mut Dataset, number: u32, step_ut: f32) -> usize {
+    dataset.clear();
+    for i in 0..number {
+        dataset.push_any(sample([i as f32 * step_ut, 0.0, 0.0], i * 400));
+    }
+    dataset.fit().left.len() + dataset.held_back().left.len()
+}
+
+#[test]
+fn samples_of_all_attitudes_are_five_microtesla_apart() {
+    let mut dataset = Dataset::new();
+    assert_eq!(tumbled(&mut dataset, 20, 5.1), 20);
+    assert_eq!(tumbled(&mut dataset, 20, 4.9), 10, "every other one");
+    assert_eq!(tumbled(&mut dataset, 5, 5.1), 5);
+    assert_eq!(dataset.held_back().left.len(), 1, "every fourth is held back");
+}
+
+/// The 253rd is one more than both buffers hold: the distance grows from 5 to 6.5 uT, which thins steps of 5.1.
+#[test]
+fn a_full_buffer_of_all_attitudes_is_thinned_and_forgetting_brings_the_distance_back() {
+    let mut dataset = Dataset::new();
+    let both = FIT_CAPACITY + HELD_BACK_CAPACITY;
+    assert_eq!(tumbled(&mut dataset, both as u32, 5.1), both);
+    assert_eq!(tumbled(&mut dataset, both as u32 + 1, 5.1), HELD_BACK_CAPACITY + thinned() + 1);
+    assert!((dataset.apart_ut - 6.5).abs() < 1e-4, "{}", dataset.apart_ut);
+    let coverage = dataset.turns(Side::Left);
+    assert_eq!((coverage.samples as usize, coverage.held_back as usize), (thinned() + 1, HELD_BACK_CAPACITY));
+    // From now on the new distance counts, from the samples of both buffers, until all is forgotten.
+    let kept = dataset.fit().left.len();
+    let last_ut = dataset.fit().left.last().unwrap().field.ut.x;
+    dataset.push_any(sample([last_ut + 6.4, 0.0, 0.0], 1_000_000));
+    assert_eq!(dataset.fit().left.len(), kept);
+    dataset.push_any(sample([last_ut + 6.6, 0.0, 0.0], 1_000_000));
+    assert_eq!(dataset.fit().left.len(), kept + 1);
+    assert_eq!(tumbled(&mut dataset, 20, 5.1), 20);
+}
+
+/// Of steps of 5.1 uT, of which every fourth was held back, those nearer than 6.5 uT to the one kept before go.
+fn thinned() -> usize {
+    let is_held_back = |i: usize| i % 4 == 3 && i / 4 < HELD_BACK_CAPACITY;
+    let fit = (0..FIT_CAPACITY + HELD_BACK_CAPACITY).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
+    fit.fold((0, f64::NEG_INFINITY), |(kept, last), x| if x - last >= 6.5 { (kept + 1, x) } else { (kept, last) }).0
+}
+
+#[test]
+fn samples_of_all_attitudes_are_counted_against_sixty_six() {
+    let mut dataset = Dataset::new();
+    for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
+        // Three of four are for the fit: 33, 65, 66, 150.
+        tumbled(&mut dataset, number, 6.0);
+        assert_eq!(dataset.turns(Side::Left).percent, percent, "{number}");
+        assert_eq!(dataset.turns(Side::Left).sectors, 0);
+    }
+}
+
+#[test]
+fn what_is_not_finite_is_no_sample() {
+    let mut dataset = Dataset::new();
+    for (i, broken) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
+        for axis in 0..3 {
+            let mut field_ut = [20.0; 3];
+            field_ut[axis] = broken;
+            let broken = sample(field_ut, (i * 3 + axis) as u32 * 400);
+            dataset.push_turn(Side::Left, broken);
+            dataset.push_level(broken);
+            dataset.push_any(broken);
+        }
+    }
+    assert_eq!((dataset.fit().all().count(), dataset.held_back().all().count()), (0, 0));
+}
+
+#[test]
+fn nothing_a_sensor_could_say_panics() {
+    let values = [0.0, f32::NAN, f32::INFINITY, f32::MAX, 1e-30, -400.0];
+    let samples = (0..600_u32).map(|i| Sample {
+        field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
+        attitude: Attitude::from_deg(25.0, 0.0),
+        time: WrappingMillis::new(i * 400),
+    });
+    assert!(coverage(samples).samples > 0);
+}
