@@ -150,7 +150,7 @@ impl Compass {
         Some(match (self.pending.as_ref()?, &self.phase) {
             (Pending::Settings(settings), _) => Change::Settings(settings),
             (Pending::Undo, _) => Change::Generations { current: previous.as_ref(), previous: current.as_ref() },
-            (Pending::Clear, _) => Change::Generations { current: None, previous: None },
+            (Pending::Clear, _) => Change::Clear,
             (Pending::Calibration, Phase::Saving(record)) => {
                 Change::Generations { current: Some(record), previous: current.as_ref() }
             }
