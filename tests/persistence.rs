@@ -1,11 +1,16 @@
 //! What is in flash survives; what breaks off leaves the old.
 
+use autoswing::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
+use autoswing::magnetometer::{Identity, Model};
+use autoswing::store::{Change, Generations, Record, Store, StoreError};
+use embassy_futures::block_on;
 use host_sim::devices::nor_flash::CutOutcome;
 use host_sim::module::{Module as _, Ran};
 use host_sim::rig::Rig;
 use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
+use testkit::flash::{Cut, RamFlash};
 
 /// Flies turns both ways until the module has told how the solve ended.
 fn swing(rig: &mut Rig) -> Ran {
@@ -207,7 +212,8 @@ fn a_calibration_is_not_used_with_another_mounting() {
 }
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were
-/// or become what was typed. `store/tests.rs` does the same at every fill of the region.
+/// or become what was typed. `power_cuts_anywhere_leave_old_or_new` does the same to the store alone, at every fill of the
+/// region.
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing() {
     let mut rig = Rig::new(WorldConfig::table1(5));
@@ -233,4 +239,90 @@ fn two_power_cuts_in_a_row_lose_nothing() {
     }
     // A save of the settings alone is six double words; about one attempt in five is cut.
     assert!(cuts >= 250, "{cuts} cuts");
+}
+
+/// The store's region on the board: eight pages of 2 KB.
+type StoreFlash = RamFlash<2048>;
+const STORE_PAGES: usize = 8;
+
+fn record(serial: u32) -> Record {
+    let calibration = Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::NONE) };
+    let quality = Quality {
+        method: Method::MaximumLikelihood,
+        envelope: Envelope::Banked,
+        expected_rms_deg: 0.3,
+        expected_worst_deg: 0.7,
+        norm_residual: 0.004,
+        dip_residual_deg: 0.4,
+        samples: u16::MAX,
+    };
+    let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
+    Record { calibration, quality, uncertainty: Uncertainty::NONE, sensor, mount: Orientation::NONE, serial }
+}
+
+fn generations(serial: u32) -> Generations {
+    Generations { current: Some(record(serial)), previous: Some(record(serial.wrapping_sub(1))) }
+}
+
+fn store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
+    Store::new(flash, 0..(2048 * STORE_PAGES) as u32)
+}
+
+fn save(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
+    let Generations { current, previous } = generations(serial);
+    let change = Change::Generations { current: current.as_ref(), previous: previous.as_ref() };
+    block_on(store(flash).save(change))
+}
+
+fn load(flash: &mut StoreFlash) -> Result<Generations, StoreError> {
+    block_on(store(flash).load()).map(|stored| stored.generations)
+}
+
+/// Power fails at every program and erase of a save, from every fill of the region over more than one round, and after
+/// the restart at every program and erase of the next save: each time the record before or the new one is found, and
+/// with power the next save succeeds. Second cuts are tried at every operation near the ends of the save, where headers
+/// and markers are written, and at every seventh of the many words between, which are all alike.
+#[test]
+fn power_cuts_anywhere_leave_old_or_new() {
+    let mut cases = 0;
+    let mut start = StoreFlash::new(STORE_PAGES);
+    let mut old = Generations::default();
+    for saves in 0..11 {
+        for (first, first_cut) in cuts(&start) {
+            let mut flash = start.cut_at(first, first_cut);
+            save(&mut flash, saves + 1).unwrap_err();
+            let mut once = flash.power_on();
+            let case = format!("{saves} saves, {first_cut:?} at {first}");
+            let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
+            for (second, second_cut) in cuts(&once) {
+                let mut flash = once.cut_at(second, second_cut);
+                let case = format!("{case}, {second_cut:?} at {second}");
+                save(&mut flash, saves + 2).unwrap_err();
+                let mut flash = flash.power_on();
+                one_of(&mut flash, &[between, generations(saves + 2)], &case);
+                save(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+                assert_eq!(load(&mut flash), Ok(generations(1000)), "{case}");
+                cases += 1;
+            }
+        }
+        save(&mut start, saves + 1).unwrap();
+        old = generations(saves + 1);
+    }
+    assert!(cases > 20_000, "{cases}");
+}
+
+/// What is loaded, which must be one of these.
+fn one_of(flash: &mut StoreFlash, allowed: &[Generations], case: &str) -> Generations {
+    let found = load(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
+    assert!(allowed.contains(&found), "{case}: {found:?}");
+    found
+}
+
+/// Where and how power fails in the next save.
+fn cuts(flash: &StoreFlash) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
+    let mut complete = flash.power_on();
+    save(&mut complete, 500).unwrap();
+    let operations = complete.operations;
+    let near_an_end = move |at: &usize| *at < 4 || *at + 4 >= operations || at.is_multiple_of(7);
+    (0..operations).filter(near_an_end).flat_map(|at| Cut::ALL.map(|cut| (at, cut)))
 }

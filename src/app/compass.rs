@@ -7,15 +7,14 @@ use embedded_storage_async::nor_flash::NorFlash;
 use super::Links;
 use super::links::{FoundSensor, Listener, count, listen, now, publish};
 use crate::acceptance::Policy;
-use crate::compass::{Command, Compass, Effect, Event};
+use crate::compass::{Command, Compass, Effect, Event, Refusal};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
-use crate::store::{Store, StoreError};
+use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
-    let settings = loaded(links, store.load_settings().await).unwrap_or_default();
-    let generations = loaded(links, store.load_generations().await).unwrap_or_default();
+    let Stored { settings, generations } = loaded(links, store.load().await);
     let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
     let mut sensor = listen(&links.sensor);
     loop {
@@ -58,14 +57,15 @@ fn command(asked: Command) -> Event {
     Event::Command(asked, now().wrapping_millis())
 }
 
-/// What flash held, with a damaged record counted and treated as absent: the module starts uncalibrated and says so.
-fn loaded<T>(links: &Links, result: Result<T, StoreError>) -> Option<T> {
-    result
-        .inspect_err(|error| {
-            warning!("load: {=str}", error.code());
-            count(&links.counters.store_errors);
-        })
-        .ok()
+/// What flash held; what cannot be read is counted, said on the console and treated as absent: the module starts
+/// uncalibrated.
+fn loaded(links: &Links, result: Result<Stored, StoreError>) -> Stored {
+    result.unwrap_or_else(|error| {
+        warning!("load: {=str}", error.code());
+        count(&links.counters.store_errors);
+        links.notices.signal(Err(Refusal::Store(error)));
+        Stored::default()
+    })
 }
 
 /// Tells the other tasks what has changed for them.

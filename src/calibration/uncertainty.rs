@@ -62,7 +62,7 @@ const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2),
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     /// By products of `f`'s components, then by products of `y`'s; pairs in the order of the rows of a triangle.
-    products: [[f32; 10]; 6],
+    pub(crate) products: [[f32; 10]; 6],
     /// Noise of an averaged reading on each axis, in units of the total field.
     pub sensor_sigma: f32,
     /// Noise of roll and of pitch, radians.

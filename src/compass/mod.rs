@@ -146,7 +146,7 @@ impl Compass {
         Some(match self.saving.as_ref()? {
             Saving::Settings(settings) => Change::Settings(settings),
             Saving::Undo => Change::Generations { current: previous.as_ref(), previous: current.as_ref() },
-            Saving::Clear => Change::Generations { current: None, previous: None },
+            Saving::Clear => Change::Clear,
             Saving::Calibration(record) => Change::Generations { current: Some(record), previous: current.as_ref() },
         })
     }

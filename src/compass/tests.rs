@@ -469,7 +469,7 @@ fn clear_forgets_and_undo_needs_something() {
     assert_eq!(bed.refused(Command::CalUndo), Refusal::NothingToUndo);
     bed.compass.generations.previous = Some(record(1));
     assert!(matches!(bed.command(Command::CalClear), Effect::Save));
-    assert!(matches!(bed.compass.to_save(), Some(Change::Generations { current: None, previous: None })));
+    assert!(matches!(bed.compass.to_save(), Some(Change::Clear)));
     assert!(bed.compass.in_use().is_some(), "until it is written");
     assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::Reply(Ok(Reply::Done(State::Uncalibrated)))));
     assert!(bed.compass.in_use().is_none());

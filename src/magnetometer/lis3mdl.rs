@@ -4,7 +4,6 @@
 //! the mode of the lowest noise (0.35 microtesla RMS). Block data update is on, so that the two bytes of an axis are
 //! always of one measurement.
 
-use embassy_time::Duration;
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{Chip, Polling};
@@ -13,11 +12,6 @@ use crate::frames::Field;
 
 /// Time between two measurements at 80 Hz.
 const PERIOD_US: u32 = 12_500;
-/// How long to sleep after a measurement before asking for the next: most of the period, and early enough for a chip
-/// that runs 10 % fast (the data sheet gives no tolerance of its oscillator).
-const SLEEP: Duration = Duration::from_micros(11_000);
-/// Four periods without a measurement: the chip has stopped.
-const TIMEOUT: Duration = Duration::from_micros(4 * PERIOD_US as u64);
 
 const WHO_AM_I: u8 = 0x0F;
 const WHO_AM_I_VALUE: u8 = 0x3D;
@@ -99,7 +93,7 @@ pub struct Lis3mdl<B> {
 impl<B: I2c> Lis3mdl<B> {
     /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
     pub const fn new(bus: B, config: Config) -> Self {
-        Self { chip: Chip::new(bus, config.address), config, polling: Polling::new(SLEEP, TIMEOUT) }
+        Self { chip: Chip::new(bus, config.address), config, polling: Polling::new(PERIOD_US) }
     }
 
     /// `CTRL_REG1` to `CTRL_REG5`.
@@ -171,6 +165,9 @@ fn decode(status: u8, data: [u8; 6], range: Range) -> Reading {
 #[cfg(test)]
 mod tests {
     use embassy_futures::block_on;
+    use embassy_time::Instant;
+    use embedded_hal_async::i2c::ErrorKind;
+    use testkit::simulation::{Level, Simulation};
 
     use super::super::chip::registers::Registers;
     use super::*;
@@ -190,7 +187,9 @@ mod tests {
 
     #[test]
     fn range_goes_to_bits_5_and_6_of_control_register_2() {
-        for (range, bits) in [(Range::Gauss8, 0x20), (Range::Gauss12, 0x40), (Range::Gauss16, 0x60)] {
+        for (range, bits) in
+            [(Range::Gauss4, 0x00), (Range::Gauss8, 0x20), (Range::Gauss12, 0x40), (Range::Gauss16, 0x60)]
+        {
             let mut driver = Lis3mdl::new(registers(), Config { range, ..Config::default() });
             block_on(driver.init()).unwrap();
             assert_eq!(driver.chip.bus.values[0x21], bits);
@@ -200,7 +199,7 @@ mod tests {
     #[test]
     fn another_chip_is_not_configured() {
         let mut driver = Lis3mdl::new(registers(), Config::default());
-        driver.chip.bus.values[usize::from(WHO_AM_I)] = 0x40;
+        driver.chip.bus.values[0x0F] = 0x40;
         assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0x40)));
         assert_eq!(driver.chip.bus.values[0x20..0x25], [0; 5]);
     }
@@ -212,11 +211,85 @@ mod tests {
         assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x40, read: 0x00 }));
     }
 
+    /// A driver that listens at the other address, and one that does not find its chip there.
+    #[test]
+    fn the_configured_address_is_used() {
+        let mut driver = Lis3mdl::new(registers(), Config { address: 0x1C, ..Config::default() });
+        assert_eq!(block_on(driver.init()), Err(Error::Bus(ErrorKind::Other)));
+        driver.chip.bus.address = 0x1C;
+        assert_eq!(block_on(driver.init()), Ok(Identity { model: Model::Lis3mdl, address: 0x1C }));
+    }
+
+    /// Whatever it reads: with block data update an axis that was half read before would stay frozen.
+    #[test]
+    fn init_reads_the_data_once() {
+        let mut driver = Lis3mdl::new(registers(), Config::default());
+        block_on(driver.init()).unwrap();
+        assert!(driver.chip.bus.was_read[0x28..0x2E].iter().all(|&was_read| was_read));
+    }
+
+    /// Status and data of one measurement: 0.5 gauss on x at +-4 gauss.
+    fn with_measurement(status: u8) -> Lis3mdl<Registers> {
+        let mut driver = Lis3mdl::new(registers(), Config::default());
+        driver.chip.bus.values[0x27] = status;
+        driver.chip.bus.values[0x28..0x2A].copy_from_slice(&3421_i16.to_le_bytes());
+        driver
+    }
+
+    #[test]
+    fn a_measurement_is_read_with_its_status() {
+        for (status, overrun) in [(0x08, false), (0x0F, false), (0x88, true)] {
+            let mut driver = with_measurement(status);
+            let reading = block_on(driver.read()).unwrap();
+            assert_eq!(reading, Reading { field: Field::from_ut(50.0, 0.0, 0.0), saturated: false, overrun });
+        }
+        assert_eq!(with_measurement(0).period_us(), 12_500, "80 Hz");
+    }
+
+    /// Axes that are new one by one, or overwritten, are no new measurement of all three. The chip is asked from the end
+    /// of the sleep (88 % of 12.5 ms) for four periods.
+    #[test]
+    fn what_is_not_new_is_waited_for() {
+        for status in [0x00, 0x07, 0xF7] {
+            let mut simulation = Simulation::new();
+            simulation.spawn(Level::Interrupt, "script", async move {
+                let mut driver = with_measurement(status);
+                driver.init().await.unwrap();
+                assert_eq!(driver.read().await, Err(Error::NoData));
+                assert_eq!(Instant::now().as_micros(), 11_000 + 50_000);
+            });
+            simulation.run_for(1_000_000);
+            assert_eq!(simulation.tasks(), 0);
+        }
+    }
+
+    /// Sensitivities of data sheet table 3: counts of one gauss, 100 microtesla.
+    #[test]
+    fn every_range_has_its_sensitivity_and_its_ends() {
+        for (range, counts_per_gauss, gauss) in
+            [(Range::Gauss4, 6842, 4), (Range::Gauss8, 3421, 8), (Range::Gauss12, 2281, 12), (Range::Gauss16, 1711, 16)]
+        {
+            let [low, high] = i16::to_le_bytes(counts_per_gauss);
+            let reading = decode(0x08, [low, high, 0, 0, 0, 0], range);
+            assert!((reading.field.ut.x - 100.0).abs() < 1e-4, "{range:?}: {}", reading.field.ut);
+            for (counts, saturated) in [(gauss * counts_per_gauss, false), (gauss * counts_per_gauss + 1, true)] {
+                for counts in [counts, -counts] {
+                    let [low, high] = counts.to_le_bytes();
+                    for axis in 0..3 {
+                        let mut data = [0; 6];
+                        data[2 * axis..2 * axis + 2].copy_from_slice(&[low, high]);
+                        assert_eq!(decode(0x08, data, range).saturated, saturated, "{range:?} {counts} on {axis}");
+                    }
+                }
+            }
+        }
+    }
+
     /// 6842 counts are one gauss, 100 microtesla, at the range of 4 gauss (data sheet table 3).
     #[test]
     fn counts_become_microtesla_on_the_chips_axes() {
         let [x, y, z] = [6842_i16, -3421, 0].map(i16::to_le_bytes);
-        let reading = decode(ZYXDA, [x[0], x[1], y[0], y[1], z[0], z[1]], Range::Gauss4);
+        let reading = decode(0x08, [x[0], x[1], y[0], y[1], z[0], z[1]], Range::Gauss4);
         assert_eq!(reading, Reading { field: Field::from_ut(100.0, -50.0, 0.0), saturated: false, overrun: false });
     }
 
@@ -233,6 +306,7 @@ mod tests {
 
     #[test]
     fn overrun_is_seen_in_the_status() {
-        assert!(decode(ZYXDA | ZYXOR, [0; 6], Range::Gauss4).overrun);
+        assert!(decode(0x88, [0; 6], Range::Gauss4).overrun);
+        assert!(!decode(0x78, [0; 6], Range::Gauss4).overrun, "what tells of single axes");
     }
 }

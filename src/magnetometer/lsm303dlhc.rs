@@ -4,7 +4,6 @@
 //! takes part in no compensation of the data, stays off. Twelve bits an axis, in the order x, z, y, most significant
 //! byte first.
 
-use embassy_time::Duration;
 use embedded_hal_async::i2c::I2c;
 
 use super::chip::{self, Chip, Polling};
@@ -15,11 +14,6 @@ use crate::frames::Field;
 const ADDRESS: u8 = 0x1E;
 /// Time between two measurements at 75 Hz.
 const PERIOD_US: u32 = 13_333;
-/// How long to sleep after a measurement before asking for the next: early enough for a chip that runs 10 % fast (the
-/// data sheet gives no tolerance of its oscillator).
-const SLEEP: Duration = Duration::from_micros(12_000);
-/// Four periods without a measurement: the chip has stopped.
-const TIMEOUT: Duration = Duration::from_micros(4 * PERIOD_US as u64);
 
 const CRA_REG_M: u8 = 0x00;
 const OUT_X_H_M: u8 = 0x03;
@@ -91,7 +85,7 @@ pub struct Lsm303dlhc<B> {
 impl<B: I2c> Lsm303dlhc<B> {
     /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
     pub const fn new(bus: B, config: Config) -> Self {
-        Self { chip: Chip::new(bus, ADDRESS), config, polling: Polling::new(SLEEP, TIMEOUT) }
+        Self { chip: Chip::new(bus, ADDRESS), config, polling: Polling::new(PERIOD_US) }
     }
 
     /// `CRA_REG_M`, `CRB_REG_M` and `MR_REG_M`.
@@ -153,6 +147,8 @@ fn decode(data: [u8; 6], range: Range) -> Reading {
 #[cfg(test)]
 mod tests {
     use embassy_futures::block_on;
+    use embassy_time::Instant;
+    use testkit::simulation::{Level, Simulation};
 
     use super::super::chip::registers::Registers;
     use super::*;
@@ -183,6 +179,78 @@ mod tests {
         let mut driver = Lsm303dlhc::new(registers(), Config::default());
         driver.chip.bus.broken = Some(0x01);
         assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x60, read: 0x00 }));
+    }
+
+    /// Each of the three identity registers counts.
+    #[test]
+    fn every_identity_register_is_looked_at() {
+        for register in 0x0A..0x0D {
+            let mut driver = Lsm303dlhc::new(registers(), Config::default());
+            driver.chip.bus.values[register] = 0xEE;
+            assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0xEE)));
+        }
+    }
+
+    /// The GN bits of data sheet table 75 and the counts of one gauss, of x and y and of z.
+    #[test]
+    fn every_range_has_its_bits_and_its_sensitivity() {
+        for (range, bits, xy, z) in [
+            (Range::Gauss1_3, 0x20, 1100_i16, 980_i16),
+            (Range::Gauss1_9, 0x40, 855, 760),
+            (Range::Gauss2_5, 0x60, 670, 600),
+            (Range::Gauss4_0, 0x80, 450, 400),
+            (Range::Gauss4_7, 0xA0, 400, 355),
+            (Range::Gauss5_6, 0xC0, 330, 295),
+            (Range::Gauss8_1, 0xE0, 230, 205),
+        ] {
+            let mut driver = Lsm303dlhc::new(registers(), Config { range });
+            block_on(driver.init()).unwrap();
+            assert_eq!(driver.chip.bus.values[1], bits, "{range:?}");
+            let (xy, z) = (xy.to_be_bytes(), z.to_be_bytes());
+            let one_gauss = decode([xy[0], xy[1], z[0], z[1], xy[0], xy[1]], range).field.ut;
+            assert!((one_gauss - nalgebra::Vector3::repeat(100.0)).amax() < 1e-4, "{range:?}: {one_gauss}");
+        }
+    }
+
+    #[test]
+    fn init_reads_the_data_once() {
+        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        block_on(driver.init()).unwrap();
+        assert!(driver.chip.bus.was_read[0x03..0x09].iter().all(|&was_read| was_read));
+    }
+
+    /// -0.25 gauss on y at 2.5 gauss: 167.5 counts, here 168.
+    fn with_measurement(status: u8) -> Lsm303dlhc<Registers> {
+        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        driver.chip.bus.values[0x09] = status;
+        driver.chip.bus.values[0x07..0x09].copy_from_slice(&(-168_i16).to_be_bytes());
+        driver
+    }
+
+    #[test]
+    fn a_measurement_is_read_when_the_status_tells_of_one() {
+        for status in [0x01, 0x03] {
+            let reading = block_on(with_measurement(status).read()).unwrap();
+            assert!((reading.field.ut.y + 25.07).abs() < 0.01 && !reading.saturated, "{reading:?}");
+        }
+        assert_eq!(with_measurement(0).period_us(), 13_333, "75 Hz");
+    }
+
+    /// The lock bit alone is no measurement. Asked from the end of the sleep (88 % of 13.333 ms) for four periods, to the
+    /// next look of those that are 0.5 ms apart.
+    #[test]
+    fn what_is_not_new_is_waited_for() {
+        for status in [0x00, 0x02, 0xFE] {
+            let mut simulation = Simulation::new();
+            simulation.spawn(Level::Interrupt, "script", async move {
+                let mut driver = with_measurement(status);
+                driver.init().await.unwrap();
+                assert_eq!(driver.read().await, Err(Error::NoData));
+                assert_eq!(Instant::now().as_micros(), 11_733 + 53_500);
+            });
+            simulation.run_for(1_000_000);
+            assert_eq!(simulation.tasks(), 0);
+        }
     }
 
     /// One gauss on x, -0.5 on y, 0.25 on z at a range of 1.3 gauss: 1100 and 980 counts per gauss, x, z, y.

@@ -64,21 +64,39 @@ pub enum Error<E> {
     NoData,
 }
 
-#[allow(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
 /// A 3-axis magnetometer that configures itself.
 ///
 /// The order is [`init`](Self::init), then [`read`](Self::read) for every measurement. After any error the owner calls
 /// `init` again. The driver waits with `embassy_time`, so that it runs in the host's virtual time too.
+#[expect(async_fn_in_trait, reason = "used through generics by tasks of one executor; no caller needs Send bounds")]
 pub trait Magnetometer {
     /// The bus's error.
     type BusError: core::fmt::Debug;
 
     /// Checks the identity, sets range and rate, starts continuous measurement.
+    ///
+    /// # Errors
+    ///
+    /// The bus's own, or that another chip answered, or that its registers do not hold what was written.
     async fn init(&mut self) -> Result<Identity, Error<Self::BusError>>;
 
     /// Waits for the next measurement and reads it.
+    ///
+    /// # Errors
+    ///
+    /// The bus's own, or [`Error::NoData`] when none came for four periods.
     async fn read(&mut self) -> Result<Reading, Error<Self::BusError>>;
 
     /// The period between measurements in microseconds, as configured by [`init`](Self::init).
     fn period_us(&self) -> u32;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_have_the_names_of_their_data_sheets() {
+        assert_eq!([Model::Lis3mdl, Model::Lsm303dlhc].map(Model::name), ["LIS3MDL", "LSM303DLHC"]);
+    }
 }

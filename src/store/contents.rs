@@ -3,13 +3,14 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::StoreError;
+use super::{StoreError, v2};
 use crate::calibration::{Calibration, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
 
-/// Version of the format. To be raised when the meaning of the bytes changes.
-const VERSION: u8 = 2;
+/// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
+/// into a module of its own, as `v2` did.
+pub(super) const VERSION: u8 = 3;
 /// Room for version, contents and CRC. The contents take at most 690 bytes: 333 for each record, 22 for settings and the
 /// count of saves, and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 704;
@@ -79,6 +80,21 @@ impl Generations {
     }
 }
 
+/// Settings and calibrations: all that the module remembers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stored {
+    /// What the user has chosen.
+    pub settings: Settings,
+    /// The calibration in use and the one before.
+    pub generations: Generations,
+}
+
+impl Stored {
+    fn is_valid(&self) -> bool {
+        self.settings.is_valid() && self.generations.is_valid()
+    }
+}
+
 /// What of the contents a save changes.
 #[derive(Clone, Copy, Debug)]
 pub enum Change<'a> {
@@ -91,39 +107,42 @@ pub enum Change<'a> {
         /// The one before.
         previous: Option<&'a Record>,
     },
+    /// Forgets both calibrations; the settings stay. It is the one change that replaces what a later firmware stored, and
+    /// begins anew with the default settings then.
+    Clear,
 }
 
-/// The one value in the flash: version byte, postcard, CRC-32 of both (little endian).
+/// The one value in the flash.
+///
+/// Its bytes are those of every version, so that each firmware can tell what it must not touch: a version byte; the
+/// contents, here in postcard's format; and the CRC-32 of both (little endian). They fit into a page of the flash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contents {
     /// Counts the saves, wrapping: which of two copies is the newer.
     pub saves: u32,
-    pub settings: Settings,
-    pub generations: Generations,
+    pub stored: Stored,
 }
 
 impl Contents {
-    /// Puts a change into place.
-    pub fn change(&mut self, change: Change<'_>) {
+    /// What the next save writes: these contents with the change.
+    pub fn changed(mut self, change: Change<'_>) -> Self {
+        self.saves = self.saves.wrapping_add(1);
         match change {
-            Change::Settings(settings) => self.settings = *settings,
+            Change::Settings(settings) => self.stored.settings = *settings,
             Change::Generations { current, previous } => {
-                self.generations.current = current.copied();
-                self.generations.previous = previous.copied();
+                self.stored.generations = Generations { current: current.copied(), previous: previous.copied() };
             }
+            Change::Clear => self.stored.generations.clear(),
         }
-    }
-
-    fn is_valid(&self) -> bool {
-        self.settings.is_valid() && self.generations.is_valid()
+        self
     }
 
     /// The bytes to store.
-    pub fn encode<'a>(&self, buffer: &'a mut [u8; VALUE_SIZE]) -> Result<&'a [u8], StoreError> {
-        if !self.is_valid() {
+    pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], StoreError> {
+        if !self.stored.is_valid() {
             return Err(StoreError::Invalid);
         }
-        let [version, rest @ ..] = buffer;
+        let (version, rest) = buffer.split_first_mut().ok_or(StoreError::Full)?;
         *version = VERSION;
         let payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
         let (checked, rest) = buffer.split_at_mut_checked(1 + payload_size).ok_or(StoreError::Full)?;
@@ -132,92 +151,177 @@ impl Contents {
         buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
     }
 
-    /// Takes the contents from stored bytes; they stay as they are if there is something wrong with those. Not inlined:
-    /// the contents are large, and what they are made of lies on the stack while it is.
+    /// The contents of stored bytes, of this version or converted from one before. Not inlined: the contents are large, and
+    /// what they are made of lies on the stack while it is.
     #[inline(never)]
-    pub fn decode(&mut self, value: &[u8]) -> Result<(), StoreError> {
+    pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
         let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;
         if CRC.checksum(checked) != u32::from_le_bytes(*crc) {
             return Err(StoreError::Corrupt);
         }
-        match checked {
-            [VERSION, payload @ ..] => match postcard::from_bytes::<Self>(payload) {
-                Ok(contents) if contents.is_valid() => {
-                    *self = contents;
-                    Ok(())
-                }
-                _ => Err(StoreError::Corrupt),
-            },
-            [version, ..] => Err(StoreError::UnknownVersion(*version)),
-            [] => Err(StoreError::Corrupt),
-        }
+        let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
+        let contents = match version {
+            VERSION => postcard::from_bytes(payload).ok(),
+            v2::VERSION => postcard::from_bytes(payload).ok().and_then(|contents: v2::Contents| contents.convert()),
+            _ => return Err(StoreError::UnknownVersion(version)),
+        };
+        contents.filter(|contents: &Self| contents.stored.is_valid()).ok_or(StoreError::Corrupt)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::tests::record;
+    use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {
-        let settings = Settings { declination_deg: Some(-3.5), ..Settings::default() };
-        Contents {
-            saves: u32::MAX,
-            settings,
-            generations: Generations { current: Some(record(2)), previous: Some(record(u32::MAX)) },
-        }
+        let generations = Generations { current: Some(record(u32::MAX)), previous: Some(record(u32::MAX - 1)) };
+        let settings = Settings { inclination_deg: Some(-60.0), ..settings() };
+        Contents { saves: u32::MAX, stored: Stored { settings, generations } }
     }
 
-    fn decoded(value: &[u8]) -> Result<Contents, StoreError> {
-        let mut contents = Contents::default();
-        contents.decode(value).map(|()| contents)
+    fn encoded(contents: &Contents) -> Result<Vec<u8>, StoreError> {
+        contents.encode(&mut [0; VALUE_SIZE]).map(<[u8]>::to_vec)
     }
 
     #[test]
     fn the_largest_contents_fit_and_come_back() {
-        let mut buffer = [0; VALUE_SIZE];
-        let value = contents().encode(&mut buffer).unwrap();
-        assert_eq!(decoded(value), Ok(contents()));
+        let value = encoded(&contents()).unwrap();
+        assert_eq!(Contents::decode(&value), Ok(contents()));
+        assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
+        // Contents as stated at `VALUE_SIZE`, version and CRC.
+        assert_eq!(value.len(), 690 + 1 + CRC_SIZE);
+    }
+
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v2` is.
+    #[test]
+    fn the_bytes_of_this_version_stay_what_they_are() {
+        let value = encoded(&contents()).unwrap();
+        let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
+        assert_eq!((version, value.len(), crc), (3, 695, &[13, 161, 137, 202][..]));
+    }
+
+    #[test]
+    fn what_has_no_room_is_refused() {
+        let size = encoded(&contents()).unwrap().len();
+        for room in 0..size {
+            assert_eq!(contents().encode(&mut vec![0; room]), Err(StoreError::Full), "{room}");
+        }
+        assert!(contents().encode(&mut vec![0; size]).is_ok());
     }
 
     /// CRC-32 finds every single-bit error, wherever it is.
     #[test]
     fn a_flipped_bit_is_never_taken_for_contents() {
-        let mut buffer = [0; VALUE_SIZE];
-        let value = contents().encode(&mut buffer).unwrap().to_vec();
+        let value = encoded(&contents()).unwrap();
         for bit in 0..value.len() * 8 {
             let mut damaged = value.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(decoded(&damaged), Err(StoreError::Corrupt), "bit {bit}");
+            assert_eq!(Contents::decode(&damaged), Err(StoreError::Corrupt), "bit {bit}");
         }
+    }
+
+    #[test]
+    fn what_is_cut_short_is_never_taken_for_contents() {
+        let value = encoded(&contents()).unwrap();
+        for length in 0..value.len() {
+            assert_eq!(Contents::decode(&value[..length]), Err(StoreError::Corrupt), "{length}");
+        }
+        for length in 1..value.len() - CRC_SIZE {
+            assert_eq!(Contents::decode(&sealed(value[..length].to_vec())), Err(StoreError::Corrupt), "{length}");
+        }
+        assert_eq!(Contents::decode(&sealed(vec![])), Err(StoreError::Corrupt));
     }
 
     #[test]
     fn another_version_is_named() {
-        let mut value = std::vec![9, 1, 2, 3];
-        value.extend(CRC.checksum(&value).to_le_bytes());
-        assert_eq!(decoded(&value), Err(StoreError::UnknownVersion(9)));
+        for version in [0, 1, 4, 9, 255] {
+            let value = sealed(vec![version, 1, 2, 3]);
+            assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
+        }
+    }
+
+    /// Neither stored nor believed, or both.
+    fn assert_valid(stored: Stored, valid: bool, what: &str) {
+        let contents = Contents { saves: 1, stored };
+        let value = value_of(VERSION, &contents);
+        if valid {
+            assert_eq!(encoded(&contents).as_deref(), Ok(&value[..]), "{what}");
+            assert_eq!(Contents::decode(&value), Ok(contents), "{what}");
+        } else {
+            assert_eq!(encoded(&contents), Err(StoreError::Invalid), "{what}");
+            assert_eq!(Contents::decode(&value), Err(StoreError::Corrupt), "{what}");
+        }
+    }
+
+    /// An orientation as flash may hold it.
+    fn mount(number: u8) -> Orientation {
+        postcard::from_bytes(&[number]).unwrap()
     }
 
     #[test]
-    fn values_out_of_range_are_neither_stored_nor_believed() {
-        let good = contents();
-        let declination = Settings { declination_deg: Some(f32::NAN), ..good.settings };
-        let rate = Settings { stream_rate_hz: 0, ..good.settings };
-        let mut infinite = record(1);
-        infinite.calibration.b_ut[1] = f32::INFINITY;
-        let current = Generations { current: Some(infinite), ..good.generations };
-        for bad in [
-            Contents { settings: declination, ..good },
-            Contents { settings: rate, ..good },
-            Contents { generations: current, ..good },
-        ] {
-            assert_eq!(bad.encode(&mut [0; VALUE_SIZE]), Err(StoreError::Invalid));
-            let mut value = std::vec![VERSION];
-            value.extend(postcard::to_slice(&bad, &mut [0; VALUE_SIZE]).unwrap().iter());
-            value.extend(CRC.checksum(&value).to_le_bytes());
-            assert_eq!(decoded(&value), Err(StoreError::Corrupt));
+    fn settings_are_kept_up_to_the_ends_of_their_ranges() {
+        let good = contents().stored;
+        let check = |settings: Settings, valid, what: &str| assert_valid(Stored { settings, ..good }, valid, what);
+        for (size, valid) in
+            [(0.0, true), (179.9, true), (180.0, true), (180.1, false), (f32::INFINITY, false), (f32::NAN, false)]
+        {
+            for deg in [size, -size] {
+                check(Settings { declination_deg: Some(deg), ..good.settings }, valid, "declination");
+                check(Settings { align_deg: deg, ..good.settings }, valid, "align");
+            }
         }
+        for (size, valid) in [(89.9, true), (90.0, true), (90.1, false), (f32::NAN, false)] {
+            for deg in [size, -size] {
+                check(Settings { inclination_deg: Some(deg), ..good.settings }, valid, "inclination");
+            }
+        }
+        for (stream_rate_hz, valid) in [(0, false), (1, true), (80, true), (81, false)] {
+            check(Settings { stream_rate_hz, ..good.settings }, valid, "rate");
+        }
+        for (number, valid) in [(23, true), (24, false), (255, false)] {
+            check(Settings { mount: mount(number), ..good.settings }, valid, "mount");
+        }
+    }
+
+    /// A change of a number of a record.
+    type Set = fn(&mut Record, f32);
+
+    #[test]
+    fn records_are_kept_if_every_number_is_finite() {
+        let numbers: [(&str, Set); 11] = [
+            ("w", |record, n| record.calibration.w[2][1] = n),
+            ("b", |record, n| record.calibration.b_ut[1] = n),
+            ("inclination", |record, n| record.calibration.inclination_rad = n),
+            ("total", |record, n| record.calibration.total_ut = n),
+            ("expected", |record, n| record.quality.expected_rms_deg = n),
+            ("worst", |record, n| record.quality.expected_worst_deg = n),
+            ("norm", |record, n| record.quality.norm_residual = n),
+            ("dip", |record, n| record.quality.dip_residual_deg = n),
+            ("products", |record, n| record.uncertainty.products[5][9] = n),
+            ("sensor sigma", |record, n| record.uncertainty.sensor_sigma = n),
+            ("attitude sigma", |record, n| record.uncertainty.attitude_sigma_rad = n),
+        ];
+        for (what, set) in numbers {
+            for (number, valid) in
+                [(0.5, true), (f32::MAX, true), (f32::INFINITY, false), (-f32::INFINITY, false), (f32::NAN, false)]
+            {
+                assert_either_generation(|record| set(record, number), valid, what);
+            }
+        }
+        for (number, valid) in [(23, true), (24, false)] {
+            assert_either_generation(|record| record.mount = mount(number), valid, "mount");
+        }
+    }
+
+    fn assert_either_generation(set: impl Fn(&mut Record), valid: bool, what: &str) {
+        let mut record = record(1);
+        set(&mut record);
+        let good = contents().stored;
+        let current = Generations { current: Some(record), ..good.generations };
+        let previous = Generations { previous: Some(record), ..good.generations };
+        assert_valid(Stored { generations: current, ..good }, valid, what);
+        assert_valid(Stored { generations: previous, ..good }, valid, what);
     }
 
     #[test]
@@ -227,8 +331,10 @@ mod tests {
         generations.push(&record(2));
         let before = generations;
         generations.undo();
-        assert_eq!(generations.current, Some(record(1)));
+        assert_eq!(generations, Generations { current: Some(record(1)), previous: Some(record(2)) });
         generations.undo();
         assert_eq!(generations, before);
+        generations.clear();
+        assert_eq!(generations, Generations::default());
     }
 }

@@ -7,6 +7,10 @@
 //! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
 //!   the region makes a load or a save panic.
 //! - A region that holds garbage does not brick the module: it is erased and written again.
+//! - An update keeps everything: what the version before stored is read and converted. The first save afterwards writes
+//!   the present version; until then, and if power fails during that save, the firmware before finds its own.
+//! - A later firmware's copy is neither read nor written over, however many saves ago it was written: nothing is loaded
+//!   and every save is refused until [`Change::Clear`] forgets it on purpose.
 //!
 //! # How
 //!
@@ -15,10 +19,14 @@
 //! and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses - a
 //! failure can tear the very word that the next item needs - its half is erased and begun anew. A count of saves in each
 //! copy says which one is newer.
+//!
+//! To replace a later firmware's copies, the new copy is written first and the half with the last of them erased then: as
+//! long as one is left, nothing else counts.
 
 mod contents;
 #[cfg(test)]
 pub(crate) mod tests;
+mod v2;
 
 use core::ops::Range;
 
@@ -26,15 +34,14 @@ use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-pub use contents::{Change, Generations, Record};
-use contents::{Contents, VALUE_SIZE};
-
-use crate::settings::Settings;
+pub use contents::{Change, Generations, Record, Stored};
+use contents::{Contents, VALUE_SIZE, VERSION};
 
 /// The only key of the map.
 const KEY: u8 = 0;
-/// For one item of the map: key and value, rounded up to any flash's word (the map allows 32 bytes).
-const ITEM_SIZE: usize = (1 + VALUE_SIZE).next_multiple_of(32);
+/// For any item of the map, one of a later firmware included: no item is longer than a page.
+const ITEM_SIZE: usize = 2048;
+const _: () = assert!(1 + VALUE_SIZE <= ITEM_SIZE);
 
 /// Why something could not be loaded or stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +56,8 @@ pub enum StoreError {
     Full,
     /// What was written reads back differently.
     Verify,
-    /// The value is out of its range (see [`Settings::is_valid`], [`Record::is_valid`]); nothing was written.
+    /// The value is out of its range (see [`Settings::is_valid`](crate::settings::Settings::is_valid),
+    /// [`Record::is_valid`]); nothing was written.
     Invalid,
 }
 
@@ -66,6 +74,11 @@ impl StoreError {
             Self::Invalid => "store-invalid",
         }
     }
+
+    /// Whether it is of a later firmware's copy, which is not to be touched.
+    const fn is_later_version(&self) -> bool {
+        matches!(self, Self::UnknownVersion(version) if *version > VERSION)
+    }
 }
 
 /// What to do about it, in words.
@@ -74,7 +87,10 @@ impl core::fmt::Display for StoreError {
         f.write_str(match self {
             Self::Flash => "the flash memory failed; try again, then replace the board",
             Self::Corrupt => "what was stored is damaged; calibrate anew",
-            Self::UnknownVersion(_) => "it was stored by another firmware; calibrate anew or load that firmware",
+            later if later.is_later_version() => {
+                "a later firmware stored it; load that firmware, or forget it: cal clear all"
+            }
+            Self::UnknownVersion(_) => "a firmware long ago stored it; calibrate anew",
             Self::Full => "it does not fit; this is a fault of the firmware, please report it",
             Self::Verify => "what was written reads back differently; try again, then replace the board",
             Self::Invalid => "a value is out of its range; nothing was written",
@@ -88,7 +104,7 @@ impl<E> From<sequential_storage::Error<E>> for StoreError {
         match error {
             Error::Storage { .. } => Self::Flash,
             Error::FullStorage | Error::ItemTooBig => Self::Full,
-            // An item longer than the buffer, or without a key, is none that this module wrote.
+            // An item without a key, for example, is none that this module wrote.
             _ => Self::Corrupt,
         }
     }
@@ -100,8 +116,8 @@ pub struct Store<F: NorFlash> {
     halves: [Range<u32>; 2],
 }
 
-/// What a half holds: a copy, with its count of saves; nothing; or why that is not known.
-type Found = Result<Option<u32>, StoreError>;
+/// What a half holds: a copy; nothing; or why that is not known.
+type Found = Result<Option<Contents>, StoreError>;
 
 impl<F: NorFlash> Store<F> {
     /// A store in this region of the flash, as offsets from the flash's start. The flash is not touched yet.
@@ -116,33 +132,57 @@ impl<F: NorFlash> Store<F> {
         Self { flash, halves: [region.start..middle, middle..region.end] }
     }
 
-    /// The settings; the default ones when none were ever stored.
-    pub async fn load_settings(&mut self) -> Result<Settings, StoreError> {
-        let mut contents = Contents::default();
-        self.load(&mut contents).await?;
-        Ok(contents.settings)
-    }
-
-    /// The calibrations; none when none were ever stored.
-    pub async fn load_generations(&mut self) -> Result<Generations, StoreError> {
-        let mut contents = Contents::default();
-        self.load(&mut contents).await?;
-        Ok(contents.generations)
+    /// What is stored; the defaults when nothing ever was.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::UnknownVersion`] where there is a copy of a later firmware. Otherwise only where no copy can be read:
+    /// [`Flash`](StoreError::Flash), [`Corrupt`](StoreError::Corrupt), or `UnknownVersion` of one long ago.
+    pub async fn load(&mut self) -> Result<Stored, StoreError> {
+        let found = self.survey().await;
+        let errors = || found.iter().filter_map(|half| half.as_ref().err());
+        if let Some(&later) = errors().find(|error| error.is_later_version()) {
+            return Err(later);
+        }
+        match (newest(&found), errors().next()) {
+            (Some((_, contents)), _) => Ok(contents.stored),
+            (None, Some(&error)) => Err(error),
+            (None, None) => Ok(Stored::default()),
+        }
     }
 
     /// Stores a change, leaving the rest as it is. What cannot be understood has no future: it is replaced by the default.
-    /// A flash that merely failed to read it is no reason to throw it away.
+    /// A flash that merely failed to read it is no reason to throw it away, nor is a later firmware's format.
+    ///
+    /// # Errors
+    ///
+    /// - [`StoreError::Flash`]: the flash refused. If it refused to read, nothing was written.
+    /// - [`StoreError::UnknownVersion`]: a later firmware's copy is there, and the change is not [`Change::Clear`].
+    ///   Nothing was written.
+    /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
+    /// - [`StoreError::Full`], [`StoreError::Verify`]: it does not fit, or reads back differently.
+    ///
+    /// After an error the next load finds what was stored before, or the change if it was written after all.
     pub async fn save(&mut self, change: Change<'_>) -> Result<(), StoreError> {
-        let mut contents = Contents::default();
-        let found = self.survey(&mut contents).await;
+        let found = self.survey().await;
         if found.contains(&Err(StoreError::Flash)) {
             return Err(StoreError::Flash);
         }
-        contents.change(change);
-        contents.saves = contents.saves.wrapping_add(1);
+        let later = found.each_ref().map(|half| half.as_ref().err().filter(|error| error.is_later_version()));
+        match (later, change) {
+            ([None, None], _) => self.replace_older(&found, change).await,
+            (_, Change::Clear) => self.replace_later(later.map(|half| half.is_some())).await,
+            ([Some(&error), _] | [_, Some(&error)], _) => Err(error),
+        }
+    }
+
+    /// Writes the change into the half that does not hold the newest copy.
+    async fn replace_older(&mut self, found: &[Found; 2], change: Change<'_>) -> Result<(), StoreError> {
+        let newest = newest(found);
+        let contents = newest.map_or_else(Contents::default, |(_, contents)| *contents).changed(change);
         let mut buffer = [0; VALUE_SIZE];
         let value = contents.encode(&mut buffer)?;
-        let half = newest_half(&found).map_or(0, |newest| 1 - newest);
+        let half = newest.map_or(0, |(half, _)| 1 - half);
         if self.append(half, value).await.is_ok() {
             return Ok(());
         }
@@ -150,26 +190,19 @@ impl<F: NorFlash> Store<F> {
         self.append(half, value).await
     }
 
-    /// Puts the newest copy into `contents`; an error if there is none, but something that cannot be read.
-    async fn load(&mut self, contents: &mut Contents) -> Result<(), StoreError> {
-        let found = self.survey(contents).await;
-        match (newest_half(&found), found) {
-            (None, [Err(error), _] | [_, Err(error)]) => Err(error),
-            _ => Ok(()),
-        }
+    /// Writes the defaults into one half and erases the other, which holds a later firmware's copy until then.
+    async fn replace_later(&mut self, is_later: [bool; 2]) -> Result<(), StoreError> {
+        let mut buffer = [0; VALUE_SIZE];
+        let value = Contents::default().changed(Change::Clear).encode(&mut buffer)?;
+        // If both do, the second half keeps its own.
+        let (first, last) = if is_later == [true, false] { (1, 0) } else { (0, 1) };
+        self.log(first).erase_all().await?;
+        self.append(first, value).await?;
+        Ok(self.log(last).erase_all().await?)
     }
 
-    /// What the halves hold; the newest copy is in `contents` afterwards, if there is one.
-    async fn survey(&mut self, contents: &mut Contents) -> [Found; 2] {
-        let first = self.read(0, contents).await;
-        let second = self.read(1, contents).await;
-        let found = [first, second];
-        // The second copy now stands where the first one was.
-        if newest_half(&found) == Some(0) && second.is_ok_and(|copy| copy.is_some()) {
-            // It could be read a moment ago.
-            let _ = self.read(0, contents).await;
-        }
-        found
+    async fn survey(&mut self) -> [Found; 2] {
+        [self.read(0).await, self.read(1).await]
     }
 
     fn log(&mut self, half: usize) -> MapStorage<u8, &mut F, Cache<Uncached, Uncached, Uncached, u8>> {
@@ -178,16 +211,11 @@ impl<F: NorFlash> Store<F> {
         MapStorage::new(&mut self.flash, MapConfig::new(region.clone()), Cache::new_uncached())
     }
 
-    /// Reads the copy in a half into `contents`, which stay as they are if there is none.
-    async fn read(&mut self, half: usize, contents: &mut Contents) -> Found {
+    /// The copy in a half.
+    async fn read(&mut self, half: usize) -> Found {
         let mut buffer = [0; ITEM_SIZE];
-        match self.log(half).fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
-            Some(value) => {
-                contents.decode(value)?;
-                Ok(Some(contents.saves))
-            }
-            None => Ok(None),
-        }
+        let value = self.log(half).fetch_item::<&[u8]>(&mut buffer, &KEY).await?;
+        value.map(Contents::decode).transpose()
     }
 
     /// Appends the value to a log and reads it back.
@@ -202,13 +230,17 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-/// The half with the newest copy that can be read.
-fn newest_half(found: &[Found; 2]) -> Option<usize> {
-    match *found {
-        // They are never more than a few saves apart.
-        [Ok(Some(first)), Ok(Some(second))] => Some(usize::from(second.wrapping_sub(first).cast_signed() > 0)),
-        [Ok(Some(_)), _] => Some(0),
-        [_, Ok(Some(_))] => Some(1),
+/// The half with the newest copy that can be read, and the copy.
+fn newest(found: &[Found; 2]) -> Option<(usize, &Contents)> {
+    match found {
+        [Ok(Some(first)), Ok(Some(second))] if is_newer(second.saves, first.saves) => Some((1, second)),
+        [Ok(Some(first)), _] => Some((0, first)),
+        [_, Ok(Some(second))] => Some((1, second)),
         _ => None,
     }
+}
+
+/// Of two counts of saves, which wrap; the copies are never more than a few saves apart.
+const fn is_newer(saves: u32, than: u32) -> bool {
+    saves.wrapping_sub(than).cast_signed() > 0
 }

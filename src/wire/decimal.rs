@@ -80,4 +80,62 @@ mod tests {
             assert_eq!(parse(text), None, "{text}");
         }
     }
+
+    #[test]
+    fn halves_are_rounded_away_from_zero_and_carried() {
+        for (value, text) in [(0.5, "1"), (0.49, "0"), (-0.49, "0"), (-0.5, "-1"), (1.5, "2"), (99.5, "100")] {
+            assert_eq!(Decimal::<0>(value).to_string(), text);
+        }
+        // 0.125 and 0.375 are exact in binary.
+        for (value, text) in [(0.125, "0.13"), (-0.375, "-0.38"), (9.996, "10.00"), (-0.004, "0.00"), (12.06, "12.06")]
+        {
+            assert_eq!(Decimal::<2>(value).to_string(), text);
+        }
+        assert_eq!(Decimal::<4>(0.0625).to_string(), "0.0625", "leading zeros of the fraction");
+        assert_eq!(Decimal::<5>(-1.000_01).to_string(), "-1.00001");
+    }
+
+    #[test]
+    fn what_is_too_large_or_no_number_still_shows() {
+        assert_eq!(Decimal::<1>(1_999_999.0).to_string(), "1999999.0");
+        assert_eq!(Decimal::<1>(2_000_001.0).to_string(), "2000000.0");
+        assert_eq!(Decimal::<1>(f32::MIN).to_string(), "-2000000.0");
+        for value in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            assert_eq!(format!("{:>4}|{:<4}", Decimal::<3>(value), Decimal::<3>(value)), "   -|-   ");
+        }
+    }
+
+    #[test]
+    fn six_digits_and_six_decimals_are_read_and_no_more() {
+        for (text, value) in [
+            ("999999", 999_999.0),
+            ("0.000001", 1e-6),
+            ("000000.500000", 0.5),
+            ("+.25", 0.25),
+            ("-.25", -0.25),
+            ("-7.", -7.0),
+            ("0", 0.0),
+            ("1.09", 1.09),
+        ] {
+            assert_eq!(parse(text), Some(value), "{text}");
+        }
+        for text in ["1000000", "0000001", "0.0000001", ".0000000", "+", "+.", "-+1", "1-", "1 ", "\u{661}"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+
+    /// The characters before `0` and after `9` are no digits, before the point and after it.
+    #[test]
+    fn only_digits_are_digits() {
+        for text in ["/1", ":1", "1/", "1:", "0./", "0.:", "a", "0x1"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_shown_is_read_back() {
+        for value in [0.0, 0.5, -0.5, 359.75, -179.25, 123_456.0] {
+            assert_eq!(parse(&Decimal::<2>(value).to_string()), Some(value));
+        }
+    }
 }

@@ -1,5 +1,4 @@
 //! NMEA 0183 heading sentences out: `HCHDM`, `HCHDG`, and the proprietary `PASWH` with the heading's quality.
-
 //!
 //! Written without `core::fmt`, which takes 2,000 instructions for such a sentence.
 
@@ -153,5 +152,117 @@ mod tests {
             assert!(hdm(Some(heading_deg)).contains(text), "{heading_deg}");
         }
         assert_eq!(hdm(Some(f32::NAN)), hdm(None));
+    }
+
+    /// A sentence without its checksum, which is right by an exclusive or of its own; and no longer than may be.
+    fn body(sentence: &Sentence) -> &str {
+        let (body, sum) = sentence.strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
+        let mut expected = 0;
+        for byte in body.bytes() {
+            expected ^= byte;
+        }
+        assert_eq!(sum, format!("{expected:02X}"), "{sentence}");
+        assert!(sentence.len() <= 82);
+        body
+    }
+
+    /// 12.5 and so on are exact in binary, so that their tenths are halves exactly.
+    #[test]
+    fn a_heading_has_three_digits_and_is_rounded_to_the_nearest_tenth() {
+        for (heading_deg, text) in [
+            (0.0, "000.0"),
+            (0.04, "000.0"),
+            (0.06, "000.1"),
+            (9.94, "009.9"),
+            (9.96, "010.0"),
+            (12.125, "012.1"),
+            (12.25, "012.3"),
+            (99.96, "100.0"),
+            (180.0, "180.0"),
+            (359.94, "359.9"),
+            (359.96, "000.0"),
+            (360.04, "000.0"),
+            (361.0, "001.0"),
+            (725.5, "005.5"),
+            (-0.04, "000.0"),
+            (-0.06, "359.9"),
+            (-0.25, "359.7"),
+            (-90.0, "270.0"),
+            (-360.1, "359.9"),
+        ] {
+            assert_eq!(body(&hdm(Some(heading_deg))), format!("HCHDM,{text},M"), "{heading_deg}");
+            assert_eq!(body(&hdg(Some(heading_deg), None)), format!("HCHDG,{text},,,,"), "{heading_deg}");
+        }
+        for heading_deg in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(body(&hdm(Some(heading_deg))), "HCHDM,,M");
+            assert_eq!(body(&hdg(Some(heading_deg), Some(1.0))), "HCHDG,,,,1.0,E");
+        }
+    }
+
+    #[test]
+    fn variation_is_a_size_with_its_side() {
+        for (variation_deg, text) in [
+            (0.0, "0.0,E"),
+            (-0.0, "0.0,E"),
+            (3.5, "3.5,E"),
+            (-3.5, "3.5,W"),
+            (0.25, "0.3,E"),
+            (-0.25, "0.3,W"),
+            (9.96, "10.0,E"),
+            (-11.54, "11.5,W"),
+            (180.0, "180.0,E"),
+            (-180.0, "180.0,W"),
+        ] {
+            assert_eq!(body(&hdg(Some(90.0), Some(variation_deg))), format!("HCHDG,090.0,,,{text}"));
+        }
+    }
+
+    #[test]
+    fn sigma_is_in_degrees_and_ends_at_half_a_circle() {
+        for (sigma_deg, text) in [
+            (0.0, "0.0"),
+            (0.44, "0.4"),
+            (0.46, "0.5"),
+            (9.97, "10.0"),
+            (179.9, "179.9"),
+            (180.1, "180.0"),
+            (f32::INFINITY, "180.0"),
+        ] {
+            let heading = Heading { magnetic_rad: 45.0_f32.to_radians(), sigma_rad: sigma_deg.to_radians() };
+            assert_eq!(body(&quality(&Ok(heading))), format!("PASWH,045.0,{text},ok"));
+        }
+        assert_eq!(body(&quality(&Err(NoHeading::AttitudeStale))), "PASWH,,,attitude-stale");
+    }
+
+    /// Nothing that can be given to them makes the sentences longer than the standard allows.
+    #[test]
+    fn the_longest_sentences_are_complete() {
+        for extreme in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, 1e7] {
+            body(&hdm(Some(extreme)));
+            body(&hdg(Some(extreme), Some(extreme)));
+            body(&quality(&Ok(Heading { magnetic_rad: extreme, sigma_rad: extreme })));
+        }
+        assert_eq!(body(&hdg(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));
+    }
+
+    /// `$`, 76 characters, `*`, two digits and the line end are 82.
+    #[test]
+    fn what_does_not_fit_has_no_checksum() {
+        let of = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
+        assert_eq!((of(76).len(), body(&of(76)).len()), (82, 76));
+        for length in [77, 80, 81, 82, 100] {
+            assert!(!of(length).contains('*'), "{length}");
+        }
+    }
+
+    #[test]
+    fn tenths_have_as_many_digits_as_they_need_and_no_fewer_than_asked() {
+        for (tenths, least, text) in
+            [(0, 1, "0.0"), (0, 3, "000.0"), (7, 1, "0.7"), (99, 1, "9.9"), (100, 1, "10.0"), (12_345, 3, "1234.5")]
+        {
+            let mut out = Sentence::new();
+            put_tenths(&mut out, tenths, least).unwrap();
+            assert_eq!(out.as_str(), text);
+        }
     }
 }

@@ -1,0 +1,556 @@
+//! Stores of other firmware: the version before, later ones, and those of long ago.
+//!
+//! # How `testdata/` was made
+//!
+//! `v2-first-half.bin` and `v2-second-half.bin` are the two halves of the simulated module's flash (eight pages of 2 KB),
+//! without the erased bytes at their ends, as the last firmware of version 2 left them. It had flown two circles to each
+//! side in the world `WorldConfig::table1(3)`, calibrated, and been given `set declination -3.5`,
+//! `set inclination 56.25` and `stream rate 25`; a magnet of [6, -4, 3] uT came aboard and it calibrated again; then
+//! `stream off`, `set mount yaw90` and `set mount roll180-yaw90`. What is expected of it here is what that firmware loaded.
+
+use std::format;
+
+use testkit::flash::Cut;
+
+use super::*;
+use crate::store::v2;
+
+/// Later than any that this firmware knows.
+const LATER: u8 = VERSION + 1;
+
+/// The flash as the last firmware of version 2 left it.
+fn flash_of_v2() -> Flash {
+    let mut flash = Flash::new(PAGES);
+    let (first, second) = flash.bytes.split_at_mut(PAGE * PAGES / 2);
+    for (half, image) in [
+        (first, include_bytes!("../testdata/v2-first-half.bin")),
+        (second, include_bytes!("../testdata/v2-second-half.bin")),
+    ] {
+        half[..image.len()].copy_from_slice(image);
+    }
+    flash
+}
+
+/// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
+fn stored_by_v2() -> Stored {
+    let settings = Settings {
+        declination_deg: Some(-3.5),
+        inclination_deg: Some(56.25),
+        align_deg: 0.0,
+        stream_on: false,
+        stream_rate_hz: 25,
+        mount: Orientation::from_name("roll180-yaw90").unwrap(),
+    };
+    let current = Record {
+        calibration: Calibration {
+            w: [
+                [0.978_914_56, -0.029_673_168, 0.015_907_789],
+                [0.024_489_606, 1.048_524_1, 0.018_998_345],
+                [0.009_049_57, -0.018_239_329, 0.973_403_6],
+            ],
+            b_ut: [15.568_871_5, -4.780_499, 2.300_167_3],
+            inclination_rad: 0.945_756_7,
+            total_ut: 51.482_952,
+        },
+        quality: Quality {
+            method: Method::MaximumLikelihood,
+            envelope: Envelope::Banked,
+            expected_rms_deg: 0.401_117_18,
+            expected_worst_deg: 0.541_662_16,
+            norm_residual: 0.002_788_063_1,
+            dip_residual_deg: 0.318_224_82,
+            samples: 324,
+        },
+        uncertainty: Uncertainty {
+            products: [
+                [
+                    5.192298e-5,
+                    -4.557737e-6,
+                    -3.2702424e-6,
+                    -6.918865e-6,
+                    2.396258e-6,
+                    -1.0685881e-6,
+                    -5.091579e-8,
+                    2.2118882e-5,
+                    1.1710286e-5,
+                    4.582809e-6,
+                ],
+                [
+                    1.969168e-6,
+                    7.9486694e-5,
+                    -1.6239521e-6,
+                    -2.8704078e-6,
+                    -3.7176171e-6,
+                    -2.568785e-6,
+                    -5.2983787e-6,
+                    -3.8186818e-7,
+                    -6.063545e-7,
+                    -1.3527605e-7,
+                ],
+                [
+                    -7.572523e-7,
+                    -4.0195782e-6,
+                    0.000_205_499_63,
+                    0.000_239_384_86,
+                    3.5485095e-7,
+                    -9.899148e-6,
+                    -1.0730503e-5,
+                    -7.800937e-6,
+                    -2.3024015e-5,
+                    -1.5820982e-5,
+                ],
+                [
+                    2.2422616e-6,
+                    1.5594887e-6,
+                    5.3376734e-8,
+                    -2.7085696e-7,
+                    3.44054e-5,
+                    -2.099257e-6,
+                    -2.4370124e-6,
+                    1.5427453e-5,
+                    5.078893e-6,
+                    1.8743874e-6,
+                ],
+                [
+                    -3.4201955e-7,
+                    -1.0475934e-6,
+                    4.1539683e-6,
+                    4.9086775e-6,
+                    -3.4825448e-6,
+                    0.000_168_278_17,
+                    0.000_197_198_14,
+                    -4.511263e-6,
+                    -1.0753944e-5,
+                    -6.6932043e-6,
+                ],
+                [
+                    1.4742305e-5,
+                    -1.1145181e-7,
+                    -1.0546564e-6,
+                    -1.5384916e-6,
+                    1.4129101e-5,
+                    -1.0531145e-5,
+                    -1.1255974e-5,
+                    0.000_271_607_4,
+                    0.000_553_043_73,
+                    0.000_281_651_6,
+                ],
+            ],
+            sensor_sigma: 0.002_762_265,
+            attitude_sigma_rad: 0.004_803_583,
+        },
+        sensor: Identity { model: Model::Lis3mdl, address: 0x1E },
+        mount: Orientation::NONE,
+        serial: 2,
+    };
+    let previous = Record {
+        calibration: Calibration {
+            w: [
+                [0.979_161_44, -0.028_616_015, 0.017_564_613],
+                [0.024_224_699, 1.049_83, 0.023_200_087],
+                [0.009_877_677, -0.019_814_504, 0.971_905_6],
+            ],
+            b_ut: [9.656_52, -0.705_684_36, -0.806_943_66],
+            inclination_rad: 0.946_622_7,
+            total_ut: 51.541_1,
+        },
+        quality: Quality {
+            method: Method::MaximumLikelihood,
+            envelope: Envelope::Banked,
+            expected_rms_deg: 0.405_814_17,
+            expected_worst_deg: 0.544_446_6,
+            norm_residual: 0.002_683_459_8,
+            dip_residual_deg: 0.346_578_24,
+            samples: 324,
+        },
+        uncertainty: Uncertainty {
+            products: [
+                [
+                    5.4822194e-5,
+                    -4.5770144e-6,
+                    -2.0083755e-6,
+                    -6.769141e-6,
+                    3.4246466e-6,
+                    -3.9502476e-7,
+                    7.1665295e-7,
+                    2.2423774e-5,
+                    1.2200588e-5,
+                    4.9066925e-6,
+                ],
+                [
+                    1.8848525e-6,
+                    7.7438955e-5,
+                    5.67659e-6,
+                    3.364719e-6,
+                    -3.3500537e-6,
+                    -2.082345e-6,
+                    -5.230022e-6,
+                    -5.4769964e-7,
+                    -1.0213823e-6,
+                    -4.5040161e-7,
+                ],
+                [
+                    -1.0311111e-6,
+                    -2.4534547e-6,
+                    0.000_211_383_3,
+                    0.000_246_619_3,
+                    2.479231e-7,
+                    -9.264472e-6,
+                    -1.0264403e-5,
+                    -5.0612143e-6,
+                    -1.920768e-5,
+                    -1.4898106e-5,
+                ],
+                [
+                    3.060806e-6,
+                    1.3581946e-6,
+                    4.3461648e-7,
+                    -2.9146564e-8,
+                    3.2474854e-5,
+                    3.8492344e-6,
+                    2.8650836e-6,
+                    1.5845508e-5,
+                    5.638167e-6,
+                    2.1227959e-6,
+                ],
+                [
+                    -6.14883e-7,
+                    -1.037065e-6,
+                    3.934932e-6,
+                    4.6362684e-6,
+                    -2.164416e-6,
+                    0.000_162_488_88,
+                    0.000_192_158,
+                    1.1461647e-5,
+                    1.9975614e-5,
+                    7.880031e-6,
+                ],
+                [
+                    1.49747675e-5,
+                    -2.179843e-7,
+                    -1.2892375e-6,
+                    -1.8692157e-6,
+                    1.4483177e-5,
+                    -7.1359746e-6,
+                    -7.962479e-6,
+                    0.000_270_975_23,
+                    0.000_553_656_95,
+                    0.000_282_925_87,
+                ],
+            ],
+            sensor_sigma: 0.002_714_476_5,
+            attitude_sigma_rad: 0.005_421_126_3,
+        },
+        sensor: Identity { model: Model::Lis3mdl, address: 0x1E },
+        mount: Orientation::NONE,
+        serial: 1,
+    };
+    Stored { settings, generations: Generations { current: Some(current), previous: Some(previous) } }
+}
+
+/// With the noise of a single reading, which is the square root of 8 as much: 2.828427.
+fn converted() -> Stored {
+    let mut stored = stored_by_v2();
+    for record in [&mut stored.generations.current, &mut stored.generations.previous].into_iter().flatten() {
+        record.uncertainty.sensor_sigma *= 2.828_427;
+    }
+    stored
+}
+
+#[test]
+fn what_version_2_stored_is_kept_to_the_last_digit() {
+    let found = load(&mut flash_of_v2()).unwrap();
+    let current = found.generations.current.unwrap();
+    assert_eq!((current.serial, current.uncertainty.sensor_sigma), (2, 0.007_812_865));
+    assert_eq!(found, converted());
+}
+
+/// The last of its saves but one chose another mounting: the newer half is taken, and the other when that one is gone.
+#[test]
+fn the_newer_of_two_halves_of_version_2_is_taken() {
+    let mut mounts = Vec::new();
+    for half in [0, 1] {
+        let mut flash = flash_of_v2();
+        flash.bytes[half * PAGE * PAGES / 2..][..PAGE * PAGES / 2].fill(0xFF);
+        let found = load(&mut flash).unwrap();
+        assert_eq!(found.generations, converted().generations);
+        mounts.push(found.settings.mount.name());
+    }
+    mounts.sort_unstable();
+    assert_eq!(mounts, ["roll180-yaw90", "yaw90"]);
+}
+
+#[test]
+fn the_first_save_after_an_update_writes_the_present_version() {
+    let mut flash = flash_of_v2();
+    let versions = |flash: &mut Flash| {
+        let mut versions = [0, 1].map(|half| get(flash, half).unwrap()[0]);
+        versions.sort_unstable();
+        versions
+    };
+    assert_eq!(versions(&mut flash), [2, 2]);
+    load(&mut flash).unwrap();
+    assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
+    save_change(&mut flash, Change::Settings(&settings())).unwrap();
+    let after = Stored { settings: settings(), ..converted() };
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 3], Ok(after)));
+    save(&mut flash, 9).unwrap();
+    let after = Stored { generations: generations(9), ..after };
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([3, 3], Ok(after)));
+}
+
+/// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
+#[test]
+fn a_power_cut_in_the_first_save_after_an_update_leaves_either() {
+    let start = flash_of_v2();
+    let after = Stored { generations: generations(9), ..converted() };
+    let mut complete = start.clone();
+    save(&mut complete, 9).unwrap();
+    let mut seen = [0, 0];
+    for at in 0..complete.operations {
+        for cut in Cut::ALL {
+            let mut flash = start.cut_at(at, cut);
+            save(&mut flash, 9).unwrap_err();
+            let mut flash = flash.power_on();
+            let found = load(&mut flash);
+            assert!(found == Ok(converted()) || found == Ok(after), "{cut:?} at {at}: {found:?}");
+            seen[usize::from(found == Ok(after))] += 1;
+            save(&mut flash, 10).unwrap();
+            assert_eq!(load_generations(&mut flash), Ok(generations(10)), "{cut:?} at {at}");
+        }
+    }
+    // Two records are 87 double words with their header; only after the last can the new ones be whole.
+    assert!(seen[0] > 80 * Cut::ALL.len() && seen[1] > 0, "{seen:?}");
+}
+
+/// Contents as version 2 had them, with these in the record in use.
+fn contents_of_v2(mount: u8, method: v2::Method, envelope: v2::Envelope, model: v2::Model) -> v2::Contents {
+    let current = v2::Calibrated {
+        w: [[1.0, 0.1, 0.2], [0.3, 1.1, 0.4], [0.5, 0.6, 1.2]],
+        b_ut: [1.0, 2.0, 3.0],
+        inclination_rad: 0.9,
+        total_ut: 50.0,
+        method,
+        envelope,
+        expected_rms_deg: 0.5,
+        expected_worst_deg: 0.6,
+        norm_residual: 0.01,
+        dip_residual_deg: 0.7,
+        samples: 300,
+        products: [[0.125; 10]; 6],
+        sensor_sigma: 0.001,
+        attitude_sigma_rad: 0.002,
+        model,
+        address: 0x1C,
+        mount: v2::Mount(mount),
+        serial: 70_000,
+    };
+    let settings = v2::Settings {
+        declination_deg: None,
+        inclination_deg: None,
+        align_deg: 12.0,
+        stream_on: true,
+        stream_rate_hz: 80,
+        mount: v2::Mount(0),
+    };
+    v2::Contents { saves: 1, settings, current: Some(current), previous: None }
+}
+
+fn decoded_v2(contents: &v2::Contents) -> Result<Stored, StoreError> {
+    Contents::decode(&value_of(v2::VERSION, contents)).map(|contents| contents.stored)
+}
+
+/// Each by its name, which the types of both versions share.
+#[test]
+fn every_method_envelope_sensor_and_mounting_of_version_2_is_read() {
+    use v2::{Envelope::Banked, Method::Level, Model::Lis3mdl};
+    let record = |contents: v2::Contents| decoded_v2(&contents).unwrap().generations.current.unwrap();
+    for method in [
+        Level,
+        v2::Method::FourEllipse,
+        v2::Method::TwoPlane,
+        v2::Method::MaximumLikelihood,
+        v2::Method::CompassSwing,
+        v2::Method::Ellipsoid,
+    ] {
+        let found = record(contents_of_v2(0, method, Banked, Lis3mdl)).quality.method;
+        assert_eq!(format!("{found:?}"), format!("{method:?}"));
+    }
+    for envelope in [Banked, v2::Envelope::Level] {
+        let found = record(contents_of_v2(0, Level, envelope, Lis3mdl)).quality.envelope;
+        assert_eq!(format!("{found:?}"), format!("{envelope:?}"));
+    }
+    for model in [Lis3mdl, v2::Model::Lsm303dlhc] {
+        let found = record(contents_of_v2(0, Level, Banked, model)).sensor;
+        assert_eq!((format!("{:?}", found.model), found.address), (format!("{model:?}"), 0x1C));
+    }
+    for (number, mount) in (0..).zip(Orientation::all()) {
+        assert_eq!(record(contents_of_v2(number, Level, Banked, Lis3mdl)).mount, mount);
+    }
+}
+
+/// The values that differ from the image's.
+#[test]
+fn a_module_of_version_2_that_was_calibrated_once_keeps_it() {
+    let contents = contents_of_v2(5, v2::Method::TwoPlane, v2::Envelope::Level, v2::Model::Lsm303dlhc);
+    let found = decoded_v2(&contents).unwrap();
+    assert_eq!((found.settings.declination_deg, found.settings.inclination_deg), (None, None));
+    assert_eq!((found.settings.align_deg, found.settings.stream_on, found.settings.stream_rate_hz), (12.0, true, 80));
+    assert_eq!(found.generations.previous, None);
+    let current = found.generations.current.unwrap();
+    assert_eq!((current.serial, current.mount.name(), current.quality.samples), (70_000, "roll180-yaw90", 300));
+    let none = v2::Contents { current: None, ..contents };
+    assert_eq!(decoded_v2(&none).unwrap().generations, Generations::default());
+}
+
+/// What version 2 would not have believed is not believed now.
+#[test]
+fn values_out_of_range_are_refused_in_version_2_too() {
+    let good = contents_of_v2(23, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    assert!(decoded_v2(&good).is_ok());
+    let no_mount = contents_of_v2(24, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    let mut previous = good;
+    previous.previous = no_mount.current;
+    let mut mount = good;
+    mount.settings.mount = v2::Mount(24);
+    let mut rate = good;
+    rate.settings.stream_rate_hz = 81;
+    let mut not_a_number = good;
+    not_a_number.current.as_mut().unwrap().sensor_sigma = f32::NAN;
+    for (what, bad) in
+        [("record", no_mount), ("before", previous), ("mount", mount), ("rate", rate), ("sigma", not_a_number)]
+    {
+        assert_eq!(decoded_v2(&bad), Err(StoreError::Corrupt), "{what}");
+    }
+    let mut cut_short = value_of(v2::VERSION, &good);
+    cut_short.truncate(200);
+    assert_eq!(Contents::decode(&sealed(cut_short)), Err(StoreError::Corrupt));
+}
+
+/// A copy of a later firmware, longer than any of this one.
+fn later(version: u8) -> Vec<u8> {
+    let mut value = vec![version];
+    value.extend((0..1900).map(|n| n as u8));
+    sealed(value)
+}
+
+/// Stores that a later firmware has written to: once, so that the other half is this version's, the one's before or
+/// empty; or twice. It was the first half last, or the second.
+fn flashes_of_later() -> Vec<(String, Flash)> {
+    let present = Contents { saves: 7, stored: Stored { settings: settings(), generations: generations(4) } };
+    let before = contents_of_v2(0, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    let others = [
+        ("nothing", None),
+        ("this version", Some(value_of(VERSION, &present))),
+        ("version 2", Some(value_of(v2::VERSION, &before))),
+        ("version 1", Some(sealed(vec![1, 2, 3]))),
+        ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
+        ("later", Some(later(LATER))),
+    ];
+    let mut flashes = Vec::new();
+    for half in [0, 1] {
+        for (name, other) in &others {
+            let mut flash = Flash::new(PAGES);
+            if let Some(value) = other {
+                put(&mut flash, 1 - half, value);
+            }
+            put(&mut flash, half, &later(LATER));
+            flash.operations = 0;
+            flashes.push((format!("later in {half}, {name} in the other"), flash));
+        }
+    }
+    flashes
+}
+
+/// An older copy beside it is not taken: what a downgraded module does would depend on how often the later firmware had
+/// saved, and the calibration could be one that was replaced because it was wrong.
+#[test]
+fn what_a_later_firmware_stored_is_said_and_left_untouched() {
+    for (case, flash) in flashes_of_later() {
+        let mut tried = flash.clone();
+        assert_eq!(load(&mut tried), Err(StoreError::UnknownVersion(LATER)), "{case}");
+        let nothing = Change::Generations { current: None, previous: None };
+        for change in [Change::Settings(&settings()), change(&generations(8)), nothing] {
+            assert_eq!(save_change(&mut tried, change), Err(StoreError::UnknownVersion(LATER)), "{case}");
+        }
+        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+    }
+    let mut far = Flash::new(PAGES);
+    put(&mut far, 0, &later(255));
+    assert_eq!(load(&mut far), Err(StoreError::UnknownVersion(255)));
+    assert_eq!(save(&mut far, 1), Err(StoreError::UnknownVersion(255)));
+}
+
+#[test]
+fn what_a_later_firmware_stored_is_forgotten_on_purpose() {
+    for (case, mut flash) in flashes_of_later() {
+        save_change(&mut flash, Change::Clear).unwrap();
+        assert_eq!(load(&mut flash), Ok(Stored::default()), "{case}");
+        for serial in 1..=4 {
+            save(&mut flash, serial).unwrap();
+            assert_eq!(load_generations(&mut flash), Ok(generations(serial)), "{case}");
+        }
+    }
+}
+
+/// Power fails at every program and erase of that: the later firmware's copy is still there, or the defaults are; never
+/// an old copy of this version. Forgetting again then works.
+#[test]
+fn a_power_cut_while_forgetting_leaves_the_later_copy_or_the_defaults() {
+    for (case, start) in flashes_of_later() {
+        let mut complete = start.clone();
+        save_change(&mut complete, Change::Clear).unwrap();
+        for at in 0..complete.operations {
+            for cut in Cut::ALL {
+                let mut flash = start.cut_at(at, cut);
+                save_change(&mut flash, Change::Clear).unwrap_err();
+                let mut flash = flash.power_on();
+                let found = load(&mut flash);
+                let allowed = [Err(StoreError::UnknownVersion(LATER)), Ok(Stored::default())];
+                assert!(allowed.contains(&found), "{case}, {cut:?} at {at}: {found:?}");
+                save_change(&mut flash, Change::Clear).unwrap();
+                assert_eq!(load(&mut flash), Ok(Stored::default()), "{case}, {cut:?} at {at}");
+            }
+        }
+    }
+}
+
+/// A flash that fails to read is neither cleared: it may hold anything.
+#[test]
+fn an_unreadable_flash_is_not_cleared() {
+    for (case, flash) in flashes_of_later() {
+        let mut tried = flash.clone();
+        tried.unreadable = Some((0..PAGE * PAGES / 2, usize::MAX));
+        assert_eq!(save_change(&mut tried, Change::Clear), Err(StoreError::Flash), "{case}");
+        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+    }
+}
+
+/// Clearing is told when the flash does not do it.
+#[test]
+fn a_later_copy_that_cannot_be_erased_is_told() {
+    for (case, flash) in flashes_of_later() {
+        let mut complete = flash.clone();
+        save_change(&mut complete, Change::Clear).unwrap();
+        let mut cut = flash.cut_at(complete.operations - 1, (Cut::Before, 0));
+        assert_eq!(save_change(&mut cut, Change::Clear), Err(StoreError::Flash), "{case}");
+        let mut dead = flash.cut_at(0, (Cut::Before, 0));
+        assert_eq!(save_change(&mut dead, Change::Clear), Err(StoreError::Flash), "{case}");
+    }
+}
+
+/// Versions before 2 were never released: they are said, and replaced by the next save.
+#[test]
+fn what_came_before_version_2_is_said_and_replaced() {
+    for version in [0, 1] {
+        for half in [0, 1] {
+            let mut flash = Flash::new(PAGES);
+            put(&mut flash, half, &sealed(vec![version, 1, 2, 3]));
+            assert_eq!(load(&mut flash), Err(StoreError::UnknownVersion(version)));
+            save(&mut flash, 3).unwrap();
+            assert_eq!(load(&mut flash), Ok(Stored { generations: generations(3), ..Stored::default() }));
+            save(&mut flash, 4).unwrap();
+            assert_eq!(load_generations(&mut flash), Ok(generations(4)));
+        }
+    }
+}
