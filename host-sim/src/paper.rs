@@ -1,5 +1,5 @@
-//! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either side,
-//! and every method on the same samples.
+//! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either
+//! side, and every method on the same samples.
 
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
 use autoswing::collection::averager::READINGS;
@@ -17,8 +17,8 @@ use crate::world::table1::{BANK_DEG, Sides};
 /// Headings at which errors are shown, 30 deg apart.
 pub const HEADINGS: usize = 12;
 
-/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample of
-/// the module is the mean of several.
+/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample
+/// of the module is the mean of several.
 const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
 
 /// Samples and how they are measured.
@@ -67,6 +67,10 @@ impl Column {
 }
 
 /// The columns of the table: uncompensated, compass swing, four ellipses, two planes, maximum likelihood.
+///
+/// # Errors
+///
+/// Why a method has no solution for these samples.
 pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
     let table = Table { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);

@@ -79,8 +79,6 @@ async fn answer(
             Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
             other => reply(session, &other),
         },
-        #[cfg(feature = "bench")]
-        Ok(Request::Bench(test)) => session.reply(|out| platform.test(test, out)),
         Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
     }
 }

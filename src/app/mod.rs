@@ -31,12 +31,6 @@ pub trait Platform {
     fn stack(&self) -> Option<StackUse> {
         None
     }
-
-    /// Runs a test of the bench image and writes what came of it.
-    #[cfg(feature = "bench")]
-    fn test(&mut self, test: crate::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
-        writeln!(out, "error no-test: {test:?} is for the bench image on a board")
-    }
 }
 
 /// The deepest the stack has been since the start.

@@ -7,7 +7,7 @@ use super::{Links, Watchdog};
 
 /// Between two looks. The slowest sign of life, a sensor that does not answer, comes every 600 ms; the hardware's
 /// period must be twice this and more.
-const LOOK: Duration = Duration::from_millis(700);
+pub const LOOK: Duration = Duration::from_millis(700);
 
 /// The lower executor shows life so often. Its longest stretch without a wait is a step of a solve, 0.1 s.
 const PULSE: Duration = Duration::from_millis(200);

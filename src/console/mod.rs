@@ -32,23 +32,6 @@ pub enum Request {
     Reboot,
     /// Something for the state machine.
     Compass(compass::Command),
-    /// A test of the bench image.
-    #[cfg(feature = "bench")]
-    Bench(BenchTest),
-}
-
-/// What the bench image can do beyond the product.
-#[cfg(feature = "bench")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BenchTest {
-    /// Counts instructions.
-    Budgets,
-    /// Executes what is no instruction.
-    Fault,
-    /// Fills the stack.
-    Overflow,
-    /// Panics.
-    Panic,
 }
 
 /// Why a line means nothing.
@@ -120,25 +103,6 @@ enum Line<'a> {
     },
     /// Restart the module
     Reboot,
-    /// Tests: budgets, fault, overflow, panic
-    #[cfg(feature = "bench")]
-    Bench {
-        #[command(subcommand)]
-        command: Bench,
-    },
-}
-
-#[cfg(feature = "bench")]
-#[derive(Debug, embedded_cli::Command)]
-enum Bench {
-    /// Count instructions
-    Budgets,
-    /// Execute what is no instruction
-    Fault,
-    /// Fill the stack
-    Overflow,
-    /// Panic
-    Panic,
 }
 
 #[derive(Debug, embedded_cli::Command)]
@@ -272,8 +236,6 @@ impl Line<'_> {
             | Line::Stream { command: Stream::Rate { .. } }
             | Line::Set { .. } => 2,
             Line::Cal { .. } | Line::Stream { .. } => 1,
-            #[cfg(feature = "bench")]
-            Line::Bench { .. } => 1,
         }
     }
 
@@ -283,15 +245,6 @@ impl Line<'_> {
             Line::Version => return Ok(Request::Version),
             Line::Status => return Ok(Request::Status),
             Line::Reboot => return Ok(Request::Reboot),
-            #[cfg(feature = "bench")]
-            Line::Bench { command } => {
-                return Ok(Request::Bench(match command {
-                    Bench::Budgets => BenchTest::Budgets,
-                    Bench::Fault => BenchTest::Fault,
-                    Bench::Overflow => BenchTest::Overflow,
-                    Bench::Panic => BenchTest::Panic,
-                }));
-            }
             Line::Cal { command } => match command {
                 Cal::Show => return Ok(Request::CalShow),
                 Cal::Start { procedure } => Command::CalStart(procedure.unwrap_or_default()),
