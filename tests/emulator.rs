@@ -200,8 +200,12 @@ fn a_missing_image_is_named_with_the_way_to_one() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn an_image_for_another_machine_is_an_error_with_what_qemu_said() {
     let path = emulator::default_image().with_file_name("autoswing.elf");
-    let mut emulator = Emulator::start(&path, WorldConfig::table1(1)).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!(emulator.run_for_s(0.1), Ran::Failed);
-    let error = emulator.take_failure().unwrap();
+    let error = Emulator::start(&path, WorldConfig::table1(1)).map_or_else(
+        |error| error,
+        |mut emulator| {
+            assert_eq!(emulator.run_for_s(0.1), Ran::Failed);
+            emulator.take_failure().unwrap()
+        },
+    );
     assert_eq!(error.code(), "emulator-ended", "{error}");
 }

@@ -124,7 +124,8 @@ impl Machine {
         let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
-        qmp.execute(&[json!({ "execute": "cont" })])?;
+        // With an image for another machine it may end before it has answered.
+        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, lockstep, _directory: directory })
     }
 

@@ -73,7 +73,8 @@ impl Emulator {
     ///
     /// # Errors
     ///
-    /// There is no such image, no QEMU, or no connection to it. An image for another machine is found out when it runs.
+    /// There is no such image, no QEMU, or no connection to it. QEMU ends with an image for another machine: at once,
+    /// or when it is to run.
     pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(config);
