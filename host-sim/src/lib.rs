@@ -4,7 +4,8 @@
 //! |---|---|
 //! | [`clock`], [`simulation`] | the virtual clock behind `embassy_time`, the executor on it (package `testkit`) |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
-//! | [`rig`], [`emulator`] | a module in an aircraft: simulated here, or ARM code in QEMU; [`module`] is what both are |
+//! | [`module`] | a heading module in an aircraft |
+//! | [`rig`], [`emulator`] | the two there are: simulated here, and as ARM code in QEMU |
 //! | [`mission`] | the flight that calibrates, on either |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |

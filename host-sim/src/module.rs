@@ -1,4 +1,4 @@
-//! A heading module in an aircraft, as its pilot meets it: simulated ([`Bench`](crate::rig::Rig)) or emulated
+//! A heading module in an aircraft, as its pilot meets it: simulated ([`Rig`](crate::rig::Rig)) or emulated
 //! ([`Emulator`](crate::emulator::Emulator)).
 
 use crate::devices::uart::HostEnd;
@@ -9,9 +9,10 @@ use crate::world::World;
 pub enum Ran {
     /// The time asked for has come.
     Time,
-    /// The power went; [`Bench::power_on`](crate::rig::Rig::power_on) brings it back.
+    /// The power went; [`Rig::power_on`](crate::rig::Rig::power_on) brings it back.
     PowerCut,
-    /// The emulator has ended, or does not answer: see [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
+    /// The emulator has ended, or does not answer: see
+    /// [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
     Failed,
 }
 
@@ -46,7 +47,7 @@ pub trait Module {
     }
 
     /// Takes what the console has printed since the last look.
-    #[allow(clippy::must_use_candidate, reason = "taking what was printed before is a use of it")]
+    #[expect(clippy::must_use_candidate, reason = "taking what was printed before is a use of it")]
     fn printed(&self) -> String {
         String::from_utf8_lossy(&self.console().receive()).into_owned()
     }

@@ -74,7 +74,7 @@ impl Column {
 ///
 /// # Errors
 ///
-/// Why a method could not solve its samples.
+/// Why a method has no solution for these samples.
 pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
     let table = Table { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);

@@ -14,12 +14,12 @@
 //! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
 //! 4. The thread executor: solving, flash, console. Whatever these take, a heading is not late.
 
-use autoswing::app::{self, Links, Platform, ResetCause, StackUse, Watchdog};
+use autoswing::app::{self, watchdog};
+use autoswing::health::StackUse;
 use autoswing::magnetometer::lis3mdl::{self, Lis3mdl};
-use autoswing::store::Store;
 use cortex_m::peripheral::SCB;
 use defmt_rtt as _;
-use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
+use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
@@ -32,10 +32,11 @@ use embassy_stm32::{Peri, bind_interrupts, dma, interrupt, pac, rcc};
 use static_cell::StaticCell;
 
 use super::stack;
-use super::stm32l4::flash::StoreFlash;
+pub use super::stm32l4::flash::StoreFlash;
 use super::stm32l4::i2c::I2cBus;
 use super::stm32l4::reset;
-use super::stm32l4::uart::UartTx;
+pub use super::stm32l4::uart::UartTx;
+use super::tasks::{self, Hardware};
 
 bind_interrupts!(struct Irqs {
     I2C2_EV => i2c::EventInterruptHandler<I2C2>;
@@ -52,15 +53,19 @@ const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
-/// The watchdog task feeds every 0.7 s; one look in vain is allowed. Its clock may be 6 % fast.
+/// Between two feedings the watchdog task may look in vain once, and the watchdog's clock may run at 34 kHz instead of 32
+/// (data sheet, LSI).
 const WATCHDOG_PERIOD_US: u32 = 2_000_000;
+const _: () = assert!(WATCHDOG_PERIOD_US as u64 * 32 > watchdog::LONGEST_WITHOUT_FEED_US * 34);
 
 /// Buffers of the UARTs: a receive buffer holds 22 ms of input, should a reader be late.
 const UART_BUFFER: usize = 256;
 /// The reader of a UART is woken by so many bytes, or by a pause: 1.4 ms, which keeps the instant of an attitude true.
 const UART_WAKE: usize = 16;
 
-static LINKS: Links = Links::new();
+pub type Magnetometer = Lis3mdl<I2cBus>;
+pub type UartRx = BufferedUartRx<'static>;
+
 /// Executor of the tasks that make headings.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 
@@ -77,31 +82,21 @@ pub fn start() -> ! {
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_PERIOD_US);
     watchdog.unleash();
 
-    let dog = Dog { watchdog, led: Output::new(p.PB14, Level::High, Speed::Low) };
     // SAFETY: `i2c2` is the driver with these pins; what it takes is taken nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2) };
-    let magnetometer = Lis3mdl::new(bus, lis3mdl::Config::default());
-    let (console_tx, console_rx) = uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW));
-    let (autopilot_tx, autopilot_rx) = uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW));
-    let flash = StoreFlash::new(Flash::new(p.FLASH, Irqs));
-    let region = flash.region();
+    let hardware = Hardware {
+        magnetometer: Lis3mdl::new(bus, lis3mdl::Config::default()),
+        autopilot: uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
+        console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
+        watchdog: Watchdog { watchdog, led: Output::new(p.PB14, Level::High, Speed::Low) },
+        flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
+        platform: Platform,
+        reset,
+    };
     set_priorities();
 
-    // Each task is spawned once, and there is room for one of each: `spawned` cannot fail.
     let above = HEADING_TASKS.start(interrupt::TSC);
-    above.spawn(spawned(sensor(magnetometer)));
-    above.spawn(spawned(attitude(autopilot_rx)));
-    above.spawn(spawned(stream(autopilot_tx)));
-    above.spawn(spawned(watch(dog)));
-    OTHER_TASKS.init(Executor::new()).run(|below| {
-        below.spawn(spawned(compass(Store::new(flash, region))));
-        below.spawn(spawned(console(console_rx, console_tx, reset)));
-        below.spawn(spawned(pulse()));
-    })
-}
-
-fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
-    token.expect("one task of each")
+    OTHER_TASKS.init(Executor::new()).run(|below| tasks::spawn(above, below.make_send(), hardware))
 }
 
 /// 80 MHz, the most there is, from the internal 16 MHz oscillator, whose 1 % is exact enough for 115200 baud.
@@ -175,21 +170,22 @@ fn uart<T: usart::Instance>(
 }
 
 /// The watchdog; each time it is fed the LED changes.
-struct Dog {
+pub struct Watchdog {
     watchdog: IndependentWatchdog<'static, IWDG>,
     led: Output<'static>,
 }
 
-impl Watchdog for Dog {
+impl app::Watchdog for Watchdog {
     fn feed(&mut self) {
         self.watchdog.pet();
         self.led.toggle();
     }
 }
 
-struct Board;
+/// What the console may ask of this board.
+pub struct Platform;
 
-impl Platform for Board {
+impl app::Platform for Platform {
     fn reboot(&mut self) {
         SCB::sys_reset()
     }
@@ -197,39 +193,4 @@ impl Platform for Board {
     fn stack(&self) -> Option<StackUse> {
         Some(stack::high_water())
     }
-}
-
-#[embassy_executor::task]
-async fn sensor(magnetometer: Lis3mdl<I2cBus>) -> ! {
-    app::sensor::run(&LINKS, magnetometer).await
-}
-
-#[embassy_executor::task]
-async fn attitude(rx: BufferedUartRx<'static>) -> ! {
-    app::attitude::run(&LINKS, rx).await
-}
-
-#[embassy_executor::task]
-async fn stream(tx: UartTx) -> ! {
-    app::stream::run(&LINKS, tx).await
-}
-
-#[embassy_executor::task]
-async fn watch(dog: Dog) -> ! {
-    app::watchdog::run(&LINKS, dog).await
-}
-
-#[embassy_executor::task]
-async fn pulse() -> ! {
-    app::watchdog::pulse(&LINKS).await
-}
-
-#[embassy_executor::task]
-async fn compass(store: Store<StoreFlash>) -> ! {
-    app::compass::run(&LINKS, store).await
-}
-
-#[embassy_executor::task]
-async fn console(rx: BufferedUartRx<'static>, tx: UartTx, reset: ResetCause) -> ! {
-    app::console::run(&LINKS, rx, tx, Board, reset).await
 }

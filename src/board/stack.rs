@@ -1,6 +1,6 @@
 //! The stack: where it is and how much of it was ever used.
 
-use autoswing::app::StackUse;
+use autoswing::health::StackUse;
 
 /// What the start-up code fills the stack with (cortex-m-rt's `paint-stack`).
 const PAINT: u32 = 0xCCCC_CCCC;

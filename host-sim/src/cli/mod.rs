@@ -51,8 +51,8 @@ enum Bench {
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
 ///
-/// The airframe is the one fitted to the published errors. It stands at pitch zero, tilted 20 deg to either side, as in the
-/// paper's experiment: at twelve headings without noise, and at 256 with a LIS3MDL's.
+/// The airframe is the one fitted to the published errors. It stands at pitch zero, tilted 20 deg to either side, as in
+/// the paper's experiment: at twelve headings without noise, and at 256 with a LIS3MDL's.
 #[derive(Args)]
 struct Table1 {
     /// Seed of the sensor's noise
@@ -65,9 +65,9 @@ struct Table1 {
 
 /// Random airframes: heading error of each method over the Cramer-Rao bound, and whether sigma is true.
 ///
-/// Soft iron to 30 %, hard iron to 3 times the horizontal field, mounting to 20 deg, inclination -70 to 75 deg, turns at 15
-/// to 45 deg of bank that wander by 2 deg, 192 samples a side, sensor noise 0.3 to 1 %, attitude noise 0.2 to 1 deg. The
-/// bound has heading, roll and pitch of every sample among its unknowns. 500 airframes take about two minutes.
+/// Soft iron to 30 %, hard iron to 3 times the horizontal field, mounting to 20 deg, inclination -70 to 75 deg, turns
+/// at 15 to 45 deg of bank that wander by 2 deg, 192 samples a side, sensor noise 0.3 to 1 %, attitude noise 0.2 to 1
+/// deg. The bound has heading, roll and pitch of every sample among its unknowns. 500 airframes take about two minutes.
 #[derive(Args)]
 struct Accuracy {
     /// Airframes
@@ -94,15 +94,15 @@ struct Speed {
 
 /// Send a recorded flight through the module's collection and solver, and score it if it has a reference.
 ///
-/// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes forward,
-/// right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare with. Exit codes:
-/// 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
+/// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes
+/// forward, right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare
+/// with. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
 #[derive(Args)]
 struct Replay {
     /// The recording
     file: PathBuf,
-    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds, or what its `turns` detector
-    /// would have kept
+    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds, or what its `turns`
+    /// detector would have kept
     #[arg(long, value_enum, default_value = "turns", value_name = "all|turns")]
     samples: SamplesArgument,
     /// Unit of mx, my, mz: milligauss or microtesla
@@ -155,7 +155,8 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
 /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
 ///
 /// The table compares heading errors before and after the calibration at twelve headings in level flight and in turns,
-/// with exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown apart.
+/// with exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown
+/// apart.
 #[derive(Args)]
 struct Fly {
     /// Seed of weather, noise and, for `random`, of the airframe and the place
@@ -184,8 +185,8 @@ struct Fly {
 
 /// The same mission with the firmware as ARM code: QEMU's mps2-an386, a Cortex-M4F with QEMU's own magnetometer.
 ///
-/// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that a run
-/// is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.
+/// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that
+/// a run is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.
 #[derive(Args)]
 struct Emulate {
     #[command(flatten)]

@@ -20,8 +20,8 @@ pub const TICKS_PER_US: u64 = 25;
 /// Nanoseconds of such a tick.
 pub const TICK_NS: u64 = 1000 / TICKS_PER_US;
 
-/// Nanoseconds an instruction takes, as a power of two (QEMU's `-icount shift`): 64 ns, so that the machine is five times
-/// slower than the reference board's 80 MHz.
+/// Nanoseconds an instruction takes, as a power of two (QEMU's `-icount shift`): 64 ns, so that the machine is five
+/// times slower than the reference board's 80 MHz.
 const ICOUNT_SHIFT: u32 = 6;
 pub const INSTRUCTION_NS: u64 = 1 << ICOUNT_SHIFT;
 
@@ -47,7 +47,7 @@ const LARGEST_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 
 /// Why the machine has stopped for the world to move on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Told {
+pub enum Message {
     /// It has started, and goes on by itself.
     Started,
     /// Time has passed.
@@ -58,7 +58,7 @@ pub enum Told {
     Written,
 }
 
-/// What the machine is told to go on with.
+/// What the machine goes on with.
 #[derive(Clone, Debug, Default)]
 pub struct Go {
     /// Bytes to the console.
@@ -67,6 +67,28 @@ pub struct Go {
     pub autopilot: Vec<u8>,
     /// Whether the sensor's data wire is broken.
     pub sensor_broken: bool,
+    /// A test that the bench image is to run.
+    pub test: Option<BenchTest>,
+}
+
+impl Go {
+    /// The last byte of the message: bit 0 breaks the sensor's wire, those above are the number of a test.
+    fn flags(&self) -> u8 {
+        u8::from(self.sensor_broken) | self.test.map_or(0, |test| test as u8) << 1
+    }
+}
+
+/// What the bench image can do beyond the product; the numbers are those of its board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BenchTest {
+    /// Counts instructions and prints the counts on the console's port.
+    Budgets = 1,
+    /// Executes what is no instruction.
+    Fault = 2,
+    /// Fills the stack.
+    Overflow = 3,
+    /// Panics.
+    Panic = 4,
 }
 
 /// The most bytes a [`Go`] may bring on each wire.
@@ -102,25 +124,26 @@ impl Machine {
         let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
-        qmp.execute(&[json!({ "execute": "cont" })])?;
+        // With an image for another machine it may end before it has answered.
+        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, lockstep, _directory: directory })
     }
 
-    /// Waits until the machine tells something; what, and its clock's ticks since its last reset.
-    pub fn listen(&mut self) -> Result<(Told, u64), EmulatorError> {
-        let mut message = [0; 9];
-        if let Err(error) = self.lockstep.read_exact(&mut message) {
+    /// Waits for the machine's next message; with it come its clock's ticks since its last reset.
+    pub fn listen(&mut self) -> Result<(Message, u64), EmulatorError> {
+        let mut bytes = [0; 9];
+        if let Err(error) = self.lockstep.read_exact(&mut bytes) {
             return Err(self.qemu.why_ended(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
         }
-        let [what, ticks @ ..] = message;
-        let told = match what {
-            b'B' => Told::Started,
-            b'T' => Told::Step,
-            b'S' => Told::Sensor,
-            b'W' => Told::Written,
+        let [kind, ticks @ ..] = bytes;
+        let message = match kind {
+            b'B' => Message::Started,
+            b'T' => Message::Step,
+            b'S' => Message::Sensor,
+            b'W' => Message::Written,
             other => return Err(EmulatorError::Protocol(format!("lockstep {other:#04x}"))),
         };
-        Ok((told, u64::from_le_bytes(ticks)))
+        Ok((message, u64::from_le_bytes(ticks)))
     }
 
     /// Sets the field at the sensor, microtesla in the chip's axes.
@@ -145,7 +168,7 @@ impl Machine {
         let [console, autopilot] = [&go.console, &go.autopilot].map(|bytes| &bytes[..bytes.len().min(MOST_BYTES)]);
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
-        let message = [console.len() as u8, autopilot.len() as u8, u8::from(go.sensor_broken)];
+        let message = [console.len() as u8, autopilot.len() as u8, go.flags()];
         send(&mut self.lockstep, &message, "lockstep")
     }
 

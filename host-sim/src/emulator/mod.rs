@@ -1,7 +1,7 @@
 //! The firmware as ARM code: QEMU's `mps2-an386`, a Cortex-M4F with QEMU's own magnetometer, flown by the same world.
 //!
-//! Machine and world move in lockstep: the machine stops every other millisecond, and before every access to its sensor, tells
-//! its time, and goes on when the world has caught up. The computer's own time has no part in it.
+//! Machine and world move in lockstep: the machine stops every other millisecond, and before every access to its
+//! sensor, sends its time, and goes on when the world has caught up. The computer's own time has no part in it.
 
 pub mod budget;
 mod error;
@@ -18,7 +18,8 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 
 pub use self::error::EmulatorError;
-use self::machine::{Go, MOST_BYTES, Machine, TICKS_PER_US, Told};
+pub use self::machine::BenchTest;
+use self::machine::{Go, MOST_BYTES, Machine, Message, TICKS_PER_US};
 use crate::devices::uart::{Cable, Config as CableConfig, Delivery, HostEnd, Receiver, Transmitter};
 use crate::module::{Module, Ran};
 use crate::random::{Purpose, Random};
@@ -34,7 +35,7 @@ pub fn default_image() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware/mps2-an386.elf")
 }
 
-/// Where `scripts/build-firmware` leaves the image with the console's `bench` commands.
+/// Where `scripts/build-firmware` leaves the bench image, which takes [`Emulator::ask_bench`].
 #[must_use]
 pub fn default_bench_image() -> PathBuf {
     default_image().with_file_name("mps2-an386-bench.elf")
@@ -58,6 +59,7 @@ pub struct Emulator {
     noise: Random,
     field_set_us: Option<u64>,
     sensor_broken: bool,
+    asked: Option<BenchTest>,
     reset_pressed: bool,
     /// World time at the machine's last reset, and the machine's own since then.
     since_us: u64,
@@ -68,6 +70,11 @@ pub struct Emulator {
 
 impl Emulator {
     /// Starts a firmware image with erased flash in a world of these settings.
+    ///
+    /// # Errors
+    ///
+    /// There is no such image, no QEMU, or no connection to it. QEMU ends with an image for another machine: at once,
+    /// or when it is to run.
     pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(config);
@@ -87,6 +94,7 @@ impl Emulator {
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
             sensor_broken: false,
+            asked: None,
             reset_pressed: false,
             since_us: 0,
             machine_us: 0,
@@ -105,22 +113,27 @@ impl Emulator {
         self.sensor_broken = broken;
     }
 
+    /// Has the bench image run a test, as soon as time goes on. Other images pass it over.
+    pub fn ask_bench(&mut self, test: BenchTest) {
+        self.asked = Some(test);
+    }
+
     /// Presses the reset button, as soon as time goes on.
     pub fn press_reset(&mut self) {
         self.reset_pressed = true;
     }
 
-    /// Instructions from the first access to the sensor to the last byte written, for each reading that was sent since the
-    /// last time this was asked.
+    /// Instructions from the first access to the sensor to the last byte written, for each reading that was sent since
+    /// the last time this was asked.
     pub fn take_ways(&mut self) -> Vec<u64> {
         let instructions = |ticks: u64| ticks * machine::TICK_NS / machine::INSTRUCTION_NS;
         std::mem::take(&mut self.way.ticks).into_iter().map(instructions).collect()
     }
 
-    /// Lets the machine run to where it tells something next, and the world catch up.
+    /// Lets the machine run to its next message, and the world catch up.
     fn step(&mut self) -> Result<(), EmulatorError> {
-        let (told, ticks) = self.machine.listen()?;
-        if told == Told::Started {
+        let (message, ticks) = self.machine.listen()?;
+        if message == Message::Started {
             self.restarted();
             return Ok(());
         }
@@ -128,23 +141,24 @@ impl Emulator {
         let [console, autopilot] = self.machine.written()?;
         self.console_wire.write(&console);
         self.autopilot_wire.write(&autopilot);
-        match told {
-            Told::Written => {
+        match message {
+            Message::Written => {
                 self.way.written(ticks);
                 return Ok(());
             }
-            Told::Sensor => {
+            Message::Sensor => {
                 self.way.looked(ticks);
                 self.set_field()?;
             }
             // While the machine waits no message is under way in either direction, which a reset would cut.
-            Told::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
-            Told::Started | Told::Step => {}
+            Message::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
+            Message::Started | Message::Step => {}
         }
         let go = Go {
             console: self.console_wire.take(),
             autopilot: self.autopilot_wire.take(),
             sensor_broken: self.sensor_broken,
+            test: self.asked.take(),
         };
         self.machine.go(&go)
     }
@@ -159,7 +173,7 @@ impl Emulator {
 
     /// Moves the world on to the machine's time.
     fn catch_up(&mut self, machine_us: u64) {
-        // A step may be told of a little late.
+        // The message of a step may come a little late.
         self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }

@@ -1,19 +1,23 @@
-//! What the bench image can do beyond the product: count instructions, and end badly.
+//! What the bench image can do beyond the product: count instructions, and end badly. The world asks for it through the
+//! lockstep; results go to the console's port, beside whatever the console prints.
 
 use core::f32::consts::TAU;
-use core::fmt::{self, Write};
+use core::fmt::{self, Write as _};
 use core::hint::black_box;
 
 use autoswing::calibration::{Method, Prior, Progress, Sample, Samples, Solution, Solver};
-use autoswing::console::BenchTest;
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
 use autoswing::time::WrappingMillis;
 use autoswing::wire::mavlink::Receiver;
 use autoswing::wire::nmea;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::Write as _;
 use static_cell::StaticCell;
 
 use super::clock;
+use super::uart::UartTx;
 
 /// Samples of a turn to one side.
 const SAMPLES: usize = 256;
@@ -22,21 +26,54 @@ const SAMPLES: usize = 256;
 const INSTRUCTION_NS: u64 = 64;
 const TICK_NS: u64 = 40;
 
-/// Runs a test. Those that end badly do not return.
-pub fn run(test: BenchTest, out: &mut dyn Write) -> fmt::Result {
-    match test {
-        BenchTest::Budgets => budgets(out),
-        BenchTest::Fault => cortex_m::asm::udf(),
-        BenchTest::Overflow => {
-            fill_stack(black_box(0));
-            out.write_str("error no-overflow: the stack has no end\n")
-        }
-        BenchTest::Panic => panic!("asked for"),
+/// A test, by its number in the lockstep's messages (`BenchTest` in host-sim).
+#[derive(Clone, Copy)]
+enum Test {
+    /// Counts instructions.
+    Budgets = 1,
+    /// Executes what is no instruction.
+    Fault = 2,
+    /// Fills the stack.
+    Overflow = 3,
+    /// Panics.
+    Panic = 4,
+}
+
+static ASKED: Signal<CriticalSectionRawMutex, Test> = Signal::new();
+
+/// Asks for the test of this number; zero, which comes all the time, is none.
+pub fn ask(number: u8) {
+    let tests = [Test::Budgets, Test::Fault, Test::Overflow, Test::Panic];
+    if let Some(test) = tests.into_iter().find(|&test| test as u8 == number) {
+        ASKED.signal(test);
     }
 }
 
+/// Waits for tests to be asked for and runs them. Those that end badly end the run.
+pub async fn run(mut tx: UartTx) -> ! {
+    let turns = Turns::fly();
+    loop {
+        let mut results = Results::new();
+        let written = match ASKED.wait().await {
+            Test::Budgets => budgets(&turns, &mut results),
+            Test::Fault => cortex_m::asm::udf(),
+            Test::Overflow => {
+                fill_stack(black_box(0));
+                results.write_str("\nerror no-overflow: the stack has no end\n")
+            }
+            Test::Panic => panic!("asked for"),
+        };
+        // Results that do not fit are cut, and the world misses their end.
+        let _ = written;
+        let Ok(()) = tx.write_all(results.as_bytes()).await;
+    }
+}
+
+/// Lines of results.
+type Results = heapless::String<256>;
+
 /// Calls itself for ever.
-#[allow(unconditional_recursion, reason = "that is what it is for")]
+#[expect(unconditional_recursion, reason = "that is what it is for")]
 #[inline(never)]
 fn fill_stack(depth: u32) -> u32 {
     let ballast = black_box([depth; 64]);
@@ -44,12 +81,10 @@ fn fill_stack(depth: u32) -> u32 {
     ballast.iter().fold(below, |sum, &word| sum.wrapping_add(word))
 }
 
-/// `ok`, then a line each: a name and the instructions it takes.
-fn budgets(out: &mut dyn Write) -> fmt::Result {
-    writeln!(out, "ok instructions")?;
-    let Some(turns) = Turns::fly() else { return writeln!(out, "error busy: once only") };
+/// A line each, after the one that the console's prompt stands on: a name and the instructions it takes.
+fn budgets(turns: &Turns, out: &mut Results) -> fmt::Result {
     let mut solve = 0;
-    let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "error not-solved: none") };
+    let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = sensed(attitude, 1.0);
     let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0 });
@@ -74,6 +109,7 @@ fn budgets(out: &mut dyn Write) -> fmt::Result {
             report = receiver.push(byte).or(report);
         }
     });
+    writeln!(out)?;
     for (name, count, done) in [
         ("heading", to_heading, found.is_ok()),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
@@ -111,14 +147,14 @@ struct Turns {
 }
 
 impl Turns {
-    /// `None` the second time: the memory is taken.
-    fn fly() -> Option<Self> {
+    /// To be called once.
+    fn fly() -> Self {
         static LEFT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
         static RIGHT: StaticCell<[Sample; SAMPLES]> = StaticCell::new();
         let mut noise = Noise(1);
-        let left = LEFT.try_init_with(|| core::array::from_fn(|i| sample(-1.0, i, &mut noise)))?;
-        let right = RIGHT.try_init_with(|| core::array::from_fn(|i| sample(1.0, i, &mut noise)))?;
-        Some(Self { left, right })
+        let left = LEFT.init_with(|| core::array::from_fn(|i| sample(-1.0, i, &mut noise)));
+        let right = RIGHT.init_with(|| core::array::from_fn(|i| sample(1.0, i, &mut noise)));
+        Self { left, right }
     }
 
     /// Solves by maximum likelihood, counting instructions.
@@ -146,11 +182,11 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(7.0 * TAU * part), 3.0 + 1.5 * libm::cosf(5.0 * TAU * part));
     let field = sensed(attitude, side * part * TAU);
     let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
-    let told = Attitude {
+    let reported = Attitude {
         roll_rad: attitude.roll_rad + 0.005 * noise.next(),
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
     };
-    Sample { field: Field::new(noisy), attitude: told, time: WrappingMillis::new(400 * i as u32) }
+    Sample { field: Field::new(noisy), attitude: reported, time: WrappingMillis::new(400 * i as u32) }
 }
 
 /// What the sensor measures.

@@ -21,7 +21,7 @@ const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
 /// Both the counter and the timer run at 25 MHz.
 pub const TICKS_PER_US: u64 = 25;
 
-/// `CONTROL`: one shot, 32 bits. The machine takes 32 bits of `LOAD` only when it was told of them before.
+/// `CONTROL`: one shot, 32 bits. The machine takes 32 bits of `LOAD` only when it was set to them before.
 const STOPPED: u32 = 0b0000_0011;
 const RUNNING: u32 = 0b1010_0011;
 /// Keeps what is left of the time.
@@ -162,9 +162,9 @@ pub fn ticks() -> u64 {
 
 /// Time stands still while `f` runs, which is given the ticks of that instant.
 ///
-/// How many instructions `f` takes is for the computer to say: bytes come when they come. An instruction takes 64 ns and a
-/// tick 40, so five instructions are eight ticks; anything but a multiple of five would leave the clock between two ticks
-/// elsewhere than it was, and runs of one seed would drift apart.
+/// How many instructions `f` takes is for the computer to say: bytes come when they come. An instruction takes 64 ns
+/// and a tick 40, so five instructions are eight ticks; anything but a multiple of five would leave the clock between
+/// two ticks elsewhere than it was, and runs of one seed would drift apart.
 pub fn freeze(f: impl FnOnce(u64)) {
     CONTROL.write(PAUSED);
     let place = place_in_five();

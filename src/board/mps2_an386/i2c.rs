@@ -111,8 +111,8 @@ impl ErrorType for SensorBus {
 }
 
 impl I2c for SensorBus {
-    /// Begins each operation with a start condition; the embedded-hal contract asks for one only where direction changes,
-    /// which is where this firmware's drivers change operations.
+    /// Begins each operation with a start condition; the embedded-hal contract asks for one only where direction
+    /// changes, which is where this firmware's drivers change operations.
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
         lockstep::before_sensor();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));

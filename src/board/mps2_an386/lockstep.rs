@@ -1,13 +1,13 @@
 //! Keeps the machine in step with the simulated world outside.
 //!
-//! Every two milliseconds, and before every access to the sensor, the machine tells its time on a UART of its own and
-//! stops: its clock stands still, no timer runs, nothing but the UARTs can wake the processor. The world moves on to that
-//! time, sets the field, sends what the autopilot and the console's user would have sent meanwhile, and lets the machine
-//! go on. So a run is a function of its seed, however fast or slow the computer is, but for a microsecond that QEMU may take
-//! more or less to restart.
+//! Every two milliseconds, and before every access to the sensor, the machine sends its time on a UART of its own and
+//! stops: its clock stands still, no timer runs, nothing but the UARTs can wake the processor. The world moves on to
+//! that time, sets the field, sends what the autopilot and the console's user would have sent meanwhile, and lets the
+//! machine go on. So a run is a function of its seed, however fast or slow the computer is, but for a microsecond that
+//! QEMU may take more or less to restart.
 //!
-//! To the world: a [`Told`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
-//! console and to the autopilot port, and its [`Wires`].
+//! To the world: a [`Message`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
+//! console and to the autopilot port, and a byte of [`Go`].
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -22,9 +22,9 @@ use super::{AUTOPILOT, CONSOLE, LOCKSTEP, clock};
 /// As the reference board's receiver is woken: by 16 bytes at 115200 baud or a pause, 1.4 ms.
 const STEP: Duration = Duration::from_millis(2);
 
-/// What the world is told.
+/// What the world is sent.
 #[derive(Clone, Copy)]
-enum Told {
+enum Message {
     /// The machine goes on: it has just started.
     Started = b'B' as isize,
     /// The machine waits: time has passed.
@@ -36,11 +36,14 @@ enum Told {
 }
 
 /// Bits of the last byte from the world.
-struct Wires;
+struct Go;
 
-impl Wires {
+impl Go {
     /// The sensor's data wire is broken.
     const SENSOR_BROKEN: u8 = 1;
+    /// The bits above are the number of a test of the bench image. Others pass it over.
+    #[cfg(feature = "bench")]
+    const BENCH_TEST_SHIFT: u32 = 1;
 }
 
 static SENSOR_BROKEN: AtomicBool = AtomicBool::new(false);
@@ -50,50 +53,52 @@ pub fn sensor_is_broken() -> bool {
     SENSOR_BROKEN.load(Ordering::Relaxed)
 }
 
-/// Lets the world catch up from time to time. It is told when that was to be, not when it came to be: that depends on what
-/// else ran, and on where between two ticks of the clock.
+/// Lets the world catch up from time to time. It is sent the time when that was to be, not when it came to be: that
+/// depends on what else ran, and on where between two ticks of the clock.
 pub async fn run() -> ! {
     let mut due = Instant::now();
     loop {
         due += STEP;
         Timer::at(due).await;
-        wait(Told::Step, Some(due));
+        wait(Message::Step, Some(due));
     }
 }
 
 /// At the start, before anything waits.
 pub fn started() {
-    tell(Told::Started, clock::ticks());
+    send(Message::Started, clock::ticks());
 }
 
 /// Before a look at the sensor.
 pub fn before_sensor() {
-    wait(Told::Sensor, None);
+    wait(Message::Sensor, None);
 }
 
 /// After something was written to the autopilot.
 pub fn autopilot_written() {
-    critical_section::with(|_| clock::freeze(|ticks| tell(Told::Written, ticks)));
+    critical_section::with(|_| clock::freeze(|ticks| send(Message::Written, ticks)));
 }
 
-fn tell(what: Told, ticks: u64) {
-    for byte in core::iter::once(what as u8).chain(ticks.to_le_bytes()) {
+fn send(message: Message, ticks: u64) {
+    for byte in core::iter::once(message as u8).chain(ticks.to_le_bytes()) {
         // The emulator hands a byte to the host before it goes on.
         while !LOCKSTEP.put(byte) {}
     }
 }
 
-fn wait(what: Told, due: Option<Instant>) {
+fn wait(message: Message, due: Option<Instant>) {
     critical_section::with(|_| {
         clock::freeze(|ticks| {
-            tell(what, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
+            send(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
             let others = mask_others();
-            let [console, autopilot, wires] = core::array::from_fn(|_| take(&LOCKSTEP));
+            let [console, autopilot, go] = core::array::from_fn(|_| take(&LOCKSTEP));
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
             // What was taken without a wait would interrupt later, and now and then.
             forget_interrupts();
-            SENSOR_BROKEN.store(wires & Wires::SENSOR_BROKEN != 0, Ordering::Relaxed);
+            SENSOR_BROKEN.store(go & Go::SENSOR_BROKEN != 0, Ordering::Relaxed);
+            #[cfg(feature = "bench")]
+            super::bench::ask(go >> Go::BENCH_TEST_SHIFT);
             unmask(others);
         });
     });
@@ -138,7 +143,8 @@ fn mask_others() -> u32 {
     let nvic = unsafe { &*NVIC::PTR };
     let enabled = nvic.iser[0].read();
     let receivers = RECEIVERS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
-    // SAFETY: writing bits here disables or enables those interrupts and nothing else; none runs until the section ends.
+    // SAFETY: writing bits here disables or enables those interrupts and nothing else; none runs until the section
+    // ends.
     unsafe {
         nvic.icer[0].write(!receivers);
         nvic.iser[0].write(receivers);

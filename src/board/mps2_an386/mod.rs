@@ -9,8 +9,8 @@
 //!
 //! # Priorities
 //!
-//! 1. The UARTs, one byte each. Their priority must be above that of everything that waits in the lockstep: WFI wakes for
-//!    nothing else.
+//! 1. The UARTs, one byte each. Their priority must be above that of everything that waits in the lockstep: WFI wakes
+//!    for nothing else.
 //! 2. The clock, and the lockstep with the world.
 //! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
 //! 4. The executor of the others: solving, flash, console. In an interrupt, too, for QEMU's WFE does not sleep.
@@ -26,24 +26,29 @@ mod reset;
 mod sensor;
 mod uart;
 
-use autoswing::app::{self, Links, Platform, ResetCause, StackUse, Watchdog};
-use autoswing::store::Store;
+use autoswing::app;
+use autoswing::health::StackUse;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use defmt_rtt as _;
-use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken};
+use embassy_executor::InterruptExecutor;
 
-use self::flash::StoreFlash;
+pub use self::flash::StoreFlash;
 use self::i2c::SensorBus;
 use self::registers::{Interrupt, Peripheral, Vector};
-use self::sensor::Sensor;
-use self::uart::{Uart, UartTx};
+pub use self::sensor::Sensor as Magnetometer;
+pub use self::uart::UartTx;
+use self::uart::{Received, Uart};
 use super::stack;
+use super::tasks::{self, Hardware, spawned};
 
-static LINKS: Links = Links::new();
+pub type UartRx = &'static Received;
+
 static CONSOLE: Uart = Uart::new(Peripheral::Uart0);
 static AUTOPILOT: Uart = Uart::new(Peripheral::Uart1);
 static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
+
+const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
 
 /// Executor of the tasks that make headings.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -114,39 +119,38 @@ pub fn start() -> ! {
         // SAFETY: their handlers are in the table above.
         unsafe { NVIC::unmask(interrupt) };
     }
-    let flash = StoreFlash::new();
-    let region = flash.region();
+    let hardware = Hardware {
+        magnetometer: Magnetometer::new(SensorBus::new()),
+        autopilot: (UartTx { uart: &AUTOPILOT, written: lockstep::autopilot_written }, &AUTOPILOT.received),
+        console: (CONSOLE_TX, &CONSOLE.received),
+        watchdog: Watchdog,
+        flash: StoreFlash::new(),
+        platform: Platform,
+        reset,
+    };
 
-    // Each task is spawned once, and there is room for one of each: `spawned` cannot fail.
     STEP_TASK.start(Interrupt::StepTask).spawn(spawned(step()));
     let above = HEADING_TASKS.start(Interrupt::HeadingTasks);
-    above.spawn(spawned(sensor(Sensor::new(SensorBus::new()))));
-    above.spawn(spawned(attitude()));
-    above.spawn(spawned(stream()));
-    above.spawn(spawned(watch()));
     let below = OTHER_TASKS.start(Interrupt::OtherTasks);
-    below.spawn(spawned(compass(Store::new(flash, region))));
-    below.spawn(spawned(console(reset)));
-    below.spawn(spawned(pulse()));
+    tasks::spawn(above, below, hardware);
+    #[cfg(feature = "bench")]
+    below.spawn(spawned(bench_tests()));
     loop {
         asm::wfi();
     }
 }
 
-fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
-    token.expect("one task of each")
-}
-
 /// The machine's watchdog is not used: it cannot be stopped while time stands still.
-struct NoWatchdog;
+pub struct Watchdog;
 
-impl Watchdog for NoWatchdog {
+impl app::Watchdog for Watchdog {
     fn feed(&mut self) {}
 }
 
-struct Board;
+/// What the console may ask of this board.
+pub struct Platform;
 
-impl Platform for Board {
+impl app::Platform for Platform {
     fn reboot(&mut self) {
         reset::announce_reboot();
         SCB::sys_reset()
@@ -155,11 +159,6 @@ impl Platform for Board {
     fn stack(&self) -> Option<StackUse> {
         Some(stack::high_water())
     }
-
-    #[cfg(feature = "bench")]
-    fn test(&mut self, test: autoswing::console::BenchTest, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
-        bench::run(test, out)
-    }
 }
 
 #[embassy_executor::task]
@@ -167,37 +166,8 @@ async fn step() -> ! {
     lockstep::run().await
 }
 
+#[cfg(feature = "bench")]
 #[embassy_executor::task]
-async fn sensor(magnetometer: Sensor) -> ! {
-    app::sensor::run(&LINKS, magnetometer).await
-}
-
-#[embassy_executor::task]
-async fn attitude() -> ! {
-    app::attitude::run(&LINKS, &AUTOPILOT.received).await
-}
-
-#[embassy_executor::task]
-async fn stream() -> ! {
-    app::stream::run(&LINKS, UartTx { uart: &AUTOPILOT, written: lockstep::autopilot_written }).await
-}
-
-#[embassy_executor::task]
-async fn watch() -> ! {
-    app::watchdog::run(&LINKS, NoWatchdog).await
-}
-
-#[embassy_executor::task]
-async fn pulse() -> ! {
-    app::watchdog::pulse(&LINKS).await
-}
-
-#[embassy_executor::task]
-async fn compass(store: Store<StoreFlash>) -> ! {
-    app::compass::run(&LINKS, store).await
-}
-
-#[embassy_executor::task]
-async fn console(reset: ResetCause) -> ! {
-    app::console::run(&LINKS, &CONSOLE.received, UartTx { uart: &CONSOLE, written: || {} }, Board, reset).await
+async fn bench_tests() -> ! {
+    bench::run(CONSOLE_TX).await
 }

@@ -17,8 +17,8 @@ impl Register {
     }
 
     pub fn read(self) -> u32 {
-        // SAFETY: the address is of a peripheral of this machine, whose registers are aligned words. Those this firmware
-        // uses have no effect on memory.
+        // SAFETY: the address is of a peripheral of this machine, whose registers are aligned words. Those this
+        // firmware uses have no effect on memory.
         unsafe { core::ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
     }
 

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use autoswing::app::ResetCause;
+use autoswing::health::ResetCause;
 
 use crate::board::last_words;
 

@@ -85,7 +85,7 @@ impl Uart {
     }
 }
 
-/// The transmitter of a UART, and what is told of each write.
+/// The transmitter of a UART, and what is called after each write.
 pub struct UartTx {
     pub uart: &'static Uart,
     pub written: fn(),

@@ -1,6 +1,6 @@
 //! Why the module started.
 
-use autoswing::app::ResetCause;
+use autoswing::health::ResetCause;
 use embassy_stm32::pac;
 
 use crate::board::last_words;

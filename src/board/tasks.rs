@@ -1,0 +1,86 @@
+//! The tasks of the library with the types of the board that is chosen, as the executor wants them: concrete. This is
+//! the one list of them, for all boards.
+
+use autoswing::app::{self, Links};
+use autoswing::health::ResetCause;
+use autoswing::outlet::NmeaOutlet;
+use autoswing::store::Store;
+use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
+
+use super::chosen::{Magnetometer, Platform, StoreFlash, UartRx, UartTx, Watchdog};
+
+static LINKS: Links = Links::new();
+
+/// What a board brings up for the tasks.
+pub struct Hardware {
+    pub magnetometer: Magnetometer,
+    pub autopilot: (UartTx, UartRx),
+    pub console: (UartTx, UartRx),
+    pub watchdog: Watchdog,
+    pub flash: StoreFlash,
+    pub platform: Platform,
+    /// Why the module started.
+    pub reset: ResetCause,
+}
+
+/// Spawns all tasks: those that make headings above, on an executor that interrupts the other, those that may take long
+/// below.
+pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
+    let (autopilot_tx, autopilot_rx) = hardware.autopilot;
+    above.spawn(spawned(sensor(hardware.magnetometer)));
+    above.spawn(spawned(attitude(autopilot_rx)));
+    above.spawn(spawned(instrument()));
+    above.spawn(spawned(autopilot_outlet(autopilot_tx)));
+    above.spawn(spawned(watch(hardware.watchdog)));
+
+    let region = hardware.flash.region();
+    let (console_tx, console_rx) = hardware.console;
+    below.spawn(spawned(compass(Store::new(hardware.flash, region))));
+    below.spawn(spawned(console(console_rx, console_tx, hardware.platform, hardware.reset)));
+    below.spawn(spawned(pulse()));
+}
+
+/// Each task is spawned once, and there is room for one of each, so this cannot fail.
+pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    token.expect("one task of each")
+}
+
+#[embassy_executor::task]
+async fn sensor(magnetometer: Magnetometer) -> ! {
+    app::sensor::run(&LINKS, magnetometer).await
+}
+
+#[embassy_executor::task]
+async fn attitude(rx: UartRx) -> ! {
+    app::attitude::run(&LINKS, rx).await
+}
+
+#[embassy_executor::task]
+async fn instrument() -> ! {
+    app::instrument::run(&LINKS).await
+}
+
+#[embassy_executor::task]
+async fn autopilot_outlet(tx: UartTx) -> ! {
+    app::outlet::run(&LINKS, NmeaOutlet, tx).await
+}
+
+#[embassy_executor::task]
+async fn watch(watchdog: Watchdog) -> ! {
+    app::watchdog::run(&LINKS, watchdog).await
+}
+
+#[embassy_executor::task]
+async fn pulse() -> ! {
+    app::watchdog::pulse(&LINKS).await
+}
+
+#[embassy_executor::task]
+async fn compass(store: Store<StoreFlash>) -> ! {
+    app::compass::run(&LINKS, store).await
+}
+
+#[embassy_executor::task]
+async fn console(rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
+    app::console::run(&LINKS, rx, tx, platform, reset).await
+}
