@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use crate::calibration::{Calibration, Uncertainty};
-use crate::collection::averager;
 use crate::frames::{Attitude, Field, Sensor, wrap_two_pi};
 use crate::trig;
 
@@ -48,7 +47,8 @@ pub enum NoHeading {
     AttitudeStale,
     /// There is no calibration for this sensor and mounting.
     Uncalibrated,
-    /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer fits.
+    /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer
+    /// fits.
     FieldDisturbed,
 }
 
@@ -72,20 +72,14 @@ pub struct Config {
     /// Largest relative difference of the corrected total field from the one the calibration was found in. The Earth's
     /// own changes by some 10 % over 1000 km; twice that is something else.
     pub max_total_deviation: f32,
-    /// Cosine of the largest difference of the inclination from the one the calibration was found in: 12 deg, again twice
-    /// what 1000 km make, and more than the attitude error of a sharp manoeuvre.
+    /// Cosine of the largest difference of the inclination from the one the calibration was found in: 12 deg, again
+    /// twice what 1000 km make, and more than the attitude error of a sharp manoeuvre.
     pub min_cos_of_dip_deviation: f32,
-    /// How many of the readings that headings are made of were averaged to one sample of the calibration.
-    pub readings_per_sample: f32,
 }
 
 impl Config {
     /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
-    pub const DEFAULT: Self = Self {
-        max_total_deviation: 0.2,
-        min_cos_of_dip_deviation: 0.978_1,
-        readings_per_sample: averager::READINGS as f32,
-    };
+    pub const DEFAULT: Self = Self { max_total_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1 };
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
@@ -107,11 +101,12 @@ pub fn heading(
     if is_disturbed(config, calibration, &of_total) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad = uncertainty.heading_sigma_rad(calibration, &field, &tilt, &of_total, config.readings_per_sample);
+    let sigma_rad = uncertainty.heading_sigma_rad(calibration, field, &tilt, level);
     Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
 }
 
-/// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as disturbed.
+/// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as
+/// disturbed.
 fn is_disturbed(config: Config, calibration: &Calibration, field: &Vector3<f32>) -> bool {
     let horizontal_squared = field.x * field.x + field.y * field.y;
     let total_squared = horizontal_squared + field.z * field.z;

@@ -8,7 +8,9 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::uncertainty::{Covariance, Vector12, coefficient_row, heading_by_field};
+use super::likelihood::heading_by_field;
+use super::likelihood::unknowns::{Vector12, coefficients_row};
+use super::uncertainty::Covariance;
 use super::{Calibration, Method, Sample, Samples};
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
@@ -108,7 +110,7 @@ pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envel
         let level = Field::<Level>::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
         let tilt = attitude.tilt();
         let x = field_from_body * tilt.body(level).ut;
-        coefficient_row(&heading_by_field(&tilt, &level.ut), &x)
+        coefficients_row(&heading_by_field(&tilt, &level.ut), &x)
     };
     let mut sum = 0.0;
     let mut worst: f32 = 0.0;

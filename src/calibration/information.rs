@@ -3,8 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Samples;
-use super::likelihood::{Equations, Likelihood, Matrix13, Measured, Point, Quantity, System, Vector13, priors};
-use super::uncertainty::{COEFFICIENTS, Covariance, Uncertainty};
+use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, Matrix13, Vector13, d, w};
+use super::likelihood::{Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
+use super::uncertainty::{Covariance, Uncertainty};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -38,7 +39,9 @@ pub(super) fn uncertainty(
     let noise = &likelihood.noise;
     let attitude_sigma_rad =
         if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
-    let sensor_sigma = noise.norm / Units::new(likelihood, unknowns)?.per_unit;
+    // The mean of so many readings scatters less than one of them.
+    let of_a_reading = libm::sqrtf(f32::from(likelihood.readings_per_sample.max(1)));
+    let sensor_sigma = noise.norm * of_a_reading / Units::new(likelihood, unknowns)?.per_unit;
     Some(Uncertainty::new(covariance, sensor_sigma, attitude_sigma_rad)).filter(Uncertainty::is_finite)
 }
 
@@ -68,8 +71,8 @@ impl Information {
 
     /// Adds what samples say: one pass over them.
     #[inline(never)]
-    pub fn visit(&mut self, likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) {
-        likelihood.visit(samples, &Point::new(unknowns), &mut |equations| self.add(equations));
+    pub fn add_samples(&mut self, likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) {
+        likelihood.for_each_sample(samples, &Parameters::new(unknowns), &mut |equations| self.add(equations));
     }
 
     fn add(&mut self, equations: &Equations) {
@@ -87,11 +90,11 @@ impl Information {
     }
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
-    pub fn suppose(&mut self, likelihood: &Likelihood, point: &Point, attitude: Attitude, heading_rad: f32) {
+    pub fn suppose(&mut self, likelihood: &Likelihood, parameters: &Parameters, attitude: Attitude, heading_rad: f32) {
         let tilt = attitude.tilt();
-        let Some(x) = point.expected_field(&tilt, heading_rad) else { return };
+        let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
         let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
-        let equations = Equations::new(point, &measured, &likelihood.noise, &likelihood.config, true);
+        let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, true);
         let before = self.correlation;
         self.add(&equations);
         // Its residual is nothing, which says nothing of the noise.
@@ -102,7 +105,8 @@ impl Information {
     /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
     ///
     /// Errors of an attitude source stay alike for about half a second; with lag-1 autocorrelation rho of the dip
-    /// residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so that the estimator's covariance is
+    /// residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so that the estimator's
+    /// covariance is
     /// `H^-1 (H + H_dip 2 rho / (1 - rho)) H^-1`.
     ///
     /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
@@ -158,9 +162,9 @@ impl Information {
         likelihood: &Likelihood,
         unknowns: &Vector13,
     ) -> Option<impl Iterator<Item = Quantity>> {
-        let mut left = [None; 4];
+        let mut left = [None; Quantity::COUNT];
         let mut determined = true;
-        priors(likelihood, &Point::new(unknowns), &mut |prior| {
+        for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
             let Some(column) = self.system.covariance_times(&prior.row) else {
                 determined = false;
                 return;
@@ -178,8 +182,9 @@ impl Information {
     }
 }
 
-/// Takes changes of the unknowns `W` and `d` to changes of `W` in chip axes with a determinant of one, and of `beta`. The
-/// corrected field changes by `dW x + dd`, with `x` the field less the mean. Less the hard iron it is `x + W^-1 d`, so that
+/// Takes changes of the unknowns `W` and `d` to changes of `W` in chip axes with a determinant of one, and of `beta`.
+/// The corrected field changes by `dW x + dd`, with `x` the field less the mean. Less the hard iron it is `x + W^-1 d`,
+/// so that
 /// `d beta = dW W^-1 d - dd`.
 struct Units {
     /// Makes the determinant one.
@@ -192,21 +197,23 @@ struct Units {
 
 impl Units {
     fn new(likelihood: &Likelihood, unknowns: &Vector13) -> Option<Self> {
-        let point = Point::new(unknowns);
-        let per_unit = trig::reciprocal_cbrt(point.w.determinant());
-        Some(Self { per_unit, mount: likelihood.rotation.transpose() * per_unit, from_b: point.mean_from_b()? })
+        let parameters = Parameters::new(unknowns);
+        let per_unit = trig::reciprocal_cbrt(parameters.w.determinant());
+        Some(Self { per_unit, mount: likelihood.rotation.transpose() * per_unit, from_b: parameters.mean_from_b()? })
     }
 
-    /// The `i`-th coefficient by the unknowns.
+    /// Derivative of the `i`-th coefficient by the unknowns.
     fn row(&self, i: usize) -> Vector13 {
-        let mut row = Vector13::zeros();
-        let axis = i % 3;
-        if i < 9 {
-            row.fixed_rows_mut::<3>(i - axis).copy_from(&self.mount.row(axis).transpose());
-        } else {
-            row.fixed_rows_mut::<3>(3 * axis).copy_from(&self.from_b);
-            row[i] = -1.0;
+        let mut derivative = Vector13::zeros();
+        match Coefficient::at(i) {
+            Coefficient::W { row, column } => {
+                derivative.fixed_rows_mut::<3>(w(row, 0)).copy_from(&self.mount.row(column).transpose());
+            }
+            Coefficient::Beta(axis) => {
+                derivative.fixed_rows_mut::<3>(w(axis, 0)).copy_from(&self.from_b);
+                derivative[d(axis)] = -1.0;
+            }
         }
-        row
+        derivative
     }
 }

@@ -17,13 +17,13 @@
 //! | normal equations in `f32` | 1.00 | not positive definite in some compass swings |
 //! | triangle in `f32` (in use) | 1.00 | as with `f64` |
 //!
-//! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller (of
-//! 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms on a
-//! PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim bench
-//! budget`), and with all that is beneath it 12 KB of stack.
+//! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller
+//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms
+//! on a PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim
+//! bench budget`), and with all that is beneath it 12 KB of stack.
 //!
-//! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what keeps
-//! the digits.
+//! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what
+//! keeps the digits.
 
 use super::Samples;
 use super::likelihood::{Likelihood, System, Vector13};
@@ -31,9 +31,6 @@ use super::likelihood::{Likelihood, System, Vector13};
 /// Steps between two rounds; turns to both sides take three. Thin data can make a long, bent valley of unknowns that
 /// hardly matter to the heading: then this ends it, and what is left of the way is carried as uncertainty.
 const MAX_STEPS: u8 = 40;
-
-/// Growth of the damping after a first failed step.
-const FIRST_GROWTH: f32 = 4.0;
 
 /// The unknowns have settled when a step promises to lower the cost by less than this, in units of half a sigma
 /// squared: 0.03 sigma of the worst direction.
@@ -57,6 +54,41 @@ pub(super) enum Progress {
     Failed,
 }
 
+/// By how much a step is shortened (Levenberg-Marquardt): the part of the information's diagonal that is added to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Damping {
+    value: f32,
+    /// By what a step that fails multiplies it.
+    growth: f32,
+}
+
+impl Damping {
+    /// Growth after a first failed step.
+    const FIRST_GROWTH: f32 = 4.0;
+    /// Steps so short that nothing moves any more.
+    const MAX: f32 = 1e6;
+    /// No damping to `f32`.
+    const MIN: f32 = 1e-9;
+
+    /// For a start that may be far off.
+    const START: Self = Self { value: 1e-3, growth: Self::FIRST_GROWTH };
+    /// For new weights around unknowns that had settled with the old ones.
+    const REWEIGHTED: f32 = 1e-6;
+
+    /// After a step that brought a share of the gain it had promised: a tenth if all of it came true, more if half did
+    /// not (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
+    fn after_success(self, share: f32) -> Self {
+        let excess = 2.0 * share.clamp(0.0, 1.0) - 1.0;
+        let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN);
+        Self { value, growth: Self::FIRST_GROWTH }
+    }
+
+    /// After a step that made things worse: the more, the oftener in a row.
+    fn after_failure(self) -> Self {
+        Self { value: self.value * self.growth, growth: 2.0 * self.growth }
+    }
+}
+
 /// A refinement under way. Each [`step`](Self::step) is one pass over the samples. About 1 KB.
 #[derive(Debug)]
 pub(super) struct Refinement {
@@ -65,9 +97,7 @@ pub(super) struct Refinement {
     /// Whether the unknowns may move; if not, only the noise is estimated.
     moves: bool,
     system: System,
-    damping: f32,
-    /// By what a step that fails multiplies the damping.
-    growth: f32,
+    damping: Damping,
     /// Rounds of weights so far.
     rounds: u8,
     /// Steps since the last.
@@ -78,10 +108,10 @@ impl Refinement {
     /// Begins at a start. With `moves` false the unknowns stay, and only the noise around them is found.
     pub fn new(likelihood: Likelihood, samples: Samples<'_>, unknowns: Vector13, moves: bool) -> Self {
         let system = likelihood.linearise(samples, &unknowns);
-        Self { likelihood, unknowns, moves, system, damping: 1e-3, growth: FIRST_GROWTH, rounds: 0, steps: 0 }
+        Self { likelihood, unknowns, moves, system, damping: Damping::START, rounds: 0, steps: 0 }
     }
 
-    /// One pass over the samples, which must be those it began with.
+    /// One pass over the samples, which must be those it began with. Not inlined, which bounds the solver's stack.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         if self.moves {
@@ -97,14 +127,14 @@ impl Refinement {
         self.steps = 0;
         self.likelihood.reweight(&self.system, &self.unknowns);
         self.system = self.likelihood.linearise(samples, &self.unknowns);
-        self.damping = 1e-6;
+        self.damping.value = Damping::REWEIGHTED;
         Progress::Continue
     }
 
     /// One Levenberg-Marquardt step.
     fn descend(&mut self, samples: Samples<'_>) -> Progress {
         self.steps += 1;
-        let Some((change, promised)) = self.system.step(self.damping) else { return Progress::Failed };
+        let Some((change, promised)) = self.system.step(self.damping.value) else { return Progress::Failed };
         let trial = self.unknowns + change;
         let system = self.likelihood.linearise(samples, &trial);
         let tolerance = if self.likelihood.refined { REFINED_TOLERANCE } else { f32::MIN_POSITIVE };
@@ -112,17 +142,12 @@ impl Refinement {
         if gained >= -tolerance {
             self.unknowns = trial;
             self.system = system;
-            // As little damping as the last gain allows: a tenth if all that was promised came true, more if half did not
-            // (Nielsen's rule). A gain within the tolerance says nothing.
-            let share = if promised > tolerance { (gained / promised).clamp(0.0, 1.0) } else { 1.0 };
-            let excess = 2.0 * share - 1.0;
-            self.damping = (self.damping * (1.0 - excess * excess * excess).max(0.1)).max(1e-9);
-            self.growth = FIRST_GROWTH;
+            // A gain within the tolerance says nothing.
+            self.damping = self.damping.after_success(if promised > tolerance { gained / promised } else { 1.0 });
         } else {
-            self.damping *= self.growth;
-            self.growth *= 2.0;
+            self.damping = self.damping.after_failure();
         }
-        let goes_on = promised.abs() > SETTLED && self.damping < 1e6 && self.steps < MAX_STEPS;
+        let goes_on = promised.abs() > SETTLED && self.damping.value < Damping::MAX && self.steps < MAX_STEPS;
         if goes_on { Progress::Continue } else { Progress::Settled }
     }
 }

@@ -16,7 +16,7 @@ use crate::calibration::verification::{self, Scores};
 use crate::calibration::{
     Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
 };
-use crate::collection::{Collector, Recent};
+use crate::collection::{Collector, Recent, averager};
 use crate::frames::wrap_pi;
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
@@ -311,7 +311,7 @@ impl Compass {
             return Err(Refusal::NoSamples);
         }
         let inclination_rad = self.settings.inclination_deg.map(f32::to_radians);
-        let prior = Prior { mount: self.settings.mount, inclination_rad };
+        let prior = Prior { mount: self.settings.mount, inclination_rad, readings_per_sample: averager::READINGS };
         let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
         let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;

@@ -93,11 +93,12 @@ pub struct Replayed {
 /// Replays a flight. The rows are in the order of time.
 #[must_use]
 pub fn replay(rows: &[Row], options: &Options) -> Replayed {
+    let readings = readings_per_sample(rows);
     let prior = Prior {
         mount: Orientation::NONE,
         inclination_rad: options.inclination_deg.map(|degrees| degrees.to_radians() as f32),
+        readings_per_sample: readings,
     };
-    let readings = readings_per_sample(rows);
     let usable: Vec<Sample> = fitted(rows, options, readings);
     let (result, samples) = match options.selected {
         Selected::All => from_all(&usable, &prior),
@@ -109,8 +110,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
-    let shown: Vec<Shown> =
-        solution.iter().flat_map(|solution| rows.iter().map(|row| show(solution, row, readings))).collect();
+    let shown: Vec<Shown> = solution.iter().flat_map(|solution| rows.iter().map(|row| show(solution, row))).collect();
     let mut each = shown.iter();
     let score = solution.and_then(|_| score(rows, |_| each.next().map(|s| (s.heading_deg, s.sigma_deg))));
     Replayed { solution, accepted, samples, shown, score, uncorrected }
@@ -213,8 +213,8 @@ fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
     f64::from(row.attitude.level(calibration.apply(row.field)).heading_rad().to_degrees())
 }
 
-fn show(solution: &Solution, row: &Row, readings: u16) -> Shown {
-    let config = heading::Config { readings_per_sample: f32::from(readings), ..heading::Config::DEFAULT };
+fn show(solution: &Solution, row: &Row) -> Shown {
+    let config = heading::Config::DEFAULT;
     // The heading is shown in any field; whether it would have been sent is its status.
     let any = heading::Config { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1, ..config };
     let of = |config| heading(config, &solution.calibration, &solution.uncertainty, row.field, row.attitude);

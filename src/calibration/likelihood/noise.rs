@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::view::View;
+use super::Prediction;
 
 /// Standard deviations of sensor and attitude, re-estimated from the residuals.
 #[derive(Clone, Debug)]
@@ -66,8 +66,8 @@ impl Noise {
 
     /// Variance of the heading of one sample, given its derivative by the corrected field. A tilt of the level frame
     /// turns the heading by `tan(dip)` times the tilt towards the field.
-    pub fn heading_variance(&self, by_field: &Vector3<f32>, view: &View) -> f32 {
-        let tan_dip = view.level.z / view.horizontal;
+    pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &Prediction) -> f32 {
+        let tan_dip = prediction.level.z / prediction.horizontal;
         let attitude = self.attitude_sigma_rad() * tan_dip;
         self.w.tr_mul(by_field).norm_squared() * self.norm * self.norm + attitude * attitude
     }
