@@ -134,3 +134,16 @@ fn assumed(information: &Information, likelihood: &Likelihood, unknowns: &Vector
     }
     assumed
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn manoeuvres_have_words_and_banks() {
+        let said = |manoeuvre: Manoeuvre| (manoeuvre.to_string(), manoeuvre.roll_deg());
+        assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), -25.0));
+        assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), 40.0));
+        assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), 0.0));
+    }
+}

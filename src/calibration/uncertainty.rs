@@ -138,13 +138,19 @@ impl Uncertainty {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::super::likelihood::unknowns::coefficients_row;
+    use super::super::rows;
+    use super::super::tests::derivatives::{assert_derivative, derivative};
+    use super::super::tests::synthetic::{Random, vector};
     use super::*;
+    use crate::frames::{Attitude, wrap_pi};
 
     /// The sixty numbers are the 78 as far as headings go: on any covariance, to the digits of `f32`.
     #[test]
     fn a_heading_s_variance_is_that_of_the_whole_covariance() {
-        let mut random = testkit::random::Random(1);
+        let mut random = Random(1);
         let mut number = || random.uniform(-1.0, 1.0);
         for _ in 0..50 {
             let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
@@ -158,5 +164,162 @@ mod tests {
             let found = Uncertainty::new(&covariance, 0.0, 0.0).variance(&f, &x);
             assert!((found - exact).abs() < 1e-5 * exact.max(1.0), "{found} {exact}");
         }
+    }
+
+    /// A calibration, and a reading at an attitude that it makes a heading of.
+    struct Case {
+        calibration: Calibration,
+        attitude: Attitude,
+        reading: Field<Sensor>,
+    }
+
+    impl Case {
+        /// Bad airframes at any bank, the field no closer to the vertical than 25 deg.
+        fn random(random: &mut Random) -> Self {
+            let w = Matrix3::identity() + Matrix3::from_fn(|_, _| random.uniform(-0.2, 0.2));
+            let calibration = Calibration {
+                w: rows(&w),
+                b_ut: vector(random, 40.0).into(),
+                inclination_rad: random.uniform(-1.1, 1.1),
+                total_ut: random.uniform(30.0, 60.0),
+            };
+            let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
+            let level = Field::earth(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
+            let reading = w.try_inverse().unwrap() * attitude.body(level).ut + calibration.b_vector_ut();
+            Self { calibration, attitude, reading: Field::new(reading) }
+        }
+
+        fn heading_rad(&self, calibration: &Calibration) -> f32 {
+            self.attitude.level(calibration.apply(self.reading)).heading_rad()
+        }
+
+        fn sigma_rad(&self, uncertainty: &Uncertainty) -> f32 {
+            let tilt = self.attitude.tilt();
+            let level = tilt.level(self.calibration.apply(self.reading));
+            uncertainty.heading_sigma_rad(&self.calibration, self.reading, &tilt, level)
+        }
+
+        /// The calibration with its coefficients moved: `W` by elements, and `b` so that the corrected field is less by
+        /// `beta` of the total.
+        fn moved(&self, direction: &Vector12, step: f32) -> Calibration {
+            let change = |i: usize| direction[i] * step;
+            let before = self.calibration.w_matrix();
+            let after = before + Matrix3::from_fn(|row, column| change(w(row, column)));
+            let of_total = Vector3::from_fn(|axis, _| change(beta(axis)));
+            let b_ut =
+                self.calibration.b_vector_ut() + after.try_inverse().unwrap() * of_total * self.calibration.total_ut;
+            Calibration { w: rows(&after), b_ut: b_ut.into(), ..self.calibration }
+        }
+    }
+
+    /// The row of the coefficients holds the changes of the heading that a changed calibration shows.
+    #[test]
+    fn the_heading_by_the_coefficients() {
+        let mut random = Random(2);
+        for _ in 0..20 {
+            let case = Case::random(&mut random);
+            let tilt = case.attitude.tilt();
+            let total_ut = case.calibration.total_ut;
+            let level = tilt.level(case.calibration.apply(case.reading)).ut / total_ut;
+            let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
+            let row = coefficients_row(&heading_by_field(&tilt, &level), &x);
+            let here = case.heading_rad(&case.calibration);
+            for i in 0..COEFFICIENTS {
+                let direction = Vector12::ith(i, 1.0);
+                let turned = |step| wrap_pi(case.heading_rad(&case.moved(&direction, step)) - here);
+                assert_derivative(row[i], turned, &format!("heading by coefficient {i}"));
+            }
+        }
+    }
+
+    /// Coefficients that are wrong by a sigma in one direction turn a heading by its sigma: the whole way from a
+    /// covariance to a heading's sigma, against calibrations that are wrong.
+    #[test]
+    fn sigma_is_what_wrong_coefficients_do() {
+        let mut random = Random(3);
+        for _ in 0..20 {
+            let case = Case::random(&mut random);
+            let direction = Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0));
+            let mut covariance = Covariance::EXACT;
+            covariance.fill(|i, j| direction[i] * direction[j]).unwrap();
+            let here = case.heading_rad(&case.calibration);
+            let turned =
+                derivative(|step| wrap_pi(case.heading_rad(&case.moved(&(direction * 0.3), step)) - here)) / 0.3;
+            let sigma_rad = case.sigma_rad(&Uncertainty::new(&covariance, 0.0, 0.0));
+            assert!((sigma_rad - turned.abs()).abs() < 0.005 + 0.002 * sigma_rad, "{sigma_rad} {turned}");
+        }
+    }
+
+    /// A sigma of noise on each axis of the sensor, and on roll and pitch, turn the heading by its sigma.
+    #[test]
+    fn sigma_is_what_noise_does() {
+        let mut random = Random(4);
+        for _ in 0..20 {
+            let case = Case::random(&mut random);
+            let here = case.heading_rad(&case.calibration);
+            let total_ut = case.calibration.total_ut;
+            let by_reading = |axis: usize| {
+                derivative(|step| {
+                    let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
+                    let level = case.attitude.level(case.calibration.apply(Field::new(reading)));
+                    wrap_pi(level.heading_rad() - here)
+                })
+            };
+            let by_attitude = |roll: f32, pitch: f32| {
+                derivative(|step| {
+                    let Attitude { roll_rad, pitch_rad } = case.attitude;
+                    let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
+                    wrap_pi(attitude.level(case.calibration.apply(case.reading)).heading_rad() - here)
+                })
+            };
+            let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
+            let attitude = by_attitude(1.0, 0.0).hypot(by_attitude(0.0, 1.0));
+            for (sensor_sigma, attitude_sigma_rad) in [(0.01, 0.0), (0.0, 0.01), (0.003, 0.004)] {
+                let uncertainty = Uncertainty { sensor_sigma, attitude_sigma_rad, ..Uncertainty::NONE };
+                let (found, expected) =
+                    (case.sigma_rad(&uncertainty), (sensor * sensor_sigma).hypot(attitude * attitude_sigma_rad));
+                assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+            }
+        }
+    }
+
+    /// Straight up and down there is no heading: its sigma is large, and a number.
+    #[test]
+    fn next_to_a_pole_sigma_is_finite() {
+        let calibration = Calibration { total_ut: 50.0, ..Calibration::uncalibrated(super::super::Orientation::NONE) };
+        let uncertainty = Uncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..Uncertainty::NONE };
+        let sensor = Field::from_ut(0.0, 0.0, 50.0);
+        let tilt = Attitude::default().tilt();
+        let sigma_rad =
+            uncertainty.heading_sigma_rad(&calibration, sensor, &tilt, tilt.level(calibration.apply(sensor)));
+        assert!(sigma_rad.is_finite() && sigma_rad > 3.0, "{sigma_rad}");
+    }
+
+    /// What comes out of flash may be anything.
+    #[test]
+    fn every_number_must_be_finite() {
+        assert!(Uncertainty::NONE.is_finite());
+        let spoilt = |spoil: &dyn Fn(&mut Uncertainty)| {
+            let mut uncertainty = Uncertainty::NONE;
+            spoil(&mut uncertainty);
+            uncertainty.is_finite()
+        };
+        for bad in [f32::NAN, f32::INFINITY] {
+            assert!(!spoilt(&|u| u.sensor_sigma = bad) && !spoilt(&|u| u.attitude_sigma_rad = bad));
+            assert!(!spoilt(&|u| u.products[0][0] = bad) && !spoilt(&|u| u.products[5][9] = bad));
+        }
+        let mut covariance = Covariance::EXACT;
+        assert!(covariance.fill(|_, _| 1.0).is_some());
+        assert!(covariance.fill(|i, j| if (i, j) == (11, 11) { f32::NAN } else { 1.0 }).is_none());
+    }
+
+    /// Rounding may leave a variance below nothing; a sigma is a number all the same.
+    #[test]
+    fn a_variance_is_never_negative() {
+        let mut covariance = Covariance::EXACT;
+        covariance.fill(|i, j| if i == j { -1.0 } else { 0.0 }).unwrap();
+        assert_eq!(covariance.variance(&Vector12::ith(3, 1.0)).to_bits(), 0);
+        let uncertainty = Uncertainty::new(&covariance, 0.0, 0.0);
+        assert_eq!(uncertainty.variance(&Vector3::x(), &Vector3::y()).to_bits(), 0);
     }
 }

@@ -2,11 +2,13 @@
 //! in
 //! `symmetry`, which method when and what to fly in `guidance`.
 
+pub(super) mod derivatives;
 mod guidance;
+mod likelihood;
 mod methods;
 mod robustness;
 mod symmetry;
-mod synthetic;
+pub(super) mod synthetic;
 
 use nalgebra::{Matrix3, Vector3};
 
