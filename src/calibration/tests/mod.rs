@@ -3,6 +3,7 @@
 //! `symmetry`, which method when and what to fly in `guidance`.
 
 pub(super) mod derivatives;
+mod forecast;
 mod guidance;
 mod likelihood;
 mod methods;
