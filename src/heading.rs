@@ -47,7 +47,8 @@ pub enum NoHeading {
     AttitudeStale,
     /// There is no calibration for this sensor and mounting.
     Uncalibrated,
-    /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer fits.
+    /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer
+    /// fits.
     FieldDisturbed,
 }
 
@@ -71,21 +72,17 @@ pub struct Config {
     /// Largest relative difference of the corrected total field from the one the calibration was found in. The Earth's
     /// own changes by some 10 % over 1000 km; twice that is something else.
     pub max_total_deviation: f32,
-    /// Cosine of the largest difference of the inclination from the one the calibration was found in: 12 deg, again twice
-    /// what 1000 km make, and more than the attitude error of a sharp manoeuvre.
+    /// Cosine of the largest difference of the inclination from the one the calibration was found in: 12 deg, again
+    /// twice what 1000 km make, and more than the attitude error of a sharp manoeuvre.
     pub min_cos_of_dip_deviation: f32,
-    /// How many of the readings that headings are made of were averaged to one sample of the calibration.
-    pub readings_per_sample: f32,
 }
 
 impl Config {
     /// Numbers for aircraft that stay within 1000 km of where they were calibrated.
-    pub const DEFAULT: Self =
-        Self { max_total_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1, readings_per_sample: 8.0 };
+    pub const DEFAULT: Self = Self { max_total_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1 };
 
     /// Believes every field: for showing what is not sent.
-    pub const ANY_FIELD: Self =
-        Self { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1, ..Self::DEFAULT };
+    pub const ANY_FIELD: Self = Self { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1 };
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
@@ -107,11 +104,12 @@ pub fn heading(
     if is_disturbed(config, calibration, &of_total) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad = uncertainty.heading_sigma_rad(calibration, &field, &tilt, &of_total, config.readings_per_sample);
+    let sigma_rad = uncertainty.heading_sigma_rad(calibration, field, &tilt, level);
     Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
 }
 
-/// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as disturbed.
+/// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as
+/// disturbed.
 fn is_disturbed(config: Config, calibration: &Calibration, field: &Vector3<f32>) -> bool {
     let horizontal_squared = field.x * field.x + field.y * field.y;
     let total_squared = horizontal_squared + field.z * field.z;
@@ -155,15 +153,107 @@ mod tests {
         }
     }
 
-    #[test]
-    fn another_field_is_not_a_heading() {
-        let level = Attitude::default();
-        for (total_ut, inclination_rad) in [(65.0, 1.0), (38.0, 1.0), (50.0, 0.7), (50.0, 1.3), (f32::NAN, 1.0)] {
-            let field = measured(total_ut, inclination_rad, 0.5, level);
-            assert_eq!(
-                heading(Config::DEFAULT, &clean(), &Uncertainty::NONE, field, level),
-                Err(NoHeading::FieldDisturbed)
-            );
+    /// What the sensor sees of this field at a heading of 0.5 rad, and whether that is a heading.
+    fn believed(config: Config, total_ut: f32, inclination_rad: f32, attitude: Attitude) -> bool {
+        let field = measured(total_ut, inclination_rad, 0.5, attitude);
+        match heading(config, &clean(), &Uncertainty::NONE, field, attitude) {
+            Ok(_) => true,
+            Err(why) => {
+                assert_eq!(why, NoHeading::FieldDisturbed);
+                false
+            }
         }
+    }
+
+    const ATTITUDES_DEG: [(f32, f32); 3] = [(0.0, 0.0), (40.0, 5.0), (-30.0, -15.0)];
+
+    /// 20 % either way of the calibration's 50 microtesla.
+    #[test]
+    fn a_field_of_another_strength_is_not_believed() {
+        for (total_ut, expected) in [(50.0, true), (59.9, true), (60.1, false), (40.1, true), (39.9, false)] {
+            for (roll_deg, pitch_deg) in ATTITUDES_DEG {
+                let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                assert_eq!(believed(Config::DEFAULT, total_ut, 1.0, attitude), expected, "{total_ut} uT {attitude:?}");
+            }
+        }
+    }
+
+    /// 12 deg either way of the calibration's inclination.
+    #[test]
+    fn a_field_of_another_inclination_is_not_believed() {
+        for (off_deg, expected) in [(0.0, true), (11.9, true), (12.1, false), (-11.9, true), (-12.1, false)] {
+            for (roll_deg, pitch_deg) in ATTITUDES_DEG {
+                let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+                let inclination_rad = 1.0 + f32::to_radians(off_deg);
+                let found = believed(Config::DEFAULT, 50.0, inclination_rad, attitude);
+                assert_eq!(found, expected, "{off_deg} deg {attitude:?}");
+            }
+        }
+        // The same inclination on the other side of the equator is another field.
+        assert!(!believed(Config::DEFAULT, 50.0, -1.0, Attitude::default()));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_disturbed() {
+        for (total_ut, inclination_rad) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (50.0, f32::NAN)] {
+            assert!(!believed(Config::DEFAULT, total_ut, inclination_rad, Attitude::default()));
+        }
+        let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+        let field = measured(50.0, 1.0, 0.5, Attitude::default());
+        let found = heading(Config::DEFAULT, &clean(), &Uncertainty::NONE, field, nowhere);
+        assert_eq!(found, Err(NoHeading::FieldDisturbed));
+    }
+
+    /// A limit that is larger than the whole is no limit below.
+    #[test]
+    fn every_field_can_be_believed() {
+        for (total_ut, inclination_rad) in [(5.0, 1.0), (500.0, 1.0), (50.0, -1.0), (50.0, 0.0)] {
+            assert!(believed(Config::ANY_FIELD, total_ut, inclination_rad, Attitude::default()));
+        }
+        let lenient = Config { max_total_deviation: 1.5, ..Config::DEFAULT };
+        assert!(believed(lenient, 1.0, 1.0, Attitude::default()));
+        assert!(!believed(lenient, 126.0, 1.0, Attitude::default()));
+    }
+
+    /// An attitude that is wrong by 0.5 deg, and a sensor that is not: a tilt error turns the heading by tan(dip) of it.
+    #[test]
+    fn sigma_is_that_of_this_attitude_and_field() {
+        let mut uncertainty = Uncertainty::NONE;
+        uncertainty.attitude_sigma_rad = 0.5_f32.to_radians();
+        let field = measured(50.0, 1.0, 0.5, Attitude::default());
+        let found = heading(Config::DEFAULT, &clean(), &uncertainty, field, Attitude::default()).unwrap();
+        let expected_deg = 0.5 * 1.0_f32.tan();
+        assert!((found.sigma_deg() - expected_deg).abs() < 1e-3, "{} {expected_deg}", found.sigma_deg());
+        // A reading's noise of 1 % of the total field is 1 % over the horizontal part of it in heading.
+        let mut uncertainty = Uncertainty::NONE;
+        uncertainty.sensor_sigma = 0.01;
+        let found = heading(Config::DEFAULT, &clean(), &uncertainty, field, Attitude::default()).unwrap();
+        let expected_deg = (0.01 / 1.0_f32.cos()).to_degrees();
+        assert!((found.sigma_deg() - expected_deg).abs() < 1e-3, "{} {expected_deg}", found.sigma_deg());
+    }
+
+    #[test]
+    fn a_heading_turns_round_the_circle_with_its_sigma() {
+        let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01 };
+        for (by_deg, to_deg) in [(20.0, 10.0), (-20.0, 330.0), (0.0, 350.0), (-355.0, 355.0)] {
+            let turned = heading.turned_by(by_deg);
+            assert!((turned.magnetic_deg() - to_deg).abs() < 1e-3, "{by_deg}: {turned:?}");
+            assert!((turned.sigma_deg() - 0.572_96).abs() < 1e-4);
+        }
+    }
+
+    /// Whoever reads the sentences relies on these.
+    #[test]
+    fn every_want_of_a_heading_has_its_code() {
+        let codes = [
+            NoHeading::SensorSilent,
+            NoHeading::SensorSaturated,
+            NoHeading::AttitudeStale,
+            NoHeading::Uncalibrated,
+            NoHeading::FieldDisturbed,
+        ]
+        .map(NoHeading::code);
+        let expected = ["sensor-silent", "sensor-saturated", "attitude-stale", "uncalibrated", "field-disturbed"];
+        assert_eq!(codes, expected);
     }
 }

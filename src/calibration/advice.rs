@@ -8,7 +8,7 @@ use core::fmt;
 
 use super::expected_error::{self, Deviation, Envelope};
 use super::information::{Consider, Information};
-use super::likelihood::{Likelihood, Point, Quantity, Vector13};
+use super::likelihood::{Likelihood, Parameters, Quantity, Vector13};
 use super::uncertainty::Covariance;
 use super::{Calibration, Side};
 use crate::frames::Attitude;
@@ -100,14 +100,14 @@ pub(super) fn advise(
         expected_error::expected(calibration, &covariance, envelope)
     };
     let now = expected(information)?;
-    let point = Point::new(unknowns);
+    let parameters = Parameters::new(unknowns);
     let (manoeuvre, with_it_deg) = Manoeuvre::ALL
         .into_iter()
         .filter_map(|manoeuvre| {
             let mut supposed = information.clone();
             let attitude = Attitude::from_deg(manoeuvre.roll_deg(), 0.0);
             for i in 0..SAMPLES {
-                supposed.suppose(likelihood, &point, attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
+                supposed.suppose(likelihood, &parameters, attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
             }
             Some((manoeuvre, expected(&supposed)?.rms_deg))
         })
@@ -133,4 +133,17 @@ fn assumed(information: &Information, likelihood: &Likelihood, unknowns: &Vector
         }
     }
     assumed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn manoeuvres_have_words_and_banks() {
+        let said = |manoeuvre: Manoeuvre| (manoeuvre.to_string(), manoeuvre.roll_deg());
+        assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), -25.0));
+        assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), 40.0));
+        assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), 0.0));
+    }
 }

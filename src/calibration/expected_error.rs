@@ -8,7 +8,9 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::uncertainty::{Covariance, Vector12, coefficient_row, heading_by_field};
+use super::likelihood::heading_by_field;
+use super::likelihood::unknowns::{Vector12, coefficients_row};
+use super::uncertainty::Covariance;
 use super::{Calibration, Method, Sample, Samples};
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
@@ -108,7 +110,7 @@ pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envel
         let level = Field::<Level>::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
         let tilt = attitude.tilt();
         let x = field_from_body * tilt.body(level).ut;
-        coefficient_row(&heading_by_field(&tilt, &level.ut), &x)
+        coefficients_row(&heading_by_field(&tilt, &level.ut), &x)
     };
     let mut sum = 0.0;
     let mut worst: f32 = 0.0;
@@ -154,4 +156,127 @@ fn harmonic(times: f32, covariance: &Covariance, row: &impl Fn(f32, u8) -> Vecto
     };
     // A sine of amplitude c has a mean square of c^2 / 2.
     coefficient(|angle_rad| trig::sin_cos(angle_rad).0).midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::super::likelihood::unknowns::{beta, w};
+    use super::super::tests::synthetic::{largest, mean, rms};
+    use super::super::{Orientation, rows};
+    use super::*;
+    use crate::frames::wrap_pi;
+    use crate::time::WrappingMillis;
+
+    fn clean() -> Calibration {
+        Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    }
+
+    /// What is expected when coefficients are wrong together, 1 sigma each.
+    fn expected_of(wrong: &[(usize, f32)], envelope: Envelope) -> Expected {
+        let mut direction = Vector12::zeros();
+        for &(index, size) in wrong {
+            direction[index] = size;
+        }
+        let mut covariance = Covariance::EXACT;
+        covariance.fill(|i, j| direction[i] * direction[j]).unwrap();
+        expected(&clean(), &covariance, envelope).unwrap()
+    }
+
+    /// Heading errors of a calibration that is wrong by so much, degrees, at twelve headings of each bank.
+    fn errors_deg(w: Matrix3<f32>, beta: [f32; 3], banks_deg: &[f32]) -> Vec<f32> {
+        let wrong = Calibration { w: rows(&(Matrix3::identity() + w)), b_ut: beta, ..clean() };
+        let error = |bank_deg: f32, step: u8| {
+            let heading_rad = f32::from(step) * FRAC_PI_6;
+            let attitude = Attitude::from_deg(bank_deg, 0.0);
+            let field = Field::new(attitude.body(Field::earth(1.0, 0.9, heading_rad)).ut);
+            wrap_pi(attitude.level(wrong.apply(field)).heading_rad() - heading_rad).to_degrees()
+        };
+        banks_deg.iter().flat_map(|&bank_deg| (0..12).map(move |step| error(bank_deg, step))).collect()
+    }
+
+    /// The parts by what makes them, as an adjuster knows them: a sensor turned about the vertical, hard iron in the
+    /// horizontal, soft iron there, and the vertical response, which only shows in a bank.
+    #[test]
+    fn the_weakest_part_is_that_of_its_cause() {
+        let turned = [(w(0, 1), -0.02), (w(1, 0), 0.02)];
+        let constant = expected_of(&turned, Envelope::Banked).weakest;
+        assert_eq!(constant.0, Deviation::Constant);
+        assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
+        for axis in [0, 1] {
+            let semicircular = expected_of(&[(beta(axis), 0.02)], Envelope::Banked).weakest;
+            assert_eq!(semicircular.0, Deviation::Semicircular);
+            // A sine of 0.02 over the horizontal field.
+            let amplitude_deg = (0.02 / 0.9_f32.cos()).to_degrees();
+            assert!((semicircular.1 - amplitude_deg / 2_f32.sqrt()).abs() < 0.01, "{semicircular:?}");
+        }
+        for wrong in [&[(w(0, 0), 0.02), (w(1, 1), -0.02)], &[(w(0, 1), 0.02), (w(1, 0), 0.02)]] {
+            let quadrantal = expected_of(wrong, Envelope::Level).weakest;
+            assert_eq!(quadrantal.0, Deviation::Quadrantal);
+            assert!((quadrantal.1 - 0.02_f32.to_degrees() / 2_f32.sqrt()).abs() < 0.01, "{quadrantal:?}");
+        }
+        let heeling = expected_of(&[(beta(2), 0.02)], Envelope::Banked).weakest;
+        assert_eq!(heeling.0, Deviation::Heeling);
+        let [right, left] = [30.0, -30.0].map(|bank_deg| errors_deg(Matrix3::zeros(), [0.0, 0.0, 0.02], &[bank_deg]));
+        let halves: Vec<f32> = right.iter().zip(left).map(|(right, left)| (right - left) / 2.0).collect();
+        assert!((heeling.1 - rms(&halves)).abs() < 0.02 * rms(&halves), "{heeling:?} {}", rms(&halves));
+        // A vehicle that does not bank has none of it.
+        assert_ne!(expected_of(&[(beta(2), 0.02)], Envelope::Level).weakest.0, Deviation::Heeling);
+    }
+
+    /// RMS and worst are those of calibrations that are wrong by as much, at the attitudes of the envelope.
+    #[test]
+    fn the_expected_error_is_that_of_wrong_calibrations() {
+        for (envelope, banks_deg) in [(Envelope::Banked, &[-30.0, 0.0, 30.0][..]), (Envelope::Level, &[0.0])] {
+            let beta_z = expected_of(&[(beta(2), 0.01), (w(0, 2), 0.01)], envelope);
+            let mut change = Matrix3::zeros();
+            change[(0, 2)] = 0.01;
+            let errors = errors_deg(change, [0.0, 0.0, 0.01], banks_deg);
+            assert!(mean(&errors).abs() < rms(&errors));
+            // First order: 1 % of the field leaves a few per cent of itself.
+            assert!((beta_z.rms_deg / rms(&errors) - 1.0).abs() < 0.03, "{beta_z:?} {}", rms(&errors));
+            assert!((beta_z.worst_deg / largest(&errors) - 1.0).abs() < 0.05, "{beta_z:?} {}", largest(&errors));
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_no_expectation() {
+        let flat = Calibration { w: [[0.0; 3]; 3], ..clean() };
+        assert_eq!(expected(&flat, &Covariance::EXACT, Envelope::Level), None);
+        let mut covariance = Covariance::EXACT;
+        covariance.fill(|_, _| 1e38).unwrap();
+        assert_eq!(expected(&clean(), &covariance, Envelope::Level), None);
+        let nothing = expected(&clean(), &Covariance::EXACT, Envelope::Level).unwrap();
+        assert_eq!([nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest.1.to_bits()], [0; 3]);
+    }
+
+    /// Ten degrees of bank make a turn, in whichever part; a single sample will do.
+    #[test]
+    fn what_was_banked_is_for_banking() {
+        let sample = |roll_deg: f32| Sample {
+            field: Field::from_ut(1.0, 0.0, 0.0),
+            attitude: Attitude::from_deg(roll_deg, 0.0),
+            time: WrappingMillis::default(),
+        };
+        let of = |method, rolls_deg: &[f32]| {
+            let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
+            Envelope::of(method, Samples { level: &level, ..Samples::default() })
+        };
+        assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), Envelope::Level);
+        assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), Envelope::Banked);
+        assert_eq!(of(Method::MaximumLikelihood, &[-10.1, 0.0]), Envelope::Banked);
+        // A level calibration is for level headings whatever gusts there were; a tumble has no attitudes.
+        assert_eq!(of(Method::Level, &[20.0, -20.0]), Envelope::Level);
+        assert_eq!(of(Method::Ellipsoid, &[0.0]), Envelope::Banked);
+    }
+
+    /// `cal advise` shows both: the name is stable, the words are for a pilot.
+    #[test]
+    fn parts_have_names_and_words() {
+        let all = Deviation::ALL.map(|part| (part.name(), part.to_string()));
+        assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
+        let words = ["at all headings", "once round", "twice round", "in turns"];
+        assert!(all.iter().zip(words).all(|((_, said), word)| said.contains(word)), "{all:?}");
+    }
 }

@@ -17,13 +17,13 @@
 //! | normal equations in `f32` | 1.00 | not positive definite in some compass swings |
 //! | triangle in `f32` (in use) | 1.00 | as with `f64` |
 //!
-//! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller (of
-//! 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms on a
-//! PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim bench
-//! budget`), and with all that is beneath it 12 KB of stack.
+//! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller
+//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms
+//! on a PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim
+//! bench budget`), and with all that is beneath it 12 KB of stack.
 //!
-//! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what keeps
-//! the digits.
+//! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what
+//! keeps the digits.
 
 use super::Samples;
 use super::likelihood::{Likelihood, System, Vector13};
@@ -31,9 +31,6 @@ use super::likelihood::{Likelihood, System, Vector13};
 /// Steps between two rounds; turns to both sides take three. Thin data can make a long, bent valley of unknowns that
 /// hardly matter to the heading: then this ends it, and what is left of the way is carried as uncertainty.
 const MAX_STEPS: u8 = 40;
-
-/// Growth of the damping after a first failed step.
-const FIRST_GROWTH: f32 = 4.0;
 
 /// The unknowns have settled when a step promises to lower the cost by less than this, in units of half a sigma
 /// squared: 0.03 sigma of the worst direction.
@@ -57,6 +54,41 @@ pub(super) enum Progress {
     Failed,
 }
 
+/// By how much a step is shortened (Levenberg-Marquardt): the part of the information's diagonal that is added to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Damping {
+    value: f32,
+    /// By what a step that fails multiplies it.
+    growth: f32,
+}
+
+impl Damping {
+    /// Growth after a first failed step.
+    const FIRST_GROWTH: f32 = 4.0;
+    /// Steps so short that nothing moves any more.
+    const MAX: f32 = 1e6;
+    /// No damping to `f32`.
+    const MIN: f32 = 1e-9;
+
+    /// For a start that may be far off.
+    const START: Self = Self { value: 1e-3, growth: Self::FIRST_GROWTH };
+    /// For new weights around unknowns that had settled with the old ones.
+    const REWEIGHTED: f32 = 1e-6;
+
+    /// After a step that brought a share of the gain it had promised: a tenth if all of it came true, more if half did
+    /// not (H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05).
+    fn after_success(self, share: f32) -> Self {
+        let excess = 2.0 * share.clamp(0.0, 1.0) - 1.0;
+        let value = (self.value * (1.0 - excess * excess * excess).max(0.1)).max(Self::MIN);
+        Self { value, growth: Self::FIRST_GROWTH }
+    }
+
+    /// After a step that made things worse: the more, the oftener in a row.
+    fn after_failure(self) -> Self {
+        Self { value: self.value * self.growth, growth: 2.0 * self.growth }
+    }
+}
+
 /// A refinement under way. Each [`step`](Self::step) is one pass over the samples. About 1 KB.
 #[derive(Debug)]
 pub(super) struct Refinement {
@@ -65,9 +97,7 @@ pub(super) struct Refinement {
     /// Whether the unknowns may move; if not, only the noise is estimated.
     moves: bool,
     system: System,
-    damping: f32,
-    /// By what a step that fails multiplies the damping.
-    growth: f32,
+    damping: Damping,
     /// Rounds of weights so far.
     rounds: u8,
     /// Steps since the last.
@@ -78,10 +108,10 @@ impl Refinement {
     /// Begins at a start. With `moves` false the unknowns stay, and only the noise around them is found.
     pub fn new(likelihood: Likelihood, samples: Samples<'_>, unknowns: Vector13, moves: bool) -> Self {
         let system = likelihood.linearise(samples, &unknowns);
-        Self { likelihood, unknowns, moves, system, damping: 1e-3, growth: FIRST_GROWTH, rounds: 0, steps: 0 }
+        Self { likelihood, unknowns, moves, system, damping: Damping::START, rounds: 0, steps: 0 }
     }
 
-    /// One pass over the samples, which must be those it began with.
+    /// One pass over the samples, which must be those it began with. Not inlined, which bounds the solver's stack.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         if self.moves {
@@ -97,14 +127,14 @@ impl Refinement {
         self.steps = 0;
         self.likelihood.reweight(&self.system, &self.unknowns);
         self.system = self.likelihood.linearise(samples, &self.unknowns);
-        self.damping = 1e-6;
+        self.damping.value = Damping::REWEIGHTED;
         Progress::Continue
     }
 
     /// One Levenberg-Marquardt step.
     fn descend(&mut self, samples: Samples<'_>) -> Progress {
         self.steps += 1;
-        let Some((change, promised)) = self.system.step(self.damping) else { return Progress::Failed };
+        let Some((change, promised)) = self.system.step(self.damping.value) else { return Progress::Failed };
         let trial = self.unknowns + change;
         let system = self.likelihood.linearise(samples, &trial);
         let tolerance = if self.likelihood.refined { REFINED_TOLERANCE } else { f32::MIN_POSITIVE };
@@ -112,17 +142,232 @@ impl Refinement {
         if gained >= -tolerance {
             self.unknowns = trial;
             self.system = system;
-            // As little damping as the last gain allows: a tenth if all that was promised came true, more if half did not
-            // (Nielsen's rule). A gain within the tolerance says nothing.
-            let share = if promised > tolerance { (gained / promised).clamp(0.0, 1.0) } else { 1.0 };
-            let excess = 2.0 * share - 1.0;
-            self.damping = (self.damping * (1.0 - excess * excess * excess).max(0.1)).max(1e-9);
-            self.growth = FIRST_GROWTH;
+            // A gain within the tolerance says nothing.
+            self.damping = self.damping.after_success(if promised > tolerance { gained / promised } else { 1.0 });
         } else {
-            self.damping *= self.growth;
-            self.growth *= 2.0;
+            self.damping = self.damping.after_failure();
         }
-        let goes_on = promised.abs() > SETTLED && self.damping < 1e6 && self.steps < MAX_STEPS;
+        let goes_on = promised.abs() > SETTLED && self.damping.value < Damping::MAX && self.steps < MAX_STEPS;
         if goes_on { Progress::Continue } else { Progress::Settled }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix3, Vector3};
+
+    use super::super::likelihood::unknowns::INCLINATION;
+    use super::super::likelihood::{Config, Noise, Parameters, Prior};
+    use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
+    use super::super::{Sample, response};
+    use super::*;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn close(found: f32, expected: f32) -> bool {
+        (found - expected).abs() <= 1e-4 * expected.abs()
+    }
+
+    #[test]
+    fn damping_follows_what_came_true() {
+        let damping = Damping { value: 0.5, growth: 32.0 };
+        for (share, factor) in [
+            (1.0, 0.1),
+            (0.99, 0.1),
+            (0.9, 1.0 - 0.512),
+            (0.75, 0.875),
+            (0.5, 1.0),
+            (0.25, 1.125),
+            (0.0, 2.0),
+            (7.0, 0.1),
+            (-7.0, 2.0),
+        ] {
+            let after = damping.after_success(share);
+            assert!(close(after.value, 0.5 * factor), "{share}: {after:?}");
+            assert!(close(after.growth, 4.0));
+        }
+        assert!(close(Damping { value: 5e-9, growth: 4.0 }.after_success(1.0).value, 1e-9), "not below f32's digits");
+    }
+
+    #[test]
+    fn damping_grows_faster_the_oftener_a_step_fails() {
+        let mut damping = Damping { value: 1.0, growth: 4.0 };
+        for value in [4.0, 32.0, 512.0] {
+            damping = damping.after_failure();
+            assert!(close(damping.value, value), "{damping:?}");
+        }
+    }
+
+    /// One sample without attitude, at the most likely unknowns but for an inclination that is off by so many of its
+    /// sigmas: the cost is half their square, and a step promises all of it.
+    fn off_by(sigmas: f32) -> Refinement {
+        let sample = Sample {
+            field: Field::from_ut(50.0, 0.0, 0.0),
+            attitude: Attitude::default(),
+            time: WrappingMillis::default(),
+        };
+        let samples = Samples { left: &[sample], ..Samples::default() };
+        let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
+        let likelihood = Likelihood::new(&prior, Config::NO_ATTITUDE, samples, 50.0);
+        let inclination_rad = sigmas * likelihood.config.known_inclination_sigma_rad;
+        let parameters = Parameters { w: Matrix3::identity(), d: Vector3::new(1.0, 0.0, 0.0), inclination_rad };
+        Refinement::new(likelihood, samples, parameters.unknowns().unwrap(), true)
+    }
+
+    /// Descends by one step, with the cost before it taken to be higher by so much.
+    fn descend(refinement: &mut Refinement, higher: f32) -> Progress {
+        let sample = Sample {
+            field: Field::from_ut(50.0, 0.0, 0.0),
+            attitude: Attitude::default(),
+            time: WrappingMillis::default(),
+        };
+        refinement.system.cost += higher;
+        refinement.descend(Samples { left: &[sample], ..Samples::default() })
+    }
+
+    /// 0.03 sigma, half of whose square is 4.5e-4, is near enough; 0.034 is not.
+    #[test]
+    fn it_settles_when_little_is_promised() {
+        for (sigmas, progress) in [(0.030, Progress::Settled), (-0.034, Progress::Continue)] {
+            let mut refinement = off_by(sigmas);
+            assert_eq!(descend(&mut refinement, 0.0), progress, "{sigmas}");
+            // The step was taken all the same.
+            assert!(refinement.unknowns[INCLINATION].abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn it_ends_after_forty_steps() {
+        for (before, progress) in [(38, Progress::Continue), (39, Progress::Settled)] {
+            let mut refinement = off_by(3.0);
+            refinement.steps = before;
+            assert_eq!(descend(&mut refinement, 0.0), progress, "after {before}");
+        }
+    }
+
+    /// Damped so much, nothing moves any more.
+    #[test]
+    fn it_ends_when_no_step_helps() {
+        for (value, progress) in [(2.4e5, Progress::Continue), (2.6e5, Progress::Settled)] {
+            let mut refinement = off_by(3000.0);
+            refinement.damping.value = value;
+            assert_eq!(descend(&mut refinement, -1e9), progress, "{value}");
+            assert!(close(refinement.damping.value, 4.0 * value), "a failed step");
+        }
+    }
+
+    /// A step that raises the cost is taken back: any, while the gradient is that of the cost; one that raises it by more
+    /// than one, once measurements are corrected.
+    #[test]
+    fn a_step_that_makes_it_worse_is_taken_back() {
+        for (refined, worse, taken) in
+            [(false, -0.01, true), (false, 0.01, false), (true, 0.0, true), (true, 0.99, true), (true, 1.01, false)]
+        {
+            let mut refinement = off_by(3.0);
+            refinement.likelihood.refined = refined;
+            let before = refinement.unknowns;
+            // All 4.5 that the step gains are lost again, and so much more.
+            descend(&mut refinement, -4.5 - worse);
+            assert_eq!(refinement.unknowns != before, taken, "refined {refined}, worse by {worse}");
+            // A gain of nothing doubles the damping, to the 0.01 of above.
+            let growth = if taken { 2.0 } else { 4.0 };
+            let found = refinement.damping.value / Damping::START.value;
+            assert!((found / growth - 1.0).abs() < 0.01, "{found} {growth}");
+        }
+    }
+
+    /// The damping after a step is that of the share of its promise that came true; where no more than the tolerance was
+    /// promised, the share says nothing, and all counts as true.
+    #[test]
+    fn damping_falls_with_a_share_that_means_something() {
+        // Of a promise of 4.5 half and a sixth come true.
+        for (lost, factor) in [(0.0, 0.1), (2.25, 1.0), (3.75, 1.0 + (2.0_f32 / 3.0).powi(3))] {
+            let mut refinement = off_by(3.0);
+            descend(&mut refinement, -lost);
+            let found = refinement.damping.value / Damping::START.value;
+            // Damping itself takes a thousandth of a step, and so a millionth of the gain.
+            assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
+        }
+        // Of a promise of 0.98, with a tolerance of one, nothing comes true; of 1.28, too.
+        for (sigmas, factor) in [(1.4, 0.1), (1.6, 2.0)] {
+            let mut refinement = off_by(sigmas);
+            refinement.likelihood.refined = true;
+            descend(&mut refinement, -0.5 * sigmas * sigmas);
+            let found = refinement.damping.value / Damping::START.value;
+            assert!((found / factor - 1.0).abs() < 0.01, "{sigmas}: {found} {factor}");
+        }
+    }
+
+    /// Without an inverse of `W` nothing is known of hard iron, and no sample shows it.
+    #[test]
+    fn what_is_not_determined_fails() {
+        let likelihood = Likelihood::new(&Prior::default(), Config::DEFAULT, Samples::default(), 50.0);
+        let flat = Parameters { w: Matrix3::zeros(), d: Vector3::zeros(), inclination_rad: 0.0 }.unknowns().unwrap();
+        let mut refinement = Refinement::new(likelihood, Samples::default(), flat, true);
+        assert_eq!(refinement.step(Samples::default()), Progress::Failed);
+    }
+
+    fn flight(seed: u64) -> (Airframe, Recorded) {
+        let mut random = Random(seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+        (airframe, Flight::REAL.fly(&airframe, &mut random))
+    }
+
+    fn refinement(recorded: &Recorded, moves: bool) -> Refinement {
+        let start = response::sphere(recorded.turns(), &Matrix3::identity()).unwrap();
+        let likelihood = Likelihood::new(&Prior::default(), Config::DEFAULT, recorded.turns(), start.unit_ut);
+        let unknowns = likelihood.unknowns(&start).unwrap();
+        Refinement::new(likelihood, recorded.turns(), unknowns, moves)
+    }
+
+    /// Three rounds of weights, then nothing more to do; each begins anew with its steps and with hardly any damping.
+    #[test]
+    fn the_noise_is_estimated_three_times() {
+        let (_, recorded) = flight(1);
+        let mut refinement = refinement(&recorded, true);
+        assert_eq!(refinement.damping, Damping { value: 1e-3, growth: 4.0 });
+        let mut estimates = Vec::new();
+        loop {
+            let rounds = refinement.rounds;
+            match refinement.step(recorded.turns()) {
+                Progress::Continue if refinement.rounds > rounds => {
+                    assert!(close(refinement.damping.value, 1e-6) && refinement.steps == 0);
+                    estimates.push(refinement.likelihood.noise.dip_rad);
+                }
+                Progress::Continue => assert!(refinement.steps > 0),
+                end => break assert_eq!(end, Progress::Settled),
+            }
+        }
+        assert_eq!((estimates.len(), refinement.rounds), (3, 3));
+        assert!((estimates[2] / estimates[1] - 1.0).abs() < 0.01, "{estimates:?}");
+    }
+
+    /// A closed form's unknowns stay; only the noise around them is found.
+    #[test]
+    fn unknowns_that_may_not_move_stay() {
+        let (_, recorded) = flight(2);
+        let mut refinement = refinement(&recorded, false);
+        let before = refinement.unknowns;
+        let steps = (0..10).take_while(|_| refinement.step(recorded.turns()) == Progress::Continue).count();
+        assert_eq!((steps, refinement.unknowns), (3, before));
+        // What it begins with is 5 % and 0.1; a sphere leaves less than that of the norm, and more than a sensor does.
+        let Noise { norm, dip_rad, .. } = refinement.likelihood.noise;
+        assert!((0.01..0.049).contains(&norm) && (0.01..0.3).contains(&dip_rad), "{norm} {dip_rad}");
+    }
+
+    /// What a solve costs on the device: passes over the samples of twenty flights, from the sphere, the worst start.
+    /// 9.6 on average; a damping that hampers, a round too many or a looser end shows here.
+    #[test]
+    fn a_solve_takes_ten_passes() {
+        let mut passes = 0;
+        for seed in 0..20 {
+            let (_, recorded) = flight(seed);
+            let mut refinement = refinement(&recorded, true);
+            passes += 1;
+            while refinement.step(recorded.turns()) == Progress::Continue {
+                passes += 1;
+            }
+        }
+        assert!((180..=200).contains(&passes), "{passes}");
     }
 }

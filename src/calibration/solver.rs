@@ -133,14 +133,14 @@ impl Solver {
         let unknowns = &self.refinement.unknowns;
         // What was only taken for known while refining is not known.
         let likelihood =
-            &Likelihood { told_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
+            &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
         if !likelihood.explains() {
             return Err(SolveError::NotConverged);
         }
         let calibration = likelihood.calibration(unknowns)?;
         self.plausible(samples, &calibration)?;
         let mut information = Information::of_priors(likelihood, unknowns);
-        information.visit(likelihood, samples, unknowns);
+        information.add_samples(likelihood, samples, unknowns);
         if self.method == Method::Ellipsoid
             && !ellipsoid::is_determined(samples, &calibration, &information, likelihood, unknowns)
         {
@@ -196,7 +196,7 @@ fn begin(method: Method, prior: &Prior, samples: Samples<'_>, start: &Start) -> 
     let mut likelihood = Likelihood::new(prior, config, samples, start.unit_ut);
     if method == Method::CompassSwing && Envelope::of(method, samples) == Envelope::Level {
         // On level ground the vertical stays open; while the rest is refined, it is what the start took it for.
-        likelihood.told_inclination_rad = Some(start.inclination_rad);
+        likelihood.known_inclination_rad = Some(start.inclination_rad);
     }
     let unknowns = likelihood.unknowns(start).ok_or(SolveError::NotConverged)?;
     Ok(Refinement::new(likelihood, samples, unknowns, method.is_refined()))

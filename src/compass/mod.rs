@@ -275,11 +275,11 @@ impl Compass {
     }
 
     fn start_solving(&mut self, method: Option<Method>) -> Result<(), Refusal> {
-        self.sensor.ok_or(Refusal::NoSensor)?;
+        let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
-        let prior = self.prior();
+        let prior = self.prior(sensor);
         let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
         let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;
@@ -287,8 +287,12 @@ impl Compass {
         Ok(())
     }
 
-    fn prior(&self) -> Prior {
-        Prior { mount: self.settings.mount, inclination_rad: self.settings.inclination_deg.map(f32::to_radians) }
+    fn prior(&self, sensor: FoundSensor) -> Prior {
+        Prior {
+            mount: self.settings.mount,
+            inclination_rad: self.settings.inclination_deg.map(f32::to_radians),
+            readings_per_sample: sensor.readings_per_sample,
+        }
     }
 
     /// One step of a solve or the verification.

@@ -174,6 +174,7 @@ impl Counts {
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: Consider) -> std::result::Result<Solution, SolveError> {
+    // The samples are single readings here, as the headings are.
     Solver::with_consider(method, samples, &Prior::default(), consider)?.run(samples)
 }
 

@@ -193,8 +193,7 @@ impl Trial {
         };
         let instant = Instant { euler, time: WrappingMillis::default() };
         let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
-        // The samples are single readings here.
-        let config = heading::Config { readings_per_sample: 1.0, ..heading::Config::DEFAULT };
+        let config = heading::Config::DEFAULT;
         let shown = heading::heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
         let error_deg = wrap_180((f64::from(shown.magnetic_rad) - euler.heading_rad).to_degrees());
         Some(error_deg / f64::from(shown.sigma_deg()))

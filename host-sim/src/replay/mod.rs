@@ -95,6 +95,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     let prior = Prior {
         mount: Orientation::NONE,
         inclination_rad: options.inclination_deg.map(|degrees| degrees.to_radians() as f32),
+        readings_per_sample: config.readings_per_sample(),
     };
     let usable = fitted(rows, options, config);
     let (result, samples) = match options.selected {

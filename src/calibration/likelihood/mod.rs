@@ -1,46 +1,53 @@
 //! How likely samples are with a set of coefficients: the model that every method's result is judged by, and that
 //! maximum likelihood refines.
 //!
-//! Let `w = W (m - b)`, `f = |w|`, and `C` the rotation from body to level axes that the attitude of a sample gives. An
-//! error of attitude can tilt the measured vector but never stretch it, so two residuals with errors of their own are
-//! used (unit of field: the total intensity F):
+//! Let `w = W (m - b)` in units of the total intensity, and `C` the rotation from body to level axes that the attitude
+//! of a sample gives. An error of attitude can tilt the measured vector but never stretch it, so two residuals with
+//! errors of their own are used:
 //!
-//! - `e_norm = f - 1`, whose variance is the sensor's noise,
-//! - `e_dip = dip(C w) - I`, whose variance is the sensor's and the attitude's,
+//! - `e_norm = |w| - 1`, whose variance is the sensor's noise,
+//! - `e_dip = dip(C w) - I`, whose variance is the sensor's and the attitude's.
 //!
-//! and where a heading was given (compass swing) `e_heading = heading(C w) - given`. Unknowns: `W` (9), `b` (3), `I`.
-//! The variances are re-estimated from the residuals; weighting the two alike, as common attitude-aided fits do, is what
-//! ruins them, because attitude errors are often ten times the sensor's. Huber's loss bounds what a gust or a passing
-//! power line can do.
+//! Where a heading was given (compass swing) there is a third, `e_heading = heading(C w) - given`. The unknowns are
+//! `W`, `b` (by way of a `d`: see [`Parameters`]) and `I`.
+//!
+//! The variances are re-estimated from the residuals; weighting the two alike, as common attitude-aided fits do, is
+//! what ruins them, because attitude errors are often ten times the sensor's. Huber's loss bounds what a gust or a
+//! passing power line can do.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `view.rs` | a measurement seen through a set of coefficients |
+//! | `unknowns.rs` | the order of the unknowns and of the coefficients |
+//! | `parameters.rs` | one set of unknowns |
+//! | `prediction.rs` | what parameters make of a measurement |
 //! | `noise.rs` | how wrong measurements are |
 //! | `equations.rs` | what one sample says, linear in the unknowns |
+//! | `priors.rs` | what is known before any sample |
 //! | `system.rs` | what all samples and the priors say together |
 
 mod equations;
 mod noise;
+mod parameters;
+mod prediction;
+mod priors;
 mod system;
-mod view;
+pub(super) mod unknowns;
 
 pub(super) use equations::{Equations, Measured};
 pub(super) use noise::Noise;
-pub(super) use system::{Quantity, System, priors};
-pub(super) use view::Point;
+pub(super) use parameters::Parameters;
+pub(super) use prediction::{Prediction, heading_by_field, horizontal_squared};
+pub(super) use priors::{Quantity, for_each_prior};
+pub(super) use system::System;
+pub(super) use unknowns::Vector13;
 
 use equations::CLIPPED_MEAN_SQUARE;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Vector3};
+use unknowns::UNKNOWNS;
 
 use super::response::Start;
 use super::{Calibration, Orientation, Sample, Samples, SolveError, rows};
 use crate::trig;
-
-/// Number of unknowns: `W` row by row, `d` in place of `b` (see [`Point`]), `I`.
-pub(super) const UNKNOWNS: usize = 13;
-pub(super) type Vector13 = SVector<f32, UNKNOWNS>;
-pub(super) type Matrix13 = SMatrix<f32, UNKNOWNS, UNKNOWNS>;
 
 /// Fixed numbers of the model.
 #[derive(Clone, Copy, Debug)]
@@ -53,13 +60,12 @@ pub struct Config {
     pub mounting_sigma: f32,
     /// Hard iron, 1 sigma, microtesla: three times the Earth's field.
     pub hard_iron_sigma_ut: f32,
-    /// An inclination told by a person, radians, 1 sigma: 1 deg. A chart is good to half of it, the ground below to the
-    /// rest.
-    pub told_inclination_sigma_rad: f32,
+    /// A known inclination, radians, 1 sigma: 1 deg. A chart is good to half of it, the ground below to the rest.
+    pub known_inclination_sigma_rad: f32,
     /// A heading given by a person, radians, 1 sigma: 1 deg, a compass rose or a bearing compass.
     pub given_heading_sigma_rad: f32,
-    /// What `e_norm` usually scatters by: counts as so many samples' residuals as `usual_weight` says, so that a handful of
-    /// samples that fit by chance are not believed to be perfect.
+    /// What `e_norm` usually scatters by: counts as so many samples' residuals as `usual_weight` says, so that a
+    /// handful of samples that fit by chance are not believed to be perfect.
     pub usual_norm_sigma: f32,
     /// The same of `e_dip`, radians.
     pub usual_dip_sigma_rad: f32,
@@ -84,7 +90,7 @@ impl Config {
         soft_iron_sigma: 0.3,
         mounting_sigma: 0.35,
         hard_iron_sigma_ut: 150.0,
-        told_inclination_sigma_rad: 0.0175,
+        known_inclination_sigma_rad: 0.0175,
         given_heading_sigma_rad: 0.0175,
         usual_norm_sigma: 0.004,
         usual_dip_sigma_rad: 0.006,
@@ -104,19 +110,31 @@ impl Config {
 }
 
 /// What is known beforehand.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// How the sensor is mounted.
     pub mount: Orientation,
-    /// Inclination of the Earth field here, radians, positive down, where it was told.
+    /// Inclination of the Earth field here, radians, positive down, where it is known.
     pub inclination_rad: Option<f32>,
+    /// How many readings of the sensor were averaged to each sample; 1: samples are single readings.
+    pub readings_per_sample: u16,
+}
+
+/// The sensor sits as the autopilot does, nothing is known of the field, and samples are single readings.
+impl Default for Prior {
+    fn default() -> Self {
+        Self { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 }
+    }
 }
 
 /// The model with its noise and its units.
 #[derive(Clone, Debug)]
 pub(super) struct Likelihood {
     pub config: Config,
-    pub told_inclination_rad: Option<f32>,
+    /// Inclination of the Earth field, radians, positive down, where it is known.
+    pub known_inclination_rad: Option<f32>,
+    /// How many readings were averaged to each sample.
+    pub readings_per_sample: u16,
     /// Chip to body axes as configured: the model works in body axes as far as they are known.
     pub rotation: Matrix3<f32>,
     /// Unit of field, microtesla.
@@ -141,7 +159,8 @@ impl Likelihood {
         let number = samples.all().count().max(1) as f32;
         Self {
             config,
-            told_inclination_rad: prior.inclination_rad,
+            known_inclination_rad: prior.inclination_rad,
+            readings_per_sample: prior.readings_per_sample,
             rotation,
             unit_ut,
             mean: rotation * sum_ut / (number * unit_ut),
@@ -152,7 +171,7 @@ impl Likelihood {
     }
 
     /// The equations of every sample, one after the other.
-    pub fn visit(&self, samples: Samples<'_>, point: &Point, visit: &mut dyn FnMut(&Equations)) {
+    pub fn for_each_sample(&self, samples: Samples<'_>, parameters: &Parameters, each: &mut dyn FnMut(&Equations)) {
         let mut one = |sample: &Sample, heading_rad: Option<f32>| {
             let measured = Measured {
                 x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
@@ -160,7 +179,7 @@ impl Likelihood {
                 roll_rad: sample.attitude.roll_rad,
                 heading_rad,
             };
-            visit(&Equations::new(point, &measured, &self.noise, &self.config, self.refined));
+            each(&Equations::new(parameters, &measured, &self.noise, &self.config, self.refined));
         };
         samples.iter().step_by(self.stride).for_each(|sample| one(sample, None));
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
@@ -168,13 +187,13 @@ impl Likelihood {
 
     /// The unknowns of a start.
     pub fn unknowns(&self, start: &Start) -> Option<Vector13> {
-        Point { w: start.w, d: start.w * (self.mean - start.b), inclination_rad: start.inclination_rad }.unknowns()
+        Parameters { w: start.w, d: start.w * (self.mean - start.b), inclination_rad: start.inclination_rad }.unknowns()
     }
 
     /// One pass over the samples.
     pub fn linearise(&self, samples: Samples<'_>, unknowns: &Vector13) -> System {
         let mut system = System::of_priors(self, unknowns);
-        self.visit(samples, &Point::new(unknowns), &mut |equations| system.add(equations));
+        self.for_each_sample(samples, &Parameters::new(unknowns), &mut |equations| system.add(equations));
         system
     }
 
@@ -193,7 +212,7 @@ impl Likelihood {
         self.noise = Noise::new(
             norm.max(self.config.min_norm_sigma),
             dip.max(self.config.min_dip_sigma_rad),
-            Point::new(unknowns).w,
+            Parameters::new(unknowns).w,
         );
         self.refined = true;
         self.stride = 1;
@@ -206,17 +225,17 @@ impl Likelihood {
 
     /// The unknowns in the module's units: `W` to a determinant of one, so that the corrected field is in microtesla.
     pub fn calibration(&self, unknowns: &Vector13) -> Result<Calibration, SolveError> {
-        let point = Point::new(unknowns);
-        let determinant = point.w.determinant();
+        let parameters = Parameters::new(unknowns);
+        let determinant = parameters.w.determinant();
         if !determinant.is_finite() || determinant <= 0.0 {
             return Err(SolveError::NotConverged);
         }
-        let b = self.mean - point.mean_from_b().ok_or(SolveError::NotConverged)?;
+        let b = self.mean - parameters.mean_from_b().ok_or(SolveError::NotConverged)?;
         let per_unit = trig::reciprocal_cbrt(determinant);
         Ok(Calibration {
-            w: rows(&(point.w * per_unit * self.rotation)),
+            w: rows(&(parameters.w * per_unit * self.rotation)),
             b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
-            inclination_rad: point.inclination_rad,
+            inclination_rad: parameters.inclination_rad,
             total_ut: self.unit_ut * per_unit,
         })
     }

@@ -2,7 +2,9 @@
 
 use super::super::least_squares::LeastSquares;
 use super::equations::{Equation, Equations};
-use super::{Likelihood, Point, UNKNOWNS, Vector13};
+use super::priors::{for_each_prior, unit};
+use super::unknowns::{UNKNOWNS, Vector13};
+use super::{Likelihood, Parameters};
 
 /// The linearised problem at one set of unknowns: the change of them that makes everything most likely.
 #[derive(Clone, Debug)]
@@ -16,10 +18,10 @@ pub(in crate::calibration) struct System {
 }
 
 impl System {
-    /// What is known without any sample: see [`priors`].
+    /// What is known without any sample: see [`for_each_prior`].
     pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
         let mut system = Self { equations: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], samples: 0 };
-        priors(likelihood, &Point::new(unknowns), &mut |prior| {
+        for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
             let weight = 1.0 / (prior.sigma * prior.sigma);
             system.equations.add(&prior.row, [-prior.residual], weight);
             system.cost += 0.5 * weight * prior.residual * prior.residual;
@@ -50,8 +52,8 @@ impl System {
         self.cost += equation.loss;
     }
 
-    /// The change of the unknowns to the most likely ones, shortened by damping (Levenberg-Marquardt), and by how much it
-    /// promises to lower the cost.
+    /// The change of the unknowns to the most likely ones, shortened by damping (Levenberg-Marquardt), and by how much
+    /// it promises to lower the cost. `None` when they are not determined.
     pub fn step(&self, damping: f32) -> Option<(Vector13, f32)> {
         let mut damped = self.equations.clone();
         for (i, information) in self.equations.diagonal().iter().enumerate() {
@@ -61,7 +63,7 @@ impl System {
         Some((change, self.equations.gain(&change)))
     }
 
-    /// The change of the unknowns to the most likely ones.
+    /// The change of the unknowns to the most likely ones. `None` when they are not determined.
     pub fn change(&self) -> Option<Vector13> {
         self.equations.solve()
     }
@@ -70,65 +72,4 @@ impl System {
     pub fn covariance_times(&self, vector: &Vector13) -> Option<Vector13> {
         self.equations.covariance_times(vector)
     }
-}
-
-/// What is known beforehand, as an equation: `row . change` is `-residual`, give or take `sigma`.
-#[derive(Clone, Debug)]
-pub(in crate::calibration) struct KnownBefore {
-    pub row: Vector13,
-    pub residual: f32,
-    pub sigma: f32,
-    pub of: Quantity,
-}
-
-/// What a prior is about, with the axes of the mount.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::calibration) enum Quantity {
-    SoftIron,
-    Mounting,
-    HardIron,
-    Inclination,
-}
-
-/// Weak priors that let thin data shrink towards no correction: on the symmetric part of `W` (soft iron; scale is left
-/// free), on its skew part (mounting), on `b`, and on the inclination where it was told.
-pub(in crate::calibration) fn priors(likelihood: &Likelihood, point: &Point, tell: &mut dyn FnMut(&KnownBefore)) {
-    let config = &likelihood.config;
-    let mut prior = |of, row, residual, sigma| tell(&KnownBefore { row, residual, sigma, of });
-    let w = |index: usize| point.w[(index / 3, index % 3)];
-    // Indices of W's elements in the unknowns.
-    for (ij, ji) in [(1, 3), (2, 6), (5, 7)] {
-        let (symmetric, skew) = (w(ij).midpoint(w(ji)), (w(ij) - w(ji)) / 2.0);
-        prior(Quantity::SoftIron, unit(ij, 0.5) + unit(ji, 0.5), symmetric, config.soft_iron_sigma);
-        prior(Quantity::Mounting, unit(ij, 0.5) - unit(ji, 0.5), skew, config.mounting_sigma);
-    }
-    let third_of_trace = unit(0, 1.0 / 3.0) + unit(4, 1.0 / 3.0) + unit(8, 1.0 / 3.0);
-    for ii in [0, 4, 8] {
-        let residual = w(ii) - point.w.trace() / 3.0;
-        prior(Quantity::SoftIron, unit(ii, 1.0) - third_of_trace, residual, config.soft_iron_sigma);
-    }
-    // b = mean - W^-1 d, so that a change of it is W^-1 (change of W) W^-1 d - W^-1 (change of d). Without an inverse
-    // there is no b, and nothing to be known of it.
-    if let Some(field_from_body) = point.w.try_inverse() {
-        let from_b = field_from_body * point.d;
-        for i in 0..3 {
-            let by_body = field_from_body.row(i).transpose();
-            let mut row = Point::row(&by_body, &from_b);
-            row.fixed_rows_mut::<3>(9).copy_from(&-by_body);
-            let residual = likelihood.mean[i] - from_b[i];
-            prior(Quantity::HardIron, row, residual, config.hard_iron_sigma_ut / likelihood.unit_ut);
-        }
-    }
-    let told = likelihood.told_inclination_rad.map(|told_rad| (told_rad, config.told_inclination_sigma_rad));
-    let (value_rad, sigma_rad) = told.unwrap_or((0.0, ANY_INCLINATION_RAD));
-    prior(Quantity::Inclination, unit(12, 1.0), point.inclination_rad - value_rad, sigma_rad);
-}
-
-/// Wider than all inclinations there are: keeps the system regular where nothing is said about it.
-const ANY_INCLINATION_RAD: f32 = 10.0;
-
-fn unit(index: usize, value: f32) -> Vector13 {
-    let mut vector = Vector13::zeros();
-    vector[index] = value;
-    vector
 }

@@ -1,7 +1,11 @@
-//! What the solver promises: accuracy and refusals here, each method in `methods`, faults in `robustness`, symmetries in
+//! What the solver promises: accuracy and refusals here, each method in `methods`, faults in `robustness`, symmetries
+//! in
 //! `symmetry`, which method when and what to fly in `guidance`.
 
+pub(super) mod derivatives;
+mod forecast;
 mod guidance;
+mod likelihood;
 mod methods;
 mod robustness;
 mod symmetry;
@@ -16,7 +20,7 @@ use super::{
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms, vector};
 
-const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None };
+const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 };
 
 fn solved(recorded: &Recorded) -> Result<super::Solution, SolveError> {
     solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
