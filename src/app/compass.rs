@@ -14,7 +14,11 @@ use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
-    let Stored { settings, generations } = loaded(links, store.load().await);
+    let stored = store.load().await;
+    if let Err(error) = stored {
+        say_unreadable(links, error);
+    }
+    let Stored { settings, generations } = stored.unwrap_or_default();
     let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
     let mut sensor = listen(&links.sensor);
     loop {
@@ -57,15 +61,11 @@ fn command(asked: Command) -> Event {
     Event::Command(asked, now().wrapping_millis())
 }
 
-/// What flash held; what cannot be read is counted, said on the console and treated as absent: the module starts
-/// uncalibrated.
-fn loaded(links: &Links, result: Result<Stored, StoreError>) -> Stored {
-    result.unwrap_or_else(|error| {
-        warning!("load: {=str}", error.code());
-        count(&links.counters.store_errors);
-        links.notices.signal(Err(Refusal::Store(error)));
-        Stored::default()
-    })
+/// What cannot be read is counted, said on the console and treated as absent: the module starts uncalibrated.
+fn say_unreadable(links: &Links, error: StoreError) {
+    warning!("load: {=str}", error.code());
+    count(&links.counters.store_errors);
+    links.notices.signal(Err(Refusal::Store(error)));
 }
 
 /// Tells the other tasks what has changed for them.

@@ -41,7 +41,7 @@ use contents::{Contents, VALUE_SIZE, VERSION};
 const KEY: u8 = 0;
 /// For any item of the map, one of a later firmware included: no item is longer than a page.
 const ITEM_SIZE: usize = 2048;
-const _: () = assert!(1 + VALUE_SIZE <= ITEM_SIZE);
+const _: () = assert!(VALUE_SIZE < ITEM_SIZE, "the key takes a byte");
 
 /// Why something could not be loaded or stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,8 +76,8 @@ impl StoreError {
     }
 
     /// Whether it is of a later firmware's copy, which is not to be touched.
-    const fn is_later_version(&self) -> bool {
-        matches!(self, Self::UnknownVersion(version) if *version > VERSION)
+    const fn is_later_version(self) -> bool {
+        matches!(self, Self::UnknownVersion(version) if version > VERSION)
     }
 }
 
