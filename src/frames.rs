@@ -1,8 +1,9 @@
 //! Frames in types, attitude, and angles.
 //!
-//! A magnetic field is a [`Field`]`<F>` where `F` says in which frame its components are; only the functions of this
-//! module and [`Calibration::apply`](crate::calibration::Calibration::apply) take a field from one frame to another,
-//! so a frame cannot be forgotten. Frames and signs are those of the [crate docs](crate).
+//! A magnetic field is a [`Field`]`<F>` where `F` says in which frame its components are: [`Sensor`], [`Body`] or
+//! [`Level`]. [`Calibration::apply`](crate::calibration::Calibration::apply) takes it from sensor to body axes,
+//! [`Attitude::level`] from there to the level frame, and only a field in the level frame has a heading; so a frame
+//! cannot be forgotten. Frames and signs are those of the [crate docs](crate).
 
 use core::f32::consts::{PI, TAU};
 use core::marker::PhantomData;
@@ -10,6 +11,7 @@ use core::marker::PhantomData;
 use nalgebra::Vector3;
 
 use crate::trig;
+
 /// Axes of the magnetometer chip, as its registers report them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {}
@@ -22,10 +24,13 @@ pub enum Body {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {}
 
-/// A magnetic field in microtesla, in frame `F`.
+/// A magnetic field in frame `F`, in microtesla unless a unit of field is said.
+///
+/// The frame is only in the type: the field is its three components in memory, and there is no way from one frame to
+/// another but the functions that turn the components.
 #[derive(Debug, PartialEq)]
 pub struct Field<F> {
-    /// Components x, y, z in microtesla.
+    /// Components x, y, z along the axes of the frame, in microtesla.
     pub ut: Vector3<f32>,
     frame: PhantomData<F>,
 }
@@ -95,7 +100,7 @@ impl Attitude {
     }
 }
 
-/// The rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components (Liu 2007 eq. 7 in FRD axes).
+/// An attitude's rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components (Liu 2007 eq. 7 in FRD axes).
 #[derive(Clone, Copy, Debug)]
 pub struct Tilt {
     sin_roll: f32,
@@ -105,19 +110,19 @@ pub struct Tilt {
 }
 
 impl Tilt {
-    /// The down direction in body axes.
+    /// The down direction in body axes, a unit vector.
     #[must_use]
-    pub fn down(&self) -> Vector3<f32> {
+    pub(crate) fn down(&self) -> Vector3<f32> {
         Vector3::new(-self.sin_pitch, self.cos_pitch * self.sin_roll, self.cos_pitch * self.cos_roll)
     }
 
     /// Cosine of pitch.
     #[must_use]
-    pub const fn cos_pitch(&self) -> f32 {
+    pub(crate) const fn cos_pitch(&self) -> f32 {
         self.cos_pitch
     }
 
-    /// Takes roll and pitch out of a body field.
+    /// Takes roll and pitch out of a body field: `C h` (Liu 2007 eq. 7).
     #[must_use]
     pub fn level(&self, body: Field<Body>) -> Field<Level> {
         let body = body.ut;
@@ -129,7 +134,7 @@ impl Tilt {
         )
     }
 
-    /// Puts roll and pitch into a level field: the inverse of [`level`](Self::level).
+    /// Puts roll and pitch into a level field: `C^T l`, the inverse of [`level`](Self::level).
     #[must_use]
     pub fn body(&self, level: Field<Level>) -> Field<Body> {
         let level = level.ut;
@@ -143,7 +148,9 @@ impl Tilt {
 }
 
 impl Field<Level> {
-    /// The Earth field in the level frame at a heading: `H0 [cos psi, -sin psi, tan I]` (Liu 2007 eq. 7).
+    /// The Earth field in the level frame at a heading: `H0 [cos psi, -sin psi, tan I]` with `H0 = F cos I` (Liu 2007
+    /// eq. 7). Total intensity `F` in microtesla, inclination `I` in radians and positive down, magnetic heading in
+    /// radians.
     #[must_use]
     pub fn earth(total_ut: f32, inclination_rad: f32, heading_rad: f32) -> Self {
         let (sin_inclination, cos_inclination) = trig::sin_cos(inclination_rad);
@@ -159,7 +166,7 @@ impl Field<Level> {
         wrap_two_pi(libm::atan2f(-self.ut.y, self.ut.x))
     }
 
-    /// Inclination (dip) in radians, positive down.
+    /// Inclination (dip) `atan2(l_z, hypot(l_x, l_y))` in radians, positive down, -pi/2..pi/2.
     #[must_use]
     pub fn inclination_rad(&self) -> f32 {
         libm::atan2f(self.ut.z, libm::sqrtf(self.ut.x * self.ut.x + self.ut.y * self.ut.y))

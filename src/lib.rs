@@ -43,5 +43,5 @@ pub mod magnetometer;
 pub mod settings;
 pub mod store;
 pub mod time;
-pub mod trig;
+mod trig;
 pub mod wire;

@@ -26,24 +26,26 @@ const RIDGE: f32 = 1e-3;
 const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
 /// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] where the fields do not follow the headings. Both are
+/// of [`Part::Marks`].
 pub(super) fn solve(
     marks: &[Mark],
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<Response, SolveError> {
-    if marks.len() < MIN_MARKS {
-        let (have, need) = (marks.len() as u16, MIN_MARKS as u16);
-        return Err(SolveError::TooFewSamples { part: Part::Marks, have, need });
-    }
+    SolveError::require(Part::Marks, marks.len(), MIN_MARKS)?;
     let h0_ut = horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(Part::Marks))?;
     let tried = INCLINATIONS_DEG.map(f32::to_radians);
-    let told = inclination_rad.map(|told_rad| [told_rad]);
-    let best = told
-        .as_ref()
-        .map_or(&tried[..], |told| &told[..])
+    let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
+    inclinations_rad
         .iter()
-        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut));
-    best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, response)| response).ok_or(SolveError::NotDetermined(Part::Marks))
+        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, response)| response)
+        .ok_or(SolveError::NotDetermined(Part::Marks))
 }
 
 /// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.

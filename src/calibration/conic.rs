@@ -21,6 +21,11 @@ pub(super) struct Ellipse {
 
 impl Ellipse {
     /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::NotFinite`] for fields that are not numbers, and [`SolveError::NotAnEllipse`] names the turn whose
+    /// samples lie on another conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         let samples = Samples { left: samples, ..Samples::default() };
         let Some(plane) = Plane::through(&samples, rotation) else { return Err(SolveError::NotFinite) };

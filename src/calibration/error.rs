@@ -48,6 +48,21 @@ pub enum SolveError {
 }
 
 impl SolveError {
+    /// That a part has too few samples. Numbers beyond 65,535 are shown as that.
+    pub(super) fn too_few(part: Part, have: usize, need: usize) -> Self {
+        let [have, need] = [have, need].map(|number| u16::try_from(number).unwrap_or(u16::MAX));
+        Self::TooFewSamples { part, have, need }
+    }
+
+    /// Asks for so many samples of a part.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::TooFewSamples`] when there are fewer.
+    pub(super) fn require(part: Part, have: usize, need: usize) -> Result<(), Self> {
+        if have < need { Err(Self::too_few(part, have, need)) } else { Ok(()) }
+    }
+
     /// Stable code, kebab-case.
     #[must_use]
     pub const fn code(&self) -> &'static str {
@@ -97,3 +112,5 @@ impl fmt::Display for SolveError {
         }
     }
 }
+
+impl core::error::Error for SolveError {}

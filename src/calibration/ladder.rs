@@ -9,7 +9,7 @@
 //! | tumbling without attitude | ellipsoid | the mounting |
 //! | less | none | |
 
-use super::two_plane::MIN_SAMPLES;
+use super::turns::MIN_SAMPLES;
 use super::{Method, Part, Prior, Sample, Samples, Side, SolveError, level};
 
 /// How samples were collected.
@@ -90,14 +90,12 @@ pub fn choose(samples: Samples<'_>, procedure: Procedure, prior: &Prior) -> Resu
         Procedure::Turns => {
             let Selection { left, right, .. } = Selection::of(samples, procedure);
             let level = samples.level.len() >= MIN_SAMPLES;
+            let missing = |side, turns: &[_]| Err(SolveError::too_few(Part::Turns(side), turns.len(), MIN_SAMPLES));
             match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
                 (false, false, true) if shows_level(samples.level, prior) => Ok(Method::Level),
-                (left, _, _) => {
-                    let (side, part) = if left { (Side::Right, samples.right) } else { (Side::Left, samples.left) };
-                    let (have, need) = (part.len() as u16, MIN_SAMPLES as u16);
-                    Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need })
-                }
+                (true, false, false) => missing(Side::Right, samples.right),
+                (false, _, _) => missing(Side::Left, samples.left),
             }
         }
     }
@@ -106,5 +104,5 @@ pub fn choose(samples: Samples<'_>, procedure: Procedure, prior: &Prior) -> Resu
 /// Whether level flight went through enough headings for an ellipse.
 fn shows_level(samples: &[Sample], prior: &Prior) -> bool {
     let samples = Samples { level: samples, ..Samples::default() };
-    level::solve(samples.iter(), &prior.mount.body_from_sensor()).is_ok()
+    level::solve(samples, &prior.mount.body_from_sensor()).is_ok()
 }

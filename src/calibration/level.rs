@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use super::conic::conic;
 use super::least_squares::LeastSquares;
 use super::response::Response;
-use super::{Part, SampleIter, SolveError};
+use super::{Part, Samples, SolveError};
 use crate::trig;
 
 /// Samples needed: a conic has five coefficients, and noise wants some more.
@@ -75,12 +75,14 @@ impl Hypothesis {
 /// What level flight does not show is chosen so that it does not matter there: the vertical field leaks into no other
 /// axis, there is no hard iron along the vertical one, its scale is that of the horizontal ones, and the inclination is
 /// what follows.
-pub(super) fn solve(samples: SampleIter<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
-    let fields = samples.map(|s| rotation * s.field.ut);
-    let have = fields.clone().count();
-    if have < MIN_SAMPLES {
-        return Err(SolveError::TooFewSamples { part: Part::Level, have: have as u16, need: MIN_SAMPLES as u16 });
-    }
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`], [`SolveError::TooFewHeadings`] where they are not spread round, and
+/// [`SolveError::NotAnEllipse`] of [`Part::Level`] where there is no circle of a horizontal field.
+pub(super) fn solve(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
+    let fields = samples.all().map(|s| rotation * s.field.ut);
+    SolveError::require(Part::Level, fields.clone().count(), MIN_SAMPLES)?;
     let found = Hypothesis::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(Part::Level))?;
     let vertical_ut = libm::sqrtf(found.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {

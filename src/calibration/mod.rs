@@ -12,6 +12,7 @@
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
 //! | `likelihood/` | how likely samples are with a set of coefficients |
 //! | `least_squares.rs` | linear least squares in `f32` |
+//! | `turns.rs` | what the two closed forms from turns have in common |
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
@@ -36,6 +37,7 @@ mod orientation;
 mod plane;
 mod response;
 mod solver;
+mod turns;
 mod two_plane;
 mod uncertainty;
 pub mod verification;
@@ -49,6 +51,8 @@ pub use orientation::Orientation;
 pub use solver::{Progress, Solution, Solver, solve};
 pub use uncertainty::Uncertainty;
 pub(crate) use {least_squares::LeastSquares, plane::Plane};
+
+use core::fmt::Debug;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -137,45 +141,14 @@ impl Part {
 }
 
 impl<'a> Samples<'a> {
-    /// The samples without a given heading, one part after the other.
-    #[must_use]
-    pub fn iter(&self) -> SampleIter<'a> {
-        SampleIter(Samples { marks: &[], ..*self })
+    /// The samples without a given heading: left turns, right turns, level flight.
+    pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
+        self.left.iter().chain(self.right).chain(self.level)
     }
 
-    /// All samples, marks included.
-    #[must_use]
-    pub fn all(&self) -> SampleIter<'a> {
-        SampleIter(*self)
-    }
-}
-
-impl<'a> IntoIterator for &Samples<'a> {
-    type Item = &'a Sample;
-    type IntoIter = SampleIter<'a>;
-
-    fn into_iter(self) -> SampleIter<'a> {
-        self.iter()
-    }
-}
-
-/// Samples, one part after the other. Not a chain of iterators: each use of one makes a loop for every part, which all
-/// together take 10 KB of a board's flash.
-#[derive(Clone, Debug)]
-pub struct SampleIter<'a>(Samples<'a>);
-
-impl<'a> Iterator for SampleIter<'a> {
-    type Item = &'a Sample;
-
-    #[inline(never)]
-    fn next(&mut self) -> Option<&'a Sample> {
-        let Samples { left, right, level, marks } = &mut self.0;
-        for part in [left, right, level] {
-            if let Some(sample) = part.split_off_first() {
-                return Some(sample);
-            }
-        }
-        marks.split_off_first().map(|mark| &mark.sample)
+    /// All samples: those without a given heading, then those of the marks.
+    pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
+        self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 }
 
@@ -298,8 +271,7 @@ impl Method {
     }
 
     /// Whether its closed form, if it has one, only starts a refinement.
-    #[must_use]
-    pub const fn is_refined(self) -> bool {
+    const fn is_refined(self) -> bool {
         matches!(self, Self::MaximumLikelihood | Self::CompassSwing | Self::Ellipsoid)
     }
 }

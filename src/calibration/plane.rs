@@ -23,13 +23,13 @@ impl Plane {
     pub fn through(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
         let mut number = 0.0;
         let mut sum = Vector3::zeros();
-        for sample in samples {
+        for sample in samples.iter() {
             number += 1.0;
             sum += rotation * sample.field.ut;
         }
         let origin_ut = sum / number;
         let mut scatter = Matrix3::zeros();
-        for sample in samples {
+        for sample in samples.iter() {
             let from_origin = rotation * sample.field.ut - origin_ut;
             scatter += from_origin * from_origin.transpose();
         }

@@ -22,7 +22,8 @@ pub struct Scores {
     pub incumbent: f32,
 }
 
-/// Scores two calibrations on the same samples; by the total field alone where no attitude is known. Without samples both scores are not a number, so neither is better.
+/// Scores two calibrations on the same samples; by the total field alone where no attitude is known. Without samples
+/// both scores are not a number, so neither is better.
 #[must_use]
 pub fn verify(
     held_back: Samples<'_>,
