@@ -1,5 +1,57 @@
 //! Calibration: pure mathematics from samples to the twelve deviation coefficients. No I/O, no clock, no allocation.
 //!
+//! # From samples to a calibration
+//!
+//! [`Samples`] of a left and a right turn go in, and a [`Solution`] comes out, or a [`SolveError`] that says what to do:
+//! its [`Calibration`] corrects a measured field, its [`Quality`] says how far the headings may be off.
+//!
+//! ```
+//! use std::f32::consts::TAU;
+//!
+//! use autoswing::calibration::{Method, Prior, Sample, Samples, solve};
+//! use autoswing::frames::{Attitude, Field, wrap_pi};
+//! use autoswing::time::WrappingMillis;
+//!
+//! // In place of a sensor: the Earth's field of 50 uT and 60 deg of inclination, bent by the iron of an airframe.
+//! let measure = |attitude: Attitude, heading_rad: f32| {
+//!     let earth = Field::earth(50.0, 60_f32.to_radians(), heading_rad);
+//!     let body = attitude.body(earth).ut;
+//!     Field::from_ut(
+//!         1.10 * body.x + 0.04 * body.y + 12.0,
+//!         0.93 * body.y - 0.05 * body.z - 8.0,
+//!         0.02 * body.x + 1.01 * body.z + 20.0,
+//!     )
+//! };
+//!
+//! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
+//! let circle = |bank_deg: f32| -> Vec<Sample> {
+//!     (0..60)
+//!         .map(|i| {
+//!             let attitude = Attitude::from_deg(bank_deg, 2.0);
+//!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
+//!             Sample { field: measure(attitude, heading_rad), attitude, time: WrappingMillis::new(i * 500) }
+//!         })
+//!         .collect()
+//! };
+//! let (left, right) = (circle(-25.0), circle(25.0));
+//! let samples = Samples { left: &left, right: &right, ..Samples::default() };
+//!
+//! let solution = solve(Method::MaximumLikelihood, samples, &Prior::default())?;
+//! assert!(solution.quality.expected_rms_deg < 1.0);
+//!
+//! // From then on: the field of a reading, corrected, levelled by the attitude at its instant, shows the heading.
+//! let (attitude, heading_rad) = (Attitude::from_deg(10.0, -3.0), 1.2);
+//! let corrected = solution.calibration.apply(measure(attitude, heading_rad));
+//! let error_rad = wrap_pi(attitude.level(corrected).heading_rad() - heading_rad);
+//! assert!(error_rad.abs().to_degrees() < 0.1, "{error_rad} rad");
+//! # Ok::<(), autoswing::calibration::SolveError>(())
+//! ```
+//!
+//! [`ladder::choose`] says which method samples of another kind support. On a device that has other things to do, a
+//! [`Solver`] takes one pass over the samples at a time.
+//!
+//! # Files
+//!
 //! | file | holds |
 //! |---|---|
 //! | `ladder.rs` | which method the samples support |

@@ -278,3 +278,105 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
         number >= MIN_SAMPLES && (keeps_to(low) || keeps_to(high))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Mark;
+    use crate::frames::Field;
+    use crate::time::WrappingMillis;
+
+    /// Fields that run up and down all three axes.
+    fn varied(number: u8) -> Vec<Sample> {
+        let field = |i: u8| Field::from_ut(f32::from(i), 100.0 - f32::from(i), 3.0 * f32::from(i % 10));
+        let sample = |i| Sample { field: field(i), attitude: Attitude::default(), time: WrappingMillis::default() };
+        (0..number).map(sample).collect()
+    }
+
+    /// Of sixty samples so many have this in an axis, and the others run from 10 to 50.
+    fn stuck(axis: usize, number: usize, value_ut: f32) -> Option<Axis> {
+        let mut samples = varied(60);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            let running_ut = 10.0 + 40.0 * (i - i.min(number)) as f32 / (59 - number) as f32;
+            sample.field.ut[axis] = if i < number { value_ut } else { running_ut };
+        }
+        let (left, right) = samples.split_at(30);
+        stuck_axis(Samples { left, right, ..Samples::default() })
+    }
+
+    /// A fifth of sixty is twelve. Of the running samples, 0.85 uT or more apart, one lies at each end of the range.
+    #[test]
+    fn an_axis_is_stuck_when_more_than_a_fifth_lies_at_one_end() {
+        for (index, axis) in [Axis::X, Axis::Y, Axis::Z].into_iter().enumerate() {
+            for end_ut in [50.0, 10.0] {
+                assert_eq!(stuck(index, 11, end_ut), None, "{axis:?} {end_ut}");
+                assert_eq!(stuck(index, 12, end_ut), Some(axis), "{axis:?} {end_ut}");
+                // Either end by itself: a field that runs to both is a turn.
+                assert_eq!(stuck(index, 20, 30.0), None, "{axis:?} in the middle");
+            }
+            // The end is a hundredth of the range: 0.4 uT.
+            for (near_ut, far_ut) in [(49.65, 49.55), (10.35, 10.45)] {
+                assert_eq!(stuck(index, 15, near_ut), Some(axis), "{axis:?} {near_ut}");
+                assert_eq!(stuck(index, 15, far_ut), None, "{axis:?} {far_ut}");
+            }
+        }
+    }
+
+    /// A few samples of turns are at one end by chance; level flight on one heading does not move any axis.
+    #[test]
+    fn only_turns_show_that_an_axis_is_stuck() {
+        let still = vec![varied(1)[0]; 40];
+        assert_eq!(stuck_axis(Samples { level: &still, ..Samples::default() }), None);
+        assert_eq!(stuck_axis(Samples { left: &still[..11], ..Samples::default() }), None);
+        assert_eq!(stuck_axis(Samples { left: &still[..6], right: &still[..6], ..Samples::default() }), Some(Axis::X));
+    }
+
+    #[test]
+    fn twelve_samples_are_looked_at_or_a_single_mark() {
+        let samples = varied(12);
+        let missing = |part, have, need| Err(SolveError::TooFewSamples { part, have, need });
+        let of = |level| Samples { level, ..Samples::default() };
+        assert_eq!(check(Method::MaximumLikelihood, of(&samples)), Ok(()));
+        assert_eq!(check(Method::MaximumLikelihood, of(&samples[..11])), missing(Part::All, 11, 12));
+        assert_eq!(check(Method::Level, of(&samples[..11])), missing(Part::Level, 11, 12));
+        assert_eq!(check(Method::CompassSwing, of(&[])), missing(Part::All, 0, 12));
+        let mark = [Mark { sample: samples[0], heading_rad: 1.0 }];
+        assert_eq!(check(Method::CompassSwing, Samples { marks: &mark, ..Samples::default() }), Ok(()));
+    }
+
+    /// Fields of a tesla and more, attitudes and headings that are not numbers, wherever they are; before an axis is
+    /// called stuck because all others lie at one end.
+    #[test]
+    fn what_is_not_finite_is_named_as_that() {
+        type Change = fn(&mut Sample);
+        let refused: [Change; 7] = [
+            |s| s.field.ut.x = 1.1e6,
+            |s| s.field.ut.y = -1.1e6,
+            |s| s.field.ut.z = f32::INFINITY,
+            |s| s.field.ut.z = f32::NAN,
+            |s| s.attitude.roll_rad = f32::NAN,
+            |s| s.attitude.pitch_rad = f32::INFINITY,
+            |s| s.attitude.pitch_rad = f32::NAN,
+        ];
+        for change in refused {
+            let good = varied(20);
+            let mut bad = good.clone();
+            change(&mut bad[7]);
+            let marks = [Mark { sample: bad[7], heading_rad: 0.0 }];
+            for samples in [
+                Samples { left: &bad, right: &good, ..Samples::default() },
+                Samples { left: &good, right: &bad, ..Samples::default() },
+                Samples { level: &bad, ..Samples::default() },
+                Samples { marks: &marks, ..Samples::default() },
+            ] {
+                assert_eq!(check(Method::MaximumLikelihood, samples), Err(SolveError::NotFinite), "{:?}", bad[7]);
+            }
+        }
+        let mut large = varied(20);
+        large[3].field.ut.x = -0.9e6;
+        assert_eq!(check(Method::Level, Samples { level: &large, ..Samples::default() }), Ok(()));
+        let marks = [Mark { sample: varied(1)[0], heading_rad: f32::NAN }];
+        let nowhere = check(Method::CompassSwing, Samples { marks: &marks, ..Samples::default() });
+        assert_eq!(nowhere, Err(SolveError::NotFinite));
+    }
+}

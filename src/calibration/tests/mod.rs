@@ -1,8 +1,10 @@
-//! What the solver promises: accuracy and refusals here, each method in `methods`, faults in `robustness`, symmetries in
-//! `symmetry`, which method when and what to fly in `guidance`.
+//! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
+//! `robustness`, symmetries in `symmetry`, which method when and what to fly in `guidance`, small values in `basics`.
 
+mod basics;
 mod guidance;
 mod methods;
+mod refusals;
 mod robustness;
 mod symmetry;
 mod synthetic;
