@@ -47,5 +47,5 @@ pub mod outlet;
 pub mod settings;
 pub mod store;
 pub mod time;
-pub mod trig;
+mod trig;
 pub mod wire;

@@ -81,6 +81,7 @@ mod tests {
             assert!(error.abs() < 5e-7, "{sin}: {error:e}");
         }
         assert!((asin(1.5) - core::f32::consts::FRAC_PI_2).abs() < 1e-6);
+        assert!((asin(-1.5) + core::f32::consts::FRAC_PI_2).abs() < 1e-6);
     }
 
     #[test]

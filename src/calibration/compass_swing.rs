@@ -26,24 +26,26 @@ const RIDGE: f32 = 1e-3;
 const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
 /// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] where the fields do not follow the headings. Both are
+/// of [`Part::Marks`].
 pub(super) fn solve(
     marks: &[Mark],
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<Response, SolveError> {
-    if marks.len() < MIN_MARKS {
-        let (have, need) = (marks.len() as u16, MIN_MARKS as u16);
-        return Err(SolveError::TooFewSamples { part: Part::Marks, have, need });
-    }
+    SolveError::require(Part::Marks, marks.len(), MIN_MARKS)?;
     let h0_ut = horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(Part::Marks))?;
     let tried = INCLINATIONS_DEG.map(f32::to_radians);
-    let told = inclination_rad.map(|told_rad| [told_rad]);
-    let best = told
-        .as_ref()
-        .map_or(&tried[..], |told| &told[..])
+    let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
+    inclinations_rad
         .iter()
-        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut));
-    best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, response)| response).ok_or(SolveError::NotDetermined(Part::Marks))
+        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, response)| response)
+        .ok_or(SolveError::NotDetermined(Part::Marks))
 }
 
 /// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.
@@ -77,4 +79,118 @@ fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_
     let b_ut = solution.row(3).transpose() + mean;
     // On level ground all inclinations fit alike; then the least hard iron is the most likely.
     Some((residual + RIDGE * b_ut.norm_squared(), Response { a_ut, b_ut, tan_inclination }))
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::Sample;
+    use crate::frames::{Attitude, Level};
+    use crate::time::WrappingMillis;
+
+    const B_UT: Vector3<f32> = Vector3::new(12.0, -30.0, 8.0);
+
+    fn a() -> Matrix3<f32> {
+        Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
+    }
+
+    /// Marks at twelve headings, leaning to both sides, ahead and back by so much.
+    fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<Mark> {
+        let mark = |i: u8| {
+            let heading_rad = f32::from(i) / 12.0 * TAU;
+            let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
+            let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
+            let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
+            let field = Field::new(a() * attitude.body(level).ut + B_UT);
+            Mark { sample: Sample { field, attitude, time: WrappingMillis::default() }, heading_rad }
+        };
+        (0..12).map(mark).collect()
+    }
+
+    /// The horizontal field is found only to the share that soft iron bends of it, and the vertical one to the step of
+    /// inclinations: the ridge then has a thousandth of the weight of a mark to be wrong with.
+    fn assert_found(found: &Response, inclination_deg: f32) {
+        let h0_ut = 50.0 * inclination_deg.to_radians().cos();
+        assert!((found.a_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.a_ut / h0_ut);
+        assert!((found.b_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.b_ut);
+    }
+
+    #[test]
+    fn every_inclination_tried_is_found_and_one_that_is_told_is_taken() {
+        for inclination_deg in INCLINATIONS_DEG {
+            let marks = marks(inclination_deg, 20.0);
+            let tried = solve(&marks, &Matrix3::identity(), None).unwrap();
+            let found_deg = tried.tan_inclination.atan().to_degrees();
+            assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
+            assert_found(&tried, inclination_deg);
+        }
+        for told_deg in [52.5_f32, -67.0] {
+            let told = solve(&marks(told_deg, 20.0), &Matrix3::identity(), Some(told_deg.to_radians())).unwrap();
+            assert!((told.tan_inclination - told_deg.to_radians().tan()).abs() < 1e-5);
+            assert_found(&told, told_deg);
+        }
+    }
+
+    /// Fifteen degrees apart: what lies between two is found to half a step.
+    #[test]
+    fn an_inclination_between_those_tried_is_found_to_half_a_step() {
+        for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
+            let found = solve(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
+            let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
+            assert!(error_deg.abs() < 8.0, "{inclination_deg}: {error_deg}");
+        }
+    }
+
+    /// On level ground vertical response and hard iron are one: the response is that of no soft iron, and the horizontal
+    /// part is right.
+    #[test]
+    fn level_ground_shows_the_horizontal_part() {
+        let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
+        let horizontal = (found.a_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
+        assert!(horizontal < 1e-3, "{horizontal}");
+        let vertical = found.a_ut.column(2) / 25.0 - Vector3::z();
+        assert!(vertical.norm() < 0.05, "{vertical}");
+    }
+
+    #[test]
+    fn fields_are_rotated_first() {
+        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let turned: Vec<Mark> = marks(60.0, 20.0)
+            .into_iter()
+            .map(|mark| {
+                let field = Field::new(about_z.transpose() * mark.sample.field.ut);
+                Mark { sample: Sample { field, ..mark.sample }, ..mark }
+            })
+            .collect();
+        assert_found(&solve(&turned, &about_z, None).unwrap(), 60.0);
+    }
+
+    #[test]
+    fn four_marks_are_enough_and_three_are_not() {
+        let marks = marks(60.0, 0.0);
+        let spread = [marks[0], marks[3], marks[6], marks[9]];
+        assert!(solve(&spread, &Matrix3::identity(), None).is_ok());
+        let missing = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
+        assert_eq!(solve(&spread[..3], &Matrix3::identity(), None).map(|_| ()), Err(missing));
+    }
+
+    /// A sensor that follows the headings by less than 1 uT is not in the Earth's field.
+    #[test]
+    fn fields_that_do_not_follow_the_headings_determine_nothing() {
+        let scaled = |h0_ut: f32| -> Vec<Mark> {
+            let mark = |i: u8| {
+                let heading_rad = f32::from(i) / 12.0 * TAU;
+                let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
+                let sample = Sample { field, attitude: Attitude::default(), time: WrappingMillis::default() };
+                Mark { sample, heading_rad }
+            };
+            (0..12).map(mark).collect()
+        };
+        assert!(solve(&scaled(1.1), &Matrix3::identity(), None).is_ok());
+        let open = Err(SolveError::NotDetermined(Part::Marks));
+        assert_eq!(solve(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
+        assert_eq!(solve(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
+    }
 }

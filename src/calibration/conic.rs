@@ -21,6 +21,11 @@ pub(super) struct Ellipse {
 
 impl Ellipse {
     /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::NotFinite`] for fields that are not numbers, and [`SolveError::NotAnEllipse`] names the turn whose
+    /// samples lie on another conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         let samples = Samples { left: samples, ..Samples::default() };
         let Some(plane) = Plane::through(&samples, rotation) else { return Err(SolveError::NotFinite) };
@@ -76,4 +81,95 @@ pub(super) fn conic(points: impl Iterator<Item = Vector2<f32>>) -> Option<(Vecto
     let form = form / (1.0 + centre.dot(&(form * centre)));
     let is_ellipse = form.determinant() > 0.0 && form.trace() > 0.0;
     is_ellipse.then_some((centre, form))
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    const U_UT: Vector3<f32> = Vector3::new(25.0, 4.0, -3.0);
+    const V_UT: Vector3<f32> = Vector3::new(6.0, -20.0, 9.0);
+    const CENTRE_UT: Vector3<f32> = Vector3::new(100.0, -40.0, 15.0);
+
+    fn at(phase_rad: f32) -> Vector3<f32> {
+        CENTRE_UT + U_UT * phase_rad.cos() + V_UT * phase_rad.sin()
+    }
+
+    fn samples(field_ut: impl Fn(f32) -> Vector3<f32>) -> Vec<Sample> {
+        (0..24_u8)
+            .map(|i| {
+                let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
+                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default() }
+            })
+            .collect()
+    }
+
+    /// u and v are conjugate but at no right angle. Fields of 100 uT leave 1e-4 of one in f32.
+    #[test]
+    fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
+        let ellipse = Ellipse::fit(&samples(at), &Matrix3::identity(), Side::Left).unwrap();
+        assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
+        assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
+        for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
+            let radius_ut = direction.norm() / if direction == U_UT + V_UT { 2_f32.sqrt() } else { 1.0 };
+            assert!((ellipse.radius_ut(&direction.normalize()) - radius_ut).abs() < 1e-3);
+            let found = ellipse.conjugate_ut(&direction);
+            assert!((found - conjugate).norm().min((found + conjugate).norm()) < 2e-3, "{found} {conjugate}");
+        }
+        for phase_rad in [-3.0_f32, -1.2, 0.0, 0.4, 2.0] {
+            assert!((ellipse.phase_rad(&at(phase_rad), &U_UT, &V_UT) - phase_rad).abs() < 1e-4, "{phase_rad}");
+        }
+    }
+
+    #[test]
+    fn fields_are_rotated_before_they_are_fitted() {
+        let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let ellipse = Ellipse::fit(&samples(at), &rotation, Side::Left).unwrap();
+        assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
+    }
+
+    #[test]
+    fn an_arc_of_a_hyperbola_names_its_turn() {
+        let hyperbola =
+            samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
+        for side in [Side::Left, Side::Right] {
+            let refused = Ellipse::fit(&hyperbola, &Matrix3::identity(), side).map(|_| ());
+            assert_eq!(refused, Err(SolveError::NotAnEllipse(Part::Turns(side))));
+        }
+        let nothing = samples(|_| Vector3::repeat(f32::NAN));
+        assert_eq!(Ellipse::fit(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()), Err(SolveError::NotFinite));
+    }
+
+    fn points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        conic((0..24_u8).map(|i| point(f32::from(i) / 24.0 * TAU).into()))
+    }
+
+    /// An ellipse with semi-axes 2 and 1 and a turned one, round the origin and beside it.
+    #[test]
+    fn the_form_of_an_ellipse_is_found_wherever_it_lies() {
+        for (x, y) in [(0.0, 0.0), (0.3, -0.4), (3.0, 0.0), (-2.0, 4.0)] {
+            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.sin()]).unwrap();
+            assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
+            assert!((form - Matrix2::new(0.25, 0.0, 0.0, 1.0)).norm() < 1e-3, "{x} {y}: {form}");
+            // (2 cos t, cos t + sin t) is x^2 / 4 + (y - x / 2)^2 = 1.
+            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.cos() + t.sin()]).unwrap();
+            assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
+            assert!((form - Matrix2::new(0.5, -0.5, -0.5, 1.0)).norm() < 2e-3, "{x} {y}: {form}");
+        }
+    }
+
+    #[test]
+    fn other_conics_are_no_ellipses() {
+        let hyperbola = |t: f32| ((t / 3.0 - 1.0).cosh(), (t / 3.0 - 1.0).sinh());
+        assert!(points(|t| [hyperbola(t).0, 0.5 * hyperbola(t).1]).is_none());
+        assert!(points(|t| [0.5 * hyperbola(t).0, 2.0 * hyperbola(t).1]).is_none());
+        assert!(points(|t| [2.0 * hyperbola(t).1, 0.5 * hyperbola(t).0 - 1.0]).is_none());
+        assert!(points(|t| [t - 3.0, 2.0 * t]).is_none(), "a line");
+        assert!(points(|_| [1.0, 0.5]).is_none(), "a point");
+        assert!(conic([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().map(Vector2::from)).is_none());
+    }
 }

@@ -44,3 +44,52 @@ fn direction(field: &Vector3<f32>) -> usize {
     let sign = |i: usize| usize::from(field[(axis + i) % 3] < 0.0);
     axis * 8 + sign(0) * 4 + sign(1) * 2 + sign(2)
 }
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+    use crate::calibration::{Method, Part, Prior, Quality, Sample, SolveError, solve};
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    #[test]
+    fn there_are_twenty_four_directions() {
+        let mut seen = [false; 24];
+        for (axis, [u, v]) in
+            (0..3).flat_map(|axis| [[0.5, 0.6], [-0.5, 0.6], [0.5, -0.6], [-0.5, -0.6]].map(|uv| (axis, uv)))
+        {
+            for sign in [1.0, -1.0] {
+                let mut field = Vector3::zeros();
+                (field[axis], field[(axis + 1) % 3], field[(axis + 2) % 3]) = (sign, u, v);
+                let direction = direction(&(field * 40.0));
+                assert!(!seen[direction], "{field} is direction {direction} again");
+                seen[direction] = true;
+            }
+        }
+        assert!(seen.iter().all(|&seen| seen));
+    }
+
+    /// A sensor turned in the hands, but never to these directions.
+    fn tumbled(missing: usize) -> Result<Quality, SolveError> {
+        let mut random = Random(5);
+        let mut noise = move || Vector3::from_fn(|_, _| random.normal());
+        let samples: Vec<Sample> = core::iter::repeat_with(&mut noise)
+            .map(|v| v.normalize() * 50.0)
+            .filter(|field| direction(field) >= missing)
+            .take(300)
+            .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
+            .map(|ut| Sample { field: Field::new(ut), attitude: Attitude::default(), time: WrappingMillis::default() })
+            .collect();
+        solve(Method::Ellipsoid, Samples { level: &samples, ..Samples::default() }, &Prior::default())
+            .map(|s| s.quality)
+    }
+
+    #[test]
+    fn twenty_two_directions_are_enough_and_twenty_one_are_not() {
+        assert!(tumbled(0).is_ok());
+        assert!(tumbled(2).is_ok(), "{:?}", tumbled(2));
+        assert_eq!(tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(Part::All)));
+    }
+}

@@ -48,6 +48,21 @@ pub enum SolveError {
 }
 
 impl SolveError {
+    /// That a part has too few samples. Numbers beyond 65,535 are shown as that.
+    pub(super) fn too_few(part: Part, have: usize, need: usize) -> Self {
+        let [have, need] = [have, need].map(|number| u16::try_from(number).unwrap_or(u16::MAX));
+        Self::TooFewSamples { part, have, need }
+    }
+
+    /// Asks for so many samples of a part.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::TooFewSamples`] when there are fewer.
+    pub(super) fn require(part: Part, have: usize, need: usize) -> Result<(), Self> {
+        if have < need { Err(Self::too_few(part, have, need)) } else { Ok(()) }
+    }
+
     /// Stable code, kebab-case.
     #[must_use]
     pub const fn code(&self) -> &'static str {
@@ -95,5 +110,82 @@ impl fmt::Display for SolveError {
                 write!(f, "the sensor seems mounted {0}; set mount {0}, then cal solve", found.name())
             }
         }
+    }
+}
+
+impl core::error::Error for SolveError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Side;
+
+    /// Codes are read by programs and the words by a person in the field: both are promises.
+    #[test]
+    fn every_error_has_its_code_and_says_what_to_do() {
+        let found = Orientation::from_name("yaw90").unwrap();
+        for (error, code, words) in [
+            (
+                SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 8, need: 12 },
+                "too-few-samples",
+                "8 of 12 samples of left turns; more left turns",
+            ),
+            (
+                SolveError::NotFinite,
+                "not-finite",
+                "a sample is not a number; this is a fault of the firmware, please report it",
+            ),
+            (
+                SolveError::TooFewHeadings { have: 4, need: 5 },
+                "too-few-headings",
+                "4 of 5 headings, 30 deg apart; turn through all of them",
+            ),
+            (
+                SolveError::AxisStuck { axis: Axis::Y },
+                "axis-stuck",
+                "the sensor's y axis keeps to one end; iron too near to it, or a broken chip",
+            ),
+            (
+                SolveError::NotAnEllipse(Part::Turns(Side::Right)),
+                "not-an-ellipse",
+                "the right turns are no full circle; go round",
+            ),
+            (
+                SolveError::NotDetermined(Part::Marks),
+                "not-determined",
+                "the samples of marks leave the coefficients open; see cal advise",
+            ),
+            (
+                SolveError::SamePlane,
+                "same-plane",
+                "left and right bank differ too little; bank 15 deg or more each way",
+            ),
+            (
+                SolveError::NotConverged,
+                "not-converged",
+                "no coefficients explain the samples; fly again away from iron and wires",
+            ),
+            (
+                SolveError::TurnsReversed,
+                "turns-reversed",
+                "headings run against the turns; check the sign of the source's roll",
+            ),
+            (
+                SolveError::MountContradicted { found },
+                "mount-contradicted",
+                "the sensor seems mounted yaw90; set mount yaw90, then cal solve",
+            ),
+        ] {
+            assert_eq!((error.code(), error.to_string().as_str()), (code, words));
+        }
+    }
+
+    #[test]
+    fn one_sample_too_few_is_too_few() {
+        assert_eq!(SolveError::require(Part::Level, 8, 8), Ok(()));
+        let missing = SolveError::TooFewSamples { part: Part::Level, have: 7, need: 8 };
+        assert_eq!(SolveError::require(Part::Level, 7, 8), Err(missing));
+        let many = SolveError::TooFewSamples { part: Part::All, have: u16::MAX, need: u16::MAX };
+        assert_eq!(SolveError::too_few(Part::All, 65_536, 70_000), many);
     }
 }

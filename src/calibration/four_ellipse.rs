@@ -15,12 +15,16 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::level::Hypothesis;
 use super::response::{Response, tangent};
-use super::two_plane::{MIN_SAMPLES, MIN_SINE_OF_BANKS, mean_roll_rad};
+use super::turns::{Bank, Centres, MIN_SAMPLES};
 use super::{Part, Sample, Samples, Side, SolveError};
-use crate::trig;
 
 /// Solves left and right turns whose fields are rotated by `rotation` first. The vertical field is estimated from the
 /// two turns, or follows from the inclination, radians, where it was told.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] name the turn they are about, and
+/// [`SolveError::SamePlane`] says that the banks of the two are too much alike.
 pub(super) fn solve(
     samples: Samples<'_>,
     rotation: &Matrix3<f32>,
@@ -28,21 +32,19 @@ pub(super) fn solve(
 ) -> Result<Response, SolveError> {
     let left = Figures::new(samples.left, rotation, Side::Left, -1.0)?;
     let right = Figures::new(samples.right, rotation, Side::Right, 1.0)?;
-    let (sl, cl) = trig::sin_cos(left.roll_rad);
-    let (sr, cr) = trig::sin_cos(right.roll_rad);
-    if (sr * cl - cr * sl).abs() < MIN_SINE_OF_BANKS {
-        return Err(SolveError::SamePlane);
-    }
+    left.bank.sine_to(right.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = the coefficients, the common first column added up.
-    let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, sl, sr, 0.0, cl, cr);
+    let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.bank.sin, right.bank.sin, 0.0, left.bank.cos, right.bank.cos);
     let coefficients = Matrix3::from_columns(&[left.by_x + right.by_x, left.by_z, right.by_z]);
     let a_ut = coefficients * banks.try_inverse().ok_or(SolveError::SamePlane)?;
-    // Eq. 14 by the difference and by the sum of the two centres: c = b + A (0, c, -s) Hy.
-    let vertical = |s: f32, c: f32| a_ut * Vector3::new(0.0, c, -s);
-    let between = vertical(sr, cr) - vertical(sl, cl);
-    let estimated = between.dot(&(right.centre_ut - left.centre_ut)) / between.norm_squared();
-    let up = inclination_rad.map_or(estimated, |told_rad| -tangent(told_rad));
-    let b_ut = (left.centre_ut + right.centre_ut - (vertical(sl, cl) + vertical(sr, cr)) * up) / 2.0;
+    // Eq. 14: c = b + A (0, c, -s) Hy.
+    let by_vertical = |bank: Bank| a_ut * Vector3::new(0.0, bank.cos, -bank.sin);
+    let centres = Centres {
+        centres_ut: [left.centre_ut, right.centre_ut],
+        by_vertical_ut: [by_vertical(left.bank), by_vertical(right.bank)],
+    };
+    let up = inclination_rad.map_or_else(|| centres.vertical(), |told_rad| -tangent(told_rad));
+    let b_ut = centres.hard_iron_ut(up);
     // From the paper's axes to FRD.
     let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     Ok(Response { a_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
@@ -50,7 +52,7 @@ pub(super) fn solve(
 
 /// The two figures of a turn, in the paper's axes.
 struct Figures {
-    roll_rad: f32,
+    bank: Bank,
     /// What (x, up, right) measure of `Hx`: the sum of the x of both figures is twice that, so x is their mean.
     by_x: Vector3<f32>,
     /// What they measure of `Hz`.
@@ -63,9 +65,7 @@ impl Figures {
     /// `up` is the sign of the up axis in its figure.
     fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
         let part = Part::Turns(side);
-        if samples.len() < MIN_SAMPLES {
-            return Err(SolveError::TooFewSamples { part, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
-        }
+        SolveError::require(part, samples.len(), MIN_SAMPLES)?;
         let fields = samples.iter().map(|s| rotation * s.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
         let xy = Hypothesis::fit(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
@@ -73,7 +73,7 @@ impl Figures {
         // The first rows of both figures are two measurements of the same; eq. 13 and 14 take that of (x, up).
         let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
         Ok(Self {
-            roll_rad: mean_roll_rad(samples),
+            bank: Bank::mean_of(samples),
             by_x: assemble(xy.map_ut.column(0).into(), xz.map_ut.column(0).into()),
             by_z: assemble(xy.map_ut.column(1).into(), xz.map_ut.column(1).into()),
             centre_ut: assemble(xy.centre_ut, xz.centre_ut),

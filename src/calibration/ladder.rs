@@ -9,7 +9,7 @@
 //! | tumbling without attitude | ellipsoid | the mounting |
 //! | less | none | |
 
-use super::two_plane::MIN_SAMPLES;
+use super::turns::MIN_SAMPLES;
 use super::{Method, Part, Prior, Sample, Samples, Side, SolveError, level};
 
 /// How samples were collected.
@@ -90,14 +90,12 @@ pub fn choose(samples: Samples<'_>, procedure: Procedure, prior: &Prior) -> Resu
         Procedure::Turns => {
             let Selection { left, right, .. } = Selection::of(samples, procedure);
             let level = samples.level.len() >= MIN_SAMPLES;
+            let missing = |side, turns: &[_]| Err(SolveError::too_few(Part::Turns(side), turns.len(), MIN_SAMPLES));
             match (left, right, level) {
                 (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
                 (false, false, true) if shows_level(samples.level, prior) => Ok(Method::Level),
-                (left, _, _) => {
-                    let (side, part) = if left { (Side::Right, samples.right) } else { (Side::Left, samples.left) };
-                    let (have, need) = (part.len() as u16, MIN_SAMPLES as u16);
-                    Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need })
-                }
+                (true, false, false) => missing(Side::Right, samples.right),
+                (false, _, _) => missing(Side::Left, samples.left),
             }
         }
     }
@@ -106,5 +104,106 @@ pub fn choose(samples: Samples<'_>, procedure: Procedure, prior: &Prior) -> Resu
 /// Whether level flight went through enough headings for an ellipse.
 fn shows_level(samples: &[Sample], prior: &Prior) -> bool {
     let samples = Samples { level: samples, ..Samples::default() };
-    level::solve(samples.iter(), &prior.mount.body_from_sensor()).is_ok()
+    level::solve(samples, &prior.mount.body_from_sensor()).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::{Mark, Orientation};
+    use crate::frames::{Attitude, Field, Level};
+    use crate::time::WrappingMillis;
+
+    /// Samples of a level circle; each part of a flight is told by how many it has.
+    fn circle(number: usize) -> Vec<Sample> {
+        (0..number)
+            .map(|i| {
+                let field = Field::<Level>::earth(50.0, 1.0, TAU * i as f32 / number as f32);
+                Sample { field: Field::new(field.ut), attitude: Attitude::default(), time: WrappingMillis::default() }
+            })
+            .collect()
+    }
+
+    fn chosen(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
+        let (left, right, level) = (circle(left), circle(right), circle(level));
+        let samples = Samples { left: &left, right: &right, level: &level, marks: &[] };
+        choose(samples, Procedure::Turns, &Prior::default())
+    }
+
+    /// 12 samples are a side's least: with 11 it counts as not flown.
+    #[test]
+    fn turns_take_the_best_method_that_their_parts_support() {
+        let missing = |side, have| Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need: 12 });
+        for (left, right, level, expected) in [
+            (12, 12, 0, Ok(Method::MaximumLikelihood)),
+            (12, 12, 40, Ok(Method::MaximumLikelihood)),
+            (12, 0, 12, Ok(Method::MaximumLikelihood)),
+            (0, 12, 12, Ok(Method::MaximumLikelihood)),
+            (12, 11, 11, missing(Side::Right, 11)),
+            (11, 12, 11, missing(Side::Left, 11)),
+            (11, 12, 0, missing(Side::Left, 11)),
+            (11, 11, 12, Ok(Method::Level)),
+            (11, 11, 11, missing(Side::Left, 11)),
+            (0, 0, 0, missing(Side::Left, 0)),
+            (3, 0, 0, missing(Side::Left, 3)),
+        ] {
+            assert_eq!(chosen(left, right, level), expected, "{left} {right} {level}");
+        }
+    }
+
+    /// Straight flight is long, but shows one heading.
+    #[test]
+    fn level_flight_alone_must_have_gone_round() {
+        let straight = vec![circle(1)[0]; 40];
+        let samples = Samples { level: &straight, ..Samples::default() };
+        let missing = SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, need: 12 };
+        assert_eq!(choose(samples, Procedure::Turns, &Prior::default()), Err(missing));
+    }
+
+    /// On the ground the person has said what the samples are.
+    #[test]
+    fn every_other_procedure_has_one_method() {
+        for (procedure, method) in [
+            (Procedure::Level, Method::Level),
+            (Procedure::Swing, Method::CompassSwing),
+            (Procedure::Tumble, Method::Ellipsoid),
+        ] {
+            let prior = Prior { mount: Orientation::NONE, ..Prior::default() };
+            assert_eq!(choose(Samples::default(), procedure, &prior), Ok(method));
+        }
+    }
+
+    #[test]
+    fn thin_parts_are_left_out_and_level_flight_beside_both_sides() {
+        let parts = [0, 11, 12].map(circle);
+        let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
+        let selected = |left: usize, right: usize, level: usize, procedure| {
+            let all = Samples { left: &parts[left], right: &parts[right], level: &parts[level], marks: &marks };
+            let selected = Selection::of(all, procedure).from(all);
+            assert_eq!(selected.marks, marks);
+            (selected.left.len(), selected.right.len(), selected.level.len())
+        };
+        assert_eq!(selected(2, 2, 2, Procedure::Turns), (12, 12, 0));
+        assert_eq!(selected(2, 1, 2, Procedure::Turns), (12, 0, 12));
+        assert_eq!(selected(1, 2, 2, Procedure::Turns), (0, 12, 12));
+        assert_eq!(selected(1, 1, 2, Procedure::Turns), (0, 0, 12));
+        assert_eq!(selected(2, 0, 1, Procedure::Turns), (12, 0, 0));
+        assert_eq!(selected(2, 2, 2, Procedure::Level), (12, 12, 12));
+    }
+
+    #[test]
+    fn procedures_are_typed_by_name() {
+        for (procedure, name) in [
+            (Procedure::Turns, "turns"),
+            (Procedure::Level, "level"),
+            (Procedure::Swing, "swing"),
+            (Procedure::Tumble, "tumble"),
+        ] {
+            assert_eq!((procedure.name(), Procedure::from_name(name)), (name, Some(procedure)));
+        }
+        assert_eq!(Procedure::from_name("walk"), None);
+        assert_eq!(Procedure::default(), Procedure::Turns);
+    }
 }

@@ -1,5 +1,57 @@
 //! Calibration: pure mathematics from samples to the twelve deviation coefficients. No I/O, no clock, no allocation.
 //!
+//! # From samples to a calibration
+//!
+//! [`Samples`] of a left and a right turn go in, and a [`Solution`] comes out, or a [`SolveError`] that says what to do:
+//! its [`Calibration`] corrects a measured field, its [`Quality`] says how far the headings may be off.
+//!
+//! ```
+//! use std::f32::consts::TAU;
+//!
+//! use autoswing::calibration::{Method, Prior, Sample, Samples, solve};
+//! use autoswing::frames::{Attitude, Field, wrap_pi};
+//! use autoswing::time::WrappingMillis;
+//!
+//! // In place of a sensor: the Earth's field of 50 uT and 60 deg of inclination, bent by the iron of an airframe.
+//! let measure = |attitude: Attitude, heading_rad: f32| {
+//!     let earth = Field::earth(50.0, 60_f32.to_radians(), heading_rad);
+//!     let body = attitude.body(earth).ut;
+//!     Field::from_ut(
+//!         1.10 * body.x + 0.04 * body.y + 12.0,
+//!         0.93 * body.y - 0.05 * body.z - 8.0,
+//!         0.02 * body.x + 1.01 * body.z + 20.0,
+//!     )
+//! };
+//!
+//! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
+//! let circle = |bank_deg: f32| -> Vec<Sample> {
+//!     (0..60)
+//!         .map(|i| {
+//!             let attitude = Attitude::from_deg(bank_deg, 2.0);
+//!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
+//!             Sample { field: measure(attitude, heading_rad), attitude, time: WrappingMillis::new(i * 500) }
+//!         })
+//!         .collect()
+//! };
+//! let (left, right) = (circle(-25.0), circle(25.0));
+//! let samples = Samples { left: &left, right: &right, ..Samples::default() };
+//!
+//! let solution = solve(Method::MaximumLikelihood, samples, &Prior::default())?;
+//! assert!(solution.quality.expected_rms_deg < 1.0);
+//!
+//! // From then on: the field of a reading, corrected, levelled by the attitude at its instant, shows the heading.
+//! let (attitude, heading_rad) = (Attitude::from_deg(10.0, -3.0), 1.2);
+//! let corrected = solution.calibration.apply(measure(attitude, heading_rad));
+//! let error_rad = wrap_pi(attitude.level(corrected).heading_rad() - heading_rad);
+//! assert!(error_rad.abs().to_degrees() < 0.1, "{error_rad} rad");
+//! # Ok::<(), autoswing::calibration::SolveError>(())
+//! ```
+//!
+//! [`ladder::choose`] says which method samples of another kind support. On a device that has other things to do, a
+//! [`Solver`] takes one pass over the samples at a time.
+//!
+//! # Files
+//!
 //! | file | holds |
 //! |---|---|
 //! | `ladder.rs` | which method the samples support |
@@ -12,6 +64,7 @@
 //! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
 //! | `likelihood/` | how likely samples are with a set of coefficients |
 //! | `least_squares.rs` | linear least squares in `f32` |
+//! | `turns.rs` | what the two closed forms from turns have in common |
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
@@ -36,6 +89,7 @@ mod orientation;
 mod plane;
 mod response;
 mod solver;
+mod turns;
 mod two_plane;
 mod uncertainty;
 pub mod verification;
@@ -49,6 +103,8 @@ pub use orientation::Orientation;
 pub use solver::{Progress, Solution, Solver, solve};
 pub use uncertainty::Uncertainty;
 pub(crate) use {least_squares::LeastSquares, plane::Plane};
+
+use core::fmt::Debug;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -137,45 +193,14 @@ impl Part {
 }
 
 impl<'a> Samples<'a> {
-    /// The samples without a given heading, one part after the other.
-    #[must_use]
-    pub fn iter(&self) -> SampleIter<'a> {
-        SampleIter(Samples { marks: &[], ..*self })
+    /// The samples without a given heading: left turns, right turns, level flight.
+    pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
+        self.left.iter().chain(self.right).chain(self.level)
     }
 
-    /// All samples, marks included.
-    #[must_use]
-    pub fn all(&self) -> SampleIter<'a> {
-        SampleIter(*self)
-    }
-}
-
-impl<'a> IntoIterator for &Samples<'a> {
-    type Item = &'a Sample;
-    type IntoIter = SampleIter<'a>;
-
-    fn into_iter(self) -> SampleIter<'a> {
-        self.iter()
-    }
-}
-
-/// Samples, one part after the other. Not a chain of iterators: each use of one makes a loop for every part, which all
-/// together take 10 KB of a board's flash.
-#[derive(Clone, Debug)]
-pub struct SampleIter<'a>(Samples<'a>);
-
-impl<'a> Iterator for SampleIter<'a> {
-    type Item = &'a Sample;
-
-    #[inline(never)]
-    fn next(&mut self) -> Option<&'a Sample> {
-        let Samples { left, right, level, marks } = &mut self.0;
-        for part in [left, right, level] {
-            if let Some(sample) = part.split_off_first() {
-                return Some(sample);
-            }
-        }
-        marks.split_off_first().map(|mark| &mark.sample)
+    /// All samples: those without a given heading, then those of the marks.
+    pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
+        self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 }
 
@@ -298,8 +323,7 @@ impl Method {
     }
 
     /// Whether its closed form, if it has one, only starts a refinement.
-    #[must_use]
-    pub const fn is_refined(self) -> bool {
+    const fn is_refined(self) -> bool {
         matches!(self, Self::MaximumLikelihood | Self::CompassSwing | Self::Ellipsoid)
     }
 }

@@ -124,4 +124,40 @@ mod tests {
         }
         assert_eq!(Orientation::from_name("upside-down"), None);
     }
+
+    /// MAVLink's names say the rotation: here it is built from the name, and by nalgebra's ZYX angles.
+    #[test]
+    fn names_say_the_rotation() {
+        for orientation in Orientation::all() {
+            let turned_deg = |axis: &str| -> f32 {
+                let part = orientation.name().split('-').find_map(|part| part.strip_prefix(axis));
+                part.map_or(0.0, |degrees| degrees.parse().unwrap())
+            };
+            let [roll, pitch, yaw] = ["roll", "pitch", "yaw"].map(|axis| turned_deg(axis).to_radians());
+            let expected = nalgebra::Rotation3::from_euler_angles(roll, pitch, yaw);
+            let difference = (orientation.body_from_sensor() - expected.matrix()).norm();
+            assert!(difference < 1e-6, "{}: {difference}", orientation.name());
+        }
+    }
+
+    /// A mounting error of 20 deg about any axis, the largest that a calibration finds, is still of that mounting.
+    #[test]
+    fn a_mounting_20_deg_off_is_the_nearest_still() {
+        for orientation in Orientation::all() {
+            for (x, y, z) in [(0.35, 0.0, 0.0), (0.0, -0.35, 0.0), (0.0, 0.0, 0.35), (-0.2, 0.2, 0.2)] {
+                let off = nalgebra::Rotation3::new(nalgebra::Vector3::new(x, y, z));
+                assert_eq!(Orientation::nearest(&(off * orientation.body_from_sensor())), orientation);
+            }
+        }
+    }
+
+    /// What flash holds may be any number.
+    #[test]
+    fn numbers_past_the_end_are_not_valid() {
+        assert_eq!(Orientation::all().filter(|o| o.is_valid()).count(), 24);
+        assert!(!Orientation(24).is_valid() && !Orientation(255).is_valid());
+        assert_eq!(Orientation(255).name(), "roll90-yaw270");
+        assert_eq!(Orientation::NONE.body_from_sensor(), Matrix3::identity());
+        assert_eq!(Orientation::default(), Orientation::NONE);
+    }
 }

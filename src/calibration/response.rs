@@ -35,8 +35,9 @@ impl Response {
         // Total field in units of H0.
         let total = libm::sqrtf(1.0 + self.tan_inclination * self.tan_inclination);
         let w = self.a_ut.try_inverse()? / total;
-        let unit_ut = trig::reciprocal_cbrt(w.determinant());
-        (unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
+        let determinant = w.determinant();
+        let unit_ut = trig::reciprocal_cbrt(determinant);
+        (determinant > 0.0 && unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
             unit_ut,
             w: w * unit_ut,
             b: self.b_ut / unit_ut,
@@ -85,4 +86,96 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
 pub(super) fn tangent(inclination_rad: f32) -> f32 {
     let (sin, cos) = trig::sin_cos(inclination_rad);
     sin / cos
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::{Mark, Sample};
+    use crate::frames::{Attitude, Level};
+    use crate::time::WrappingMillis;
+
+    fn response() -> Response {
+        Response {
+            a_ut: Matrix3::new(27.0, 2.0, -1.0, 0.5, 22.0, 3.0, -2.0, 1.0, 30.0),
+            b_ut: Vector3::new(12.0, -7.0, 40.0),
+            tan_inclination: 1.4,
+        }
+    }
+
+    /// What the sensor would measure at any attitude is, corrected, a field of one unit.
+    #[test]
+    fn a_start_corrects_to_the_unit_of_field() {
+        let response = response();
+        let start = response.start().unwrap();
+        assert!((start.w.determinant() - 1.0).abs() < 1e-5);
+        assert!((start.inclination_rad - 1.4_f32.atan()).abs() < 1e-6);
+        let total = (1.0_f32 + 1.4 * 1.4).sqrt();
+        for direction in [Vector3::x(), Vector3::y(), -Vector3::z(), Vector3::new(0.6, 0.0, 0.8)] {
+            let measured_ut = response.a_ut * direction * total + response.b_ut;
+            let corrected = start.w * (measured_ut / start.unit_ut - start.b);
+            assert!((corrected - direction).norm() < 1e-5, "{corrected} {direction}");
+        }
+    }
+
+    #[test]
+    fn what_mirrors_or_flattens_is_no_start() {
+        let mirrored = Response { a_ut: -response().a_ut, ..response() };
+        assert!(mirrored.start().is_none());
+        let flat = Response { a_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..response() };
+        assert!(flat.start().is_none());
+        assert!(Response { tan_inclination: f32::NAN, ..response() }.start().is_none());
+        assert!(Response { a_ut: Matrix3::repeat(f32::NAN), ..response() }.start().is_none());
+    }
+
+    /// Circles at these banks, of an aircraft with hard iron only.
+    fn circles(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
+        let fly = |&bank_deg: &f32| {
+            let attitude = Attitude::from_deg(bank_deg, 2.0);
+            (0..24_u8).map(move |i| {
+                let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
+                let field = Field::new(attitude.body(level).ut + b_ut);
+                Sample { field, attitude, time: WrappingMillis::default() }
+            })
+        };
+        banks_deg.iter().flat_map(fly).collect()
+    }
+
+    /// The ridge of 1e-4 pulls the centre by as much of the hard iron: 0.01 uT.
+    #[test]
+    fn a_sphere_finds_hard_iron_and_inclination() {
+        let b_ut = Vector3::new(30.0, -60.0, 45.0);
+        let (left, right) = (circles(&[-25.0], b_ut), circles(&[25.0], b_ut));
+        let start = sphere(Samples { left: &left, right: &right, ..Samples::default() }, &Matrix3::identity()).unwrap();
+        assert!((start.unit_ut - 50.0).abs() < 0.1, "{}", start.unit_ut);
+        assert!((start.b * start.unit_ut - b_ut).norm() < 0.2, "{}", start.b * start.unit_ut);
+        assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
+        assert_eq!(start.w, Matrix3::identity());
+
+        let marks: Vec<Mark> =
+            circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
+        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let turned = sphere(Samples { marks: &marks, ..Samples::default() }, &about_z).unwrap();
+        let expected_ut = about_z * b_ut;
+        assert!((turned.b * turned.unit_ut - expected_ut).norm() < 0.2, "{}", turned.b * turned.unit_ut);
+    }
+
+    /// Spheres of any size go through one circle; of those the one with the least hard iron is taken.
+    #[test]
+    fn a_single_circle_is_taken_for_one_without_hard_iron_along_its_axis() {
+        let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
+        let start = sphere(Samples { level: &level, ..Samples::default() }, &Matrix3::identity()).unwrap();
+        let b_ut = start.b * start.unit_ut;
+        assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
+        assert!((start.unit_ut - 50.0).abs() < 1.0, "{}", start.unit_ut);
+    }
+
+    #[test]
+    fn a_tangent_is_the_vertical_over_the_horizontal() {
+        for (degrees, expected) in [(0.0_f32, 0.0), (45.0, 1.0), (-60.0, -1.732_050_8), (75.0, 3.732_050_8)] {
+            assert!((tangent(degrees.to_radians()) - expected).abs() < 1e-5, "{degrees}");
+        }
+    }
 }

@@ -17,25 +17,23 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::conic::Ellipse;
 use super::response::Response;
+use super::turns::{Bank, Centres, MIN_SAMPLES, progress_rad};
 use super::{Part, Sample, Samples, Side, SolveError};
-use crate::trig;
 
-/// Samples a side must have: five determine a conic, and each sector of 30 deg should have one.
-pub(super) const MIN_SAMPLES: usize = 12;
-
-/// Samples further apart in time than this say nothing about the way a turn runs, milliseconds: in 3 s even a sharp
-/// turn of 30 deg/s stays below half a circle.
-const MAX_STEP_MS: u32 = 3000;
-
-/// The bank must differ by so much between the sides, as a sine: 10 deg.
-pub(super) const MIN_SINE_OF_BANKS: f32 = 0.17;
+/// The sine of the angle between the planes must be more, or their common direction is noise.
+const MIN_SINE_OF_PLANES: f32 = 1e-3;
 
 /// Solves left and right turns whose fields are rotated by `rotation` first.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] name the turn they are about, and
+/// [`SolveError::SamePlane`] says that the banks of the two, or their planes, are too much alike.
 pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Response, SolveError> {
     let left = Turn::new(turns.left, rotation, Side::Left)?;
     let right = Turn::new(turns.right, rotation, Side::Right)?;
     let common = left.ellipse.normal.cross(&right.ellipse.normal);
-    if common.norm() < 1e-3 {
+    if common.norm() < MIN_SINE_OF_PLANES {
         return Err(SolveError::SamePlane);
     }
     let common = common.normalize();
@@ -44,19 +42,17 @@ pub(super) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<Respo
     let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
 
     // v = -cos(phi) A e_y + sin(phi) A e_z for both banks, solved for A e_y and A e_z.
-    let ((sl, cl), (sr, cr)) = (trig::sin_cos(left.roll_rad), trig::sin_cos(right.roll_rad));
-    let sine = sr * cl - cr * sl;
-    if sine.abs() < MIN_SINE_OF_BANKS {
-        return Err(SolveError::SamePlane);
-    }
-    let y_ut = (v_right * sl - v_left * sr) / sine;
-    let z_ut = (v_right * cl - v_left * cr) / sine;
+    let sine = left.bank.sine_to(right.bank)?;
+    let y_ut = (v_right * left.bank.sin - v_left * right.bank.sin) / sine;
+    let z_ut = (v_right * left.bank.cos - v_left * right.bank.cos) / sine;
 
-    let (centre_left, centre_right) = (left.ellipse.centre_ut, right.ellipse.centre_ut);
-    let vertical = |sin: f32, cos: f32| y_ut * sin + z_ut * cos;
-    let between = vertical(sr, cr) - vertical(sl, cl);
-    let tan_inclination = between.dot(&(centre_right - centre_left)) / between.norm_squared();
-    let b_ut = (centre_left + centre_right - (vertical(sl, cl) + vertical(sr, cr)) * tan_inclination) / 2.0;
+    let by_vertical = |bank: Bank| y_ut * bank.sin + z_ut * bank.cos;
+    let centres = Centres {
+        centres_ut: [left.ellipse.centre_ut, right.ellipse.centre_ut],
+        by_vertical_ut: [by_vertical(left.bank), by_vertical(right.bank)],
+    };
+    let tan_inclination = centres.vertical();
+    let b_ut = centres.hard_iron_ut(tan_inclination);
     let a_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
     let sign = if a_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
     Ok(Response { a_ut: a_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
@@ -68,18 +64,14 @@ struct Turn<'a> {
     rotation: &'a Matrix3<f32>,
     side: Side,
     ellipse: Ellipse,
-    /// Mean bank.
-    roll_rad: f32,
+    bank: Bank,
 }
 
 impl<'a> Turn<'a> {
     fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        if samples.len() < MIN_SAMPLES {
-            let part = Part::Turns(side);
-            return Err(SolveError::TooFewSamples { part, have: samples.len() as u16, need: MIN_SAMPLES as u16 });
-        }
+        SolveError::require(Part::Turns(side), samples.len(), MIN_SAMPLES)?;
         let ellipse = Ellipse::fit(samples, rotation, side)?;
-        Ok(Self { samples, rotation, side, ellipse, roll_rad: mean_roll_rad(samples) })
+        Ok(Self { samples, rotation, side, ellipse, bank: Bank::mean_of(samples) })
     }
 
     /// The semi-axis conjugate to `u`, with the sign that lets heading run the way of the turn.
@@ -87,25 +79,5 @@ impl<'a> Turn<'a> {
         let v_ut = self.ellipse.conjugate_ut(u_ut);
         let phase = |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut), u_ut, &v_ut);
         if progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
-    }
-}
-
-/// Mean bank; 0 without samples.
-pub(super) fn mean_roll_rad(samples: &[Sample]) -> f32 {
-    samples.iter().map(|s| s.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32
-}
-
-/// By how much an angle of the samples runs the way heading does in a turn of this side, up to the right, down to the
-/// left: radians, positive if it runs the right way, 0 if the samples are too far apart to say.
-pub(super) fn progress_rad(samples: &[Sample], side: Side, angle_rad: impl Fn(&Sample) -> f32) -> f32 {
-    let progress_rad: f32 = samples
-        .iter()
-        .zip(samples.iter().skip(1))
-        .filter(|(a, b)| b.time.since(a.time) <= MAX_STEP_MS)
-        .map(|(a, b)| crate::frames::wrap_pi(angle_rad(b) - angle_rad(a)))
-        .sum();
-    match side {
-        Side::Left => -progress_rad,
-        Side::Right => progress_rad,
     }
 }

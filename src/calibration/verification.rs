@@ -22,7 +22,8 @@ pub struct Scores {
     pub incumbent: f32,
 }
 
-/// Scores two calibrations on the same samples; by the total field alone where no attitude is known. Without samples both scores are not a number, so neither is better.
+/// Scores two calibrations on the same samples; by the total field alone where no attitude is known. Without samples
+/// both scores are not a number, so neither is better.
 #[must_use]
 pub fn verify(
     held_back: Samples<'_>,
@@ -49,4 +50,91 @@ fn score(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) 
         .map(|[norm, dip]| norm * norm + dip * dip)
         .sum();
     libm::sqrtf(squares / (2.0 * number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Mark, Orientation};
+    use crate::frames::{Attitude, Field, Level};
+    use crate::time::WrappingMillis;
+
+    const HALF: f32 = core::f32::consts::FRAC_1_SQRT_2;
+
+    /// Level samples round the compass, whose total field and dip are one scale above and below their means in turn.
+    fn samples(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
+        (0..16_u8)
+            .map(|i| {
+                let (norm, dip) = (if i % 2 == 0 { 1.0 } else { -1.0 }, if i % 4 < 2 { 1.0 } else { -1.0 });
+                let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
+                let inclination_rad = 1.0 + dip * dip_scales * 0.005;
+                let field = Field::<Level>::earth(total_ut, inclination_rad, f32::from(i));
+                Sample { field: Field::new(field.ut), attitude: Attitude::default(), time: WrappingMillis::default() }
+            })
+            .collect()
+    }
+
+    fn scores(samples: &[Sample], knows_attitude: bool) -> Scores {
+        let none = Calibration::uncalibrated(Orientation::NONE);
+        // Twice the field in all axes: the scale of a calibration is no error of it.
+        let doubled = Calibration { w: none.w.map(|row| row.map(|w| 2.0 * w)), ..none };
+        let scores = verify(Samples { level: samples, ..Samples::default() }, knows_attitude, &none, &doubled);
+        // f32 has 7 digits for a difference of 0.4 %: 1e-4 of a score.
+        assert!((scores.candidate - scores.incumbent).abs() < 1e-3, "{scores:?}");
+        scores
+    }
+
+    /// Each of the two kinds counts half: 0.4 % of total field as much as 0.005 radians of dip.
+    #[test]
+    fn a_scale_of_scatter_in_both_is_a_score_of_one() {
+        for (norm, dip, expected) in
+            [(0.0, 0.0, 0.0), (1.0, 0.0, HALF), (0.0, 1.0, HALF), (1.0, 1.0, 1.0), (3.0, 4.0, 5.0 * HALF)]
+        {
+            let found = scores(&samples(norm, dip), true).candidate;
+            assert!((found - expected).abs() < 2e-3, "{norm} {dip}: {found}");
+        }
+    }
+
+    #[test]
+    fn without_attitude_only_the_total_field_counts() {
+        for (norm, dip, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
+            let found = scores(&samples(norm, dip), false).candidate;
+            assert!((found - expected).abs() < 2e-3, "{norm} {dip}: {found}");
+        }
+    }
+
+    #[test]
+    fn each_calibration_has_its_own_score() {
+        let clean = samples(0.0, 0.0);
+        let held_back = Samples { right: &clean, ..Samples::default() };
+        let none = Calibration::uncalibrated(Orientation::NONE);
+        let moved = Calibration { b_ut: [3.0, 0.0, 0.0], ..none };
+        let Scores { candidate, incumbent } = verify(held_back, true, &moved, &none);
+        // 3 uT of 50 are 6 %, of which the horizontal half shows: many times the scale.
+        assert!(candidate > 3.0 && incumbent < 1e-2, "{candidate} {incumbent}");
+        let Scores { candidate, incumbent } = verify(held_back, true, &none, &moved);
+        assert!(incumbent > 3.0 && candidate < 1e-2, "{candidate} {incumbent}");
+    }
+
+    /// Neither is better, whichever way it is asked. The marks of a swing are not held back.
+    #[test]
+    fn without_samples_nothing_is_better() {
+        let none = Calibration::uncalibrated(Orientation::NONE);
+        let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
+        for nothing in [Samples::default(), Samples { marks: &marks, ..Samples::default() }] {
+            let scores = verify(nothing, true, &none, &none);
+            assert!(scores.candidate.is_nan() && scores.incumbent.is_nan(), "{scores:?}");
+        }
+    }
+
+    /// The attitude is taken out of each field before its dip is looked at.
+    #[test]
+    fn an_aircraft_that_leans_measures_the_same_dip() {
+        let leaning: Vec<Sample> = samples(0.0, 0.0)
+            .into_iter()
+            .zip((0..).map(|i: u8| Attitude::from_deg(f32::from(i) * 4.0 - 30.0, f32::from(i % 3) * 5.0)))
+            .map(|(s, attitude)| Sample { field: Field::new(attitude.body(Field::new(s.field.ut)).ut), attitude, ..s })
+            .collect();
+        assert!(scores(&leaning, true).candidate < 1e-2);
+    }
 }

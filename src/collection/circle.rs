@@ -37,7 +37,7 @@ impl Circle {
         }
         let plane = Plane::through(samples, &Matrix3::identity())?;
         let mut system = LeastSquares::<3, 1>::new();
-        for sample in samples {
+        for sample in samples.iter() {
             let p = plane.flat(&sample.field.ut);
             system.add(&p.push(1.0), [p.norm_squared()], 1.0);
         }

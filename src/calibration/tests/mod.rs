@@ -1,12 +1,14 @@
-//! What the solver promises: accuracy and refusals here, each method in `methods`, faults in `robustness`, symmetries
-//! in
-//! `symmetry`, which method when and what to fly in `guidance`.
+//! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
+//! `robustness`, symmetries in `symmetry`, which method when and what to fly in `guidance`, small values in `basics`,
+//! the likelihood's derivatives in `derivatives`, its noise and damping in `likelihood`, its sigmas in `forecast`.
 
+mod basics;
 pub(super) mod derivatives;
 mod forecast;
 mod guidance;
 mod likelihood;
 mod methods;
+mod refusals;
 mod robustness;
 mod symmetry;
 pub(crate) mod synthetic;

@@ -1,0 +1,109 @@
+//! The values that calibration takes and gives.
+
+use crate::calibration::{
+    Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Sample, Samples, Side, rows,
+};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+fn sample(x_ut: f32) -> Sample {
+    Sample { field: Field::from_ut(x_ut, 0.0, 0.0), attitude: Attitude::default(), time: WrappingMillis::default() }
+}
+
+/// 1,024 samples of a flight are kept in memory.
+#[test]
+fn samples_are_small() {
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (24, 28));
+}
+
+#[test]
+fn samples_come_part_by_part_and_marks_only_when_all_are_asked_for() {
+    let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
+    let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
+    let samples = Samples { left: &left, right: &right, level: &level, marks: &marks };
+    let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
+    assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    assert_eq!(numbers(&mut samples.all()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    assert_eq!(Samples::default().all().count(), 0);
+}
+
+fn calibration() -> Calibration {
+    Calibration {
+        w: [[1.0, 2.0, 0.0], [0.0, 1.0, -1.0], [3.0, 0.0, 2.0]],
+        b_ut: [10.0, -20.0, 30.0],
+        inclination_rad: 1.0,
+        total_ut: 50.0,
+    }
+}
+
+/// Liu 2007 eq. 8 by hand: (1, 2, 3) is left of the field when the hard iron is gone.
+#[test]
+fn a_calibration_takes_hard_iron_away_and_then_turns_the_field() {
+    let corrected = calibration().apply(Field::from_ut(11.0, -18.0, 33.0));
+    assert_eq!(corrected, Field::from_ut(5.0, -1.0, 9.0));
+    assert_eq!(calibration().w_matrix() * nalgebra::Vector3::new(1.0, 2.0, 3.0), corrected.ut);
+    assert_eq!(rows(&calibration().w_matrix()), calibration().w);
+    assert_eq!(calibration().b_vector_ut(), nalgebra::Vector3::new(10.0, -20.0, 30.0));
+}
+
+#[test]
+fn uncalibrated_only_the_mounting_is_taken_out() {
+    let yaw90 = Orientation::from_name("yaw90").unwrap();
+    let none = Calibration::uncalibrated(yaw90);
+    // The chip's x axis points to the right wing.
+    assert_eq!(none.apply(Field::from_ut(1.0, 2.0, 3.0)), Field::from_ut(-2.0, 1.0, 3.0));
+    assert!(none.is_finite());
+}
+
+#[test]
+fn a_coefficient_that_is_no_number_is_found() {
+    assert!(calibration().is_finite());
+    for bad in [f32::NAN, f32::INFINITY] {
+        for i in 0..9 {
+            let mut calibration = calibration();
+            calibration.w[i / 3][i % 3] = bad;
+            assert!(!calibration.is_finite(), "w {i}");
+        }
+        for i in 0..3 {
+            let mut calibration = calibration();
+            calibration.b_ut[i] = bad;
+            assert!(!calibration.is_finite(), "b {i}");
+        }
+        assert!(!Calibration { inclination_rad: bad, ..calibration() }.is_finite());
+        assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
+    }
+}
+
+#[test]
+fn words_are_stable() {
+    assert_eq!([Side::Left, Side::Right].map(Side::name), ["left", "right"]);
+    assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::name), ["x", "y", "z"]);
+    let parts = [Part::Turns(Side::Left), Part::Turns(Side::Right), Part::Level, Part::Marks, Part::All];
+    assert_eq!(parts.map(Part::name), ["left turns", "right turns", "level headings", "marks", "all attitudes"]);
+    let names = ["level", "four-ellipse", "two-plane", "maximum-likelihood", "compass-swing", "ellipsoid"];
+    assert_eq!(Method::ALL.map(Method::name), names);
+    for method in Method::ALL {
+        assert_eq!(Method::from_name(method.name()), Some(method));
+    }
+    assert_eq!(Method::from_name("guess"), None);
+}
+
+/// Level flight and a bench leave the mounting open.
+#[test]
+fn only_what_banked_with_a_known_attitude_knows_everything() {
+    let quality = |method, envelope| Quality {
+        method,
+        envelope,
+        expected_rms_deg: 0.3,
+        expected_worst_deg: 0.5,
+        norm_residual: 0.004,
+        dip_residual_deg: 0.3,
+        samples: 300,
+    };
+    assert!(quality(Method::MaximumLikelihood, Envelope::Banked).is_of_everything());
+    assert!(quality(Method::CompassSwing, Envelope::Banked).is_of_everything());
+    assert!(!quality(Method::CompassSwing, Envelope::Level).is_of_everything());
+    assert!(!quality(Method::Level, Envelope::Level).is_of_everything());
+    assert!(!quality(Method::Ellipsoid, Envelope::Banked).is_of_everything());
+    assert!(!quality(Method::Ellipsoid, Envelope::Level).is_of_everything());
+}
