@@ -83,10 +83,10 @@ impl ErrorType for Line {
 impl Read for Line {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
         self.reads.set(self.reads.get() + 1);
-        if self.mood.get() == Mood::Fails {
-            return Err(ErrorKind::Other);
-        }
-        while self.bytes.borrow().is_empty() {
+        while self.mood.get() == Mood::Fails || self.bytes.borrow().is_empty() {
+            if self.mood.get() == Mood::Fails {
+                return Err(ErrorKind::Other);
+            }
             Timer::after_micros(100).await;
         }
         let mut bytes = self.bytes.borrow_mut();

@@ -1,5 +1,6 @@
 //! What the tasks promise: each on its wires, in virtual time, with devices that are scripted or broken.
 
+mod below;
 mod devices;
 mod heading;
 mod sensor;
