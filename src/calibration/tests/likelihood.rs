@@ -89,8 +89,8 @@ fn many_samples_are_looked_at_in_part_until_the_noise_is_known() {
     }
 }
 
-/// The mean of all samples, marks included, in mount axes and the unit of field; and it is what samples are less by: the
-/// residual of a sample is that of `W (m - mean) + d`.
+/// The mean of all samples, marks included, in mount axes and the unit of field; and it is what samples are less by:
+/// the residual of a sample is that of `W (m - mean) + d`.
 #[test]
 fn samples_are_less_their_mean() {
     let mount = Orientation::from_name("yaw90").unwrap();
