@@ -106,8 +106,8 @@ pub(super) fn advise(
         .filter_map(|manoeuvre| {
             let mut supposed = information.clone();
             let attitude = Attitude::from_deg(manoeuvre.roll_deg(), 0.0);
-            for i in 0..SAMPLES {
-                supposed.suppose(likelihood, &parameters, attitude, f32::from(i) * (TAU / f32::from(SAMPLES)));
+            for heading_rad in headings_rad() {
+                supposed.suppose(likelihood, &parameters, attitude, heading_rad);
             }
             Some((manoeuvre, expected(&supposed)?.rms_deg))
         })
@@ -118,13 +118,19 @@ pub(super) fn advise(
         expected_deg: now.rms_deg,
         manoeuvre,
         with_it_deg,
-        assumed: assumed(information, likelihood, unknowns),
+        assumed: assumed(information.left_to_priors(likelihood, unknowns).into_iter().flatten()),
     })
 }
 
-fn assumed(information: &Information, likelihood: &Likelihood, unknowns: &Vector13) -> Assumed {
+/// Headings of a circle on paper, evenly round it, radians.
+fn headings_rad() -> impl Iterator<Item = f32> {
+    (0..SAMPLES).map(|i| f32::from(i) * (TAU / f32::from(SAMPLES)))
+}
+
+/// What rests on priors, in the words of an advice. Of the inclination it says nothing, for nobody can fly it.
+fn assumed(left_to_priors: impl Iterator<Item = Quantity>) -> Assumed {
     let mut assumed = Assumed::default();
-    for quantity in information.left_to_priors(likelihood, unknowns).into_iter().flatten() {
+    for quantity in left_to_priors {
         match quantity {
             Quantity::SoftIron => assumed.soft_iron = true,
             Quantity::Mounting => assumed.mounting = true,
@@ -145,5 +151,23 @@ mod tests {
         assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), -25.0));
         assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), 40.0));
         assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), 0.0));
+    }
+
+    /// A circle at 13 deg/s takes 27 s and gives 54 samples, two a second, of which correlation leaves 24.
+    #[test]
+    fn a_circle_on_paper_goes_round_once() {
+        let headings: Vec<f32> = headings_rad().collect();
+        assert_eq!((headings.len(), headings[0].to_bits()), (24, 0));
+        assert!(headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn each_assumption_is_said() {
+        let said = |quantity| assumed([quantity].into_iter());
+        let nothing = Assumed::default();
+        assert_eq!(said(Quantity::SoftIron), Assumed { soft_iron: true, ..nothing });
+        assert_eq!(said(Quantity::Mounting), Assumed { mounting: true, ..nothing });
+        assert_eq!(said(Quantity::HardIron), Assumed { hard_iron: true, ..nothing });
+        assert_eq!(said(Quantity::Inclination), nothing);
     }
 }

@@ -434,7 +434,8 @@ mod tests {
         }
     }
 
-    /// The samples' noise in units of the total field, that of one reading: the mean of eight scatters by a third of it.
+    /// The samples' noise in units of the total field, that of one reading: the mean of eight scatters by a third of
+    /// it.
     #[test]
     fn the_sensor_s_noise_is_that_of_a_single_reading() {
         let at = parameters().unknowns().unwrap();

@@ -256,8 +256,8 @@ mod tests {
         }
     }
 
-    /// A step that raises the cost is taken back: any, while the gradient is that of the cost; one that raises it by more
-    /// than one, once measurements are corrected.
+    /// A step that raises the cost is taken back: any, while the gradient is that of the cost; one that raises it by
+    /// more than one, once measurements are corrected.
     #[test]
     fn a_step_that_makes_it_worse_is_taken_back() {
         for (refined, worse, taken) in
@@ -276,8 +276,8 @@ mod tests {
         }
     }
 
-    /// The damping after a step is that of the share of its promise that came true; where no more than the tolerance was
-    /// promised, the share says nothing, and all counts as true.
+    /// The damping after a step is that of the share of its promise that came true; where no more than the tolerance
+    /// was promised, the share says nothing, and all counts as true.
     #[test]
     fn damping_falls_with_a_share_that_means_something() {
         // Of a promise of 4.5 half and a sixth come true.

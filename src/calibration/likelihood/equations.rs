@@ -261,11 +261,71 @@ mod tests {
         gradient.component_div(&information.map(f32::sqrt)).amax()
     }
 
-    /// Noise stands in residual and derivative both: without correction the product of the two pulls the solution by half
-    /// a sigma of a flight of 2 x 128 samples; with it, by a third of that, for it is a correction of first order.
+    /// Noise stands in residual and derivative both: without correction the product of the two pulls the solution by
+    /// half a sigma of a flight of 2 x 128 samples; with it, by a third of that, for it is a correction of first order.
     #[test]
     fn noise_pulls_nowhere_once_measurements_are_corrected() {
         let (corrected, not) = (expected_gradient(true), expected_gradient(false));
         assert!(corrected < 0.5 * not && not > 0.4, "{corrected} {not}");
+    }
+
+    /// Where the measurement most likely was: its error given both residuals, `S J^T (J S J^T + R)^-1 e`, with `S` the
+    /// sensor's covariance, `J` the derivatives of norm and dip by the measurement, and `R` the attitude's share of the
+    /// dip. An outlier moves it by no more than its part of two sigmas.
+    #[test]
+    fn the_measurement_moves_to_where_it_most_likely_was() {
+        let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
+        let noise = Noise::new(0.01, 0.015, noise_w);
+        let tilt = Attitude::from_deg(25.0, 5.0).tilt();
+        let mut parameters = Parameters { w: noise_w, d: Vector3::new(0.1, 0.0, 0.2), inclination_rad: 1.0 };
+        let measured = Measured {
+            x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
+            tilt,
+            roll_rad: 0.4,
+            heading_rad: None,
+        };
+        let moved_by = |parameters: &Parameters| {
+            let prediction = parameters.predict(measured.x, &tilt);
+            let by_attitude = prediction.dip_by_attitude(&tilt);
+            let covariance = noise.covariance(&prediction.direction, &prediction.towards_down, by_attitude);
+            let residuals = Residuals::new(parameters, &prediction);
+            let config = &Config::DEFAULT;
+            let (moved, _) = corrected(parameters, &measured, &noise, &covariance, &prediction, &residuals, config);
+            (measured.x - moved.x, prediction, residuals)
+        };
+        let (found, prediction, residuals) = moved_by(&parameters);
+        let by_x = [noise_w.tr_mul(&prediction.direction), noise_w.tr_mul(&prediction.towards_down)];
+        let [roll, pitch] = prediction.dip_by_attitude(&tilt);
+        let attitude = (0.015_f32.powi(2) - 1e-4) * (roll * roll + pitch * pitch);
+        let of = |i: usize, j: usize| by_x[i].dot(&by_x[j]) * 1e-4 + if (i, j) == (1, 1) { attitude } else { 0.0 };
+        let inverse = nalgebra::Matrix2::new(of(0, 0), of(0, 1), of(1, 0), of(1, 1)).try_inverse().unwrap();
+        let [norm, dip] = (inverse * nalgebra::Vector2::new(residuals.norm, residuals.dip)).into();
+        let expected = (by_x[0] * norm + by_x[1] * dip) * 1e-4;
+        assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
+
+        // A dip that is off by a radian counts as one that is off by two sigmas of what norm leaves of it.
+        parameters.inclination_rad -= 1.0;
+        let (found, _, residuals) = moved_by(&parameters);
+        let slope = of(0, 1) / of(0, 0);
+        let left = of(1, 1) - slope * of(0, 1);
+        let by_dip = 2.0 / left.sqrt();
+        let expected = (by_x[0] * (residuals.norm / of(0, 0) - slope * by_dip) + by_x[1] * by_dip) * 1e-4;
+        assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
+    }
+
+    /// A compass rose is good to a degree; the module's own noise comes to that.
+    #[test]
+    fn a_given_heading_is_as_good_as_its_giver_and_the_measurement() {
+        let parameters = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
+        let tilt = Attitude::from_deg(10.0, 0.0).tilt();
+        let x = parameters.expected_field(&tilt, 0.7).unwrap();
+        let measured = Measured { x, tilt, roll_rad: 0.0, heading_rad: Some(0.69) };
+        for noise in [Noise::new(1e-6, 1e-6, Matrix3::identity()), Noise::new(0.01, 0.02, Matrix3::identity())] {
+            let prediction = parameters.predict(x, &tilt);
+            let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);
+            let equation = Equations::new(&parameters, &measured, &noise, &Config::DEFAULT, false).heading.unwrap();
+            assert!((equation.residual - 0.01).abs() < 1e-5);
+            assert!(close(1.0 / equation.weight, 0.0175 * 0.0175 + own), "{} {own}", 1.0 / equation.weight);
+        }
     }
 }

@@ -91,8 +91,8 @@ mod tests {
         assert_eq!(share(0.005, 0.003).to_bits(), 0);
     }
 
-    /// At the pole, where attitude does not change the dip, and where norm and dip show the same axis' noise, a tenth of
-    /// the sensor's sigma is left; away from it, what there is.
+    /// At the pole, where attitude does not change the dip, and where norm and dip show the same axis' noise, a tenth
+    /// of the sensor's sigma is left; away from it, what there is.
     #[test]
     fn a_dip_is_never_certain() {
         let noise = Noise::new(0.01, 0.02, Matrix3::identity());

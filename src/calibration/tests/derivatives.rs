@@ -1,6 +1,6 @@
 //! Every derivative that is written down, against the differences of what it is the derivative of (as the gradient
-//! checkers of Ceres and GTSAM do). A derivative with a wrong sign or in a wrong place still lets some flights converge,
-//! to a place that is slightly wrong.
+//! checkers of Ceres and GTSAM do). A derivative with a wrong sign or in a wrong place still lets some flights
+//! converge, to a place that is slightly wrong.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,8 +16,8 @@ use crate::frames::{Attitude, Field, Level, wrap_pi};
 /// fourth-order rule is good to 1e-5; the seven digits of `f32` leave 1e-7 / 0.02.
 const STEP: f32 = 0.02;
 
-/// Differences and derivatives agree to this, relative to one and to the derivative: ten times what the step leaves, and
-/// a hundredth of what the smallest slip of a sign or an index makes.
+/// Differences and derivatives agree to this, relative to one and to the derivative: ten times what the step leaves,
+/// and a hundredth of what the smallest slip of a sign or an index makes.
 const TOLERANCE: f32 = 3e-4;
 
 /// Derivative at zero of a function: central differences of fourth order.
@@ -54,8 +54,8 @@ struct Case {
 }
 
 impl Case {
-    /// Airframes up to bad ones and any bank and pitch up to steep ones, the field no closer to the vertical than 20 deg:
-    /// nearer to it headings and dips bend too sharply for the step.
+    /// Airframes up to bad ones and any bank and pitch up to steep ones, the field no closer to the vertical than 20
+    /// deg: nearer to it headings and dips bend too sharply for the step.
     fn random(random: &mut Random) -> Self {
         loop {
             let parameters = Parameters {
@@ -170,8 +170,8 @@ fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined
 }
 
 /// The rows as they enter the problem, residuals made independent and measurements corrected: where the residuals are
-/// nothing, neither adds to the derivative. The heading's residual is that of the corrected measurement, which moves with
-/// the other two, so its row is looked at without the correction.
+/// nothing, neither adds to the derivative. The heading's residual is that of the corrected measurement, which moves
+/// with the other two, so its row is looked at without the correction.
 #[test]
 fn the_equations_rows() {
     for case in cases(Case::of_size_one) {
@@ -277,9 +277,9 @@ fn a_prior_is_about_what_it_says() {
     close(sizes(&with(skewed)), [0.05_f32.sqrt(), 0.0, 0.0, 0.0]);
 }
 
-/// Soft iron of 30 % and hard iron of three times the Earth's field (in the unit of field, here 40 uT) are bad airframes,
-/// 0.35 rad is a mounting off by 20 deg; half a degree of it where it cannot be seen. A chart's inclination is good to a
-/// degree; one that is not known is free.
+/// Soft iron of 30 % and hard iron of three times the Earth's field (in the unit of field, here 40 uT) are bad
+/// airframes, 0.35 rad is a mounting off by 20 deg; half a degree of it where it cannot be seen. A chart's inclination
+/// is good to a degree; one that is not known is free.
 #[test]
 fn a_prior_is_as_sharp_as_its_reason() {
     let unknowns = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.5 }.unknowns().unwrap();

@@ -89,8 +89,8 @@ fn many_samples_are_looked_at_in_part_until_the_noise_is_known() {
     }
 }
 
-/// The mean of all samples, marks included, in mount axes and the unit of field; and it is what samples are less by: the
-/// residual of a sample is that of `W (m - mean) + d`.
+/// The mean of all samples, marks included, in mount axes and the unit of field; and it is what samples are less by:
+/// the residual of a sample is that of `W (m - mean) + d`.
 #[test]
 fn samples_are_less_their_mean() {
     let mount = Orientation::from_name("yaw90").unwrap();
@@ -195,4 +195,55 @@ fn a_start_is_its_unknowns() {
     assert!((parameters.mean_from_b().unwrap() - (likelihood.mean - start.b)).norm() < 1e-5);
     assert!((parameters.inclination_rad - 0.4).abs() < 1e-6);
     assert!(likelihood.unknowns(&Start { b: Vector3::from_element(f32::NAN), ..start }).is_none());
+}
+
+/// The cost is the loss of every equation of every sample, and of the priors half the square over sigma; the scatter is
+/// summed of norms and dips apart.
+#[test]
+fn the_cost_is_of_every_equation() {
+    let mut random = Random(61);
+    let airframe = Airframe::random(&mut random, 0.2, 1.0, 5.0, [-60.0, 60.0]);
+    let recorded = Flight::REAL.fly(&airframe, &mut random);
+    let marks =
+        [Mark { sample: recorded.left[3], heading_rad: 1.0 }, Mark { sample: recorded.left[9], heading_rad: 2.0 }];
+    let samples = Samples { left: &recorded.left[..40], marks: &marks, ..Samples::default() };
+    for config in [Config::DEFAULT, Config::NO_ATTITUDE] {
+        let likelihood = Likelihood::new(&NO_PRIOR, config, samples, airframe.total_ut);
+        let unknowns = Parameters { d: likelihood.mean, ..Parameters::new(&straight()) }.unknowns().unwrap();
+        let system = likelihood.linearise(samples, &unknowns);
+        let mut cost = System::of_priors(&likelihood, &unknowns).cost;
+        let mut clipped = [0.0, 0.0];
+        likelihood.for_each_sample(samples, &Parameters::new(&unknowns), &mut |equations| {
+            cost += equations.norm.loss;
+            cost += equations.dip.as_ref().map_or(0.0, |dip| dip.loss);
+            cost += equations.heading.as_ref().map_or(0.0, |heading| heading.loss);
+            clipped[0] += equations.norm.clipped_square;
+            clipped[1] += equations.dip.as_ref().map_or(0.0, |dip| dip.clipped_square);
+        });
+        assert!((system.cost / cost - 1.0).abs() < 1e-4, "{} {cost}", system.cost);
+        assert!((system.clipped_squares[0] / clipped[0] - 1.0).abs() < 1e-4);
+        assert!((system.clipped_squares[1] - clipped[1]).abs() <= 1e-4 * clipped[1]);
+        assert_eq!(system.samples, 42);
+    }
+}
+
+/// An inclination alone off its known value by two sigmas costs two, and damping shortens the way back: all of it, a
+/// half, a quarter.
+#[test]
+fn damping_shortens_a_step() {
+    let samples = [sample([50.0, 0.0, 0.0])];
+    let samples = Samples { left: &samples, ..Samples::default() };
+    let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
+    let likelihood = Likelihood::new(&prior, Config::NO_ATTITUDE, samples, 50.0);
+    let parameters = Parameters { w: Matrix3::identity(), d: Vector3::x(), inclination_rad: 0.3 + 0.035 };
+    let system = likelihood.linearise(samples, &parameters.unknowns().unwrap());
+    assert!((system.cost - 2.0).abs() < 1e-3, "{}", system.cost);
+    for (damping, share) in [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)] {
+        let (change, promised) = system.step(damping).unwrap();
+        let inclination_rad = change[crate::calibration::likelihood::unknowns::INCLINATION];
+        assert!((inclination_rad / (-0.035 * share) - 1.0).abs() < 1e-3, "{damping}: {inclination_rad}");
+        // Promised is half of change times gradient, which is all of the cost for the whole way.
+        assert!((promised / (2.0 * share) - 1.0).abs() < 1e-3, "{damping}: {promised}");
+    }
+    assert!((system.change().unwrap() - system.step(0.0).unwrap().0).norm() < 1e-6);
 }
