@@ -13,7 +13,7 @@
 use core::fmt;
 
 use crate::calibration::verification::{self, Scores};
-use crate::calibration::{Calibration, Quality, Samples, Solution};
+use crate::calibration::{Calibration, Orientation, Quality, Samples, Solution};
 use crate::wire::decimal::Decimal;
 
 /// Fixed numbers of the judgement.
@@ -55,6 +55,20 @@ pub struct Incumbent {
     pub calibration: Calibration,
     /// How good it is expected to be; none without a calibration in use.
     pub quality: Option<Quality>,
+}
+
+impl Incumbent {
+    /// Of a module without a calibration: the mounting alone.
+    #[must_use]
+    pub fn none(mount: Orientation) -> Self {
+        Self { calibration: Calibration::uncalibrated(mount), quality: None }
+    }
+
+    /// A calibration in use.
+    #[must_use]
+    pub const fn in_use(calibration: Calibration, quality: Quality) -> Self {
+        Self { calibration, quality: Some(quality) }
+    }
 }
 
 /// Why a candidate may not replace the calibration in use.
@@ -200,7 +214,7 @@ impl fmt::Display for Rejection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Envelope, Method, Orientation, Sample, Uncertainty};
+    use crate::calibration::{Envelope, Method, Sample, Uncertainty};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 

@@ -15,9 +15,7 @@ pub use refusal::Refusal;
 
 use crate::acceptance::{self, Evidence, Incumbent, Policy};
 use crate::calibration::ladder::{self, Procedure, Selection};
-use crate::calibration::{
-    Advice, Calibration, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver,
-};
+use crate::calibration::{Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver};
 use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
 use crate::collection::{Collector, Recent};
 use crate::frames::wrap_pi;
@@ -349,8 +347,8 @@ impl Compass {
 
     fn incumbent(&self) -> Incumbent {
         self.in_use().map_or_else(
-            || Incumbent { calibration: Calibration::uncalibrated(self.settings.mount), quality: None },
-            |record| Incumbent { calibration: record.calibration, quality: Some(record.quality) },
+            || Incumbent::none(self.settings.mount),
+            |record| Incumbent::in_use(record.calibration, record.quality),
         )
     }
 

@@ -7,12 +7,12 @@
 pub mod bound;
 pub mod trial;
 
-use autoswing::acceptance::Policy;
-use autoswing::calibration::{Consider, Method, Prior, Samples, Solution, SolveError, Solver};
+use autoswing::acceptance::{self, Evidence, Incumbent, Policy};
+use autoswing::calibration::{Consider, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use trial::{Faults, Ranges, Trial};
+use trial::{Faults, Ranges, Recorded, Trial};
 
 use crate::score::within_percent;
 
@@ -34,7 +34,7 @@ pub struct Result {
     pub method: &'static str,
     /// Solves that ended with coefficients, percent.
     pub converged_percent: f64,
-    /// Solves whose expected error the module would accept, percent.
+    /// Solves that an uncalibrated module would accept, percent.
     pub accepted_percent: f64,
     /// Accepted ones with a true RMS error of more than three times the expected one.
     pub wrong: u32,
@@ -145,7 +145,7 @@ impl Tried {
         for draw in 0..draws {
             let (recorded, _) = trial.record(draw, Faults::NONE);
             for (counts, method) in tried.methods.iter_mut().zip(METHODS) {
-                counts.add(trial, solve(method, recorded.samples(), Consider::DEFAULT).ok().as_ref());
+                counts.add(trial, &recorded, solve(method, recorded.samples(), Consider::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_EVERY == 0 {
                 tried.normalised.extend(use_headings(trial, draw, Consider::NOTHING));
@@ -157,20 +157,25 @@ impl Tried {
 }
 
 impl Counts {
-    fn add(&mut self, trial: &Trial, solution: Option<&Solution>) {
+    fn add(&mut self, trial: &Trial, recorded: &Recorded, solution: Option<&Solution>) {
         let Some(solution) = solution else {
             self.refused += 1;
             return;
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let expected_deg = solution.quality.expected_rms_deg;
-        let accepted = expected_deg <= Policy::DEFAULT.max_expected_rms_deg;
+        let accepted = is_accepted(recorded, solution);
         self.solved += 1;
         self.squares += square;
         self.accepted += u32::from(accepted);
-        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(expected_deg));
+        self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
     }
+}
+
+/// Whether an uncalibrated module would take it.
+fn is_accepted(recorded: &Recorded, solution: &Solution) -> bool {
+    let evidence = Evidence { fitted: recorded.samples(), held_back: recorded.held_back(), knows_attitude: true };
+    acceptance::judge(&Policy::DEFAULT, solution, evidence, &Incumbent::none(Orientation::NONE)).is_ok()
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: Consider) -> std::result::Result<Solution, SolveError> {

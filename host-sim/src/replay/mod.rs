@@ -203,7 +203,7 @@ impl Split {
 
 /// Whether an uncalibrated module would take it.
 fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), Refused> {
-    let none = Incumbent { calibration: Calibration::uncalibrated(Orientation::NONE), quality: None };
+    let none = Incumbent::none(Orientation::NONE);
     let evidence = Evidence { fitted, held_back, knows_attitude: true };
     acceptance::judge(&Policy::DEFAULT, solution, evidence, &none).map(|_| ()).map_err(Refused::Rejected)
 }
