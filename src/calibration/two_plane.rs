@@ -81,3 +81,48 @@ impl<'a> Turn<'a> {
         if progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    /// A circle of so much radius about the origin that is inclined to the horizontal by `plane_deg`, flown at a bank.
+    fn circle(plane_deg: f32, bank_deg: f32, radius_ut: f32) -> Vec<Sample> {
+        let (sin, cos) = plane_deg.to_radians().sin_cos();
+        let sense = bank_deg.signum();
+        (0..24_u16)
+            .map(|i| {
+                let heading_rad = sense * f32::from(i) / 24.0 * TAU;
+                let (x, y) = (radius_ut * heading_rad.cos(), -radius_ut * heading_rad.sin());
+                Sample {
+                    field: Field::from_ut(x, y * cos, -y * sin),
+                    attitude: Attitude::from_deg(bank_deg, 0.0),
+                    time: WrappingMillis::new(u32::from(i) * 500),
+                }
+            })
+            .collect()
+    }
+
+    fn solved(left: &[Sample], right: &[Sample]) -> Result<Response, SolveError> {
+        solve(Samples { left, right, ..Samples::default() }, &Matrix3::identity())
+    }
+
+    /// The response of the roll axis is the mean of what the two turns say of it.
+    #[test]
+    fn both_turns_count_for_the_axis_that_they_share() {
+        let found = solved(&circle(-25.0, -25.0, 20.0), &circle(25.0, 25.0, 24.0)).unwrap();
+        assert!((found.a_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.a_ut);
+    }
+
+    /// Banks that differ, of an attitude source that dreams, but fields of one plane.
+    #[test]
+    fn turns_in_one_plane_have_no_direction_in_common() {
+        let refused = solved(&circle(10.0, -25.0, 20.0), &circle(10.0, 25.0, 20.0)).map(|_| ());
+        assert_eq!(refused, Err(SolveError::SamePlane));
+        assert!(solved(&circle(9.0, -25.0, 20.0), &circle(11.0, 25.0, 20.0)).is_ok());
+    }
+}

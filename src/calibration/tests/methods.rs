@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 
 use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
+use crate::calibration::four_ellipse;
 use crate::calibration::ladder::{self, Procedure};
 use crate::calibration::{Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, solve};
 use crate::frames::{Attitude, Field};
@@ -42,6 +43,19 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
             let error = largest(&airframe.errors_deg(&solution.calibration));
             assert!(error < 0.02, "{left_deg} {right_deg} {inclination_rad:?}: {error} deg");
         }
+    }
+}
+
+/// A told inclination is taken as it is, in place of the vertical field that the turns show.
+#[test]
+fn four_ellipses_believe_a_told_inclination() {
+    let airframe = airframe(Matrix3::identity(), [12.0, -7.0, 20.0]);
+    let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
+    let samples = Samples { left: &left, right: &right, ..Samples::default() };
+    for (inclination_rad, expected_rad) in [(None, airframe.inclination_rad), (Some(0.9), 0.9)] {
+        let found = four_ellipse::solve(samples, &Matrix3::identity(), inclination_rad).unwrap();
+        let found_rad = found.tan_inclination.atan();
+        assert!((found_rad - expected_rad).abs() < 1e-3, "{inclination_rad:?}: {found_rad}");
     }
 }
 
