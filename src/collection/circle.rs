@@ -49,11 +49,15 @@ impl Circle {
 
     /// Which sector a sample lies in, 0..[`SECTORS`].
     pub fn sector(&self, sample: &Sample) -> usize {
-        let p = self.plane.flat(&sample.field.ut) - self.centre_ut;
-        let turns = libm::atan2f(p.y, p.x) / TAU + 0.5;
-        // The cast saturates and takes NaN to 0, so the index is in range for every input.
-        ((turns * SECTORS as f32) as usize).min(SECTORS - 1)
+        sector(self.plane.flat(&sample.field.ut) - self.centre_ut)
     }
+}
+
+/// Which sector a direction lies in, counted from the negative x axis.
+fn sector(direction: Vector2<f32>) -> usize {
+    let turns = libm::atan2f(direction.y, direction.x) / TAU + 0.5;
+    // The cast saturates and takes NaN to 0, so the index is in range for every input.
+    ((turns * SECTORS as f32) as usize).min(SECTORS - 1)
 }
 
 #[cfg(test)]
@@ -80,6 +84,14 @@ mod tests {
         assert!(through(&points).is_some());
         let broken = Sample { field: crate::frames::Field::from_ut(f32::NAN, 0.0, 0.0), ..points[0] };
         assert!(through(&[points[0], points[1], points[2], broken]).is_none());
+    }
+
+    /// The angle pi is a whole turn from -pi, which would be a thirteenth sector.
+    #[test]
+    fn the_last_sector_ends_where_the_first_begins() {
+        assert_eq!((sector(Vector2::new(-1.0, 0.0)), sector(Vector2::new(-1.0, -0.0))), (SECTORS - 1, 0));
+        assert_eq!([0.1, -0.1].map(|y| sector(Vector2::new(1.0, y))), [SECTORS / 2, SECTORS / 2 - 1]);
+        assert_eq!(sector(Vector2::new(f32::NAN, 1.0)), 0);
     }
 
     /// Where the sectors begin depends on the plane's axes; that each is 30 deg wide and next to its neighbours does

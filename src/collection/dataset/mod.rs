@@ -19,10 +19,8 @@ const LEVEL_FIT_CAPACITY: usize = 64;
 const LEVEL_HELD_BACK_CAPACITY: usize = 20;
 
 /// Samples held back of a part, at the fewest, when it is complete: verification must not ask for more.
-pub(crate) const HELD_BACK_WHEN_COMPLETE: u16 = {
-    let (turns, level) = (Config::TURNS.held_back_when_complete(), Config::LEVEL.held_back_when_complete());
-    if turns < level { turns } else { level }
-};
+pub(crate) const HELD_BACK_WHEN_COMPLETE: u16 = Config::LEVEL.held_back_when_complete();
+const _: () = assert!(HELD_BACK_WHEN_COMPLETE <= Config::TURNS.held_back_when_complete());
 
 // A part that could not be filled would never be complete.
 const _: () = assert!(Config::TURNS.fits(FIT_CAPACITY) && Config::LEVEL.fits(LEVEL_FIT_CAPACITY));
