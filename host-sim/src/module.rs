@@ -47,7 +47,6 @@ pub trait Module {
     }
 
     /// Takes what the console has printed since the last look.
-    #[expect(clippy::must_use_candidate, reason = "taking what was printed before is a use of it")]
     fn printed(&self) -> String {
         String::from_utf8_lossy(&self.console().receive()).into_owned()
     }

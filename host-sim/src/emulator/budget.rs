@@ -35,7 +35,7 @@ impl Budget {
 /// done below everything that is urgent, in half a second on the reference board.
 const COUNTED_WITHIN: [(&str, &str, u64); 4] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_200),
-    ("nmea", "the longest of the NMEA sentences, with its checksum", 2_500),
+    ("nmea", "the longest of the NMEA sentences, with its checksum", 1_000),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),
     ("solve", "maximum likelihood of 2 x 256 samples, judgement and advice included", 35_000_000),
 ];

@@ -28,6 +28,7 @@ pub struct SensorBus(());
 /// Clocks after which a chip has finished whatever byte it was sending, and seen that nobody acknowledges it.
 const CLOCKS_TO_LET_GO: u8 = 9;
 
+#[expect(clippy::unused_self, reason = "the wires move for nobody but the owner of the bus")]
 impl SensorBus {
     /// The bus, cleared of what a reset may have broken off.
     pub fn new() -> Self {
@@ -59,9 +60,9 @@ impl SensorBus {
 
     fn put_bit(&mut self, bit: bool) {
         if bit {
-            SET.write(SDA)
+            SET.write(SDA);
         } else {
-            CLEAR.write(SDA)
+            CLEAR.write(SDA);
         }
         SET.write(SCL);
         CLEAR.write(SCL);
@@ -117,9 +118,9 @@ impl I2c for SensorBus {
         lockstep::before_sensor();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));
         if result.is_ok() {
-            self.stop()
+            self.stop();
         } else {
-            self.clear()
+            self.clear();
         }
         result
     }
