@@ -60,7 +60,7 @@ macro_rules! counters {
         }
 
         /// The counters themselves, for tasks of any priority to count in.
-        #[derive(Debug)]
+        #[derive(Debug, Default)]
         pub struct Counters {
             $($(#[$doc])* pub $name: AtomicU32,)*
         }

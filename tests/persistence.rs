@@ -1,4 +1,5 @@
 //! What is in flash survives; what breaks off leaves the old.
+#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use autoswing::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
 use autoswing::magnetometer::{Identity, Model};

@@ -174,8 +174,8 @@ mod tests {
 
     #[test]
     fn a_tangent_is_the_vertical_over_the_horizontal() {
-        for (degrees, expected) in [(0.0_f32, 0.0), (45.0, 1.0), (-60.0, -1.732_050_8), (75.0, 3.732_050_8)] {
-            assert!((tangent(degrees.to_radians()) - expected).abs() < 1e-5, "{degrees}");
+        for (degrees, expected) in [(0.0_f32, 0.0), (45.0, 1.0), (-60.0, -1.732_05), (75.0, 3.732_05)] {
+            assert!((tangent(degrees.to_radians()) - expected).abs() < 1e-4, "{degrees}");
         }
     }
 }

@@ -66,7 +66,6 @@ pub enum Effect {
 }
 
 /// An answer that is not a refusal.
-#[expect(clippy::large_enum_variant, reason = "there is one of it at a time, and no heap to put it on")]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.

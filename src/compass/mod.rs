@@ -39,6 +39,7 @@ enum Phase {
 }
 
 /// What is being written.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
 enum Saving {
     /// The calibration that was accepted.

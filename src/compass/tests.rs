@@ -26,6 +26,7 @@ impl Bed {
         Self::with(Policy::DEFAULT, Generations::default())
     }
 
+    #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn with(policy: Policy, generations: Generations) -> Self {
         let mut bed = Self { compass: Compass::new(policy, Settings::DEFAULT, generations), now: u32::MAX - 20_000 };
         bed.compass.step(Event::SensorFound(SENSOR, READINGS));
@@ -530,7 +531,7 @@ fn a_tumbling_needs_no_attitude() {
     let mut random = Random(4);
     for _ in 0..240 {
         let attitude = Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
-        let field = airframe.field(attitude, random.uniform(0.0, 6.28));
+        let field = airframe.field(attitude, random.uniform(0.0, core::f32::consts::TAU));
         bed.sample(field, Attitude::default());
     }
     bed.done(Command::CalSolve(None));

@@ -17,31 +17,55 @@ use crate::wire::decimal::Decimal;
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// `error <code>: what to do`.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn error(out: &mut impl Write, code: &str, what_to_do: impl Display) -> fmt::Result {
     writeln!(out, "error {code}: {what_to_do}")
 }
 
 /// A line that means nothing.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
     error(out, line.code(), line)
 }
 
 /// A refusal of the state machine.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
     error(out, refusal.code(), refusal)
 }
 
 /// `version`.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn version(out: &mut impl Write) -> fmt::Result {
     writeln!(out, "ok autoswing {VERSION}")
 }
 
 /// The greeting after a start.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
     writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", Reset(reset))
 }
 
 /// A command that was carried out.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn done(out: &mut impl Write, reply: &Reply) -> fmt::Result {
     match reply {
         Reply::Done(state) => writeln!(out, "ok {}", state.name()),
@@ -72,6 +96,10 @@ fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
 }
 
 /// A solve has ended by itself.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
     match outcome {
         Ok(quality) => writeln!(out, "note calibrated: {}", Expected(quality)),
@@ -80,6 +108,10 @@ pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
 }
 
 /// `status`.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
@@ -173,6 +205,10 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
 }
 
 /// `cal show`.
+///
+/// # Errors
+///
+/// What `out` says.
 pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
     let Some(record) = &report.current else {
         return error(out, "no-calibration", "nothing is stored; cal start, then fly left and right turns");

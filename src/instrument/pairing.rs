@@ -72,9 +72,8 @@ impl Pairing {
         while let Some(&(at, field)) = self.waiting.front() {
             let attitude = match attitude_at(at) {
                 Lookup::Interpolated(attitude) => Some(attitude),
-                Lookup::Missing => None,
                 Lookup::Extrapolated(_) | Lookup::Stale if self.now.us_since(at) < PATIENCE_US => return None,
-                Lookup::Extrapolated(_) | Lookup::Stale => None,
+                Lookup::Extrapolated(_) | Lookup::Stale | Lookup::Missing => None,
             };
             self.waiting.pop_front();
             let Some(attitude) = attitude else {

@@ -242,6 +242,7 @@ mod tests {
     }
 
     /// Neither stored nor believed, or both.
+    #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn assert_valid(stored: Stored, valid: bool, what: &str) {
         let contents = Contents { saves: 1, stored };
         let value = value_of(VERSION, &contents);

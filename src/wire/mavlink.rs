@@ -394,10 +394,10 @@ mod tests {
             for axis in 0..3 {
                 let mut numbers = NUMBERS;
                 numbers[3 + axis] = bad;
-                let mut expected = [0.4, -0.5, 0.6];
+                let mut expected: [f32; 3] = [0.4, -0.5, 0.6];
                 expected[axis] = 0.0;
                 let (reports, _) = receive(&frame_v2(0, ID, &payload(numbers)));
-                assert_eq!(reports[0].rates_rad_s, expected);
+                assert_eq!(reports[0].rates_rad_s.map(f32::to_bits), expected.map(f32::to_bits));
             }
         }
     }

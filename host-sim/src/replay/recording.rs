@@ -81,12 +81,20 @@ impl std::error::Error for RecordingError {}
 
 /// Reads a recording: columns `t_s,mx,my,mz,roll_deg,pitch_deg`, optional `use` (0: not to be fitted to) and
 /// `yaw_ref_deg`; others are passed over.
+///
+/// # Errors
+///
+/// What is wrong, and on which line.
 pub fn read(path: &Path, unit: Unit) -> Result<Vec<Row>, RecordingError> {
     let file = std::fs::File::open(path).map_err(|e| RecordingError::File(format!("{}: {e}", path.display())))?;
     parse(file, unit)
 }
 
 /// As [`read`], from any source.
+///
+/// # Errors
+///
+/// As [`read`].
 pub fn parse(source: impl std::io::Read, unit: Unit) -> Result<Vec<Row>, RecordingError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(source);
     let unreadable = |e: csv::Error| RecordingError::File(e.to_string());

@@ -83,6 +83,7 @@ pub fn forget(waker: &Waker) {
 }
 
 /// The earliest deadline.
+#[must_use]
 pub fn next_deadline_us() -> Option<u64> {
     CLOCK.with_borrow(|clock| clock.deadlines.iter().map(|deadline| deadline.at_us).min())
 }

@@ -7,6 +7,7 @@
 //! side in the world `WorldConfig::table1(3)`, calibrated, and been given `set declination -3.5`,
 //! `set inclination 56.25` and `stream rate 25`; a magnet of [6, -4, 3] uT came aboard and it calibrated again; then
 //! `stream off`, `set mount yaw90` and `set mount roll180-yaw90`. What is expected of it here is what that firmware loaded.
+#![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
 
@@ -32,6 +33,7 @@ fn flash_of_v2() -> Flash {
 }
 
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
+#[expect(clippy::too_many_lines, reason = "two records, number by number")]
 fn stored_by_v2() -> Stored {
     let settings = Settings {
         declination_deg: Some(-3.5),
