@@ -97,6 +97,10 @@ mod tests {
         assert_eq!(recent([20.0; 7]).steady(at(1700)), None);
         assert!(recent([20.0; 8]).steady(at(1800)).is_some());
         assert_eq!(Recent::new().steady(at(0)), None);
+        // In no field at all, seven divided by eight are no further from their mean than eight.
+        let mut seven = Recent::new();
+        (0..7).for_each(|i| seven.push(sample([0.0; 3], 1000 + i * 100)));
+        assert_eq!(seven.steady(at(1700)), None);
     }
 
     /// The oldest of these eight was measured at 1000 ms.

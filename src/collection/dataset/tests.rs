@@ -122,6 +122,7 @@ fn tumbled(dataset: &mut Dataset, number: u32, step_ut: f32) -> usize {
 fn samples_of_all_attitudes_are_five_microtesla_apart() {
     let mut dataset = Dataset::new();
     assert_eq!(tumbled(&mut dataset, 20, 5.1), 20);
+    assert_eq!(tumbled(&mut dataset, 20, 5.0), 20, "at the very distance");
     assert_eq!(tumbled(&mut dataset, 20, 4.9), 10, "every other one");
     assert_eq!(tumbled(&mut dataset, 5, 5.1), 5);
     assert_eq!(dataset.held_back().left.len(), 1, "every fourth is held back");

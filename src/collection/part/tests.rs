@@ -122,12 +122,12 @@ fn percent_is_rounded_down_and_ends_at_a_hundred() {
 /// A circle of a radius, passed four times, so many samples of it for the fit; how well it is covered.
 fn circled(radius_ut: f32, fit: u16) -> Coverage {
     let mut part = PartSamples::<200, 70>::new();
-    let mut i = 0;
-    while part.fit().len() < usize::from(fit) {
+    // Of each four the last one is held back.
+    for i in 0..u32::from(fit + (fit - 1) / 3) {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
         part.push(&Config::TURNS, sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400));
-        i += 1;
     }
+    assert_eq!(part.fit().len(), usize::from(fit));
     part.coverage()
 }
 
@@ -140,6 +140,27 @@ fn headings_are_told_apart_on_a_circle_of_four_microtesla_with_ten_samples() {
     assert_eq!(sectors(circled(20.0, 9)), (false, false));
     assert_eq!((circled(3.9, 60).samples, circled(3.9, 60).held_back), (60, 19), "they are counted all the same");
     assert_eq!(circled(20.0, 150).percent, 100);
+}
+
+/// A circle is known from whichever buffer has samples: it gives the fit its sectors, and a full buffer of either kind
+/// new headings for old ones.
+#[test]
+fn the_circle_is_that_of_both_buffers() {
+    let offer = |hold_back_every: u16| {
+        let config = Config { hold_back_every, ..Config::TURNS };
+        let mut part = PartSamples::<12, 12>::new();
+        for i in 0..36_u32 {
+            let heading_deg = if i < 12 { i as f32 * 2.0 } else { i as f32 * 30.0 };
+            part.push(&config, Sample { time: WrappingMillis::new(i * 400), ..on_circle(heading_deg) });
+        }
+        part
+    };
+    let (all_fit, all_held_back) = (offer(1000), offer(1));
+    assert!(all_fit.coverage().sectors >= 11, "{:?}", all_fit.coverage());
+    for samples in [all_fit.fit(), all_held_back.held_back()] {
+        assert_eq!(samples.len(), 12);
+        assert!(samples.iter().filter(|s| s.time.count() >= 12 * 400).count() >= 10, "{samples:?}");
+    }
 }
 
 /// A sector counts once it has one sample: ten samples within 25 deg lie in one sector or two.
