@@ -1,5 +1,9 @@
 //! Drives the state machine: feeds it samples and requests, runs its solves in steps, writes its saves.
 
+use core::future::poll_fn;
+use core::pin::{Pin, pin};
+use core::task::{Context, Poll};
+
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -14,7 +18,7 @@ use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
-    let stored = store.load().await;
+    let stored = apart(store.load()).await;
     if let Err(error) = stored {
         say_unreadable(links, error);
     }
@@ -26,7 +30,7 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
         let event = next_event(links, &compass, &mut sensor).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = store.save(change).await;
+            let result = apart(store.save(change)).await;
             count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
@@ -41,6 +45,17 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
             Effect::None | Effect::Save => {}
         }
     }
+}
+
+/// Polls a future in a stack frame of its own. What the store takes from flash is large, and would otherwise have its
+/// place in this task's frame, beside all that a solve needs.
+async fn apart<F: Future>(future: F) -> F::Output {
+    #[inline(never)]
+    fn poll<F: Future>(future: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
+        future.poll(context)
+    }
+    let mut future = pin!(future);
+    poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
