@@ -103,16 +103,13 @@ impl Track {
     #[must_use]
     pub fn at(&self, at: Timestamp) -> Lookup {
         let Some(newest) = self.reports.back() else { return Lookup::Stale };
-        if at == newest.at {
-            return Lookup::Interpolated(newest.report.attitude);
-        }
-        if at > newest.at {
-            let ahead_us = at.us_since(newest.at);
-            return if ahead_us <= u64::from(self.config.max_extrapolation_us) {
-                Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
-            } else {
-                Lookup::Stale
-            };
+        match at.us_since(newest.at) {
+            0 if at == newest.at => return Lookup::Interpolated(newest.report.attitude),
+            0 => {}
+            ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
+                return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
+            }
+            _ => return Lookup::Stale,
         }
         let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
         pairs
