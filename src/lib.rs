@@ -6,13 +6,30 @@
 //! Liu Shibin, "Study on Automatic Magnetic Deviation Compensation of Magnetic Heading Measurement for UAV",
 //! Acta Aeronautica et Astronautica Sinica 28(2), 2007, 411-414 (cited below as *Liu 2007*).
 //!
+//! # As a library
+//!
+//! Two things are of use without the firmware: [`calibration`] makes coefficients of samples, and an
+//! [`instrument::Instrument`] makes headings of readings and attitude with them. Each has an example. The rest builds the
+//! module around them; docs/architecture.md draws it.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`frames`], [`time`] | fields in frames, attitude, instants, as types |
+//! | [`calibration`] | from samples to the twelve coefficients, with their uncertainty |
+//! | [`heading`], [`attitude`] | a corrected field to a heading; attitude in time |
+//! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, NMEA |
+//! | [`instrument`] | readings and attitude in, headings and samples out |
+//! | [`collection`], [`acceptance`], [`store`] | which samples are kept, whether a result is, and where |
+//! | [`compass`], [`outlet`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
+//! | [`settings`], [`health`] | what the user chose, how the module is |
+//!
 //! # The way of a sample (read the modules in this order)
 //!
-//! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla at an instant -> paired with the
-//! attitude interpolated to that instant ([`attitude`]) -> [`calibration::Sample`]
-//! -> [ turn detector and dataset ([`collection`]) -> solver ([`calibration`]) -> verification on held-back samples
-//! ([`compass`]) -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading
-//! ([`heading`]) -> NMEA out ([`wire`]).
+//! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla at an instant -> the [`instrument`]
+//! pairs it with the attitude interpolated to that instant ([`attitude`]) and averages -> [`calibration::Sample`]
+//! -> [ turn detector and dataset ([`collection`]) -> solver ([`calibration`]) -> [`acceptance`] on held-back samples
+//! -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading ([`heading`])
+//! -> an [`outlet`] -> NMEA out ([`wire`]).
 //!
 //! The asynchronous tasks that move it along are in [`app`]; they run unchanged on a board and, in virtual time, on
 //! the host. What is board-specific is in `board`, which exists only when built for bare metal.

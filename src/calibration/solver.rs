@@ -100,9 +100,8 @@ impl Solver {
         Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, &start)?, from_sphere })
     }
 
-    /// One pass over the samples, or the end. Not inlined, nor are the large parts of it: see [`Compass::step`].
-    ///
-    /// [`Compass::step`]: crate::compass::Compass::step
+    /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
+    /// a small stack at once.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         let end = match self.refinement.step(samples) {
