@@ -2,7 +2,7 @@
 //!
 //! [`Compass::step`] takes an [`Event`] and says what is to be done ([`Effect`]); it waits for nothing and touches no
 //! hardware. A solve is cut into [`Event::Advance`] steps, so that whoever drives the machine can do other work between
-//! them. The calibration in use is replaced only by one that [`acceptance`](crate::acceptance) lets through and that is
+//! them. The calibration in use is replaced only by one that [`acceptance`] lets through and that is
 //! completely written.
 
 mod messages;
