@@ -240,6 +240,21 @@ fn what_cannot_wait_is_counted() {
     assert_eq!(instrument.unpaired(), 6);
 }
 
+/// Three periods and a fifth, 40 ms of the reference sensor, are averaged over; a longer gap is not.
+#[test]
+fn a_gap_in_the_readings_starts_another_sample() {
+    for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
+        let mut instrument = instrument();
+        let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
+        instrument.correct_with(unknown);
+        for i in 0..8 {
+            let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
+            instrument.on_reading(at(us), reading(SOME));
+        }
+        assert_eq!(samples(&mut instrument).len(), made, "{gap_us} us");
+    }
+}
+
 /// A tumbling needs no attitude: samples come at once, and level.
 #[test]
 fn samples_of_the_field_alone_wait_for_nothing() {
