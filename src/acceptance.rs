@@ -1,5 +1,5 @@
-//! Acceptance: whether a candidate may replace the calibration in use. One pure function, asked by the device, by replayed
-//! flights and by accuracy studies alike.
+//! Acceptance: whether a candidate may replace the calibration in use. One pure function, asked by the device, by
+//! replayed flights and by accuracy studies alike.
 //!
 //! In this order, the first that applies:
 //!
@@ -273,7 +273,8 @@ mod tests {
             .collect()
     }
 
-    /// Judges with so many samples of left turns, right turns and level flight held back; of each part some were fitted.
+    /// Judges with so many samples of left turns, right turns and level flight held back; of each part some were
+    /// fitted.
     fn judged(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) -> Result<Scores, Rejection> {
         let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle(roll_deg, 24));
         let [l, r, v] = [(-25.0, held_back[0]), (25.0, held_back[1]), (0.0, held_back[2])]

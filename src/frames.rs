@@ -100,7 +100,8 @@ impl Attitude {
     }
 }
 
-/// An attitude's rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components (Liu 2007 eq. 7 in FRD axes).
+/// An attitude's rotation `C = R_y(theta)^T R_x(phi)^T` that takes body components to level components (Liu 2007 eq. 7
+/// in FRD axes).
 #[derive(Clone, Copy, Debug)]
 pub struct Tilt {
     sin_roll: f32,

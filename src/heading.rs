@@ -215,7 +215,8 @@ mod tests {
         assert!(!believed(lenient, 126.0, 1.0, Attitude::default()));
     }
 
-    /// An attitude that is wrong by 0.5 deg, and a sensor that is not: a tilt error turns the heading by tan(dip) of it.
+    /// An attitude that is wrong by 0.5 deg, and a sensor that is not: a tilt error turns the heading by tan(dip) of
+    /// it.
     #[test]
     fn sigma_is_that_of_this_attitude_and_field() {
         let mut uncertainty = Uncertainty::NONE;

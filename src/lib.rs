@@ -9,8 +9,8 @@
 //! # As a library
 //!
 //! Two things are of use without the firmware: [`calibration`] makes coefficients of samples, and an
-//! [`instrument::Instrument`] makes headings of readings and attitude with them. Each has an example. The rest builds the
-//! module around them; docs/architecture.md draws it.
+//! [`instrument::Instrument`] makes headings of readings and attitude with them. Each has an example. The rest builds
+//! the module around them; docs/architecture.md draws it.
 //!
 //! | module | holds |
 //! |---|---|

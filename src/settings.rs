@@ -44,8 +44,8 @@ impl Settings {
     /// Rates that can be chosen: up to one heading for every measurement.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
-    /// Whether every setting is within its range: declination and alignment -180..180 deg, inclination -90..90 deg, rate
-    /// [`Self::STREAM_RATE_HZ`].
+    /// Whether every setting is within its range: declination and alignment -180..180 deg, inclination -90..90 deg,
+    /// rate [`Self::STREAM_RATE_HZ`].
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.declination_deg.is_none_or(|declination_deg| declination_deg.abs() <= 180.0)

@@ -1,7 +1,7 @@
 //! Functions of angles in `f32` alone.
 //!
-//! `libm`'s go by way of `f64`, which a Cortex-M4 has no hardware for: 2,200 instructions for a sine with its cosine, where
-//! these take fifty, to the same digits at the angles of aircraft.
+//! `libm`'s go by way of `f64`, which a Cortex-M4 has no hardware for: 2,200 instructions for a sine with its cosine,
+//! where these take fifty, to the same digits at the angles of aircraft.
 
 use core::f32::consts::FRAC_2_PI;
 

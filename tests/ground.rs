@@ -113,8 +113,8 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
 }
 
 /// Eight headings given on level ground, the aircraft turned slowly between them: level headings are right, mounting
-/// included. A mark is 0.8 s of readings with 0.3 deg of attitude noise and 0.2 deg of its bias, up to 2.7 times that in
-/// heading at these inclinations.
+/// included. A mark is 0.8 s of readings with 0.3 deg of attitude noise and 0.2 deg of its bias, up to 2.7 times that
+/// in heading at these inclinations.
 #[test]
 fn a_compass_swing_finds_the_mounting() {
     for seed in 0..12 {

@@ -27,8 +27,8 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     }
 }
 
-/// README: random airframes (soft iron to 20 %, hard iron to 1.5 H0, mounting to 10 deg, inclination -70 to 70 deg) with
-/// the default weather and attitude source. The physical limit, from attitude noise, is 0.2 to 0.6 deg there.
+/// README: random airframes (soft iron to 20 %, hard iron to 1.5 H0, mounting to 10 deg, inclination -70 to 70 deg)
+/// with the default weather and attitude source. The physical limit, from attitude noise, is 0.2 to 0.6 deg there.
 #[test]
 fn fifty_random_airframes_are_calibrated_and_the_forecast_is_honest() {
     // Two halves side by side; each simulation lives on a thread of its own.
@@ -53,8 +53,8 @@ fn fifty_random_airframes_are_calibrated_and_the_forecast_is_honest() {
     rms_deg.sort_by(f64::total_cmp);
     assert!(rms_deg[25] <= 0.4, "median {}", rms_deg[25]);
     let [one, two] = [0, 1].map(|i| within.iter().map(|percent| percent[i]).sum::<f64>() / within.len() as f64);
-    // What is sent as sigma holds, on the safe side: it counts the attitude source's bias in full, of which a calibration
-    // made with the same source has taken a part along with the mounting.
+    // What is sent as sigma holds, on the safe side: it counts the attitude source's bias in full, of which a
+    // calibration made with the same source has taken a part along with the mounting.
     assert!((65.0..=78.0).contains(&one) && (93.0..=99.0).contains(&two), "{one} % and {two} % within 1 and 2 sigma");
 }
 

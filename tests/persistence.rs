@@ -213,8 +213,8 @@ fn a_calibration_is_not_used_with_another_mounting() {
 }
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were
-/// or become what was typed. `power_cuts_anywhere_leave_old_or_new` does the same to the store alone, at every fill of the
-/// region.
+/// or become what was typed. `power_cuts_anywhere_leave_old_or_new` does the same to the store alone, at every fill of
+/// the region.
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing() {
     let mut rig = Rig::new(WorldConfig::table1(5));

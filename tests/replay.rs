@@ -35,8 +35,8 @@ fn recorded(world: &WorldConfig, circles: f64) -> Vec<Row> {
     parse(text.as_bytes(), Unit::Milligauss).unwrap()
 }
 
-/// Attitude noise of 0.3 deg and a bank 1 % short make up to 1 deg of heading at these inclinations; the coefficients add
-/// what the module expects of them.
+/// Attitude noise of 0.3 deg and a bank 1 % short make up to 1 deg of heading at these inclinations; the coefficients
+/// add what the module expects of them.
 #[test]
 fn both_ways_of_choosing_rows_give_the_heading() {
     for seed in 0..10 {

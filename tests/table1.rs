@@ -27,8 +27,8 @@ fn the_others_are_exact_without_noise() {
     }
 }
 
-/// 0.13 uT in 31 uT of horizontal field is 0.24 deg a sample; 512 of them leave 0.03 deg at a heading, tilt and the twelve
-/// unknowns twice that at the worst one, and 20 runs find three sigmas of it.
+/// 0.13 uT in 31 uT of horizontal field is 0.24 deg a sample; 512 of them leave 0.03 deg at a heading, tilt and the
+/// twelve unknowns twice that at the worst one, and 20 runs find three sigmas of it.
 #[test]
 fn maximum_likelihood_with_a_real_sensor() {
     for seed in 1..=20 {

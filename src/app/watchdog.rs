@@ -25,7 +25,8 @@ pub async fn pulse(links: &Links) -> ! {
     }
 }
 
-/// Feeds when sensor, attitude, instrument, outlet and the lower executor have each shown life since the last look, and only then.
+/// Feeds when sensor, attitude, instrument, outlet and the lower executor have each shown life since the last look, and
+/// only then.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeats.snapshot();
     loop {

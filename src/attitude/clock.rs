@@ -28,8 +28,8 @@ impl SenderClock {
     }
 }
 
-/// As long after the last report as the sender says, but not after the arrival. `None` for a rebooted sender and for one
-/// without a clock: the arrival is all there is.
+/// As long after the last report as the sender says, but not after the arrival. `None` for a rebooted sender and for
+/// one without a clock: the arrival is all there is.
 fn follow(arrival: Timestamp, passed_ms: i32, last_sent: Timestamp, config: &Config) -> Option<Timestamp> {
     let passed_ms = u64::try_from(passed_ms).ok().filter(|&ms| ms > 0)?;
     let expected = last_sent.plus_us(passed_ms * 1000);

@@ -13,7 +13,8 @@ use clock::SenderClock;
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
     /// How old a report's attitude is when its last byte has arrived, microseconds. Autopilots estimate, schedule and
-    /// send within about 20 ms; an error of 10 ms costs 0.3 deg of bank while it changes by 30 deg/s, nothing in a turn.
+    /// send within about 20 ms; an error of 10 ms costs 0.3 deg of bank while it changes by 30 deg/s, nothing in a
+    /// turn.
     pub latency_us: u32,
     /// An attitude is not extrapolated further than this: a source of 10 Hz with one report lost. A turn entry, with
     /// its 30 deg/s of roll beginning just then, is 6 deg off by the end of it.

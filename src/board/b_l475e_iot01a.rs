@@ -53,8 +53,8 @@ const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
-/// Between two feedings the watchdog task may look in vain once, and the watchdog's clock may run at 34 kHz instead of 32
-/// (data sheet, LSI).
+/// Between two feedings the watchdog task may look in vain once, and the watchdog's clock may run at 34 kHz instead of
+/// 32 (data sheet, LSI).
 const WATCHDOG_PERIOD_US: u32 = 2_000_000;
 const _: () = assert!(WATCHDOG_PERIOD_US as u64 * 32 > watchdog::LONGEST_WITHOUT_FEED_US * 34);
 

@@ -3,8 +3,8 @@
 //! With heading and attitude known, so is the Earth field in body axes, `h = C^T H0 (cos psi, -sin psi, D)`, and
 //! `m = A h + b` is linear in the twelve coefficients: each axis of the sensor is a regression on the three components
 //! of `h` and a constant, and all three share one 4 x 4 matrix. `D` is not known unless the inclination was told; it is
-//! the one of a few values that leaves the smallest residual. On level ground the vertical response of the sensor cannot
-//! be told from hard iron: it is then taken to be that of a sensor without soft iron.
+//! the one of a few values that leaves the smallest residual. On level ground the vertical response of the sensor
+//! cannot be told from hard iron: it is then taken to be that of a sensor without soft iron.
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 
@@ -29,8 +29,8 @@ const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.
 ///
 /// # Errors
 ///
-/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] where the fields do not follow the headings. Both are
-/// of [`Part::Marks`].
+/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] where the fields do not follow the headings. Both
+/// are of [`Part::Marks`].
 pub(super) fn solve(
     marks: &[Mark],
     rotation: &Matrix3<f32>,
@@ -143,8 +143,8 @@ mod tests {
         }
     }
 
-    /// On level ground vertical response and hard iron are one: the response is that of no soft iron, and the horizontal
-    /// part is right.
+    /// On level ground vertical response and hard iron are one: the response is that of no soft iron, and the
+    /// horizontal part is right.
     #[test]
     fn level_ground_shows_the_horizontal_part() {
         let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();

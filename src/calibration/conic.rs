@@ -68,8 +68,8 @@ impl Ellipse {
     }
 }
 
-/// Centre and form of the conic through points of a size of about one, `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear
-/// least squares (Liu 2007 eq. 6); `None` if it is not an ellipse.
+/// Centre and form of the conic through points of a size of about one, `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by
+/// linear least squares (Liu 2007 eq. 6); `None` if it is not an ellipse.
 pub(super) fn conic(points: impl Iterator<Item = Vector2<f32>>) -> Option<(Vector2<f32>, Matrix2<f32>)> {
     let mut system = LeastSquares::<5, 1>::new();
     for p in points {

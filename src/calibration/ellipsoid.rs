@@ -2,8 +2,8 @@
 //!
 //! Turned through all attitudes, an ideal sensor's measurements lie on a sphere, those of a real one on an ellipsoid
 //! round `b`. Its shape gives `W` up to a rotation, which is chosen so that `W` is symmetric in the axes of the mount:
-//! the mounting cannot be seen without attitude. The fit is that of [maximum likelihood](super::maximum_likelihood) with
-//! the norm's residuals alone, started from a sphere.
+//! the mounting cannot be seen without attitude. The fit is that of [maximum likelihood](super::maximum_likelihood)
+//! with the norm's residuals alone, started from a sphere.
 //!
 //! The samples of left and right turns lie on two ellipses only, and many ellipsoids go through those (wandering bank
 //! and noise may single one out, but not the right one); so whoever solves must ask [`is_determined`].

@@ -6,10 +6,11 @@
 //! the method's error, 1.6 deg besides a constant on the paper's own aircraft. [Two planes](super::two_plane) leave
 //! nothing out. Kept as the reference that everything here began with.
 //!
-//! The figures use the paper's axes, x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`, in which the body field
-//! at pitch zero is `h = (Hx, s Hz + c Hy, c Hz - s Hy)` with `s, c` of the bank, right wing down positive, `(Hx, Hz) =
-//! H0 (cos psi, -sin psi)` and `Hy` the vertical field, up. The coefficient of `Hz` in the up figure has the sign of the
-//! bank, so up is turned round in the left turn: then all four maps keep the sense of rotation, as the hypothesis wants.
+//! The figures use the paper's axes, x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`, in which the body
+//! field at pitch zero is `h = (Hx, s Hz + c Hy, c Hz - s Hy)` with `s, c` of the bank, right wing down positive, `(Hx,
+//! Hz) = H0 (cos psi, -sin psi)` and `Hy` the vertical field, up. The coefficient of `Hz` in the up figure has the sign
+//! of the bank, so up is turned round in the left turn: then all four maps keep the sense of rotation, as the
+//! hypothesis wants.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 

@@ -8,8 +8,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// The triangle `D (U x - t)` of all equations so far, for `N` unknowns and `M` right-hand sides: `D` diagonal, `U` upper
-/// triangular with a unit diagonal.
+/// The triangle `D (U x - t)` of all equations so far, for `N` unknowns and `M` right-hand sides: `D` diagonal, `U`
+/// upper triangular with a unit diagonal.
 #[derive(Clone, Debug)]
 pub(crate) struct LeastSquares<const N: usize, const M: usize> {
     d: [f32; N],
@@ -40,8 +40,8 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         }
     }
 
-    /// The share of an equation in the `k`-th row of the triangle from now on; `None` if it has none. What has no weight
-    /// left, or is nothing in this column, changes nothing.
+    /// The share of an equation in the `k`-th row of the triangle from now on; `None` if it has none. What has no
+    /// weight left, or is nothing in this column, changes nothing.
     fn gain_of(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<f32> {
         let part = *weight * x;
         if part == 0.0 {
@@ -69,8 +69,8 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         solution.iter().all(|x| x.is_finite()).then_some(solution)
     }
 
-    /// The inverse of the information `U^T D U`, the covariance of the unknowns, times a vector. The matrix itself would
-    /// take ten times the memory.
+    /// The inverse of the information `U^T D U`, the covariance of the unknowns, times a vector. The matrix itself
+    /// would take ten times the memory.
     pub fn covariance_times(&self, vector: &SVector<f32, N>) -> Option<SVector<f32, N>> {
         let mut x = *vector;
         for k in 0..N {

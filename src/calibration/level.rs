@@ -137,7 +137,8 @@ mod tests {
         Matrix2::new(30.0 * cos, 30.0 * sin, 20.0 * sin, 20.0 * cos)
     }
 
-    /// Level samples at headings, of a sensor whose vertical axis shows 40 uT, and a tenth and a twentieth of H0 besides.
+    /// Level samples at headings, of a sensor whose vertical axis shows 40 uT, and a tenth and a twentieth of H0
+    /// besides.
     fn at(headings_deg: &[f32], scale: f32) -> Vec<Sample> {
         headings_deg
             .iter()

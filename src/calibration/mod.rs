@@ -2,8 +2,8 @@
 //!
 //! # From samples to a calibration
 //!
-//! [`Samples`] of a left and a right turn go in, and a [`Solution`] comes out, or a [`SolveError`] that says what to do:
-//! its [`Calibration`] corrects a measured field, its [`Quality`] says how far the headings may be off.
+//! [`Samples`] of a left and a right turn go in, and a [`Solution`] comes out, or a [`SolveError`] that says what to
+//! do: its [`Calibration`] corrects a measured field, its [`Quality`] says how far the headings may be off.
 //!
 //! ```
 //! use std::f32::consts::TAU;

@@ -18,7 +18,8 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// Of the fields of samples, rotated by `rotation` first. `None` without samples, or if a field is not a finite number.
+    /// Of the fields of samples, rotated by `rotation` first. `None` without samples, or if a field is not a finite
+    /// number.
     #[inline(never)]
     pub fn through(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
         let fields_ut = || samples.iter().map(|sample| rotation * sample.field.ut);

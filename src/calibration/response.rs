@@ -29,8 +29,8 @@ pub(super) struct Start {
 }
 
 impl Response {
-    /// In the unit of field in which `W` has a determinant of one. `None` if `A` has no inverse or mirrors: a chip's axes
-    /// are right-handed.
+    /// In the unit of field in which `W` has a determinant of one. `None` if `A` has no inverse or mirrors: a chip's
+    /// axes are right-handed.
     pub fn start(&self) -> Option<Start> {
         // Total field in units of H0.
         let total = libm::sqrtf(1.0 + self.tan_inclination * self.tan_inclination);

@@ -1,6 +1,6 @@
 //! What the closed forms of a left and a right turn, [two planes](super::two_plane) and [four
-//! ellipses](super::four_ellipse), have in common: how many samples they take, the banks of the turns, what their centres
-//! say, and which way they run.
+//! ellipses](super::four_ellipse), have in common: how many samples they take, the banks of the turns, what their
+//! centres say, and which way they run.
 
 use nalgebra::Vector3;
 
@@ -46,8 +46,9 @@ impl Bank {
     }
 }
 
-/// The centres of a left and a right turn: `c = r V + b` each (Liu 2007 eq. 14), with `V` the vertical field in units of
-/// the horizontal one and `r` what the sensor measures, at the bank of that turn, of a vertical field of H0. Microtesla.
+/// The centres of a left and a right turn: `c = r V + b` each (Liu 2007 eq. 14), with `V` the vertical field in units
+/// of the horizontal one and `r` what the sensor measures, at the bank of that turn, of a vertical field of H0.
+/// Microtesla.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Centres {
     /// `c` of the left and of the right turn.

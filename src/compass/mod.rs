@@ -75,8 +75,8 @@ pub struct Compass {
 }
 
 impl Compass {
-    /// The machine at start, with what flash held. Not inlined: what it is made of would lie on the stack beside all that
-    /// follows.
+    /// The machine at start, with what flash held. Not inlined: what it is made of would lie on the stack beside all
+    /// that follows.
     #[must_use]
     #[inline(never)]
     pub const fn new(policy: Policy, settings: Settings, generations: Generations) -> Self {

@@ -145,8 +145,8 @@ pub enum SampleAttitude {
 pub struct Estimate {
     /// The instant of the reading, or of the silence.
     pub at: Timestamp,
-    /// The corrected field in body axes, in the sensor's own microtesla. None without a calibration, and when the sensor
-    /// is silent or saturated. It needs no attitude, and alignment is not in it.
+    /// The corrected field in body axes, in the sensor's own microtesla. None without a calibration, and when the
+    /// sensor is silent or saturated. It needs no attitude, and alignment is not in it.
     pub body: Option<Field<Body>>,
     /// The heading, alignment included, or why there is none.
     pub heading: Result<Heading, NoHeading>,

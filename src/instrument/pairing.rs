@@ -6,7 +6,8 @@ use crate::calibration::Sample;
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
 
-/// Readings wait for their attitude no longer than this, microseconds: longer than any two reports are interpolated over.
+/// Readings wait for their attitude no longer than this, microseconds: longer than any two reports are interpolated
+/// over.
 const PATIENCE_US: u64 = 300_000;
 
 const _: () = {

@@ -151,8 +151,9 @@ mod tests {
         assert_eq!(simulation.tasks(), 0, "the script did not end");
     }
 
-    /// At the rates of the drivers, at 155 and 200 Hz, and with an oscillator up to 10 % off either way: each measurement
-    /// once, none lost, none older than two looks (0.5 ms and a transfer), and the bus is left alone for most of the time.
+    /// At the rates of the drivers, at 155 and 200 Hz, and with an oscillator up to 10 % off either way: each
+    /// measurement once, none lost, none older than two looks (0.5 ms and a transfer), and the bus is left alone for
+    /// most of the time.
     #[test]
     fn every_measurement_is_found_whatever_the_period() {
         for period_us in [13_333, 12_500, 6_452, 5_000] {

@@ -246,8 +246,8 @@ mod tests {
         assert_eq!(with_measurement(0).period_us(), 12_500, "80 Hz");
     }
 
-    /// Axes that are new one by one, or overwritten, are no new measurement of all three. The chip is asked from the end
-    /// of the sleep (88 % of 12.5 ms) for four periods.
+    /// Axes that are new one by one, or overwritten, are no new measurement of all three. The chip is asked from the
+    /// end of the sleep (88 % of 12.5 ms) for four periods.
     #[test]
     fn what_is_not_new_is_waited_for() {
         for status in [0x00, 0x07, 0xF7] {

@@ -111,8 +111,8 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
             self.chip.write(&[register, value]).await?;
         }
         chip::same(self.control(), self.chip.registers(CRA_REG_M).await?)?;
-        // A measurement that was read in part locks the data until the rest is read; and the first one after a change of
-        // range may be of the old range.
+        // A measurement that was read in part locks the data until the rest is read; and the first one after a change
+        // of range may be of the old range.
         let _old: [u8; 6] = self.chip.registers(OUT_X_H_M).await?;
         self.polling.restart();
         Ok(Identity { model: Model::Lsm303dlhc, address: ADDRESS })
@@ -236,8 +236,8 @@ mod tests {
         assert_eq!(with_measurement(0).period_us(), 13_333, "75 Hz");
     }
 
-    /// The lock bit alone is no measurement. Asked from the end of the sleep (88 % of 13.333 ms) for four periods, to the
-    /// next look of those that are 0.5 ms apart.
+    /// The lock bit alone is no measurement. Asked from the end of the sleep (88 % of 13.333 ms) for four periods, to
+    /// the next look of those that are 0.5 ms apart.
     #[test]
     fn what_is_not_new_is_waited_for() {
         for status in [0x00, 0x02, 0xFE] {

@@ -11,8 +11,8 @@ use crate::settings::Settings;
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
 /// into a module of its own, as `v2` did.
 pub(super) const VERSION: u8 = 3;
-/// Room for version, contents and CRC. The contents take at most 690 bytes: 333 for each record, 22 for settings and the
-/// count of saves, and the tags of the options.
+/// Room for version, contents and CRC. The contents take at most 690 bytes: 333 for each record, 22 for settings and
+/// the count of saves, and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 704;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
@@ -107,8 +107,8 @@ pub enum Change<'a> {
         /// The one before.
         previous: Option<&'a Record>,
     },
-    /// Forgets both calibrations; the settings stay. It is the one change that replaces what a later firmware stored, and
-    /// begins anew with the default settings then.
+    /// Forgets both calibrations; the settings stay. It is the one change that replaces what a later firmware stored,
+    /// and begins anew with the default settings then.
     Clear,
 }
 
@@ -151,8 +151,8 @@ impl Contents {
         buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
     }
 
-    /// The contents of stored bytes, of this version or converted from one before. Not inlined: the contents are large, and
-    /// what they are made of lies on the stack while it is.
+    /// The contents of stored bytes, of this version or converted from one before. Not inlined: the contents are large,
+    /// and what they are made of lies on the stack while it is.
     #[inline(never)]
     pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
         let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;

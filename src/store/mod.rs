@@ -14,14 +14,14 @@
 //!
 //! # How
 //!
-//! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half of
-//! the region. A save appends to the one that does *not* hold the newest copy, so that whatever a power failure tears,
-//! and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses - a
-//! failure can tear the very word that the next item needs - its half is erased and begun anew. A count of saves in each
-//! copy says which one is newer.
+//! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half
+//! of the region. A save appends to the one that does *not* hold the newest copy, so that whatever a power failure
+//! tears, and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses
+//! - a failure can tear the very word that the next item needs - its half is erased and begun anew. A count of saves in
+//! each copy says which one is newer.
 //!
-//! To replace a later firmware's copies, the new copy is written first and the half with the last of them erased then: as
-//! long as one is left, nothing else counts.
+//! To replace a later firmware's copies, the new copy is written first and the half with the last of them erased then:
+//! as long as one is left, nothing else counts.
 
 mod contents;
 #[cfg(test)]
@@ -136,8 +136,8 @@ impl<F: NorFlash> Store<F> {
     ///
     /// # Errors
     ///
-    /// [`StoreError::UnknownVersion`] where there is a copy of a later firmware. Otherwise only where no copy can be read:
-    /// [`Flash`](StoreError::Flash), [`Corrupt`](StoreError::Corrupt), or `UnknownVersion` of one long ago.
+    /// [`StoreError::UnknownVersion`] where there is a copy of a later firmware. Otherwise only where no copy can be
+    /// read: [`Flash`](StoreError::Flash), [`Corrupt`](StoreError::Corrupt), or `UnknownVersion` of one long ago.
     pub async fn load(&mut self) -> Result<Stored, StoreError> {
         let found = self.survey().await;
         let errors = || found.iter().filter_map(|half| half.as_ref().err());
@@ -151,8 +151,8 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Stores a change, leaving the rest as it is. What cannot be understood has no future: it is replaced by the default.
-    /// A flash that merely failed to read it is no reason to throw it away, nor is a later firmware's format.
+    /// Stores a change, leaving the rest as it is. What cannot be understood has no future: it is replaced by the
+    /// default. A flash that merely failed to read it is no reason to throw it away, nor is a later firmware's format.
     ///
     /// # Errors
     ///

@@ -187,7 +187,8 @@ mod tests {
 
     #[test]
     fn a_false_start_costs_no_true_frame() {
-        // A cut frame, then a whole one: the receiver must find the second although it lies where the first claims to be.
+        // A cut frame, then a whole one: the receiver must find the second although it lies where the first claims to
+        // be.
         let whole = v2(&data(0.3));
         for cut in 0..whole.len() {
             let (reports, _) = receive(&[&whole[..cut], &whole[..]].concat());
@@ -433,8 +434,8 @@ mod tests {
         assert_eq!(counts, [u32::MAX, 0, 1]);
     }
 
-    /// Whatever lies before a frame: magic bytes, headers cut anywhere, frames of other messages, text. The frame is found
-    /// at the latest when the longest false one that began before it is over.
+    /// Whatever lies before a frame: magic bytes, headers cut anywhere, frames of other messages, text. The frame is
+    /// found at the latest when the longest false one that began before it is over.
     #[test]
     fn the_frame_after_every_kind_of_garbage_is_found() {
         let whole = payload(NUMBERS);

@@ -40,8 +40,8 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     })
 }
 
-/// `$PASWH,hhh.h,s.s,ok*cs`: magnetic heading, its standard deviation, degrees, and `ok`; or two empty fields and the code
-/// of why there is none.
+/// `$PASWH,hhh.h,s.s,ok*cs`: magnetic heading, its standard deviation, degrees, and `ok`; or two empty fields and the
+/// code of why there is none.
 #[must_use]
 pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
     sentence(|body| {

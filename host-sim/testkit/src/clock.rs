@@ -1,8 +1,8 @@
 //! The virtual clock behind `embassy_time`.
 //!
 //! Time belongs to the thread, so that simulations run side by side in the threads of a test program. It stands still
-//! while tasks run and jumps to the next deadline when none of them can: see [`Simulation`](crate::simulation::Simulation).
-//! One tick is one microsecond.
+//! while tasks run and jumps to the next deadline when none of them can: see
+//! [`Simulation`](crate::simulation::Simulation). One tick is one microsecond.
 
 use std::cell::RefCell;
 use std::task::Waker;

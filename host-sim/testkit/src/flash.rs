@@ -1,5 +1,5 @@
-//! A NOR flash in memory that keeps the rules of the STM32L4's, with power cuts and every fault that a store must survive.
-//! It takes no time, so that thousands of saves can be tried.
+//! A NOR flash in memory that keeps the rules of the STM32L4's, with power cuts and every fault that a store must
+//! survive. It takes no time, so that thousands of saves can be tried.
 
 use std::ops::Range;
 

@@ -1,4 +1,5 @@
-//! Every reason to refuse, produced by samples that deserve it, and the second start that saves a flight from a refusal.
+//! Every reason to refuse, produced by samples that deserve it, and the second start that saves a flight from a
+//! refusal.
 
 use core::f32::consts::{PI, TAU};
 
@@ -196,8 +197,8 @@ fn a_mounting_other_than_configured_is_named() {
     assert_eq!(refused, Some(SolveError::MountContradicted { found }));
 }
 
-/// Short turns in rough air: bank and pitch wander by half of the bank, and the two planes lead where no fit explains the
-/// samples. Begun again from the sphere, each of these flights is as good as its noise allows.
+/// Short turns in rough air: bank and pitch wander by half of the bank, and the two planes lead where no fit explains
+/// the samples. Begun again from the sphere, each of these flights is as good as its noise allows.
 #[test]
 fn a_start_that_leads_astray_is_followed_by_another() {
     for seed in [26, 86, 109, 124, 184, 202, 254, 279, 288] {

@@ -1,5 +1,5 @@
-//! Power that fails during a save, and again during the next one. `tests/persistence.rs` tries every pair of cuts; here it
-//! is a few second cuts after each first one.
+//! Power that fails during a save, and again during the next one. `tests/persistence.rs` tries every pair of cuts; here
+//! it is a few second cuts after each first one.
 
 use testkit::flash::Cut;
 use testkit::random::Random;

@@ -2,11 +2,12 @@
 //!
 //! # How `testdata/` was made
 //!
-//! `v2-first-half.bin` and `v2-second-half.bin` are the two halves of the simulated module's flash (eight pages of 2 KB),
-//! without the erased bytes at their ends, as the last firmware of version 2 left them. It had flown two circles to each
-//! side in the world `WorldConfig::table1(3)`, calibrated, and been given `set declination -3.5`,
+//! `v2-first-half.bin` and `v2-second-half.bin` are the two halves of the simulated module's flash (eight pages of 2
+//! KB), without the erased bytes at their ends, as the last firmware of version 2 left them. It had flown two circles
+//! to each side in the world `WorldConfig::table1(3)`, calibrated, and been given `set declination -3.5`,
 //! `set inclination 56.25` and `stream rate 25`; a magnet of [6, -4, 3] uT came aboard and it calibrated again; then
-//! `stream off`, `set mount yaw90` and `set mount roll180-yaw90`. What is expected of it here is what that firmware loaded.
+//! `stream off`, `set mount yaw90` and `set mount roll180-yaw90`. What is expected of it here is what that firmware
+//! loaded.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
