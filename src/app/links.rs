@@ -141,28 +141,40 @@ pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub attitude: AtomicU32,
     pub instrument: AtomicU32,
-    /// Of the task at the first outlet.
-    pub outlet: AtomicU32,
+    /// Of each outlet that runs.
+    pub outlets: [AtomicU32; OUTLETS],
     /// The executor of the tasks below those.
     pub below: AtomicU32,
 }
 
-/// Signs of life that the watchdog waits for.
-pub(super) const HEARTBEATS: usize = 5;
+/// The first of the signs of life are of tasks that every board runs, one outlet among them.
+pub(super) const ALWAYS_THERE: usize = 5;
+
+/// Signs of life that the watchdog looks at.
+pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + OUTLETS;
 
 impl Heartbeats {
-    const fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
             sensor: AtomicU32::new(0),
             attitude: AtomicU32::new(0),
             instrument: AtomicU32::new(0),
-            outlet: AtomicU32::new(0),
+            outlets: [const { AtomicU32::new(0) }; OUTLETS],
             below: AtomicU32::new(0),
         }
     }
 
+    /// Shows life of an outlet for the first time; where it shows life from now on.
+    pub fn outlet_begins(&self) -> &AtomicU32 {
+        let is_free = |beat: &&AtomicU32| beat.compare_exchange(0, 1, Ordering::Relaxed, Ordering::Relaxed).is_ok();
+        let [first, ..] = &self.outlets;
+        // There is one for each: `listen` has given the outlet its end of the wires.
+        self.outlets.iter().find(is_free).unwrap_or(first)
+    }
+
+    /// All of them. That of an outlet that does not run stays 0.
     pub fn snapshot(&self) -> [u32; HEARTBEATS] {
-        let Self { sensor, attitude, instrument, outlet, below } = self;
-        [sensor, attitude, instrument, outlet, below].map(|beat| beat.load(Ordering::Relaxed))
+        let Self { sensor, attitude, instrument, below, outlets: [first, second, third] } = self;
+        [sensor, attitude, instrument, below, first, second, third].map(|beat| beat.load(Ordering::Relaxed))
     }
 }

@@ -15,12 +15,13 @@ const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 pub async fn run(links: &Links, mut outlet: impl Outlet, mut tx: impl Write) -> ! {
     let mut estimates = listen(&links.estimates);
     let mut changes = listen(&links.settings);
+    let heartbeat = links.heartbeats.outlet_begins();
     let mut settings = Settings::DEFAULT;
     let mut pace = Pace::new();
     loop {
         // One comes for every reading, and in the sensor's silence, too.
         let estimate = estimates.changed().await;
-        count(&links.heartbeats.outlet);
+        count(heartbeat);
         if let Some(changed) = changes.try_changed() {
             settings = changed;
         }

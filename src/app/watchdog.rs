@@ -2,7 +2,7 @@
 
 use embassy_time::{Duration, Timer};
 
-use super::links::count;
+use super::links::{ALWAYS_THERE, HEARTBEATS, count};
 use super::{Links, Watchdog};
 
 /// Between two looks. The slowest sign of life is that of a sensor that does not answer.
@@ -25,16 +25,22 @@ pub async fn pulse(links: &Links) -> ! {
     }
 }
 
-/// Feeds when sensor, attitude, instrument, outlet and the lower executor have each shown life since the last look, and
-/// only then.
+/// Feeds when sensor, attitude, instrument, every outlet that runs and the lower executor have each shown life since the
+/// last look, and only then.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeats.snapshot();
     loop {
         Timer::after(LOOK).await;
         let now = links.heartbeats.snapshot();
-        if now.iter().zip(&before).all(|(now, before)| now != before) {
+        if all_live(&before, &now) {
             watchdog.feed();
         }
         before = now;
     }
+}
+
+/// Whether each has shown life; of the outlets after the first, those that ever have.
+fn all_live(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
+    let does_not_run = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
+    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || does_not_run(i, *now))
 }

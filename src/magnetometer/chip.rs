@@ -249,7 +249,7 @@ pub(super) mod registers {
     use testkit as _;
 
     pub struct Registers {
-        pub values: [u8; 0x40],
+        pub values: [u8; 0x80],
         /// A register that refuses to be written.
         pub broken: Option<u8>,
         /// The chip's address; others are not answered.
@@ -262,7 +262,7 @@ pub(super) mod registers {
 
     impl Registers {
         pub fn new(flags: u8, set: &[(u8, u8)]) -> Self {
-            let mut values = [0; 0x40];
+            let mut values = [0; 0x80];
             for &(register, value) in set {
                 values[usize::from(register)] = value;
             }

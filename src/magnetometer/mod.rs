@@ -26,7 +26,7 @@ pub struct Identity {
     pub address: u8,
 }
 
-/// Supported magnetometers.
+/// Supported magnetometers. What is stored of one is its place here: a new one goes to the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Model {
     /// ST LIS3MDL.

@@ -172,6 +172,8 @@ impl Contents {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::{Envelope, Method};
+    use crate::magnetometer::Model;
     use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {
@@ -199,6 +201,26 @@ mod tests {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
         assert_eq!((version, value.len(), crc), (3, 695, &[13, 161, 137, 202][..]));
+    }
+
+    /// A variant that is put between others moves those behind it, which no record with the first of them shows.
+    #[test]
+    fn variants_keep_their_numbers() {
+        fn assert_numbers<T: Serialize>(variants: &[T]) {
+            for (number, variant) in (0..).zip(variants) {
+                assert_eq!(postcard::to_slice(variant, &mut [0; 8]).map(|bytes| bytes.to_vec()), Ok(vec![number]));
+            }
+        }
+        assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc]);
+        assert_numbers(&[Envelope::Banked, Envelope::Level]);
+        assert_numbers(&[
+            Method::Level,
+            Method::FourEllipse,
+            Method::TwoPlane,
+            Method::MaximumLikelihood,
+            Method::CompassSwing,
+            Method::Ellipsoid,
+        ]);
     }
 
     #[test]

@@ -210,7 +210,7 @@ fn an_outlet_writes_at_its_rate_and_counts() {
     let counts = bed.links.counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
-    assert_eq!(bed.links.heartbeats.snapshot()[3], 160);
+    assert_eq!(bed.links.heartbeats.snapshot()[4], 161, "one for each estimate, and for its beginning");
 }
 
 #[test]
