@@ -16,8 +16,8 @@
 //!
 //! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half
 //! of the region. A save appends to the one that does *not* hold the newest copy, so that whatever a power failure
-//! tears, and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses
-//! - a failure can tear the very word that the next item needs - its half is erased and begun anew. A count of saves in
+//! tears, and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses,
+//! for a failure can tear the very word that the next item needs, its half is erased and begun anew. A count of saves in
 //! each copy says which one is newer.
 //!
 //! To replace a later firmware's copies, the new copy is written first and the half with the last of them erased then:
