@@ -193,11 +193,13 @@ fn a_note_comes_unasked() {
 #[test]
 fn broken_wires_do_not_stop_the_console() {
     let (mut bed, line, port, _) = with_console();
-    line.mood.set(Mood::Fails);
-    let before = line.reads.get();
-    bed.ms(10);
-    let reads = line.reads.get() - before;
-    assert!((40..=60).contains(&reads), "{reads}: a pause of 0.2 ms after each error");
+    for mood in [Mood::Fails, Mood::Ends] {
+        line.mood.set(mood);
+        let before = line.reads.get();
+        bed.ms(10);
+        let reads = line.reads.get() - before;
+        assert!((40..=60).contains(&reads), "{mood:?} {reads}: a pause of 0.2 ms after each");
+    }
     line.mood.set(Mood::Works);
     port.mood.set(Mood::Hangs);
     assert_eq!(type_line(&mut bed, &line, &port, "version"), "");

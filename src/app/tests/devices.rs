@@ -20,6 +20,8 @@ pub enum Mood {
     Works,
     Fails,
     Hangs,
+    /// A line that has ended gives nothing, and does not wait.
+    Ends,
 }
 
 /// A magnetometer that measures every 10 ms.
@@ -42,7 +44,7 @@ impl Magnetometer for Chip {
         self.inits.set(self.inits.get() + 1);
         match self.init.get() {
             Mood::Works => Ok(SENSOR),
-            Mood::Fails => Err(Error::Bus(())),
+            Mood::Fails | Mood::Ends => Err(Error::Bus(())),
             Mood::Hangs => pending().await,
         }
     }
@@ -52,7 +54,7 @@ impl Magnetometer for Chip {
         let (saturated, overrun) = self.flags.get();
         match self.read.get() {
             Mood::Works => Ok(Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated, overrun }),
-            Mood::Fails => Err(Error::NoData),
+            Mood::Fails | Mood::Ends => Err(Error::NoData),
             Mood::Hangs => pending().await,
         }
     }
@@ -83,11 +85,13 @@ impl ErrorType for Line {
 impl Read for Line {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
         self.reads.set(self.reads.get() + 1);
-        while self.mood.get() == Mood::Fails || self.bytes.borrow().is_empty() {
-            if self.mood.get() == Mood::Fails {
-                return Err(ErrorKind::Other);
+        loop {
+            match self.mood.get() {
+                Mood::Fails => return Err(ErrorKind::Other),
+                Mood::Ends => return Ok(0),
+                Mood::Works if !self.bytes.borrow().is_empty() => break,
+                Mood::Works | Mood::Hangs => Timer::after_micros(100).await,
             }
-            Timer::after_micros(100).await;
         }
         let mut bytes = self.bytes.borrow_mut();
         let read = buffer.len().min(bytes.len());
@@ -119,6 +123,7 @@ impl Write for Port {
         match self.mood.get() {
             Mood::Works => self.written.borrow_mut().extend(bytes),
             Mood::Fails => return Err(ErrorKind::Other),
+            Mood::Ends => return Ok(0),
             Mood::Hangs => pending().await,
         }
         Ok(bytes.len())

@@ -49,14 +49,18 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
 
-/// A line in error is left alone for 0.2 ms, so that it does not take all the time there is.
+/// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is.
 #[test]
 fn a_line_in_error_is_counted_and_gets_a_pause() {
     let (mut bed, line) = with_line();
+    line.mood.set(Mood::Ends);
+    bed.ms(10);
+    let ended = bed.links.counts().attitude_line_errors;
+    assert!((45..=55).contains(&ended), "{ended}");
     line.mood.set(Mood::Fails);
     bed.ms(10);
     let errors = bed.links.counts().attitude_line_errors;
-    assert!((45..=55).contains(&errors), "{errors}");
+    assert!((90..=110).contains(&errors), "{errors}");
     assert!(bed.links.heartbeats.snapshot()[1] >= errors - 1, "it lives");
     line.mood.set(Mood::Works);
     line.put(&frame(0.1));
