@@ -39,7 +39,7 @@ impl Policy {
 
 /// What is judged on.
 #[derive(Clone, Copy, Debug)]
-pub struct Evidence<'a> {
+pub struct Grounds<'a> {
     /// The samples that the candidate was fitted to.
     pub fitted: Samples<'a>,
     /// Samples of the same parts that it was not fitted to.
@@ -110,27 +110,27 @@ pub enum Rejection {
 pub fn judge(
     policy: &Policy,
     candidate: &Solution,
-    evidence: Evidence<'_>,
+    grounds: Grounds<'_>,
     incumbent: &Incumbent,
 ) -> Result<Scores, Rejection> {
-    enough_held_back(policy, &evidence)?;
+    enough_held_back(policy, &grounds)?;
     accurate(policy, candidate.quality.expected_rms_deg)?;
-    let scores = better(candidate, &evidence, incumbent)?;
+    let scores = better(candidate, &grounds, incumbent)?;
     if let Some(quality) = &incumbent.quality {
         not_thinner(policy, &candidate.quality, quality, scores)?;
     }
     Ok(scores)
 }
 
-fn enough_held_back(policy: &Policy, evidence: &Evidence<'_>) -> Result<(), Rejection> {
-    let (have, need) = (fewest_held_back(evidence), policy.min_held_back);
+fn enough_held_back(policy: &Policy, grounds: &Grounds<'_>) -> Result<(), Rejection> {
+    let (have, need) = (fewest_held_back(grounds), policy.min_held_back);
     if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
 }
 
 /// How many samples were held back of the part with the fewest, of those that were fitted to. Marks have none of their
 /// own: what was seen between them is held back.
-fn fewest_held_back(evidence: &Evidence<'_>) -> u16 {
-    let Evidence { fitted, held_back, .. } = evidence;
+fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
+    let Grounds { fitted, held_back, .. } = grounds;
     [(fitted.left, held_back.left), (fitted.right, held_back.right), (fitted.level, held_back.level)]
         .iter()
         .filter(|(fitted, _)| !fitted.is_empty())
@@ -148,13 +148,9 @@ fn accurate(policy: &Policy, expected_rms_deg: f32) -> Result<(), Rejection> {
     }
 }
 
-fn better(candidate: &Solution, evidence: &Evidence<'_>, incumbent: &Incumbent) -> Result<Scores, Rejection> {
-    let scores = verification::verify(
-        evidence.held_back,
-        evidence.knows_attitude,
-        &candidate.calibration,
-        &incumbent.calibration,
-    );
+fn better(candidate: &Solution, grounds: &Grounds<'_>, incumbent: &Incumbent) -> Result<Scores, Rejection> {
+    let scores =
+        verification::verify(grounds.held_back, grounds.knows_attitude, &candidate.calibration, &incumbent.calibration);
     if scores.candidate < scores.incumbent {
         Ok(scores)
     } else {
@@ -280,7 +276,7 @@ mod tests {
         let [l, r, v] = [(-25.0, held_back[0]), (25.0, held_back[1]), (0.0, held_back[2])]
             .map(|(roll_deg, samples)| circle(roll_deg, samples));
         let level_used = held_back[2] > 0;
-        let evidence = Evidence {
+        let grounds = Grounds {
             fitted: Samples {
                 left: &fitted[0],
                 right: &fitted[1],
@@ -290,7 +286,7 @@ mod tests {
             held_back: Samples { left: &l, right: &r, level: &v, marks: &[] },
             knows_attitude: true,
         };
-        judge(&POLICY, candidate, evidence, incumbent)
+        judge(&POLICY, candidate, grounds, incumbent)
     }
 
     const ENOUGH: [u16; 3] = [24, 24, 0];
@@ -327,8 +323,8 @@ mod tests {
     /// Marks are fitted to and have nothing of their own held back: without samples of other parts nothing is verified.
     #[test]
     fn nothing_held_back_is_too_few() {
-        let evidence = Evidence { fitted: Samples::default(), held_back: Samples::default(), knows_attitude: true };
-        let found = judge(&POLICY, &candidate(0.1, quality(0.5)), evidence, &NOT_CALIBRATED);
+        let grounds = Grounds { fitted: Samples::default(), held_back: Samples::default(), knows_attitude: true };
+        let found = judge(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED);
         assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
     }
 
@@ -395,8 +391,8 @@ mod tests {
         }
         let score = |knows_attitude| {
             let parts = Samples { left: &samples, ..Samples::default() };
-            let evidence = Evidence { fitted: parts, held_back: parts, knows_attitude };
-            judge(&POLICY, &candidate(0.1, quality(0.5)), evidence, &NOT_CALIBRATED).map(|scores| scores.candidate)
+            let grounds = Grounds { fitted: parts, held_back: parts, knows_attitude };
+            judge(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED).map(|scores| scores.candidate)
         };
         assert!(score(false).unwrap() < 1.0, "{:?}", score(false));
         assert!(score(true).is_err() || score(true).unwrap() > 10.0, "{:?}", score(true));

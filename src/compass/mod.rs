@@ -13,7 +13,7 @@ mod tests;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary};
 pub use refusal::Refusal;
 
-use crate::acceptance::{self, Evidence, Incumbent, Policy};
+use crate::acceptance::{self, Grounds, Incumbent, Policy};
 use crate::calibration::ladder::{self, Procedure, Selection};
 use crate::calibration::{Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver};
 use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
@@ -329,12 +329,12 @@ impl Compass {
     fn accepted(&self, candidate: &Solution) -> Result<Record, Refusal> {
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?.identity;
         let selection = Selection::of(self.collector.fit(), self.collector.procedure());
-        let evidence = Evidence {
+        let grounds = Grounds {
             fitted: selection.from(self.collector.fit()),
             held_back: selection.from(self.collector.held_back()),
             knows_attitude: self.collector.procedure() != Procedure::Tumble,
         };
-        acceptance::judge(&self.policy, candidate, evidence, &self.incumbent()).map_err(Refusal::Rejected)?;
+        acceptance::judge(&self.policy, candidate, grounds, &self.incumbent()).map_err(Refusal::Rejected)?;
         let current = self.generations.current.as_ref();
         Ok(Record {
             calibration: candidate.calibration,

@@ -7,7 +7,7 @@
 pub mod bound;
 pub mod trial;
 
-use autoswing::acceptance::{self, Evidence, Incumbent, Policy};
+use autoswing::acceptance::{self, Grounds, Incumbent, Policy};
 use autoswing::calibration::{Consider, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
@@ -174,8 +174,8 @@ impl Counts {
 
 /// Whether an uncalibrated module would take it.
 fn is_accepted(recorded: &Recorded, solution: &Solution) -> bool {
-    let evidence = Evidence { fitted: recorded.samples(), held_back: recorded.held_back(), knows_attitude: true };
-    acceptance::judge(&Policy::DEFAULT, solution, evidence, &Incumbent::none(Orientation::NONE)).is_ok()
+    let grounds = Grounds { fitted: recorded.samples(), held_back: recorded.held_back(), knows_attitude: true };
+    acceptance::judge(&Policy::DEFAULT, solution, grounds, &Incumbent::none(Orientation::NONE)).is_ok()
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: Consider) -> std::result::Result<Solution, SolveError> {

@@ -2,7 +2,7 @@
 
 pub mod recording;
 
-use autoswing::acceptance::{self, Evidence, Incumbent, Policy, Rejection};
+use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
 use autoswing::attitude::{self, Report};
 use autoswing::calibration::ladder::{self, Procedure, Selection};
 use autoswing::calibration::{Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve};
@@ -204,8 +204,8 @@ impl Split {
 /// Whether an uncalibrated module would take it.
 fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), Refused> {
     let none = Incumbent::none(Orientation::NONE);
-    let evidence = Evidence { fitted, held_back, knows_attitude: true };
-    acceptance::judge(&Policy::DEFAULT, solution, evidence, &none).map(|_| ()).map_err(Refused::Rejected)
+    let grounds = Grounds { fitted, held_back, knows_attitude: true };
+    acceptance::judge(&Policy::DEFAULT, solution, grounds, &none).map(|_| ()).map_err(Refused::Rejected)
 }
 
 fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
