@@ -104,7 +104,7 @@ counters! {
     write_errors,
     /// Readings for which no attitude came.
     unpaired,
-    /// Readings or samples that found their queue full.
+    /// Readings, attitude reports or samples that found their queue full.
     samples_dropped,
     /// Successful saves.
     saves,

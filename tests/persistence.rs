@@ -323,7 +323,5 @@ fn one_of(flash: &mut StoreFlash, allowed: &[Generations], case: &str) -> Genera
 fn cuts(flash: &StoreFlash) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, 500).unwrap();
-    let operations = complete.operations;
-    let near_an_end = move |at: &usize| *at < 4 || *at + 4 >= operations || at.is_multiple_of(7);
-    (0..operations).filter(near_an_end).flat_map(|at| Cut::ALL.map(|cut| (at, cut)))
+    Cut::in_operations(complete.operations)
 }

@@ -24,6 +24,13 @@ pub enum Cut {
 impl Cut {
     /// How an operation can end when power fails: not at all, in part (with the seed of what changes), in full.
     pub const ALL: [(Self, u64); 4] = [(Self::Before, 0), (Self::Torn, 1), (Self::Torn, 2), (Self::After, 0)];
+
+    /// Where and how power fails in so many operations: in each way at every operation near the ends, where headers and
+    /// markers are written, and at every seventh of the many words between, which are all alike.
+    pub fn in_operations(operations: usize) -> impl Iterator<Item = (usize, (Self, u64))> {
+        let near_an_end = move |at: &usize| *at < 4 || *at + 4 >= operations || at.is_multiple_of(7);
+        (0..operations).filter(near_an_end).flat_map(|at| Self::ALL.map(|cut| (at, cut)))
+    }
 }
 
 /// How a flash programs without saying that it fails.
