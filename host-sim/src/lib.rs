@@ -11,6 +11,8 @@
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
 //! | [`replay`] | a recorded flight through the module's collection and solver |
 //! | [`accuracy`] | accuracy of the methods against the bound of what is possible |
+//! | [`faults`] | what can go wrong around a module, as decorators |
+//! | [`integrity`] | what the module believes while something is wrong |
 //! | [`random`] | one seeded stream of random numbers per purpose |
 //!
 //! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
@@ -20,6 +22,8 @@ pub use testkit::{clock, simulation};
 pub mod accuracy;
 pub mod devices;
 pub mod emulator;
+pub mod faults;
+pub mod integrity;
 pub mod mission;
 pub mod module;
 pub mod nmea;

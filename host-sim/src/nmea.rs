@@ -12,6 +12,8 @@ pub struct Received {
     pub heading_deg: Option<f64>,
     /// Its standard deviation, degrees: a sentence `PASWH` with a heading has one.
     pub sigma_deg: Option<f64>,
+    /// `ok`, or why there is no heading: a sentence `PASWH` says it.
+    pub status: Option<String>,
 }
 
 /// Collects bytes into sentences.
@@ -47,11 +49,14 @@ fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
     let kind = fields.next()?.to_owned();
     let heading = fields.next()?;
     let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
-    let sigma_deg = match (kind.as_str(), heading_deg) {
-        ("PASWH", Some(_)) => Some(fields.next()?.parse().ok()?),
-        _ => None,
+    let (sigma_deg, status) = if kind == "PASWH" {
+        let sigma = fields.next()?;
+        let sigma_deg = if heading_deg.is_some() { Some(sigma.parse().ok()?) } else { None };
+        (sigma_deg, Some(fields.next()?.to_owned()))
+    } else {
+        (None, None)
     };
-    Some(Received { at_us, kind, heading_deg, sigma_deg })
+    Some(Received { at_us, kind, heading_deg, sigma_deg, status })
 }
 
 #[cfg(test)]

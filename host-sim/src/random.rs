@@ -33,6 +33,16 @@ pub enum Purpose {
     Flash = 10,
     /// Noise of the samples that a study holds back.
     HeldBack = 12,
+    /// What befalls a magnetometer.
+    SensorFault = 13,
+    /// What befalls an attitude source.
+    AttitudeFault = 14,
+    /// Moves of the throttle.
+    Throttle = 15,
+    /// Instants and directions of faults.
+    Case = 16,
+    /// Legs of a flight.
+    Legs = 17,
 }
 
 /// A stream of random numbers.

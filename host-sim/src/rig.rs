@@ -15,6 +15,8 @@ use crate::devices::i2c::Bus;
 use crate::devices::lis3mdl::{Config as ChipConfig, Lis3mdl};
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
 use crate::devices::uart::{Cable, Config as CableConfig, HostEnd};
+use crate::faults::Faults;
+use crate::faults::sensor::Faulty;
 use crate::module::{Module, Ran};
 use crate::simulation::{Ended, Level, Simulation, Stop};
 use crate::world::{World, WorldConfig};
@@ -79,13 +81,20 @@ impl Rig {
     /// A module with empty flash, switched on now, in a world of these settings.
     #[must_use]
     pub fn new(config: WorldConfig) -> Self {
+        Self::with_faults(config, Faults::default())
+    }
+
+    /// The same with something wrong.
+    #[must_use]
+    pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let console_cable = Cable::new(CableConfig::default());
         let autopilot_cable = Cable::new(CableConfig::default());
-        let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, world.magnetometer_source());
+        let field = world.magnetometer_source(faults.field);
+        let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, field);
         let bus = Bus::new();
-        bus.attach(chip.clone());
+        bus.attach(Faulty::new(chip.clone(), faults.sensor));
         let reset = Rc::new(ResetLine {
             stop: simulation.stop(),
             cause: RefCell::new(None),
@@ -95,8 +104,11 @@ impl Rig {
         simulation.spawn(
             Level::World,
             "attitude source",
-            world.attitude_source().run(world.clone(), autopilot.clone()),
+            world.attitude_source().run(world.clone(), autopilot.clone(), faults.attitude),
         );
+        for foreign in faults.senders {
+            simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
+        }
         simulation.spawn(Level::World, "watchdog timer", watchdog_timer(reset.clone()));
         let mut rig = Self {
             simulation,

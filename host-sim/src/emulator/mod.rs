@@ -81,7 +81,7 @@ impl Emulator {
         let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
         let (console_cable, autopilot_cable) = (cable(), cable());
         let (console, autopilot) = (console_cable.host(), autopilot_cable.host());
-        let source = world.attitude_source().run(world.clone(), autopilot.clone());
+        let source = world.attitude_source().run(world.clone(), autopilot.clone(), vec![]);
         simulation.spawn(Level::World, "attitude source", source);
         Ok(Self {
             console_wire: Wire::new(&console_cable, &mut simulation),

@@ -34,9 +34,11 @@ use self::aircraft::{Aircraft, Carried, STEP_US};
 use self::attitude_source::AttitudeSource;
 use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
+use self::earth::Earth;
 pub use self::state::TrueState;
 use crate::clock;
 use crate::devices::lis3mdl::FieldSource;
+use crate::faults::field::FieldFault;
 
 /// How far back the truth can be asked for, in steps: 2 s. The slowest sensor looks back 1.6 s.
 const HISTORY_STEPS: usize = 400;
@@ -78,14 +80,20 @@ impl World {
     /// The field in the chip's axes at a time: now, or up to two seconds ago.
     #[must_use]
     pub fn sensor_field(&self, at_us: u64) -> Field<Sensor> {
-        self.0.borrow_mut().sensor_field(at_us)
+        self.0.borrow_mut().sensor_field(at_us, None)
     }
 
-    /// What a [`Lis3mdl`](crate::devices::lis3mdl::Lis3mdl) in this world measures.
+    /// What a [`Lis3mdl`](crate::devices::lis3mdl::Lis3mdl) in this world measures. Of the faults that say where the
+    /// aircraft is the first counts; what they add is added up.
     #[must_use]
-    pub fn magnetometer_source(&self) -> FieldSource {
+    pub fn magnetometer_source(&self, faults: Vec<Rc<dyn FieldFault>>) -> FieldSource {
         let world = self.clone();
-        Box::new(move |at_us| world.sensor_field(at_us))
+        Box::new(move |at_us| {
+            let earth = faults.iter().find_map(|fault| fault.earth(at_us));
+            let field = world.0.borrow_mut().sensor_field(at_us, earth);
+            let added: Vector3<f64> = faults.iter().map(|fault| fault.added_ut(at_us)).sum();
+            Field::new(field.ut + added.cast())
+        })
     }
 
     /// The attitude source of this world; its [`run`](AttitudeSource::run) is the task to spawn.
@@ -153,9 +161,10 @@ impl Inner {
         }
     }
 
-    fn sensor_field(&mut self, at_us: u64) -> Field<Sensor> {
+    /// At another place than that of the settings, if one is given.
+    fn sensor_field(&mut self, at_us: u64, elsewhere: Option<Earth>) -> Field<Sensor> {
         let truth = self.true_state(at_us);
-        let body_ut = self.config.earth.body_field_ut(truth.euler());
+        let body_ut = elsewhere.unwrap_or(self.config.earth).body_field_ut(truth.euler());
         let measured = self.config.airframe.measure(&body_ut);
         Field::new(measured.ut + self.disturbance_ut.cast())
     }

@@ -102,7 +102,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::random(seed));
     let mut bus = Bus::new();
-    bus.attach(Lis3mdl::new(lis3mdl::Config { seed, ..Default::default() }, world.magnetometer_source()));
+    bus.attach(Lis3mdl::new(lis3mdl::Config { seed, ..Default::default() }, world.magnetometer_source(vec![])));
     let cable = Cable::new(uart::Config::default());
     let (mut receiver, _transmitter) = cable.module();
     let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
@@ -112,7 +112,7 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
         seen.1 += bytes.len();
     };
 
-    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host()));
+    simulation.spawn(Level::World, "autopilot", world.attitude_source().run(world.clone(), cable.host(), vec![]));
     let seen_attitude = Rc::clone(&seen);
     simulation.spawn(Level::Interrupt, "attitude", async move {
         let mut buffer = [0; 128];

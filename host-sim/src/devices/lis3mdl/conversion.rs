@@ -13,6 +13,9 @@ const UT_PER_GAUSS: f64 = 100.0;
 const NOISE_XY_GAUSS: f64 = 3.2e-3;
 const NOISE_Z_GAUSS: f64 = 4.1e-3;
 
+/// What the self-test adds, gauss: the middle of the range that a good chip shows (data sheet, table 2).
+const SELF_TEST_GAUSS: Vector3<f64> = Vector3::new(2.0, 2.0, 0.55);
+
 /// A conversion whose result is due.
 pub(super) struct Due {
     /// When it ended.
@@ -61,7 +64,8 @@ pub(super) fn counts(field: &Field<Sensor>, mode: &Mode, noise_scale: f64, noise
     let xy = NOISE_XY_GAUSS * noise_ratio(mode.averaging_xy);
     let z = NOISE_Z_GAUSS * noise_ratio(mode.averaging_z);
     let sigma = Vector3::new(xy, xy, z) * noise_scale;
-    let gauss = field.ut.cast::<f64>() / UT_PER_GAUSS + noise.normal_vector().component_mul(&sigma);
+    let added = if mode.self_test { SELF_TEST_GAUSS } else { Vector3::zeros() };
+    let gauss = field.ut.cast::<f64>() / UT_PER_GAUSS + added + noise.normal_vector().component_mul(&sigma);
     // A float-to-integer cast saturates: the clamp of the chip's converter.
     (gauss * COUNTS_PER_GAUSS[mode.full_scale]).map(|counts| counts.round() as i16)
 }

@@ -2,10 +2,10 @@
 //! AN4602.
 //!
 //! Modelled: identity, reset values, power-down / single / continuous conversion, data rates including `FAST_ODR`, full
-//! scales, operating modes (rate and noise), data-ready and overrun flags, block data update, address auto-increment
-//! with its wrap from the last output register to the first, soft reset, temperature. Interrupt registers only keep
-//! what is written. Not modelled: self-test, the interrupt generator, SPI, the time over which a conversion averages
-//! (a measurement is the field at the end of its conversion).
+//! scales, operating modes (rate and noise), data-ready and overrun flags, block data update, byte order, self-test,
+//! address auto-increment with its wrap from the last output register to the first, soft reset, temperature. Interrupt
+//! registers only keep what is written. Not modelled: the interrupt generator, SPI, the time over which a conversion
+//! averages (a measurement is the field at the end of its conversion).
 
 mod conversion;
 mod registers;

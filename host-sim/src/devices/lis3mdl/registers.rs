@@ -30,6 +30,8 @@ const TEMPERATURE_ENABLE: u8 = 0x80;
 const SOFT_RESET_OR_REBOOT: u8 = 0x0C;
 const POWER_DOWN: u8 = 0x03;
 const BLOCK_DATA_UPDATE: u8 = 0x40;
+const SELF_TEST: u8 = 0x01;
+const BIG_ENDIAN: u8 = 0x02;
 const ALL_AXES: u8 = 0x07;
 const ANY_AXIS_FLAG: u8 = 0x08;
 
@@ -45,6 +47,8 @@ pub(super) struct Mode {
     pub full_scale: usize,
     /// Measurements per second.
     pub rate_hz: f64,
+    /// A field of its own is added to what is measured.
+    pub self_test: bool,
 }
 
 /// Bits MD1:0 of `CTRL_REG3`.
@@ -177,6 +181,7 @@ impl Registers {
             averaging_z: usize::from(self.get(CTRL_REG4) >> 2 & 3),
             full_scale: usize::from(self.get(CTRL_REG2) >> 5 & 3),
             rate_hz: if fast { FAST_RATE_HZ[averaging_xy] } else { 0.625 * f64::from(1 << (control1 >> 2 & 7)) },
+            self_test: control1 & SELF_TEST != 0,
         }
     }
 
@@ -204,7 +209,9 @@ impl Registers {
     }
 
     fn put_pair(&mut self, low: u8, value: i16) {
+        let measured = (OUT_X_L..=OUT_Z_H).contains(&low);
+        let swapped = measured && self.get(CTRL_REG4) & BIG_ENDIAN != 0;
         let low = usize::from(low);
-        self.bytes[low..low + 2].copy_from_slice(&value.to_le_bytes());
+        self.bytes[low..low + 2].copy_from_slice(&if swapped { value.to_be_bytes() } else { value.to_le_bytes() });
     }
 }

@@ -12,11 +12,34 @@ use super::gauss_markov::FirstOrder;
 use super::state::TrueState;
 use crate::clock;
 use crate::devices::uart::HostEnd;
+use crate::faults::attitude::AttitudeFault;
 use crate::random::{Purpose, Random};
 
-/// The autopilot's MAVLink identity.
-const SYSTEM_ID: u32 = 1;
-const COMPONENT_ID: u8 = 1;
+/// Who sends: a MAVLink identity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// System.
+    pub system_id: u8,
+    /// Component of it.
+    pub component_id: u8,
+    /// What its heartbeats say it is; none: it sends none.
+    pub heartbeats: Option<Kind>,
+}
+
+/// What a sender says it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An autopilot.
+    Autopilot,
+    /// Anything else: a gimbal, a camera, a ground station.
+    Other,
+}
+
+impl Identity {
+    /// The autopilot.
+    pub const AUTOPILOT: Self = Self { system_id: 1, component_id: 1, heartbeats: Some(Kind::Autopilot) };
+}
+
 /// The `mavlink_version` of a heartbeat in the common dialect.
 const HEARTBEAT_VERSION: u8 = 3;
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
@@ -86,6 +109,7 @@ pub struct Reported {
 #[derive(Clone, Debug)]
 pub struct AttitudeSource {
     config: Config,
+    identity: Identity,
     roll_noise_rad: FirstOrder,
     pitch_noise_rad: FirstOrder,
     roll_bias_rad: f64,
@@ -104,12 +128,19 @@ impl AttitudeSource {
         let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
         Self {
             config,
+            identity: Identity::AUTOPILOT,
             roll_noise_rad: noise(Purpose::RollNoise),
             pitch_noise_rad: noise(Purpose::PitchNoise),
             roll_bias_rad: config.bias_deg.to_radians() * direction_rad.cos(),
             pitch_bias_rad: config.bias_deg.to_radians() * direction_rad.sin(),
             sequence: 0,
         }
+    }
+
+    /// The same, sent by somebody else.
+    #[must_use]
+    pub fn sent_by(self, identity: Identity) -> Self {
+        Self { identity, ..self }
     }
 
     /// What the source makes of the truth. Each call advances the noise by one message.
@@ -132,9 +163,14 @@ impl AttitudeSource {
 
     /// The next ATTITUDE message, made at `now_us` of the truth some time before.
     pub fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> Vec<u8> {
+        let message = self.attitude(truth, now_us);
+        self.encode(&message)
+    }
+
+    fn attitude(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
         let reported = self.report(truth);
         let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
-        self.encode(&ATTITUDE_DATA {
+        ATTITUDE_DATA {
             // Stamped when sent, as ArduPilot does: the stamp does not give the latency away.
             time_boot_ms: (now_us / 1000) as u32,
             roll: reported.roll_rad as f32,
@@ -143,7 +179,7 @@ impl AttitudeSource {
             rollspeed: roll_rate as f32,
             pitchspeed: pitch_rate as f32,
             yawspeed: yaw_rate as f32,
-        })
+        }
     }
 
     /// The next HEARTBEAT message.
@@ -151,7 +187,10 @@ impl AttitudeSource {
         self.encode(&HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_FIXED_WING,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            autopilot: match self.identity.heartbeats {
+                Some(Kind::Autopilot) => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+                Some(Kind::Other) | None => MavAutopilot::MAV_AUTOPILOT_INVALID,
+            },
             base_mode: MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
             system_status: MavState::MAV_STATE_ACTIVE,
             mavlink_version: HEARTBEAT_VERSION,
@@ -159,15 +198,17 @@ impl AttitudeSource {
     }
 
     fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
-        let header = MavHeader { system_id: SYSTEM_ID, component_id: COMPONENT_ID, sequence: self.sequence };
+        let Identity { system_id, component_id, .. } = self.identity;
+        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.sequence };
         self.sequence = self.sequence.wrapping_add(1);
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(header, message);
         frame.raw_bytes().to_vec()
     }
 
-    /// Sends attitude at its rate and a heartbeat every second, for ever: a task of the world.
-    pub async fn run(mut self, world: World, uart: HostEnd) {
+    /// Sends attitude at its rate and a heartbeat every second, for ever: a task of the world. The faults act on every
+    /// attitude message, in their order.
+    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
         let latency_us = (self.config.latency_ms * 1e3) as u64;
         let began_us = clock::now_us();
@@ -175,12 +216,17 @@ impl AttitudeSource {
         for tick in 1_u64.. {
             let now_us = began_us + (tick as f64 * period_us).round() as u64;
             Timer::at(Instant::from_micros(now_us)).await;
-            if now_us >= heartbeat_us {
+            if now_us >= heartbeat_us && self.identity.heartbeats.is_some() {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
                 uart.send(&self.heartbeat_message());
             }
-            let truth = world.true_state(now_us.saturating_sub(latency_us));
-            uart.send(&self.attitude_message(&truth, now_us));
+            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let mut message = self.attitude(&truth, now_us);
+            for fault in &mut faults {
+                fault.tamper(now_us, &mut message);
+            }
+            uart.send(&self.encode(&message));
         }
     }
 }

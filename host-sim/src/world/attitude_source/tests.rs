@@ -37,7 +37,7 @@ fn delivered(config: Config, seed: u64, seconds: u64) -> (World, Vec<Timed>) {
         }
     });
     let source = AttitudeSource::new(config, seed);
-    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host()));
+    simulation.spawn(Level::World, "attitude source", source.run(world.clone(), cable.host(), vec![]));
     simulation.run_until(seconds * 1_000_000 + 10_000);
     (world, bytes.take())
 }

@@ -1,0 +1,99 @@
+//! `host-sim bench integrity`.
+
+use std::process::ExitCode;
+
+use comfy_table::{Table, presets};
+use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::print::right_aligned;
+use super::{Failure, Integrity, SourceArgument};
+
+pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
+    if options.cases.iter().any(|name| name == "list") {
+        list();
+        return Ok(ExitCode::SUCCESS);
+    }
+    let cases = chosen(&options.cases)?;
+    // The simulated autopilot speaks nothing else yet.
+    let SourceArgument::Mavlink = options.source;
+    let plan = Plan { flights: options.flights, seed: options.seed };
+    let bar = ProgressBar::new(integrity::flights(plan, &cases));
+    if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
+        bar.set_style(style);
+    }
+    let rows = integrity::run(plan, &cases, &|| bar.inc(1));
+    bar.finish_and_clear();
+    if options.json {
+        println!("{}", serde_json::to_string(&rows).map_err(|error| Failure(error.to_string()))?);
+    } else {
+        show(&rows);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
+    if names.is_empty() {
+        return Ok(CASES.iter().collect());
+    }
+    let of =
+        |name: &String| case::named(name).ok_or_else(|| Failure(format!("no case {name}; --case list shows them")));
+    names.iter().map(of).collect()
+}
+
+fn list() {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(["case", "what is wrong"]);
+    for case in CASES {
+        table.add_row([case.name, case.says]);
+    }
+    println!("{table}");
+}
+
+fn show(rows: &[Row]) {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(
+        [
+            "case",
+            "flights",
+            "accepted",
+            "wrong",
+            "true/exp.",
+            "bad",
+            "longest",
+            "worst",
+            "rms",
+            "1/2/3 sigma",
+            "empty",
+            "alarms/h",
+        ]
+        .map(right_aligned),
+    );
+    for row in rows {
+        let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.1}"));
+        table.add_row(
+            [
+                row.case.to_owned(),
+                row.flights.to_string(),
+                format!("{:.0} %", row.accepted_percent),
+                format!("{:.0} %", row.wrong_percent),
+                format!("{}, {}", ratio(row.ratio_median), ratio(row.ratio_worst)),
+                format!("{:.2} %", row.bad_percent),
+                format!("{:.1} s", row.longest_bad_s),
+                format!("{:.1}", row.worst_deg),
+                format!("{:.2}", row.rms_deg),
+                format!(
+                    "{:.0}/{:.0}/{:.1}",
+                    row.within_one_sigma_percent, row.within_two_sigma_percent, row.within_three_sigma_percent
+                ),
+                format!("{:.2} %", row.empty_percent),
+                format!("{:.1}", row.alarms_per_hour),
+            ]
+            .map(right_aligned),
+        );
+    }
+    println!("{table}");
+    println!("true/exp.: true over expected error of accepted calibrations, median and worst; errors in degrees");
+}

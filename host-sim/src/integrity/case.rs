@@ -1,0 +1,340 @@
+//! The cases: what is wrong, when, and on which flight.
+
+use std::f64::consts::TAU;
+use std::rc::Rc;
+
+use nalgebra::Vector3;
+
+use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Spikes};
+use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
+use crate::faults::sensor::{Clipped, Noisy, Spiky, Stuck, Upset};
+use crate::faults::{Faults, Switch};
+use crate::mission::Plan;
+use crate::random::{Purpose, Random};
+use crate::world::WorldConfig;
+use crate::world::attitude_source::Kind;
+use crate::world::earth::Earth;
+use crate::world::rotation::Euler;
+
+/// A fault and the flights it is tried on.
+#[derive(Debug)]
+pub struct Case {
+    /// What it is called on the command line and in JSON.
+    pub name: &'static str,
+    /// What is wrong, in words.
+    pub says: &'static str,
+    what: What,
+}
+
+/// When the fault acts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Onset {
+    /// There is none.
+    Never,
+    /// All the time.
+    Always,
+    /// After the calibration: so long after the beginning of its use, and for so long, seconds.
+    InUse {
+        /// Until it begins.
+        after_s: f64,
+        /// For so long; infinite: for good.
+        for_s: f64,
+    },
+    /// During the calibration: from so long after its beginning on, until so long after it, seconds.
+    Calibrating {
+        /// Until it begins.
+        after_s: f64,
+        /// When it ends; infinite: never.
+        until_s: f64,
+    },
+}
+
+/// A case, drawn for a seed.
+pub struct Drawn {
+    /// Airframe, place, weather, attitude source.
+    pub world: WorldConfig,
+    /// How the calibration turns are flown.
+    pub plan: Plan,
+    /// What is wrong.
+    pub faults: Faults,
+    /// Turns it on.
+    pub switch: Switch,
+    /// When.
+    pub onset: Onset,
+    /// How long the calibration is used, seconds.
+    pub use_s: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum What {
+    Nothing,
+    TenHours,
+    Stuck([bool; 3]),
+    SensorSpikes,
+    SensorNoise,
+    SensorClipped,
+    CalibrationClipped,
+    Upset { register: u8, bits: u8 },
+    FrozenLevel,
+    FrozenTurning,
+    FrozenCoarse,
+    Coarse,
+    AttitudeSpikes,
+    Foreign(Option<Kind>),
+    Bias(f64),
+    Lean(f64),
+    CalibrationLean(f64),
+    Late(u64),
+    Moved(f64),
+    CalibrationMoved(f64),
+    Throttle(f64),
+    Warming,
+    CalibrationWarming,
+    Passing { peak_ut: f64, for_s: f64 },
+    Ferry,
+    ShallowTurns,
+}
+
+/// A flight in use, seconds: the first legs are the same for all, see [`flight`](super::flight).
+const USE_S: f64 = 185.0;
+
+/// Into level flight, and into a turn.
+pub(super) const LEVEL_AT_S: f64 = 25.0;
+pub(super) const TURNING_AT_S: f64 = 48.0;
+
+/// What needs no certain moment.
+const SOON_S: f64 = 10.0;
+
+/// What comes and goes.
+const PASSING_AT_S: f64 = 60.0;
+
+/// The earliest end of a calibration after its beginning, seconds: three circles at 25 deg of bank to one side, four to
+/// the other.
+const CALIBRATION_S: f64 = 205.0;
+
+/// Counts of a microtesla at the range that the module sets.
+const COUNTS_PER_UT: f64 = 68.42;
+
+/// Of a LIS3MDL, counts.
+const SENSOR_SIGMA: f64 = 0.32 * COUNTS_PER_UT;
+
+const fn case(name: &'static str, what: What, says: &'static str) -> Case {
+    Case { name, says, what }
+}
+
+/// All of them, in the order of the table.
+pub static CASES: &[Case] = &[
+    case("clean", What::Nothing, "nothing"),
+    case("ten-hours", What::TenHours, "nothing, one flight of ten hours"),
+    case("stuck-x", What::Stuck([true, false, false]), "the sensor's x axis repeats"),
+    case("stuck-y", What::Stuck([false, true, false]), "the sensor's y axis repeats"),
+    case("stuck-z", What::Stuck([false, false, true]), "the sensor's z axis repeats"),
+    case("stuck-all", What::Stuck([true; 3]), "all axes of the sensor repeat"),
+    case("sensor-spikes", What::SensorSpikes, "1 % of readings off by 30 uT"),
+    case("sensor-noise", What::SensorNoise, "five times the sensor's noise"),
+    case("sensor-clipped", What::SensorClipped, "an axis ends within the circle"),
+    case("upset-scale", What::Upset { register: 0x21, bits: 0x20 }, "a full-scale bit flips"),
+    case("upset-self-test", What::Upset { register: 0x20, bits: 0x01 }, "the self-test bit flips"),
+    case("upset-byte-order", What::Upset { register: 0x23, bits: 0x02 }, "the byte-order bit flips"),
+    case("frozen-level", What::FrozenLevel, "attitude repeats from level flight on"),
+    case("frozen-turn", What::FrozenTurning, "attitude repeats from a turn on"),
+    case("frozen-coarse", What::FrozenCoarse, "attitude in tenths of a degree repeats from a turn on"),
+    case("coarse", What::Coarse, "attitude in tenths of a degree, nothing wrong"),
+    case("spikes", What::AttitudeSpikes, "1 % of attitude frames wrong by 45 deg"),
+    case("foreign", What::Foreign(Some(Kind::Other)), "a gimbal sends attitude, too, 5 deg off"),
+    case("foreign-silent", What::Foreign(None), "another sends attitude, too, 5 deg off, and no heartbeat"),
+    case("bias-2", What::Bias(2.0), "attitude bias of 2 deg"),
+    case("bias-5", What::Bias(5.0), "attitude bias of 5 deg"),
+    case("lean-70", What::Lean(0.7), "attitude reads 70 % of the bank"),
+    case("lean-30", What::Lean(0.3), "attitude reads 30 % of the bank"),
+    case("late-200", What::Late(200), "attitude 200 ms later"),
+    case("late-500", What::Late(500), "attitude 500 ms later"),
+    case("moved-2", What::Moved(2.0), "hard iron moved by 2 uT"),
+    case("moved-3", What::Moved(3.0), "hard iron moved by 3 uT"),
+    case("moved-5", What::Moved(5.0), "hard iron moved by 5 uT"),
+    case("moved-10", What::Moved(10.0), "hard iron moved by 10 uT"),
+    case("throttle-5", What::Throttle(5.0), "a current of 5 uT follows the throttle"),
+    case("throttle-10", What::Throttle(10.0), "a current of 10 uT follows the throttle"),
+    case("warming", What::Warming, "the sensor's zero drifts from 0 to 10 uT"),
+    case("passing-10-1s", What::Passing { peak_ut: 10.0, for_s: 1.0 }, "iron of 10 uT passes within 1 s"),
+    case("passing-10-5s", What::Passing { peak_ut: 10.0, for_s: 5.0 }, "iron of 10 uT passes within 5 s"),
+    case("passing-10-30s", What::Passing { peak_ut: 10.0, for_s: 30.0 }, "iron of 10 uT passes within 30 s"),
+    case("passing-50-30s", What::Passing { peak_ut: 50.0, for_s: 30.0 }, "iron of 50 uT passes within 30 s"),
+    case("ferry", What::Ferry, "used 1,000 km away"),
+    case("cal-moved-2", What::CalibrationMoved(2.0), "payload of 2 uT moved while calibrating"),
+    case("cal-moved-5", What::CalibrationMoved(5.0), "payload of 5 uT moved while calibrating"),
+    case("cal-moved-10", What::CalibrationMoved(10.0), "payload of 10 uT moved while calibrating"),
+    case("cal-warming", What::CalibrationWarming, "the zero drifts from 0 to 10 uT while calibrating"),
+    case("cal-bank-5", What::ShallowTurns, "calibration turns at 5 deg of bank"),
+    case("cal-clipped", What::CalibrationClipped, "an axis ends within the circles"),
+    case("cal-lean-90", What::CalibrationLean(0.9), "attitude always reads 90 % of the bank"),
+];
+
+/// The case of a name.
+#[must_use]
+pub fn named(name: &str) -> Option<&'static Case> {
+    CASES.iter().find(|case| case.name == name)
+}
+
+impl Case {
+    /// How many flights of it, where so many are asked for: one of ten hours is enough.
+    #[must_use]
+    pub fn flights(&self, asked: u64) -> u64 {
+        if matches!(self.what, What::TenHours) { 1 } else { asked }
+    }
+
+    /// What happens on the flight of a seed.
+    #[must_use]
+    pub fn draw(&self, seed: u64) -> Drawn {
+        let mut random = Random::new(seed, Purpose::Case);
+        let switch = Switch::off();
+        let mut drawn = Drawn {
+            world: WorldConfig::random(seed),
+            plan: Plan::default(),
+            faults: Faults::default(),
+            switch: switch.clone(),
+            onset: Onset::Never,
+            use_s: USE_S,
+        };
+        match self.what {
+            What::Nothing | What::TenHours | What::ShallowTurns | What::Coarse | What::FrozenCoarse => {
+                self.flight(&mut drawn);
+            }
+            What::Stuck(_)
+            | What::SensorSpikes
+            | What::SensorNoise
+            | What::SensorClipped
+            | What::CalibrationClipped
+            | What::Upset { .. } => self.sensor(&mut drawn, &mut random, seed),
+            What::FrozenLevel
+            | What::FrozenTurning
+            | What::AttitudeSpikes
+            | What::Foreign(_)
+            | What::Bias(_)
+            | What::Lean(_)
+            | What::CalibrationLean(_)
+            | What::Late(_) => self.attitude(&mut drawn, &mut random, seed),
+            _ => self.field(&mut drawn, &mut random, seed),
+        }
+        drawn
+    }
+
+    fn flight(&self, drawn: &mut Drawn) {
+        match self.what {
+            What::TenHours => drawn.use_s = 36_000.0,
+            What::ShallowTurns => {
+                (drawn.plan.bank_deg, drawn.onset) = (5.0, Onset::Always);
+            }
+            What::FrozenCoarse => {
+                drawn.onset = for_good(TURNING_AT_S);
+                drawn.faults.attitude.push(Box::new(Coarse { step_deg: 0.1 }));
+                drawn.faults.attitude.push(Box::new(Frozen::new(drawn.switch.clone())));
+            }
+            What::Coarse => drawn.faults.attitude.push(Box::new(Coarse { step_deg: 0.1 })),
+            _ => {}
+        }
+    }
+
+    fn sensor(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
+        let switch = drawn.switch.clone();
+        drawn.onset = for_good(SOON_S);
+        drawn.faults.sensor.push(match self.what {
+            What::Stuck(axes) => {
+                drawn.onset = for_good(random.uniform(SOON_S, TURNING_AT_S));
+                Box::new(Stuck::new(switch, axes))
+            }
+            What::SensorSpikes => Box::new(Spiky::new(switch, 0.01, 30.0 * COUNTS_PER_UT, seed)),
+            What::SensorNoise => Box::new(Noisy::new(switch, 24_f64.sqrt() * SENSOR_SIGMA, seed)),
+            What::Upset { register, bits } => Box::new(Upset { switch, register, bits, done: false }),
+            _ => {
+                if matches!(self.what, What::CalibrationClipped) {
+                    drawn.onset = Onset::Always;
+                }
+                let axis = (random.uniform(0.0, 3.0) as usize).min(2);
+                Box::new(Clipped { switch, axis, limit: clip_at(&drawn.world, axis) })
+            }
+        });
+    }
+
+    fn attitude(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
+        let switch = drawn.switch.clone();
+        drawn.onset = for_good(SOON_S);
+        let faults = &mut drawn.faults;
+        match self.what {
+            What::FrozenLevel => {
+                drawn.onset = for_good(LEVEL_AT_S);
+                faults.attitude.push(Box::new(Frozen::new(switch)));
+            }
+            What::FrozenTurning => {
+                drawn.onset = for_good(TURNING_AT_S);
+                faults.attitude.push(Box::new(Frozen::new(switch)));
+            }
+            What::AttitudeSpikes => faults.attitude.push(Box::new(Spikes::new(switch, 0.01, seed))),
+            What::Foreign(heartbeats) => {
+                // It is there from the beginning; what is counted is the use.
+                drawn.onset = Onset::Always;
+                faults.senders.push(Foreign { system_id: 1, component_id: 154, heartbeats, roll_deg: 5.0 });
+            }
+            What::Bias(degrees) => {
+                let direction_rad = random.uniform(0.0, TAU);
+                let bias_rad = [direction_rad.cos(), direction_rad.sin()].map(|part| degrees.to_radians() * part);
+                faults.attitude.push(Box::new(Bias { switch, bias_rad }));
+            }
+            What::Late(ms) => faults.attitude.push(Box::new(Late { switch, by_us: ms * 1000 })),
+            What::Lean(told) => faults.attitude.push(Box::new(Lean { switch, told })),
+            What::CalibrationLean(told) => {
+                drawn.onset = Onset::Always;
+                faults.attitude.push(Box::new(Lean { switch, told }));
+            }
+            _ => {}
+        }
+    }
+
+    fn field(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
+        let switch = drawn.switch.clone();
+        let mut by = |ut: f64| -> Vector3<f64> { random.direction() * ut };
+        drawn.onset = for_good(SOON_S);
+        drawn.faults.field.push(match self.what {
+            What::Moved(ut) => Rc::new(Moved { switch, change_ut: by(ut) }),
+            What::CalibrationMoved(ut) => {
+                let change_ut = by(ut);
+                let after_s = random.uniform(0.0, CALIBRATION_S);
+                drawn.onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
+                Rc::new(Moved { switch, change_ut })
+            }
+            What::Throttle(ut) => Rc::new(Throttle::new(switch, by(ut), seed)),
+            What::Warming => {
+                drawn.onset = Onset::InUse { after_s: SOON_S, for_s: USE_S - SOON_S };
+                Rc::new(Drift { switch, change_ut: by(10.0) })
+            }
+            What::CalibrationWarming => {
+                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: CALIBRATION_S };
+                Rc::new(Drift { switch, change_ut: by(10.0) })
+            }
+            What::Passing { peak_ut, for_s } => {
+                drawn.onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
+                Rc::new(Passing { switch, peak_ut: by(peak_ut) })
+            }
+            _ => {
+                drawn.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
+                let earth = Earth { total_ut: random.uniform(45.0, 55.0), inclination_deg: random.uniform(50.0, 70.0) };
+                Rc::new(Elsewhere { switch, earth })
+            }
+        });
+    }
+}
+
+fn for_good(after_s: f64) -> Onset {
+    Onset::InUse { after_s, for_s: f64::INFINITY }
+}
+
+/// Where an axis ends that is to be cut off within a level circle: half of the way from its middle to its end.
+fn clip_at(world: &WorldConfig, axis: usize) -> i16 {
+    let measured = |step: u8| {
+        let euler = Euler { heading_rad: f64::from(step) / 36.0 * TAU, ..Euler::from_deg(0.0, 0.0, 0.0) };
+        f64::from(world.airframe.measure(&world.earth.body_field_ut(euler)).ut[axis])
+    };
+    let mean = (0..36).map(measured).sum::<f64>() / 36.0;
+    let most = (0..36).map(measured).fold(f64::MIN, f64::max);
+    (mean.midpoint(most) * COUNTS_PER_UT).round() as i16
+}

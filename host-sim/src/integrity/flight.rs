@@ -1,0 +1,179 @@
+//! One flight of a case: calibrate, then fly on and listen.
+
+use autoswing::calibration::Calibration;
+use nalgebra::Vector3;
+
+use super::case::{Case, Drawn, LEVEL_AT_S, Onset, TURNING_AT_S};
+use super::tally::{Judged, Tally};
+use crate::module::{Module, Ran};
+use crate::nmea::{Reader, Received};
+use crate::random::{Purpose, Random};
+use crate::rig::Rig;
+use crate::score::{Errors, wrap_180};
+use crate::transcript::{self, Notice};
+use crate::world::WorldConfig;
+use crate::world::autopilot::Leg;
+
+/// An accepted calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibrated {
+    /// What the module expects of it, degrees RMS.
+    pub expected_deg: f64,
+    /// What it is: RMS heading error at exact field and true attitude, with the iron there is at the end of the
+    /// calibration.
+    pub true_deg: f64,
+}
+
+impl Calibrated {
+    /// True over expected.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.true_deg / self.expected_deg
+    }
+}
+
+/// What came of a flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flown {
+    /// The calibration, or the code of the refusal.
+    pub calibrated: Result<Calibrated, String>,
+    /// What was sent with it.
+    pub tally: Tally,
+}
+
+/// The flight is flown in pieces of this length, seconds.
+const PIECE_S: f64 = 0.5;
+
+/// Time between two sentences, seconds.
+const SENTENCE_S: f64 = 0.1;
+
+/// From the end of the turns until the module must have said how its solve ended, seconds.
+const PATIENCE_S: f64 = 10.0;
+
+/// Flies the flight of a seed.
+#[must_use]
+pub fn fly(case: &Case, seed: u64) -> Flown {
+    let Drawn { world, plan, faults, switch, onset, use_s } = case.draw(seed);
+    let fields = faults.field.clone();
+    let mut rig = Rig::with_faults(world, faults);
+    if onset == Onset::Always {
+        switch.act(0, u64::MAX);
+    }
+    rig.run_for_s(2.0);
+    rig.type_line("cal start");
+    if let Onset::Calibrating { after_s, until_s } = onset {
+        switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
+    }
+    let calibration = calibrate(&mut rig, plan.bank_deg, plan.circles);
+    let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
+    let calibrated = calibration.map(|shown| Calibrated {
+        expected_deg: shown.expected_rms_deg,
+        true_deg: true_deg(&shown.calibration, &world, added_ut),
+    });
+    let mut tally = Tally::default();
+    if calibrated.is_ok() {
+        if let Onset::InUse { after_s, for_s } = onset {
+            let from_us = later_us(rig.now_us(), after_s);
+            switch.act(from_us, later_us(from_us, for_s));
+        }
+        let counts_from_us = if let Onset::InUse { after_s, .. } = onset { later_us(rig.now_us(), after_s) } else { 0 };
+        listen(&mut rig, use_s, seed, &mut |at_us, judged| {
+            // Iron that has moved while calibrating is part of the airframe that is used.
+            let faulty = match onset {
+                Onset::Never => false,
+                Onset::Always | Onset::Calibrating { .. } => true,
+                Onset::InUse { .. } => switch.is_on(at_us),
+            };
+            tally.take(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
+        });
+    }
+    Flown { calibrated, tally }
+}
+
+fn later_us(from_us: u64, by_s: f64) -> u64 {
+    // The cast saturates: what never ends, ends never.
+    from_us.saturating_add((by_s * 1e6) as u64)
+}
+
+/// Turns to the right, then to the left, until the module says how its solve ended.
+fn calibrate(rig: &mut Rig, bank_deg: f64, circles: f64) -> Result<transcript::Shown, String> {
+    for sign in [1.0, -1.0] {
+        rig.world.fly(Leg::Turn { bank_deg, heading_change_deg: sign * 360.0 * circles });
+    }
+    let mut session = String::new();
+    let mut waited_s = 0.0;
+    let mut asked = false;
+    let notice = loop {
+        if let Some(notice) = transcript::notice(&session) {
+            break notice;
+        }
+        if rig.run_for_s(PIECE_S) != Ran::Time {
+            return Err("no-power".to_owned());
+        }
+        session.push_str(&rig.printed());
+        if rig.world.legs_left() > 0 {
+            continue;
+        }
+        waited_s += PIECE_S;
+        if waited_s > PATIENCE_S && !asked {
+            // It solves by itself when it has enough; if it does not, the pilot asks for it.
+            asked = true;
+            waited_s = 0.0;
+            if let Some(error) = transcript::error(&rig.type_line("cal solve")) {
+                break error;
+            }
+        } else if waited_s > PATIENCE_S {
+            return Err("silent".to_owned());
+        }
+    };
+    match notice {
+        Notice::Calibrated(_) => {
+            // The plan is flown to its end.
+            while rig.world.legs_left() > 0 && rig.run_for_s(PIECE_S) == Ran::Time {}
+            transcript::shown(&rig.type_line("cal show")).ok_or_else(|| "not-shown".to_owned())
+        }
+        Notice::Refused { code, .. } => Err(code),
+    }
+}
+
+fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f64>) -> f64 {
+    let mut now = *world;
+    now.airframe.b_ut += added_ut;
+    Errors::of(calibration, &now).figures().rms_deg
+}
+
+/// Flies legs for a time: straight, a full circle, then what the seed draws; every sentence is judged.
+fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judged)) {
+    let mut random = Random::new(seed, Purpose::Legs);
+    let end_us = later_us(rig.now_us(), use_s);
+    rig.world
+        .fly(Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: LEVEL_AT_S.midpoint(TURNING_AT_S) });
+    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
+    let mut reader = Reader::default();
+    let _ = rig.autopilot.receive();
+    while rig.now_us() < end_us {
+        if rig.world.legs_left() < 2 {
+            rig.world
+                .fly(Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) });
+            let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+            let heading_change_deg = side * random.uniform(180.0, 360.0);
+            rig.world.fly(Leg::Turn { bank_deg: random.uniform(15.0, 35.0), heading_change_deg });
+        }
+        if rig.run_for_s(PIECE_S) != Ran::Time {
+            return;
+        }
+        for timed in rig.autopilot.receive_timed() {
+            if let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") {
+                let true_deg = rig.world.true_state(timed.at_us).heading_deg();
+                judge(timed.at_us, &judged(received, true_deg));
+            }
+        }
+    }
+}
+
+fn judged(received: Received, true_deg: f64) -> Judged {
+    match (received.heading_deg, received.sigma_deg) {
+        (Some(sent_deg), Some(sigma_deg)) => Judged::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg },
+        _ => Judged::Empty(received.status.unwrap_or_default()),
+    }
+}
