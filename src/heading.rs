@@ -43,8 +43,16 @@ pub enum NoHeading {
     SensorSilent,
     /// The sensor is at the end of its range.
     SensorSaturated,
+    /// An axis of the sensor ends before its range does.
+    SensorClipped,
+    /// An axis of the sensor repeats itself.
+    SensorStuck,
+    /// The reading is too far from the one before.
+    SensorSpike,
     /// No attitude, or too old.
     AttitudeStale,
+    /// The attitude source repeats itself.
+    AttitudeFrozen,
     /// There is no calibration for this sensor and mounting.
     Uncalibrated,
     /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer
@@ -59,7 +67,11 @@ impl NoHeading {
         match self {
             Self::SensorSilent => "sensor-silent",
             Self::SensorSaturated => "sensor-saturated",
+            Self::SensorClipped => "sensor-clipped",
+            Self::SensorStuck => "sensor-stuck",
+            Self::SensorSpike => "sensor-spike",
             Self::AttitudeStale => "attitude-stale",
+            Self::AttitudeFrozen => "attitude-frozen",
             Self::Uncalibrated => "uncalibrated",
             Self::FieldDisturbed => "field-disturbed",
         }
@@ -249,12 +261,26 @@ mod tests {
         let codes = [
             NoHeading::SensorSilent,
             NoHeading::SensorSaturated,
+            NoHeading::SensorClipped,
+            NoHeading::SensorStuck,
+            NoHeading::SensorSpike,
             NoHeading::AttitudeStale,
+            NoHeading::AttitudeFrozen,
             NoHeading::Uncalibrated,
             NoHeading::FieldDisturbed,
         ]
         .map(NoHeading::code);
-        let expected = ["sensor-silent", "sensor-saturated", "attitude-stale", "uncalibrated", "field-disturbed"];
+        let expected = [
+            "sensor-silent",
+            "sensor-saturated",
+            "sensor-clipped",
+            "sensor-stuck",
+            "sensor-spike",
+            "attitude-stale",
+            "attitude-frozen",
+            "uncalibrated",
+            "field-disturbed",
+        ];
         assert_eq!(codes, expected);
     }
 }

@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
+use crate::instrument;
 use crate::magnetometer::Identity;
 
 /// What the module shows of itself beside the state machine's report.
@@ -88,12 +89,24 @@ counters! {
     overruns,
     /// Measurements at the end of the range.
     saturated,
-    /// Times the sensor had to be initialised again.
+    /// Measurements of an axis that ends before its range does.
+    sensor_clipped,
+    /// Measurements of an axis that repeats itself.
+    sensor_stuck,
+    /// Measurements too far from the one before.
+    sensor_spikes,
+    /// Times the sensor did not answer, or not as it should, and had to be initialised again.
     sensor_errors,
+    /// Times the sensor's configuration was found changed, and was mended.
+    sensor_upsets,
     /// Valid attitude reports.
     attitude_reports,
     /// Attitude frames with a wrong CRC or impossible values.
     attitude_rejected,
+    /// Attitude reports of a source that repeats itself.
+    attitude_frozen,
+    /// Attitude reports too far from where the ones before lead to.
+    attitude_spikes,
     /// Errors of the attitude line itself.
     attitude_line_errors,
     /// Messages sent by outlets, of one or more sentences each.
@@ -110,4 +123,21 @@ counters! {
     saves,
     /// Failed loads and saves.
     store_errors,
+}
+
+impl Counters {
+    /// Takes over what the instrument has counted.
+    pub fn take(&self, counts: &instrument::Counts) {
+        for (counter, count) in [
+            (&self.unpaired, counts.unpaired),
+            (&self.saturated, counts.saturated),
+            (&self.sensor_clipped, counts.clipped),
+            (&self.sensor_stuck, counts.stuck),
+            (&self.sensor_spikes, counts.spikes),
+            (&self.attitude_frozen, counts.attitude.frozen),
+            (&self.attitude_spikes, counts.attitude.spikes),
+        ] {
+            counter.store(count, Ordering::Relaxed);
+        }
+    }
 }

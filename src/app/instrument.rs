@@ -40,7 +40,7 @@ pub async fn run(links: &Links) -> ! {
         while let Some(sample) = instrument.next_sample() {
             links.offer(&links.samples, sample);
         }
-        links.counters.unpaired.store(instrument.unpaired(), core::sync::atomic::Ordering::Relaxed);
+        links.counters.take(&instrument.counts());
     }
 }
 
@@ -48,9 +48,10 @@ fn silence_from_now(instrument: &Instrument) -> Instant {
     Instant::now() + embassy_time::Duration::from_micros(instrument.config().silence_us())
 }
 
-/// A sensor of another rate than the last makes another instrument.
+/// Another sensor than the last makes another instrument.
 fn adapt(instrument: &mut Instrument, found: FoundSensor) {
-    if found.period_us != instrument.config().reading_period_us {
-        instrument.set_reading_period(found.period_us);
+    let Config { reading_period_us, stuck_after, .. } = *instrument.config();
+    if (found.period_us, Some(found.stuck_after)) != (reading_period_us, stuck_after) {
+        instrument.set_sensor(found.period_us, Some(found.stuck_after));
     }
 }

@@ -29,6 +29,8 @@ pub(super) struct Stamped<T> {
 pub(super) struct FoundSensor {
     pub identity: Identity,
     pub period_us: u32,
+    /// After so many equal readings an axis of it is stuck.
+    pub stuck_after: u16,
 }
 
 /// A channel whose sender never waits: what finds it full is counted and lost.

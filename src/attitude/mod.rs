@@ -1,13 +1,15 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 mod clock;
+mod plausibility;
 
 use core::f32::consts::FRAC_PI_2;
 
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
 use crate::trig;
 use clock::SenderClock;
+use plausibility::{Freeze, Spikes};
 
 /// Fixed numbers of this module.
 #[derive(Clone, Copy, Debug)]
@@ -68,21 +70,42 @@ pub enum Lookup {
     Missing,
     /// Later than the newest report by more than may be extrapolated, or no report yet.
     Stale,
+    /// The source repeats itself: what it says now is not known.
+    Frozen,
 }
 
-/// The last few reports on the module's clock.
+/// Reports that were not believed so far; each wraps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Doubted {
+    /// Too far from where the ones before lead to.
+    pub spikes: u32,
+    /// Of a source that repeats itself.
+    pub frozen: u32,
+}
+
+/// The last few reports on the module's clock, without those that cannot be true.
 #[derive(Debug)]
 pub struct Track {
     config: Config,
     reports: heapless::Deque<Stamped, 8>,
     clock: SenderClock,
+    spikes: Spikes,
+    freeze: Freeze,
+    doubted: Doubted,
 }
 
 impl Track {
     /// No reports yet.
     #[must_use]
     pub const fn new(config: Config) -> Self {
-        Self { config, reports: heapless::Deque::new(), clock: SenderClock::new() }
+        Self {
+            config,
+            reports: heapless::Deque::new(),
+            clock: SenderClock::new(),
+            spikes: Spikes::new(),
+            freeze: Freeze::new(),
+            doubted: Doubted { spikes: 0, frozen: 0 },
+        }
     }
 
     /// Takes a report whose last byte arrived at `arrival`.
@@ -93,11 +116,42 @@ impl Track {
         if self.reports.back().is_some_and(|last| last.at >= at) {
             return;
         }
+        self.freeze.see(at, &report);
+        if self.freeze.is_frozen() {
+            self.doubted.frozen = self.doubted.frozen.wrapping_add(1);
+            return;
+        }
+        let max_gap_us = u64::from(self.config.max_gap_us);
+        let last = self.reports.back().filter(|last| at.us_since(last.at) <= max_gap_us);
+        if self.spikes.see(last, at, report.attitude) {
+            self.doubted.spikes = self.doubted.spikes.wrapping_add(1);
+            return;
+        }
         if self.reports.is_full() {
             self.reports.pop_front();
         }
         // There is room: one was just taken out if there was none.
         let _ = self.reports.push_back(Stamped { at, report });
+    }
+
+    /// Takes the corrected field of a reading: one that turns while the reports repeat shows that they are frozen.
+    pub fn see_field(&mut self, field: Field<Body>) {
+        self.freeze.see_field(field);
+    }
+
+    /// How fast the aircraft turns about any axis by the newest report, radians a second; none where the source gives
+    /// no rates.
+    #[must_use]
+    pub fn turning_rad_s(&self) -> Option<f32> {
+        let [p, q, r] = self.reports.back()?.report.rates_rad_s;
+        let squares = p * p + q * q + r * r;
+        (squares > 0.0).then(|| libm::sqrtf(squares))
+    }
+
+    /// Reports that were not believed so far.
+    #[must_use]
+    pub const fn doubted(&self) -> Doubted {
+        self.doubted
     }
 
     /// The attitude at an instant.
@@ -107,6 +161,7 @@ impl Track {
         match at.us_since(newest.at) {
             0 if at == newest.at => return Lookup::Interpolated(newest.report.attitude),
             0 => {}
+            _ if self.freeze.is_frozen() => return Lookup::Frozen,
             ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
                 return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
             }

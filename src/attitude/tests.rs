@@ -59,12 +59,12 @@ fn interpolates_and_extrapolates_to_the_instant() {
 #[test]
 fn both_angles_are_interpolated() {
     let mut track = Track::new(CONFIG);
-    for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (14.0, 8.0)].into_iter().enumerate() {
+    for (i, (roll_deg, pitch_deg)) in [(10.0, -4.0), (12.0, 0.0)].into_iter().enumerate() {
         let report = moving(0, Attitude::from_deg(roll_deg, pitch_deg), [0.0; 3]);
         track.push(at(1_000_000 + i as u64 * PERIOD_US + LATENCY_US), report);
     }
     let [roll, pitch] = known(track.at(at(1_000_000 + PERIOD_US / 4)));
-    assert!((roll - 11.0).abs() < 1e-4 && (pitch + 1.0).abs() < 1e-4, "{roll} {pitch}");
+    assert!((roll - 10.5).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
 }
 
 /// A recording may hold attitude and field of the same instants, and nothing between or after.
@@ -248,4 +248,97 @@ fn no_report_panics() {
         track.push(at(pick().to_bits().into()), Report { sender_time, attitude, rates_rad_s });
         let _ = (track.at(at(i * 1_000)), track.at(at(u64::MAX)));
     }
+}
+
+/// Reports of these rolls at 50 Hz, without rates; the last was true at the time that is given.
+fn reported(rolls_deg: &[f32]) -> (Track, u64) {
+    let mut track = Track::new(CONFIG);
+    let mut true_us = 1_000_000;
+    for &roll_deg in rolls_deg {
+        true_us += PERIOD_US;
+        track.push(at(true_us + LATENCY_US), rolling(0, roll_deg, 0.0));
+    }
+    (track, true_us)
+}
+
+/// 0.1 rad and 1 rad/s in 20 ms are 6.9 deg: what is further off is left away, and what was known is carried on.
+#[test]
+fn a_report_far_off_is_left_away() {
+    for (spike_deg, believed) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
+        let (track, true_us) = reported(&[0.0, 0.0, spike_deg]);
+        let found_deg = roll_deg(track.at(at(true_us)));
+        let expected_deg = if believed { spike_deg } else { 0.0 };
+        assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
+        assert_eq!(track.doubted(), Doubted { spikes: u32::from(!believed), frozen: 0 });
+    }
+}
+
+/// The rates lead from one report to the next: 60 deg/s are 1.2 deg in 20 ms, from which 6.9 deg are allowed.
+#[test]
+fn what_the_rates_explain_is_no_spike() {
+    for (to_deg, believed) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
+        let mut track = Track::new(CONFIG);
+        track.push(at(1_000_000), rolling(0, 0.0, 60.0));
+        track.push(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
+        assert_eq!(track.doubted().spikes, u32::from(!believed), "{to_deg}");
+    }
+}
+
+#[test]
+fn the_fourth_report_far_off_is_believed() {
+    let (track, true_us) = reported(&[0.0, 30.0, 30.1, 30.2]);
+    assert_eq!((roll_deg(track.at(at(true_us))), track.doubted().spikes), (0.0, 3));
+    let (track, true_us) = reported(&[0.0, 30.0, 30.1, 30.2, 30.3]);
+    assert!((roll_deg(track.at(at(true_us))) - 30.3).abs() < 1e-3);
+    assert_eq!(track.doubted().spikes, 3);
+    // A good one between them begins the count anew.
+    let (track, _) = reported(&[0.0, 30.0, 30.1, 0.1, 30.2, 30.3, 30.4]);
+    assert_eq!(track.doubted().spikes, 5);
+}
+
+/// After a gap that is not interpolated over, 250 ms, anything may be true.
+#[test]
+fn after_a_gap_nothing_is_far_off() {
+    for (gap_us, spikes) in [(249_000, 1), (251_000, 0)] {
+        let mut track = Track::new(CONFIG);
+        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push(at(1_000_000 + gap_us), rolling(0, 45.0, 0.0));
+        assert_eq!(track.doubted().spikes, spikes, "{gap_us}");
+    }
+}
+
+/// At a vertical nose roll means nothing: 180 deg of it are no motion.
+#[test]
+fn roll_at_a_vertical_nose_is_no_spike() {
+    let mut track = of_one(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
+    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
+    assert_eq!(track.doubted().spikes, 0);
+    let mut track = of_one(Attitude::from_deg(0.0, 0.0), [0.0; 3]);
+    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [0.0; 3]));
+    assert_eq!(track.doubted().spikes, 1, "pitch counts as well");
+}
+
+#[test]
+fn how_fast_it_turns_is_the_newest_report_s_rates() {
+    assert_eq!(Track::new(CONFIG).turning_rad_s(), None);
+    let track = of_one(Attitude::default(), [30.0, -40.0, 0.0]);
+    assert!((track.turning_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
+    // Rates of nothing at all are those of a source that gives none.
+    assert_eq!(of_one(Attitude::default(), [0.0; 3]).turning_rad_s(), None);
+}
+
+/// Fine values, then the same over and over: the fifth of them is left away, and there is no attitude from then on.
+#[test]
+fn a_source_that_repeats_itself_is_not_believed() {
+    let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
+    let (track, true_us) = reported(&rolls_deg);
+    assert_ne!(track.at(at(true_us + 1)), Lookup::Frozen, "four are equal");
+    let (mut track, true_us) = reported(&[&rolls_deg[..], &[10.05]].concat());
+    assert_eq!(track.at(at(true_us + 1)), Lookup::Frozen);
+    assert_eq!(track.doubted(), Doubted { spikes: 0, frozen: 1 });
+    // What is known of the past stays known.
+    assert!(matches!(track.at(at(true_us - 50_000)), Lookup::Interpolated(_)));
+    // It goes on.
+    track.push(at(true_us + PERIOD_US + LATENCY_US), rolling(0, 10.07, 0.0));
+    assert!(matches!(track.at(at(true_us + PERIOD_US + 1)), Lookup::Extrapolated(_)));
 }

@@ -188,8 +188,18 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
 fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(
         out,
-        "readings: {}, {} overruns, {} saturated, {} errors",
-        counts.readings, counts.overruns, counts.saturated, counts.sensor_errors
+        "readings: {}, {} overruns, {} errors, {} upsets mended",
+        counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_upsets
+    )?;
+    writeln!(
+        out,
+        "not believed: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes",
+        counts.saturated,
+        counts.sensor_clipped,
+        counts.sensor_stuck,
+        counts.sensor_spikes,
+        counts.attitude_frozen,
+        counts.attitude_spikes
     )?;
     writeln!(
         out,

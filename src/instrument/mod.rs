@@ -43,22 +43,26 @@
 
 mod averager;
 mod pairing;
+mod sensor;
 #[cfg(test)]
 mod tests;
 
-use crate::attitude::{self, Lookup, Report, Track};
+use crate::attitude::{self, Doubted, Lookup, Report, Track};
 use crate::calibration::{Calibration, Sample, Uncertainty};
-use crate::frames::{Attitude, Body, Field};
+use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::magnetometer::Reading;
 use crate::time::Timestamp;
 use pairing::Pairing;
+use sensor::{Fault, SensorCheck};
 
 /// Fixed numbers of an instrument.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
     /// Time between two readings, microseconds.
     pub reading_period_us: u32,
+    /// After so many equal readings an axis of the sensor is stuck; none: its readings may repeat.
+    pub stuck_after: Option<u16>,
     /// Numbers for the attitude source, its latency among them.
     pub attitude: attitude::Config,
     /// When a heading is not believed.
@@ -76,10 +80,15 @@ const SILENT_PERIODS: u32 = 8;
 const MAX_STEP_FIFTHS: u64 = 16;
 
 impl Config {
-    /// For a magnetometer with this time between two readings, and an ordinary attitude source.
+    /// For a magnetometer with this time between two readings, which may repeat, and an ordinary attitude source.
     #[must_use]
     pub const fn new(reading_period_us: u32) -> Self {
-        Self { reading_period_us, attitude: attitude::Config::DEFAULT, heading: heading::Config::DEFAULT }
+        Self {
+            reading_period_us,
+            stuck_after: None,
+            attitude: attitude::Config::DEFAULT,
+            heading: heading::Config::DEFAULT,
+        }
     }
 
     /// How many readings are averaged to one sample: ten samples a second, or each reading a sample where those are
@@ -160,13 +169,32 @@ impl Estimate {
         Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), attitude: None };
 }
 
+/// What was not believed so far, and why; each wraps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Readings for which no attitude came.
+    pub unpaired: u32,
+    /// Readings at the end of the chip's range.
+    pub saturated: u32,
+    /// Readings of an axis that ends before its range does.
+    pub clipped: u32,
+    /// Readings of an axis that repeats itself.
+    pub stuck: u32,
+    /// Readings too far from the one before.
+    pub spikes: u32,
+    /// Attitude reports.
+    pub attitude: Doubted,
+}
+
 /// The instrument. About 2 KB.
 #[derive(Debug)]
 pub struct Instrument {
     config: Config,
     correction: Correction,
     track: Track,
+    sensor: SensorCheck,
     pairing: Pairing,
+    counts: Counts,
 }
 
 impl Instrument {
@@ -177,7 +205,16 @@ impl Instrument {
             config,
             correction: Correction::NONE,
             track: Track::new(config.attitude),
+            sensor: SensorCheck::new(&config),
             pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
+            counts: Counts {
+                unpaired: 0,
+                saturated: 0,
+                clipped: 0,
+                stuck: 0,
+                spikes: 0,
+                attitude: Doubted { spikes: 0, frozen: 0 },
+            },
         }
     }
 
@@ -190,9 +227,12 @@ impl Instrument {
         self.correction = correction;
     }
 
-    /// The sensor is another one, with this time between two readings, microseconds.
-    pub fn set_reading_period(&mut self, period_us: u32) {
+    /// The sensor is another one, with this time between two readings, microseconds; after so many equal ones an axis of
+    /// it is stuck.
+    pub fn set_sensor(&mut self, period_us: u32, stuck_after: Option<u16>) {
         self.config.reading_period_us = period_us;
+        self.config.stuck_after = stuck_after;
+        self.sensor = SensorCheck::new(&self.config);
         self.pairing.restart(self.config.readings_per_sample(), self.config.max_step_us());
     }
 
@@ -203,22 +243,28 @@ impl Instrument {
 
     /// Takes a reading that was ready at `at`. It may complete a sample.
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
-        if reading.saturated {
+        let fault = self.sensor.see(at, &reading, self.track.turning_rad_s());
+        if let Some(fault) = fault {
+            self.count(fault);
             // What waits for its attitude waits no longer than it would have.
             self.pairing.pass(at);
         } else {
             self.pairing.push(at, reading.field);
         }
-        let attitude = self.attitude_at(at);
-        let correction = self.correction.calibration.as_ref().filter(|_| !reading.saturated);
+        let correction = self.correction.calibration.as_ref().filter(|_| fault.is_none());
         let body = correction.map(|(calibration, _)| calibration.apply(reading.field));
-        Estimate { at, body, heading: self.heading(&reading, attitude), attitude }
+        if let Some(body) = body {
+            self.track.see_field(body);
+        }
+        let attitude = self.attitude_at(at);
+        let heading = fault.map_or_else(|| self.heading(reading.field, attitude), |fault| Err(fault.into()));
+        Estimate { at, body, heading, attitude: attitude.ok() }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
-        Estimate { at, attitude: self.attitude_at(at), ..Estimate::NOTHING }
+        Estimate { at, attitude: self.attitude_at(at).ok(), ..Estimate::NOTHING }
     }
 
     /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none
@@ -230,10 +276,10 @@ impl Instrument {
         }
     }
 
-    /// Readings so far for which no attitude came; wraps.
+    /// What was not believed so far, and why.
     #[must_use]
-    pub const fn unpaired(&self) -> u32 {
-        self.pairing.unpaired()
+    pub const fn counts(&self) -> Counts {
+        Counts { unpaired: self.pairing.unpaired(), attitude: self.track.doubted(), ..self.counts }
     }
 
     /// The fixed numbers.
@@ -242,20 +288,27 @@ impl Instrument {
         &self.config
     }
 
-    fn attitude_at(&self, at: Timestamp) -> Option<Attitude> {
+    fn count(&mut self, fault: Fault) {
+        let counter = match fault {
+            Fault::Saturated => &mut self.counts.saturated,
+            Fault::Clipped => &mut self.counts.clipped,
+            Fault::Stuck => &mut self.counts.stuck,
+            Fault::Spike => &mut self.counts.spikes,
+        };
+        *counter = counter.wrapping_add(1);
+    }
+
+    fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
         match self.track.at(at) {
-            Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Some(attitude),
-            Lookup::Missing | Lookup::Stale => None,
+            Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Ok(attitude),
+            Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
+            Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),
         }
     }
 
-    fn heading(&self, reading: &Reading, attitude: Option<Attitude>) -> Result<Heading, NoHeading> {
-        if reading.saturated {
-            return Err(NoHeading::SensorSaturated);
-        }
+    fn heading(&self, field: Field<Sensor>, attitude: Result<Attitude, NoHeading>) -> Result<Heading, NoHeading> {
         let (calibration, uncertainty) = self.correction.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
-        let attitude = attitude.ok_or(NoHeading::AttitudeStale)?;
-        heading::heading(self.config.heading, calibration, uncertainty, reading.field, attitude)
+        heading::heading(self.config.heading, calibration, uncertainty, field, attitude?)
             .map(|heading| heading.turned_by(self.correction.align_deg))
     }
 }

@@ -162,7 +162,7 @@ fn a_sample_waits_for_the_attitude_after_it() {
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SOME);
     assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
-    assert_eq!(instrument.unpaired(), 0);
+    assert_eq!(instrument.counts().unpaired, 0);
 }
 
 /// A slow source: one report completes what has waited since the one before, two samples here.
@@ -207,7 +207,7 @@ fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
     report(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
     // The one at the very instant of the report is paired.
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.unpaired(), 31);
+    assert_eq!(instrument.counts().unpaired, 31);
 }
 
 /// Without any attitude a reading waits for 0.3 s.
@@ -217,12 +217,12 @@ fn readings_wait_for_their_attitude_no_longer_than_it_can_come() {
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
-        assert_eq!(instrument.unpaired(), unpaired, "after {us} us");
+        assert_eq!(instrument.counts().unpaired, unpaired, "after {us} us");
     }
     // A sensor that saturates lets time pass as well.
     instrument.on_reading(at(899_998), saturated(SOME));
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.unpaired(), 4);
+    assert_eq!(instrument.counts().unpaired, 4);
 }
 
 /// Sixty-four wait, 0.3 s at 200 Hz; a faster sensor loses the oldest, and they are counted.
@@ -234,10 +234,10 @@ fn what_cannot_wait_is_counted() {
         instrument.on_reading(at(i * 1_000), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.unpaired(), 6);
+    assert_eq!(instrument.counts().unpaired, 6);
     report(&mut instrument, 70_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
-    assert_eq!(instrument.unpaired(), 6);
+    assert_eq!(instrument.counts().unpaired, 6);
 }
 
 /// Three periods and a fifth, 40 ms of the reference sensor, are averaged over; a longer gap is not.
@@ -334,7 +334,7 @@ fn a_faster_sensor_gives_as_many_samples() {
             number += samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
-        assert_eq!(instrument.unpaired(), 0);
+        assert_eq!(instrument.counts().unpaired, 0);
     }
 }
 
@@ -346,14 +346,14 @@ fn another_sensor_has_another_period() {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.unpaired(), 1);
-    instrument.set_reading_period(100_000);
+    assert_eq!(instrument.counts().unpaired, 1);
+    instrument.set_sensor(100_000, None);
     assert_eq!(instrument.config().reading_period_us, 100_000);
     report(&mut instrument, 400_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "nothing waits");
     instrument.on_reading(at(400_000), reading(SOME));
     assert_eq!(samples(&mut instrument).len(), 1);
-    assert_eq!(instrument.unpaired(), 1);
+    assert_eq!(instrument.counts().unpaired, 1);
 }
 
 /// Whatever arrives, whenever: an estimate, and no panic.
@@ -379,4 +379,135 @@ fn nothing_that_arrives_panics() {
         }
         let _ = samples(&mut instrument);
     }
+}
+
+/// An instrument that looks for axes which repeat, with a calibration and an attitude that stays fresh.
+fn watchful() -> Instrument {
+    let mut instrument = calibrated();
+    instrument.set_sensor(PERIOD_US as u32, Some(16));
+    instrument
+}
+
+/// The estimates and samples of a second of readings, as a source goes on; `field` is asked for each.
+fn second(
+    instrument: &mut Instrument,
+    from_us: u64,
+    mut field: impl FnMut(u64) -> Field<Sensor>,
+) -> (Vec<Estimate>, Vec<Sample>) {
+    let mut made = Vec::new();
+    let estimates = (0..80)
+        .map(|i| {
+            let us = from_us + i * PERIOD_US;
+            // Fine values that move a little.
+            report(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
+            let estimate = instrument.on_reading(at(us + LATENCY_US + 1), reading(field(i)));
+            made.extend(samples(instrument));
+            estimate
+        })
+        .collect();
+    (estimates, made)
+}
+
+fn reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
+    let mut reasons: Vec<_> = estimates.iter().filter_map(|estimate| estimate.heading.err()).collect();
+    reasons.dedup();
+    reasons
+}
+
+/// Noise, so that nothing repeats.
+fn noisy(random: &mut Random) -> Field<Sensor> {
+    let sensed = sensed(0.5, Attitude::default()).ut;
+    Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
+}
+
+/// From the sixteenth equal reading on, 0.2 s, there is neither heading nor field, and samples are made of good readings
+/// alone: 15 of the 80, and those before.
+#[test]
+fn a_stuck_axis_is_told_and_makes_no_samples() {
+    let mut random = Random(1);
+    let mut instrument = watchful();
+    let (estimates, made) = second(&mut instrument, 0, |_| noisy(&mut random));
+    assert_eq!((reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
+    let (estimates, made) = second(&mut instrument, 1_000_000, |_| {
+        let good = noisy(&mut random).ut;
+        Field::from_ut(good.x, sensed(0.5, Attitude::default()).ut.y, good.z)
+    });
+    assert_eq!(reasons(&estimates), [NoHeading::SensorStuck]);
+    assert!(estimates[15].heading.is_err() && estimates[15].body.is_none() && estimates[14].heading.is_ok());
+    assert_eq!(instrument.counts().stuck, 65);
+    assert_eq!(made.len(), 2);
+}
+
+#[test]
+fn a_spike_is_told_and_left_out_of_its_sample() {
+    let mut random = Random(2);
+    let mut instrument = watchful();
+    second(&mut instrument, 0, |_| noisy(&mut random));
+    let (estimates, made) = second(&mut instrument, 1_000_000, |i| {
+        let good = noisy(&mut random).ut;
+        Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
+    });
+    assert_eq!(reasons(&estimates), [NoHeading::SensorSpike]);
+    assert_eq!((instrument.counts().spikes, instrument.counts().saturated), (4, 0));
+    let true_x = sensed(0.5, Attitude::default()).ut.x;
+    assert!(made.len() >= 8 && made.iter().all(|s| (s.field.ut.x - true_x).abs() < 0.6), "{made:?}");
+}
+
+#[test]
+fn an_axis_that_ends_is_told() {
+    let mut random = Random(3);
+    let mut instrument = watchful();
+    second(&mut instrument, 0, |i| {
+        let good = noisy(&mut random).ut;
+        Field::from_ut((good.x + i as f32 * 0.2).min(30.0), good.y, good.z)
+    });
+    let (estimates, _) = second(&mut instrument, 1_000_000, |_| {
+        let good = noisy(&mut random).ut;
+        Field::from_ut(30.0, good.y, good.z)
+    });
+    assert_eq!(reasons(&estimates), [NoHeading::SensorClipped]);
+    assert!(instrument.counts().clipped >= 80);
+}
+
+/// The fifth equal report of fine values: no heading from the next reading on, whatever the last rates would lead to.
+#[test]
+fn a_frozen_attitude_is_told_at_once() {
+    let mut random = Random(4);
+    let mut instrument = watchful();
+    second(&mut instrument, 0, |_| noisy(&mut random));
+    let estimates: Vec<Estimate> = (0..20)
+        .map(|i| {
+            let us = 1_000_000 + i * 20_000;
+            report(&mut instrument, us, Attitude::from_deg(3.0, 1.0));
+            instrument.on_reading(at(us + LATENCY_US + 1), reading(noisy(&mut random)))
+        })
+        .collect();
+    assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
+    assert_eq!(reasons(&estimates), [NoHeading::AttitudeFrozen]);
+    assert!(estimates[4].attitude.is_none() && estimates[4].body.is_some());
+    assert_eq!(instrument.counts().attitude, Doubted { spikes: 0, frozen: 16 });
+}
+
+/// Tenths of a degree that stay while the corrected field turns.
+#[test]
+fn a_coarse_source_is_frozen_when_the_field_turns() {
+    let mut instrument = watchful();
+    let mut random = Random(5);
+    let mut fly = |turning_rad_s: f32| {
+        let estimates: Vec<Estimate> = (0..160)
+            .map(|i| {
+                let us = i * PERIOD_US + if turning_rad_s > 0.0 { 3_000_000 } else { 0 };
+                if i % 2 == 0 {
+                    report(&mut instrument, us, Attitude::from_deg(0.1, 0.0));
+                }
+                let heading_rad = 0.5 + turning_rad_s * i as f32 / 80.0;
+                let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
+                let field = Field::new(sensed(heading_rad, Attitude::default()).ut + noise);
+                instrument.on_reading(at(us + LATENCY_US + 1), reading(field))
+            })
+            .collect();
+        reasons(&estimates)
+    };
+    assert_eq!(fly(0.0), []);
+    assert_eq!(fly(0.3), [NoHeading::AttitudeFrozen]);
 }

@@ -87,6 +87,17 @@ pub trait Magnetometer {
     /// The bus's own, or [`Error::NoData`] when none came for four periods.
     async fn read(&mut self) -> Result<Reading, Error<Self::BusError>>;
 
+    /// Reads the configuration back and compares it with what [`init`](Self::init) wrote.
+    ///
+    /// # Errors
+    ///
+    /// The bus's own, or [`Error::Configuration`]: `init` mends it.
+    async fn verify(&mut self) -> Result<(), Error<Self::BusError>>;
+
+    /// How many readings in a row are equal in an axis only when it is stuck: more than noise makes equal in a day at
+    /// rest.
+    fn stuck_after(&self) -> u16;
+
     /// The period between measurements in microseconds, as configured by [`init`](Self::init).
     fn period_us(&self) -> u32;
 }

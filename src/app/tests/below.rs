@@ -71,7 +71,10 @@ fn a_failed_save_is_told_and_counted() {
 fn samples_become_a_correction() {
     let mut bed = with_compass(Flash::new(PAGES));
     assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
-    publish(&bed.links.sensor, FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US });
+    publish(
+        &bed.links.sensor,
+        FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
     bed.ms(1);
     assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Ok(Reply::Done(State::Collecting))));
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
@@ -153,7 +156,10 @@ fn status_shows_the_module_s_health() {
     for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
         assert!(status.contains(expected), "{expected}: {status}");
     }
-    publish(&bed.links.sensor, FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US });
+    publish(
+        &bed.links.sensor,
+        FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
     let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02 });
     let attitude = Some(Attitude::from_deg(12.0, -3.0));
     bed.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::NOTHING });

@@ -22,6 +22,8 @@ pub enum Mood {
     Hangs,
     /// A line that has ended gives nothing, and does not wait.
     Ends,
+    /// A chip whose registers are not as they were written.
+    Upset,
 }
 
 /// A magnetometer that measures every 10 ms.
@@ -29,12 +31,15 @@ pub enum Mood {
 pub struct Chip {
     pub init: Rc<Cell<Mood>>,
     pub read: Rc<Cell<Mood>>,
+    pub verify: Rc<Cell<Mood>>,
+    pub verifies: Rc<Cell<u32>>,
     pub flags: Rc<Cell<(bool, bool)>>,
     pub inits: Rc<Cell<u32>>,
 }
 
 impl Chip {
     pub const PERIOD_US: u32 = 10_000;
+    pub const STUCK_AFTER: u16 = 20;
 }
 
 impl Magnetometer for Chip {
@@ -45,8 +50,23 @@ impl Magnetometer for Chip {
         match self.init.get() {
             Mood::Works => Ok(SENSOR),
             Mood::Fails | Mood::Ends => Err(Error::Bus(())),
+            Mood::Upset => Err(Error::Configuration { written: 0, read: 1 }),
             Mood::Hangs => pending().await,
         }
+    }
+
+    async fn verify(&mut self) -> Result<(), Error<()>> {
+        self.verifies.set(self.verifies.get() + 1);
+        match self.verify.get() {
+            Mood::Works => Ok(()),
+            Mood::Fails | Mood::Ends => Err(Error::Bus(())),
+            Mood::Upset => Err(Error::Configuration { written: 0, read: 1 }),
+            Mood::Hangs => pending().await,
+        }
+    }
+
+    fn stuck_after(&self) -> u16 {
+        Self::STUCK_AFTER
     }
 
     async fn read(&mut self) -> Result<Reading, Error<()>> {
@@ -54,7 +74,7 @@ impl Magnetometer for Chip {
         let (saturated, overrun) = self.flags.get();
         match self.read.get() {
             Mood::Works => Ok(Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated, overrun }),
-            Mood::Fails | Mood::Ends => Err(Error::NoData),
+            Mood::Fails | Mood::Ends | Mood::Upset => Err(Error::NoData),
             Mood::Hangs => pending().await,
         }
     }
@@ -87,7 +107,7 @@ impl Read for Line {
         self.reads.set(self.reads.get() + 1);
         loop {
             match self.mood.get() {
-                Mood::Fails => return Err(ErrorKind::Other),
+                Mood::Fails | Mood::Upset => return Err(ErrorKind::Other),
                 Mood::Ends => return Ok(0),
                 Mood::Works if !self.bytes.borrow().is_empty() => break,
                 Mood::Works | Mood::Hangs => Timer::after_micros(100).await,
@@ -122,7 +142,7 @@ impl Write for Port {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
         match self.mood.get() {
             Mood::Works => self.written.borrow_mut().extend(bytes),
-            Mood::Fails => return Err(ErrorKind::Other),
+            Mood::Fails | Mood::Upset => return Err(ErrorKind::Other),
             Mood::Ends => return Ok(0),
             Mood::Hangs => pending().await,
         }

@@ -150,7 +150,7 @@ fn a_silent_sensor_is_told_to_the_outlets() {
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
     let mut bed = with_instrument();
-    publish(&bed.links.sensor, FoundSensor { identity: SENSOR, period_us: 50_000 });
+    publish(&bed.links.sensor, FoundSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
     bed.ms(20);
     for _ in 0..4 {
         report(&bed);

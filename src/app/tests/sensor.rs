@@ -22,7 +22,7 @@ fn every_measurement_is_passed_on_with_its_instant() {
         std::iter::from_fn(|| bed.links.readings.try_receive().ok()).map(|reading| reading.at.as_us()).collect();
     assert_eq!(readings, [10_000, 20_000, 30_000]);
     assert_eq!(bed.links.counts().readings, 3);
-    let found = FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US };
+    let found = FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER };
     assert_eq!(bed.links.sensor.try_get(), Some(found));
 }
 
@@ -35,13 +35,41 @@ fn what_nobody_reads_is_counted() {
 }
 
 #[test]
-fn what_the_chip_says_of_itself_is_counted() {
+fn measurements_that_were_overwritten_are_counted() {
     let (mut bed, chip) = bed();
-    for (flags, saturated, overruns) in [((true, false), 1, 0), ((false, true), 1, 1), ((false, false), 1, 1)] {
-        chip.flags.set(flags);
+    for (overrun, overruns) in [(false, 0), (true, 1), (false, 1)] {
+        chip.flags.set((false, overrun));
         bed.ms(10);
+        assert_eq!(bed.links.counts().overruns, overruns);
+    }
+}
+
+/// Once a second; what has changed is mended at once, without the pause of a sensor that is lost.
+#[test]
+fn a_changed_configuration_is_found_within_a_second_and_mended() {
+    let (mut bed, chip) = bed();
+    bed.ms(3_500);
+    assert_eq!((chip.verifies.get(), chip.inits.get()), (3, 1));
+    chip.verify.set(Mood::Upset);
+    bed.ms(509);
+    assert_eq!((chip.verifies.get(), chip.inits.get()), (4, 2));
+    let counts = bed.links.counts();
+    assert_eq!((counts.sensor_upsets, counts.sensor_errors), (1, 0));
+    chip.verify.set(Mood::Works);
+    let before = counts.readings;
+    bed.ms(990);
+    assert_eq!(bed.links.counts().readings, before + 99, "no measurement was lost over it");
+}
+
+#[test]
+fn a_sensor_that_fails_when_it_is_verified_is_lost() {
+    for mood in [Mood::Fails, Mood::Hangs] {
+        let (mut bed, chip) = bed();
+        chip.verify.set(mood);
+        bed.ms(1_450);
         let counts = bed.links.counts();
-        assert_eq!((counts.saturated, counts.overruns), (saturated, overruns), "{flags:?}");
+        assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{mood:?}");
+        assert_eq!(bed.links.heartbeats.snapshot()[0], counts.readings + 1);
     }
 }
 

@@ -1,0 +1,259 @@
+//! Whether a report can be true: one far from where the ones before lead to, and reports that repeat.
+
+use nalgebra::Vector3;
+
+use super::{Report, Stamped, extrapolate};
+use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::time::Timestamp;
+
+/// A report may be off what the one before it leads to by so much, radians.
+const SPIKE_RAD: f32 = 0.1;
+
+/// It may be off by so much more for each second since, radians: body rates change.
+const SPIKE_RAD_S: f32 = 1.0;
+
+/// Reports in a row that are not believed; the next one shows that the attitude is another now.
+const SPIKES_IN_A_ROW: u8 = 3;
+
+/// A report in a row of so many equal ones, itself included, may be of a source that repeats itself.
+const EQUAL_REPORTS: u8 = 5;
+
+/// It takes so long at least, microseconds: five reports at 50 Hz. A source that sends faster than it estimates repeats
+/// itself, too.
+const EQUAL_US: u64 = 80_000;
+
+/// A source that was seen to change by less than this, radians, has values so fine that noise alone keeps them from
+/// repeating: 0.05 deg.
+const FINE_RAD: f32 = 8.7e-4;
+
+/// A source of coarser values repeats itself in steady flight. Only when it does so for longer, microseconds, ...
+const EQUAL_COARSE_US: u64 = 500_000;
+
+/// ... and the field in body axes has meanwhile turned by more than this, is it frozen: the cosine of 3 deg.
+const COS_TURNED: f32 = 0.998_63;
+
+/// Readings over which the direction of the field is averaged: the noise of one is a degree in a weak field.
+const FIELD_READINGS: f32 = 8.0;
+
+/// Finds reports that cannot be true.
+#[derive(Debug)]
+pub(super) struct Spikes {
+    /// Reports in a row that were not believed.
+    in_a_row: u8,
+}
+
+impl Spikes {
+    /// None so far.
+    pub const fn new() -> Self {
+        Self { in_a_row: 0 }
+    }
+
+    /// Whether a report of an instant is one, given the last that was believed, unless that is too long ago.
+    pub fn see(&mut self, last: Option<&Stamped>, at: Timestamp, attitude: Attitude) -> bool {
+        let is_far = last.is_some_and(|last| {
+            let step_s = at.us_since(last.at) as f32 * 1e-6;
+            let expected = extrapolate(&last.report, step_s);
+            tilt_between(expected, attitude) > SPIKE_RAD + SPIKE_RAD_S * step_s
+        });
+        if is_far && self.in_a_row < SPIKES_IN_A_ROW {
+            self.in_a_row += 1;
+            return true;
+        }
+        self.in_a_row = 0;
+        false
+    }
+}
+
+/// The angle between the down directions of two attitudes, radians: roll and pitch alone, and no more at a vertical
+/// nose, where roll means nothing.
+fn tilt_between(a: Attitude, b: Attitude) -> f32 {
+    let chord = (a.tilt().down() - b.tilt().down()).norm();
+    2.0 * crate::trig::asin(chord / 2.0)
+}
+
+/// Finds a source that repeats itself.
+#[derive(Debug)]
+pub(super) struct Freeze {
+    last: Option<Attitude>,
+    /// Reports in a row that were equal.
+    equal: u8,
+    /// When the first of them was.
+    since: Timestamp,
+    /// Whether a change of less than [`FINE_RAD`] was ever seen.
+    is_fine: bool,
+    /// Where the field points in body axes, averaged; and where it did at the first of the equal reports.
+    field: Option<Vector3<f32>>,
+    field_then: Option<Vector3<f32>>,
+    frozen: bool,
+}
+
+impl Freeze {
+    /// Nothing seen yet.
+    pub const fn new() -> Self {
+        Self {
+            last: None,
+            equal: 0,
+            since: Timestamp::START,
+            is_fine: false,
+            field: None,
+            field_then: None,
+            frozen: false,
+        }
+    }
+
+    /// Takes the corrected field of a reading.
+    pub fn see_field(&mut self, field: Field<Body>) {
+        let direction = field.ut / field.ut.norm();
+        let before = self.field.unwrap_or(direction);
+        let averaged = before + (direction - before) / FIELD_READINGS;
+        // What is no number would stay so for ever.
+        self.field = averaged.iter().all(|c| c.is_finite()).then_some(averaged);
+    }
+
+    /// Takes a report of an instant, whether or not it is believed otherwise.
+    pub fn see(&mut self, at: Timestamp, report: &Report) {
+        let attitude = report.attitude;
+        let is_equal = self.last.is_some_and(|last| {
+            last.roll_rad.to_bits() == attitude.roll_rad.to_bits()
+                && last.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
+        });
+        if is_equal {
+            self.equal = self.equal.saturating_add(1);
+            // The first field may come after the first report.
+            self.field_then = self.field_then.or(self.field);
+        } else {
+            self.is_fine |= self.last.is_some_and(|last| is_fine_step(last, attitude));
+            self.equal = 1;
+            self.since = at;
+            self.field_then = self.field;
+        }
+        self.last = Some(attitude);
+        self.frozen &= is_equal;
+        if self.equal >= EQUAL_REPORTS {
+            let for_us = at.us_since(self.since);
+            self.frozen |= self.is_fine && for_us >= EQUAL_US;
+            self.frozen |= for_us >= EQUAL_COARSE_US && self.has_turned();
+        }
+    }
+
+    /// Whether the last report was one of too many equal ones.
+    pub const fn is_frozen(&self) -> bool {
+        self.frozen
+    }
+
+    fn has_turned(&self) -> bool {
+        let (Some(now), Some(then)) = (self.field, self.field_then) else { return false };
+        now.dot(&then) < COS_TURNED * now.norm() * then.norm()
+    }
+}
+
+/// Whether an angle changed, by less than coarse sources' steps.
+fn is_fine_step(from: Attitude, to: Attitude) -> bool {
+    let fine = |step_rad: f32| step_rad.abs() > 0.0 && step_rad.abs() < FINE_RAD;
+    fine(wrap_pi(to.roll_rad - from.roll_rad)) || fine(to.pitch_rad - from.pitch_rad)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::WrappingMillis;
+
+    fn report(roll_deg: f32, pitch_deg: f32) -> Report {
+        let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+        Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] }
+    }
+
+    /// After so many equal reports so far apart, each with a reading of a field that has by then turned by so much; the
+    /// source's first change was of this many degrees.
+    fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
+        let mut freeze = Freeze::new();
+        // The field is averaged over a few readings before anything happens.
+        (0..40).for_each(|_| freeze.see_field(Field::from_ut(0.0, 0.0, 30.0)));
+        freeze.see(Timestamp::from_us(0), &report(0.0, 0.0));
+        for i in 0..reports {
+            freeze.see(Timestamp::from_us(apart_us * u64::from(i + 1)), &report(first_step_deg, 0.0));
+            let part = (i + 1) as f32 / reports as f32;
+            let (sin, cos) = (turned_deg * part).to_radians().sin_cos();
+            (0..40).for_each(|_| freeze.see_field(Field::from_ut(30.0 * sin, 0.0, 30.0 * cos)));
+        }
+        // The one that is judged: it comes after the field.
+        freeze.see(Timestamp::from_us(apart_us * u64::from(reports + 1)), &report(first_step_deg, 0.0));
+        freeze.is_frozen()
+    }
+
+    /// 0.05 deg is the border of fine, and five the number, over 80 ms at the least.
+    #[test]
+    fn fine_values_are_frozen_after_five_reports() {
+        for step_deg in [0.04, -0.04] {
+            assert!(is_frozen(step_deg, 4, 20_000, 0.0) && !is_frozen(step_deg, 3, 30_000, 0.0), "{step_deg}");
+        }
+        assert!(!is_frozen(0.06, 100, 20_000, 0.0) && !is_frozen(-0.06, 100, 20_000, 0.0));
+        // At 100 Hz five reports take 40 ms: nine it must be.
+        assert!(!is_frozen(0.04, 7, 10_000, 0.0) && is_frozen(0.04, 8, 10_000, 0.0));
+    }
+
+    #[test]
+    fn a_fine_step_of_pitch_is_as_good() {
+        for pitch_deg in [0.04, -0.04] {
+            let mut freeze = Freeze::new();
+            freeze.see(Timestamp::from_us(0), &report(0.0, 0.0));
+            (1..=5).for_each(|i| freeze.see(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
+            assert!(freeze.is_frozen());
+            // Either angle shows that it goes on.
+            freeze.see(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
+            assert!(!freeze.is_frozen());
+        }
+    }
+
+    /// More than 3 deg, over half a second at the least, and five reports.
+    #[test]
+    fn coarse_values_are_frozen_when_the_field_has_turned() {
+        assert!(is_frozen(0.1, 30, 20_000, 3.5) && !is_frozen(0.1, 30, 20_000, 2.9));
+        assert!(is_frozen(0.1, 30, 20_000, -3.5) && !is_frozen(0.1, 30, 20_000, -2.9));
+        // 26 reports at 50 Hz are half a second after the first of them.
+        assert!(is_frozen(0.1, 25, 20_000, 20.0) && !is_frozen(0.1, 24, 20_000, 20.0));
+        // Four at 4 Hz are long enough, and too few.
+        assert!(!is_frozen(0.1, 3, 250_000, 20.0) && is_frozen(0.1, 4, 250_000, 20.0));
+    }
+
+    /// A weak field of 25 uT with a LIS3MDL's noise, at rest for ten minutes, in tenths of a degree that never change.
+    #[test]
+    fn a_coarse_source_at_rest_is_not_frozen() {
+        let mut random = testkit::random::Random(3);
+        let mut freeze = Freeze::new();
+        for i in 0..600 * 80_u64 {
+            if i % 8 == 0 {
+                freeze.see(Timestamp::from_us(i * 12_500), &report(0.3, -1.2));
+                assert!(!freeze.is_frozen(), "after {i} readings");
+            }
+            let [x, y, z] = [10.0, -5.0, 22.0].map(|ut| ut + 0.35 * random.normal());
+            freeze.see_field(Field::from_ut(x, y, z));
+        }
+    }
+
+    #[test]
+    fn a_field_that_is_no_number_is_forgotten() {
+        let mut freeze = Freeze::new();
+        freeze.see_field(Field::from_ut(f32::NAN, 0.0, 0.0));
+        freeze.see_field(Field::from_ut(0.0, 0.0, 0.0));
+        assert!(freeze.field.is_none() && !freeze.has_turned());
+        freeze.see_field(Field::from_ut(0.0, 2.0, 0.0));
+        assert_eq!(freeze.field, Some(Vector3::new(0.0, 1.0, 0.0)));
+    }
+
+    #[test]
+    fn the_angle_between_attitudes_is_that_of_their_down_directions() {
+        let between = |a: [f32; 2], b: [f32; 2]| {
+            tilt_between(Attitude::from_deg(a[0], a[1]), Attitude::from_deg(b[0], b[1])).to_degrees()
+        };
+        for (a, b, expected_deg) in [
+            ([10.0, 0.0], [30.0, 0.0], 20.0),
+            ([0.0, -10.0], [0.0, 10.0], 20.0),
+            ([179.0, 0.0], [-179.0, 0.0], 2.0),
+            ([0.0, 90.0], [120.0, 90.0], 0.0),
+            ([0.0, 0.0], [180.0, 0.0], 180.0),
+        ] {
+            assert!((between(a, b) - expected_deg).abs() < 0.05, "{a:?} {b:?}: {}", between(a, b));
+        }
+    }
+}
