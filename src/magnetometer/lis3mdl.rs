@@ -219,6 +219,32 @@ mod tests {
         assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x40, read: 0x00 }));
     }
 
+    /// Each bit of the five control registers: range, self-test, byte order, mode, all of them.
+    #[test]
+    fn every_bit_of_the_configuration_is_looked_at() {
+        let mut driver = Lis3mdl::new(registers(), Config::default());
+        block_on(driver.init()).unwrap();
+        assert_eq!(block_on(driver.verify()), Ok(()));
+        for register in 0x20..0x25 {
+            for bit in 0..8 {
+                let written = driver.chip.bus.values[register];
+                driver.chip.bus.values[register] ^= 1 << bit;
+                let read = driver.chip.bus.values[register];
+                assert_eq!(block_on(driver.verify()), Err(Error::Configuration { written, read }));
+                // The owner initialises it again, which mends it.
+                block_on(driver.init()).unwrap();
+                assert_eq!(driver.chip.bus.values[register], written);
+            }
+        }
+        driver.chip.bus.address = 0x1C;
+        assert_eq!(block_on(driver.verify()), Err(Error::Bus(ErrorKind::Other)));
+    }
+
+    #[test]
+    fn sixteen_equal_readings_are_no_noise() {
+        assert_eq!(Lis3mdl::new(registers(), Config::default()).stuck_after(), 16);
+    }
+
     /// A driver that listens at the other address, and one that does not find its chip there.
     #[test]
     fn the_configured_address_is_used() {

@@ -167,6 +167,29 @@ mod tests {
         Registers::new(0, &[(0x0A, 0x48), (0x0B, 0x34), (0x0C, 0x33)])
     }
 
+    /// Each bit of the three control registers.
+    #[test]
+    fn every_bit_of_the_configuration_is_looked_at() {
+        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        block_on(driver.init()).unwrap();
+        assert_eq!(block_on(driver.verify()), Ok(()));
+        for register in 0..3 {
+            for bit in 0..8 {
+                let written = driver.chip.bus.values[register];
+                driver.chip.bus.values[register] ^= 1 << bit;
+                let read = driver.chip.bus.values[register];
+                assert_eq!(block_on(driver.verify()), Err(Error::Configuration { written, read }));
+                block_on(driver.init()).unwrap();
+                assert_eq!(driver.chip.bus.values[register], written);
+            }
+        }
+    }
+
+    #[test]
+    fn thirty_two_equal_readings_are_no_noise() {
+        assert_eq!(Lsm303dlhc::new(registers(), Config::default()).stuck_after(), 32);
+    }
+
     #[test]
     fn init_writes_what_the_data_sheet_asks_for() {
         let mut driver = Lsm303dlhc::new(registers(), Config::default());

@@ -251,7 +251,8 @@ impl Case {
                     drawn.onset = Onset::Always;
                 }
                 let axis = (random.uniform(0.0, 3.0) as usize).min(2);
-                Box::new(Clipped { switch, axis, limit: clip_at(&drawn.world, axis) })
+                let limit = clip_at(&drawn.world, axis, random.uniform(0.3, 0.95));
+                Box::new(Clipped { switch, axis, limit })
             }
         });
     }
@@ -328,13 +329,13 @@ fn for_good(after_s: f64) -> Onset {
     Onset::InUse { after_s, for_s: f64::INFINITY }
 }
 
-/// Where an axis ends that is to be cut off within a level circle: half of the way from its middle to its end.
-fn clip_at(world: &WorldConfig, axis: usize) -> i16 {
+/// Where an axis ends that is to be cut off within a level circle: a part of the way from its middle to its end.
+fn clip_at(world: &WorldConfig, axis: usize, part: f64) -> i16 {
     let measured = |step: u8| {
         let euler = Euler { heading_rad: f64::from(step) / 36.0 * TAU, ..Euler::from_deg(0.0, 0.0, 0.0) };
         f64::from(world.airframe.measure(&world.earth.body_field_ut(euler)).ut[axis])
     };
     let mean = (0..36).map(measured).sum::<f64>() / 36.0;
     let most = (0..36).map(measured).fold(f64::MIN, f64::max);
-    (mean.midpoint(most) * COUNTS_PER_UT).round() as i16
+    ((mean + (most - mean) * part) * COUNTS_PER_UT).round() as i16
 }

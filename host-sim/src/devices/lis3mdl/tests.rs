@@ -276,3 +276,26 @@ fn a_transfer_takes_the_time_of_its_bytes() {
         },
     );
 }
+
+/// Of 30 uT on x, 100 and 50 on the other axes: the self-test adds 2, 2 and 0.55 gauss, byte order swaps what is read.
+#[test]
+fn self_test_and_byte_order_do_what_the_data_sheet_says() {
+    on_bus(
+        NOISE_FREE,
+        |_| [30.0, 100.0, 50.0],
+        |mut bus, _| async move {
+            start(&mut bus).await;
+            Timer::after_millis(20).await;
+            let plain = counts(&mut bus).await;
+            set(&mut bus, 0x20, 0x7D).await;
+            Timer::after_millis(20).await;
+            let tested = counts(&mut bus).await;
+            let added = [0, 1, 2].map(|axis| (f64::from(tested[axis] - plain[axis]) / 6842.0 * 100.0).round() as i16);
+            assert_eq!(added, [200, 200, 55]);
+            set(&mut bus, 0x20, 0x7C).await;
+            set(&mut bus, 0x23, 0x0E).await;
+            Timer::after_millis(20).await;
+            assert_eq!(counts(&mut bus).await, plain.map(i16::swap_bytes));
+        },
+    );
+}
