@@ -22,6 +22,8 @@ pub struct Calibrated {
     /// What it is: RMS heading error at exact field and true attitude, with the iron there is at the end of the
     /// calibration.
     pub true_deg: f64,
+    /// From its beginning until it was accepted, seconds.
+    pub took_s: f64,
 }
 
 impl Calibrated {
@@ -64,11 +66,12 @@ pub fn fly(case: &Case, seed: u64) -> Flown {
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
     }
+    let began_us = rig.now_us();
     let calibration = calibrate(&mut rig, plan.bank_deg, plan.circles);
-    let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
-    let calibrated = calibration.map(|shown| Calibrated {
+    let calibrated = calibration.map(|(shown, at_us)| Calibrated {
         expected_deg: shown.expected_rms_deg,
-        true_deg: true_deg(&shown.calibration, &world, added_ut),
+        true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
+        took_s: (at_us - began_us) as f64 / 1e6,
     });
     let mut tally = Tally::default();
     if calibrated.is_ok() {
@@ -95,8 +98,8 @@ fn later_us(from_us: u64, by_s: f64) -> u64 {
     from_us.saturating_add((by_s * 1e6) as u64)
 }
 
-/// Turns to the right, then to the left, until the module says how its solve ended.
-fn calibrate(rig: &mut Rig, bank_deg: f64, circles: f64) -> Result<transcript::Shown, String> {
+/// Turns to the right, then to the left, until the module says how its solve ended; and when it said so.
+fn calibrate(rig: &mut Rig, bank_deg: f64, circles: f64) -> Result<(transcript::Shown, u64), String> {
     for sign in [1.0, -1.0] {
         rig.world.fly(Leg::Turn { bank_deg, heading_change_deg: sign * 360.0 * circles });
     }
@@ -119,18 +122,22 @@ fn calibrate(rig: &mut Rig, bank_deg: f64, circles: f64) -> Result<transcript::S
             // It solves by itself when it has enough; if it does not, the pilot asks for it.
             asked = true;
             waited_s = 0.0;
-            if let Some(error) = transcript::error(&rig.type_line("cal solve")) {
+            let printed = rig.type_line("cal solve");
+            if let Some(error) = transcript::error(&printed) {
                 break error;
             }
+            session.push_str(&printed);
         } else if waited_s > PATIENCE_S {
             return Err("silent".to_owned());
         }
     };
+    let at_us = rig.now_us();
     match notice {
         Notice::Calibrated(_) => {
             // The plan is flown to its end.
             while rig.world.legs_left() > 0 && rig.run_for_s(PIECE_S) == Ran::Time {}
-            transcript::shown(&rig.type_line("cal show")).ok_or_else(|| "not-shown".to_owned())
+            let shown = transcript::shown(&rig.type_line("cal show")).ok_or_else(|| "not-shown".to_owned())?;
+            Ok((shown, at_us))
         }
         Notice::Refused { code, .. } => Err(code),
     }
