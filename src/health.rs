@@ -90,9 +90,11 @@ counters! {
     saturated,
     /// Times the sensor had to be initialised again.
     sensor_errors,
-    /// Valid attitude reports.
+    /// Valid attitude reports of the sender that is believed.
     attitude_reports,
-    /// Attitude frames with a wrong CRC or impossible values.
+    /// Valid attitude reports of other senders.
+    attitude_foreign,
+    /// Attitude and heartbeat frames with a wrong CRC or impossible values.
     attitude_rejected,
     /// Errors of the attitude line itself.
     attitude_line_errors,

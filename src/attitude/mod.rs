@@ -1,6 +1,7 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 mod clock;
+mod senders;
 
 use core::f32::consts::FRAC_PI_2;
 
@@ -8,6 +9,7 @@ use crate::frames::{Attitude, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
 use crate::trig;
 use clock::SenderClock;
+pub use senders::{Heartbeat, Senders, Source};
 
 /// Fixed numbers of this module.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +44,8 @@ impl Config {
 /// What an attitude source reports, its yaw left out: that is what the module is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
+    /// Who sent it.
+    pub source: Source,
     /// The sender's clock when it was sent. Some senders have none and leave it 0.
     pub sender_time: WrappingMillis,
     /// Roll and pitch.
@@ -87,6 +91,10 @@ impl Track {
 
     /// Takes a report whose last byte arrived at `arrival`.
     pub fn push(&mut self, arrival: Timestamp, report: Report) {
+        if self.reports.back().is_some_and(|last| last.report.source != report.source) {
+            // Another sender has another clock and another attitude: nothing leads from one to the other.
+            *self = Self::new(self.config);
+        }
         let sent = self.clock.sent_at(arrival, report.sender_time, &self.config);
         let at = sent.minus_us(u64::from(self.config.latency_us));
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.

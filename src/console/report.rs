@@ -193,8 +193,8 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     )?;
     writeln!(
         out,
-        "reports: {}, {} rejected, {} line errors",
-        counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors
+        "reports: {}, {} from others, {} rejected, {} line errors",
+        counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected, counts.attitude_line_errors
     )?;
     writeln!(
         out,
