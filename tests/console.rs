@@ -153,6 +153,46 @@ fn settings_last_over_a_restart() {
     }
 }
 
+/// In the air: nothing that takes the heading away, and no swing; all that a calibration in flight needs.
+#[test]
+fn an_armed_module_refuses_what_is_for_the_ground() {
+    let mut rig = rig();
+    rig.printed();
+    rig.world.set_armed(true);
+    // The next heartbeat comes within a second.
+    rig.run_for_s(1.1);
+    assert!(reply_after(&mut rig, "status").contains("armed: yes"));
+    for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
+        let reply = reply_after(&mut rig, line);
+        assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
+    }
+    for (line, answer) in [
+        ("version", "ok autoswing"),
+        ("cal start level", "ok collecting"),
+        ("cal start tumble", "ok collecting"),
+        ("cal start", "ok collecting"),
+        ("cal stop", "ok uncalibrated"),
+        ("cal solve", "error "),
+        ("cal advise", "error not-solved"),
+        ("cal show", "error no-calibration"),
+        ("cal abort", "ok uncalibrated"),
+        ("stream rate 20", "ok "),
+        ("stream off", "ok "),
+        ("stream on", "ok "),
+        ("set declination 3.5", "ok "),
+        ("set inclination 54.5", "ok "),
+        ("set align none", "ok "),
+    ] {
+        let reply = reply_after(&mut rig, line);
+        assert!(reply.starts_with(answer) && !reply.contains("armed"), "{line}: {reply}");
+    }
+    rig.world.set_armed(false);
+    rig.run_for_s(1.1);
+    assert!(reply_after(&mut rig, "status").contains("armed: no"));
+    assert!(reply_after(&mut rig, "cal start swing").starts_with("ok "));
+    assert!(rig.type_line("reboot").contains("ok restarting"));
+}
+
 #[test]
 fn an_overlong_line_is_refused_and_not_cut() {
     let mut rig = rig();

@@ -4,7 +4,7 @@ use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
 
 use super::Links;
-use super::links::{Stamped, count, now};
+use super::links::{Stamped, count, now, publish};
 use crate::attitude::Senders;
 use crate::wire::mavlink::{Message, Receiver};
 
@@ -30,6 +30,7 @@ pub async fn run(links: &Links, mut rx: impl Read) -> ! {
             }
             Err(_silent) => {}
         }
+        publish(&links.armed, senders.is_armed(now()));
         count(&links.heartbeats.attitude);
     }
 }

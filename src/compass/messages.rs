@@ -14,6 +14,8 @@ use crate::time::WrappingMillis;
 pub enum Event {
     /// A magnetometer answered; so many of its readings make a sample.
     SensorFound(Identity, u16),
+    /// The autopilot says that it is armed, or that it is not any more.
+    Armed(bool),
     /// The next averaged sample of the flight.
     Sample(Sample),
     /// Somebody asked for something, at this time by the samples' clock.
@@ -50,6 +52,32 @@ pub enum Command {
     /// The vehicle stands at this magnetic heading, degrees: from now on that is what is shown there. None takes the
     /// offset away.
     Align(Option<f32>),
+    /// The module is about to be restarted, if nothing speaks against it.
+    Restart,
+}
+
+impl Command {
+    /// Whether it is refused while the autopilot is armed: in the air it would take away a heading that is flown by, or
+    /// it needs a vehicle that stands. What a calibration in flight needs is none of these.
+    #[must_use]
+    pub const fn is_for_the_ground(self) -> bool {
+        match self {
+            Self::CalStart(Procedure::Swing)
+            | Self::CalMark(_)
+            | Self::CalClear
+            | Self::CalUndo
+            | Self::Set(Setting::Mount(_))
+            | Self::Restart => true,
+            Self::CalStart(Procedure::Turns | Procedure::Level | Procedure::Tumble)
+            | Self::CalStop
+            | Self::CalSolve(_)
+            | Self::CalAdvise
+            | Self::CalAbort
+            | Self::Report
+            | Self::Set(_)
+            | Self::Align(_) => false,
+        }
+    }
 }
 
 /// What is to be done next.
@@ -112,6 +140,8 @@ impl State {
 pub struct Report {
     /// The state.
     pub state: State,
+    /// Whether the autopilot is armed; not, if that is not known.
+    pub is_armed: bool,
     /// Progress of the collection.
     pub progress: Progress,
     /// Settings in force.

@@ -212,11 +212,78 @@ fn a_solve_makes_busy_what_it_rests_on() {
         assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(State::Solving))), "{setting:?}");
     }
     assert_eq!(bed.report().state, State::Solving);
+    assert_eq!(bed.done(Command::Restart), State::Solving, "a solve is no reason to stay");
     assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
     let end = bed.solve();
     assert!(bed.settle(end).is_ok());
     let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bed.compass.settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
+}
+
+/// While armed: what takes a heading away that is flown by, and a swing, for which a vehicle stands.
+#[test]
+fn what_is_for_the_ground_is_refused_while_armed() {
+    let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
+    let mut bed = Bed::with(Policy::DEFAULT, generations);
+    let for_the_ground = [
+        Command::CalStart(Procedure::Swing),
+        Command::CalMark(10.0),
+        Command::CalClear,
+        Command::CalUndo,
+        Command::Set(Setting::Mount(Orientation::NONE)),
+        Command::Restart,
+    ];
+    assert!(!bed.report().is_armed, "before anything is known");
+    assert!(matches!(bed.compass.step(Event::Armed(true)), Effect::None));
+    for command in for_the_ground {
+        assert_eq!(bed.refused(command), Refusal::Armed, "{command:?}");
+    }
+    assert!(bed.report().is_armed);
+    assert_eq!(bed.compass.generations, generations);
+    bed.compass.step(Event::Armed(false));
+    assert_eq!(bed.done(Command::Restart), State::Calibrated);
+    assert_eq!(bed.done(Command::CalStart(Procedure::Swing)), State::Collecting);
+    bed.stand(some_field(), 8);
+    assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
+    for command in [Command::CalUndo, Command::Set(Setting::Mount(Orientation::NONE)), Command::CalClear] {
+        bed.saved(command).unwrap();
+    }
+}
+
+/// A swing that was begun on the ground ends there: no mark is taken in the air, and the samples are kept.
+#[test]
+fn no_mark_is_taken_while_armed() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Swing));
+    bed.stand(some_field(), 8);
+    bed.compass.step(Event::Armed(true));
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::Armed);
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+}
+
+/// All that a calibration in flight needs, from the start to the end.
+#[test]
+fn nothing_else_is_hindered_while_armed() {
+    let mut bed = Bed::new();
+    bed.compass.step(Event::Armed(true));
+    for procedure in [Procedure::Level, Procedure::Tumble, Procedure::Turns] {
+        assert_eq!(bed.done(Command::CalStart(procedure)), State::Collecting);
+    }
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    for setting in [
+        Setting::StreamOn(false),
+        Setting::StreamRateHz(5),
+        Setting::Declination(Some(3.0)),
+        Setting::Inclination(None),
+    ] {
+        assert!(bed.saved(Command::Set(setting)).is_ok(), "{setting:?}");
+    }
+    bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+    assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+    bed.stand(some_field(), 8);
+    assert!(bed.saved(Command::Align(Some(100.0))).is_ok());
+    assert!(bed.saved(Command::Align(None)).is_ok());
 }
 
 /// Half a save is nobody's wish.
@@ -228,6 +295,7 @@ fn a_save_makes_busy_all_that_would_change_something() {
     assert!(matches!(bed.solve(), Effect::Save));
     for command in [
         Command::CalAbort,
+        Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
         Command::Set(Setting::StreamOn(false)),
@@ -557,6 +625,7 @@ fn advice_is_of_the_last_solve() {
 #[test]
 fn refusals_have_codes_and_say_what_to_do() {
     for (refusal, code, words) in [
+        (Refusal::Armed, "armed", "land and disarm"),
         (Refusal::Busy, "busy", "cal abort"),
         (Refusal::NotCollecting, "not-collecting", "cal start begins"),
         (Refusal::NotSwinging, "not-swinging", "cal start swing"),

@@ -115,6 +115,7 @@ pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
 pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
+    writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
     progress(out, &report.progress)?;
     match &report.current {
         Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Expected(&record.quality))?,

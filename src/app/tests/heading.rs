@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
+use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::Bed;
@@ -68,6 +68,28 @@ fn attitude_of_others_is_counted_and_not_passed_on() {
     assert_eq!(rolls, [0.1, 0.2]);
     let counts = bed.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
+}
+
+/// Told when it changes, and given up ten seconds after the last heartbeat, on a silent line too.
+#[test]
+fn whether_the_autopilot_is_armed_is_told() {
+    let (mut bed, line) = with_line();
+    let links = Rc::clone(&bed.links);
+    let mut armed = listen(&links.armed);
+    let heartbeat = |base_mode| HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() };
+    line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(true));
+    bed.ms(9_950);
+    assert_eq!(armed.try_changed(), None);
+    bed.ms(200);
+    assert_eq!(armed.try_changed(), Some(false));
+    line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(true));
+    line.put(&frame_of(1, &heartbeat(MavModeFlag::empty())));
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(false));
 }
 
 /// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is.
