@@ -84,6 +84,23 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("set align 400", "error out-of-range: a magnetic heading is 0 to 360"),
         ("set align", "error missing-argument: "),
         ("set align none", "ok "),
+        ("set attitude-error 0.5 2", "ok "),
+        ("set attitude-error 0 0", "ok "),
+        ("set attitude-error 5 20", "ok "),
+        (
+            "set attitude-error 5.1 20",
+            "error out-of-range: a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
+        ),
+        ("set attitude-error 5 20.1", "error out-of-range: "),
+        ("set attitude-error -0.1 1", "error out-of-range: "),
+        ("set attitude-error 1 -1", "error out-of-range: "),
+        ("set attitude-error 1", "error missing-argument: <PERCENT> is missing"),
+        ("set attitude-error", "error missing-argument: "),
+        ("set attitude-error 1 2 3", "error unexpected-argument: "),
+        ("set attitude-error much 2", "error bad-value: expected a number"),
+        ("set attitude-error 1 much", "error bad-value: expected a number"),
+        ("set attitude-error default 1", "error unexpected-argument: "),
+        ("set attitude-error default", "ok "),
         ("set mount roll180-yaw90", "ok "),
         ("set mount sideways", "error bad-value: expected none, yaw90"),
         ("frobnicate", "error unknown-command: "),
@@ -146,11 +163,21 @@ fn settings_last_over_a_restart() {
     rig.type_line("stream rate 5");
     rig.type_line("set inclination 61.5");
     rig.type_line("set mount yaw180");
+    rig.type_line("set attitude-error 1.25 3.5");
     assert!(rig.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status").join("\n");
-    for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "inclination: 61.5 deg", "mount: yaw180"] {
+    for line in [
+        "stream: on, 5 Hz",
+        "declination: -11.3 deg",
+        "inclination: 61.5 deg",
+        "mount: yaw180",
+        "attitude-error: 1.25 deg, 3.5 % of bank, 1 sigma",
+    ] {
         assert!(status.contains(line), "{line} in {status}");
     }
+    rig.type_line("set attitude-error default");
+    let status = reply(&mut rig, "status").join("\n");
+    assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
 
 /// In the air: nothing that takes the heading away, and no swing; all that a calibration in flight needs.

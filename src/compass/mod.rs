@@ -292,7 +292,9 @@ impl Compass {
         let prior = self.prior(sensor);
         let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
-        let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;
+        let consider = self.settings.attitude_error.consider();
+        let solver =
+            Solver::with_consider(method, to_fit(&self.collector), &prior, consider).map_err(Refusal::Solve)?;
         self.phase = Phase::Solving(solver);
         Ok(())
     }

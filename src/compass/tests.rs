@@ -6,7 +6,7 @@ use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, r
 use crate::calibration::{Orientation, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
-use crate::settings::Setting;
+use crate::settings::{AttitudeError, Setting};
 use crate::store::tests::record;
 
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
@@ -204,6 +204,7 @@ fn a_solve_makes_busy_what_it_rests_on() {
         Command::Align(None),
         Command::Set(Setting::Mount(Orientation::NONE)),
         Command::Set(Setting::Inclination(Some(50.0))),
+        Command::Set(Setting::AttitudeError(AttitudeError::DEFAULT)),
     ] {
         assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
     }
@@ -276,6 +277,7 @@ fn nothing_else_is_hindered_while_armed() {
         Setting::StreamRateHz(5),
         Setting::Declination(Some(3.0)),
         Setting::Inclination(None),
+        Setting::AttitudeError(AttitudeError::DEFAULT),
     ] {
         assert!(bed.saved(Command::Set(setting)).is_ok(), "{setting:?}");
     }
@@ -454,7 +456,7 @@ fn a_record_is_for_its_sensor_and_mounting() {
     assert!(unknown.in_use().is_none());
 }
 
-/// Mounting and inclination reach the solver.
+/// Mounting, inclination and what the attitude source may be off reach the solver, the last one also the advice.
 #[test]
 fn a_solve_uses_the_settings() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
@@ -471,6 +473,22 @@ fn a_solve_uses_the_settings() {
     };
     let (free, given) = (found_deg(None), found_deg(Some(60.0)));
     assert!(given > free + 0.02, "{given} {free}");
+    // Whoever allows for more expects more, in either of the two.
+    let expected_deg = |bias_deg, bank_percent| {
+        let mut bed = Bed::new();
+        let error = AttitudeError { bias_deg, bank_percent };
+        bed.saved(Command::Set(Setting::AttitudeError(error))).unwrap();
+        let quality = bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+        let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
+        assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
+        quality.expected_rms_deg
+    };
+    let nothing = expected_deg(0.0, 0.0);
+    let as_delivered = Bed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().expected_rms_deg;
+    assert!(nothing < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6, "{nothing} {as_delivered}");
+    for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
+        assert!(more > 1.2 * nothing, "{more} {nothing}");
+    }
 }
 
 #[test]

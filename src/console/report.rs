@@ -11,6 +11,7 @@ use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, ResetCause, StackUse};
+use crate::settings::AttitudeError;
 use crate::wire::decimal::Decimal;
 
 /// The firmware's version.
@@ -138,6 +139,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         None => writeln!(out, "inclination: not set, found from the samples")?,
     }
     writeln!(out, "mount: {}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))?;
+    let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
+    let (bias, bank) = (Decimal::<2>(bias_deg), Decimal::<1>(bank_percent));
+    writeln!(out, "attitude-error: {bias} deg, {bank} % of bank, 1 sigma")?;
     counters(out, &health.counts)?;
     if let Some(StackUse { used, size }) = health.stack {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
