@@ -8,6 +8,7 @@ use crate::magnetometer::Identity;
 use crate::settings::{Setting, Settings};
 use crate::store::{Record, StoreError};
 use crate::time::WrappingMillis;
+use crate::trig;
 
 /// What happened.
 #[derive(Clone, Copy, Debug)]
@@ -176,5 +177,33 @@ impl From<&Record> for Summary {
     }
 }
 
+impl Summary {
+    /// What is to be expected of it.
+    #[must_use]
+    pub fn verdict(&self) -> Verdict {
+        Verdict::new(self.quality, &self.calibration)
+    }
+}
+
+/// What is to be expected of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// How good it is expected to be.
+    pub quality: Quality,
+    /// What a degree of attitude error costs in level flight: degrees of heading, at the heading where it costs most.
+    /// None where the inclination is not known, which tumbling does not show.
+    pub attitude_cost: Option<f32>,
+}
+
+impl Verdict {
+    /// Of a calibration of this quality. A tilt about magnetic north turns the vertical part of the field into the
+    /// horizontal one: `d psi = tan(inclination) d phi`, from Liu 2007 eq. 3.
+    pub(super) fn new(quality: Quality, calibration: &Calibration) -> Self {
+        let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
+        let attitude_cost = (quality.method != Method::Ellipsoid).then_some((sin / cos).abs());
+        Self { quality, attitude_cost }
+    }
+}
+
 /// How a solve ended.
-pub type Outcome = Result<Quality, Refusal>;
+pub type Outcome = Result<Verdict, Refusal>;

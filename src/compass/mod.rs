@@ -10,7 +10,7 @@ mod refusal;
 #[cfg(test)]
 mod tests;
 
-pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary};
+pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
 pub use refusal::Refusal;
 
 use crate::acceptance::{self, Grounds, Incumbent, Policy};
@@ -372,7 +372,7 @@ impl Compass {
         match (saving, result) {
             (Saving::Calibration(record), Ok(())) => {
                 self.generations.push(&record);
-                self.end(Ok(record.quality))
+                self.end(Ok(Verdict::new(record.quality, &record.calibration)))
             }
             (Saving::Calibration(_), Err(error)) => self.end(Err(Refusal::Store(error))),
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),

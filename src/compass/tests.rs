@@ -3,7 +3,7 @@
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-use crate::calibration::{Orientation, SolveError};
+use crate::calibration::{Calibration, Orientation, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
 use crate::settings::{AttitudeError, Setting};
@@ -173,17 +173,18 @@ fn full_turns_each_way_end_in_a_calibration() {
         panic!("{:?}", bed.compass.to_save())
     };
     let written = *written;
-    let Effect::Notify(Ok(quality)) = bed.compass.step(Event::Saved(Ok(()))) else { panic!("not told") };
+    let Effect::Notify(Ok(verdict)) = bed.compass.step(Event::Saved(Ok(()))) else { panic!("not told") };
     assert_eq!(bed.compass.state(), State::Calibrated);
     assert_eq!(bed.compass.in_use(), Some(&written));
     assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
-    assert_eq!(written.quality, quality);
+    assert_eq!(verdict, Verdict::new(written.quality, &written.calibration));
     assert!(bed.compass.to_save().is_none());
-    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * quality.expected_rms_deg);
+    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bed.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bed.report();
     assert_eq!((report.state, report.has_previous, report.last.is_some()), (State::Calibrated, false, true));
-    assert_eq!(report.current.map(|summary| summary.serial), Some(1));
+    assert_eq!(report.current.as_ref().map(|summary| summary.serial), Some(1));
+    assert_eq!(report.current.map(|summary| summary.verdict()), Some(verdict));
 }
 
 /// Which commands a solve makes wait: those that it rests on, or that would begin another.
@@ -423,6 +424,17 @@ fn a_second_calibration_is_judged_against_the_first() {
     assert_eq!(bed.compass.in_use(), Some(&second));
 }
 
+/// At 54 deg a degree of roll or pitch is 1.38 deg of heading, north or south of the equator; on it nothing.
+#[test]
+fn an_attitude_error_costs_the_tangent_of_the_inclination() {
+    let Record { quality, calibration, .. } = record(1);
+    for (inclination_deg, cost) in [(54.0_f32, 1.376_382), (-54.0, 1.376_382), (0.0, 0.0), (70.0, 2.747_477)] {
+        let calibration = Calibration { inclination_rad: inclination_deg.to_radians(), ..calibration };
+        let found = Verdict::new(quality, &calibration).attitude_cost.unwrap();
+        assert!((found - cost).abs() < 1e-4, "{inclination_deg}: {found}");
+    }
+}
+
 #[test]
 fn serial_numbers_wrap() {
     let last = Record { serial: u32::MAX, ..record(1) };
@@ -478,13 +490,13 @@ fn a_solve_uses_the_settings() {
         let mut bed = Bed::new();
         let error = AttitudeError { bias_deg, bank_percent };
         bed.saved(Command::Set(Setting::AttitudeError(error))).unwrap();
-        let quality = bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+        let quality = bed.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
         let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
         quality.expected_rms_deg
     };
     let nothing = expected_deg(0.0, 0.0);
-    let as_delivered = Bed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().expected_rms_deg;
+    let as_delivered = Bed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().quality.expected_rms_deg;
     assert!(nothing < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6, "{nothing} {as_delivered}");
     for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
         assert!(more > 1.2 * nothing, "{more} {nothing}");
@@ -623,8 +635,8 @@ fn a_tumbling_needs_no_attitude() {
     bed.done(Command::CalSolve(None));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
     let end = bed.solve();
-    let quality = bed.settle(end).unwrap();
-    assert_eq!(quality.method, Method::Ellipsoid);
+    let verdict = bed.settle(end).unwrap();
+    assert_eq!((verdict.quality.method, verdict.attitude_cost), (Method::Ellipsoid, None));
     // Only while it collects, and in no other procedure.
     bed.done(Command::CalStart(Procedure::Level));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);

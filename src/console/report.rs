@@ -8,7 +8,7 @@ use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Envelope, Quality};
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
-use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
+use crate::compass::{Outcome, Refusal, Reply, Report, Summary, Verdict};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, ResetCause, StackUse};
 use crate::settings::AttitudeError;
@@ -103,7 +103,7 @@ fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
 /// What `out` says.
 pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
     match outcome {
-        Ok(quality) => writeln!(out, "note calibrated: {}", Expected(quality)),
+        Ok(verdict) => writeln!(out, "note calibrated: {}", Judged(verdict)),
         Err(refusal) => writeln!(out, "note refused {}: {refusal}", refusal.code()),
     }
 }
@@ -119,7 +119,7 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
     progress(out, &report.progress)?;
     match &report.current {
-        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Expected(&record.quality))?,
+        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?,
         None => writeln!(out, "calibration: none")?,
     }
     match &report.last {
@@ -261,6 +261,19 @@ impl Display for Expected<'_> {
             Envelope::Level => ", level only",
         };
         write!(f, "expected error {rms} deg rms, {worst} deg worst{envelope}")
+    }
+}
+
+/// What to expect, and what it rests on.
+struct Judged<'a>(&'a Verdict);
+
+impl Display for Judged<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        Expected(&self.0.quality).fmt(f)?;
+        match self.0.attitude_cost {
+            Some(cost) => write!(f, "; a degree of attitude error costs {} deg", Decimal::<2>(cost)),
+            None => Ok(()),
+        }
     }
 }
 
