@@ -3,6 +3,8 @@
 use host_sim::module::Module as _;
 use host_sim::rig::Rig;
 use host_sim::world::WorldConfig;
+use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink::{MAVLinkV2MessageRaw, MavHeader};
 use testkit::random::Random;
 
 fn rig() -> Rig {
@@ -130,6 +132,24 @@ fn status_shows_what_is_connected() {
     // 4000 bytes of nothing hold the line for a third of a second: the attitude behind them is late.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
+}
+
+/// A second aircraft on the line, banked the other way: its attitude is counted and changes nothing.
+#[test]
+fn status_counts_attitude_of_others() {
+    let mut rig = rig();
+    for tick in 0..100 {
+        let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message_data(MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 }, &theirs);
+        rig.autopilot.send(frame.raw_bytes());
+        rig.run_for_s(0.02);
+        if tick % 10 == 0 {
+            let status = reply_after(&mut rig, "status");
+            assert!(!status.contains("attitude: roll -4"), "{status}");
+            assert!(status.contains(&format!(" {} from others, 0 rejected", tick + 1)), "{status}");
+        }
+    }
 }
 
 #[test]
