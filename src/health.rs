@@ -99,9 +99,11 @@ counters! {
     sensor_errors,
     /// Times the sensor's configuration was found changed, and was mended.
     sensor_upsets,
-    /// Valid attitude reports.
+    /// Valid attitude reports of the sender that is believed.
     attitude_reports,
-    /// Attitude frames with a wrong CRC or impossible values.
+    /// Valid attitude reports of other senders.
+    attitude_foreign,
+    /// Attitude and heartbeat frames with a wrong CRC or impossible values.
     attitude_rejected,
     /// Attitude reports of a source that repeats itself.
     attitude_frozen,

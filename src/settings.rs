@@ -4,7 +4,7 @@ use core::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use crate::calibration::Orientation;
+use crate::calibration::{Consider, Orientation};
 
 /// What the user has chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,6 +22,39 @@ pub struct Settings {
     pub stream_rate_hz: u8,
     /// How the chip sits in the aircraft.
     pub mount: Orientation,
+    /// What the attitude source is allowed to be off, alike in all samples of a flight.
+    pub attitude_error: AttitudeError,
+}
+
+/// Errors of an attitude source that are alike in all samples of a flight, 1 sigma. No turn shows them; the expected
+/// error of a calibration allows for them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeError {
+    /// Constant error of roll, and of pitch, degrees.
+    pub bias_deg: f32,
+    /// Relative error of bank in turns, percent.
+    pub bank_percent: f32,
+}
+
+impl AttitudeError {
+    /// A good autopilot, levelled with care: 0.2 deg and 1 %, as [`Consider::DEFAULT`].
+    pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
+
+    /// Constant errors that can be allowed for, degrees.
+    pub const BIAS_DEG: RangeInclusive<f32> = 0.0..=5.0;
+
+    /// Errors of bank that can be allowed for, percent.
+    pub const BANK_PERCENT: RangeInclusive<f32> = 0.0..=20.0;
+
+    /// The same in the solver's units.
+    #[must_use]
+    pub fn consider(self) -> Consider {
+        Consider { bias_rad: self.bias_deg.to_radians(), bank_scale: self.bank_percent / 100.0 }
+    }
+
+    fn is_valid(self) -> bool {
+        Self::BIAS_DEG.contains(&self.bias_deg) && Self::BANK_PERCENT.contains(&self.bank_percent)
+    }
 }
 
 impl Default for Settings {
@@ -39,13 +72,15 @@ impl Settings {
         stream_on: true,
         stream_rate_hz: 10,
         mount: Orientation::NONE,
+        attitude_error: AttitudeError::DEFAULT,
     };
 
     /// Rates that can be chosen: up to one heading for every measurement.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
     /// Whether every setting is within its range: declination and alignment -180..180 deg, inclination -90..90 deg,
-    /// rate [`Self::STREAM_RATE_HZ`].
+    /// rate [`Self::STREAM_RATE_HZ`], the attitude's error [`AttitudeError::BIAS_DEG`] and
+    /// [`AttitudeError::BANK_PERCENT`].
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.declination_deg.is_none_or(|declination_deg| declination_deg.abs() <= 180.0)
@@ -53,6 +88,7 @@ impl Settings {
             && self.align_deg.abs() <= 180.0
             && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
             && self.mount.is_valid()
+            && self.attitude_error.is_valid()
     }
 }
 
@@ -69,6 +105,8 @@ pub enum Setting {
     Inclination(Option<f32>),
     /// How the sensor sits in the aircraft.
     Mount(Orientation),
+    /// What the attitude source is allowed to be off.
+    AttitudeError(AttitudeError),
 }
 
 /// A value outside its range; what it must be.
@@ -80,7 +118,7 @@ impl Setting {
     #[must_use]
     pub const fn is_used_by_solves(self) -> bool {
         match self {
-            Self::Inclination(_) | Self::Mount(_) => true,
+            Self::Inclination(_) | Self::Mount(_) | Self::AttitudeError(_) => true,
             Self::StreamOn(_) | Self::StreamRateHz(_) | Self::Declination(_) => false,
         }
     }
@@ -92,6 +130,7 @@ impl Setting {
             Self::Declination(_) => "a declination is -180 to 180 degrees",
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
+            Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
         }
     }
 }
@@ -110,6 +149,7 @@ impl Settings {
             Setting::Declination(deg) => changed.declination_deg = deg,
             Setting::Inclination(deg) => changed.inclination_deg = deg,
             Setting::Mount(mount) => changed.mount = mount,
+            Setting::AttitudeError(error) => changed.attitude_error = error,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
     }
@@ -118,6 +158,26 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const fn attitude_error(bias_deg: f32, bank_percent: f32) -> Setting {
+        Setting::AttitudeError(AttitudeError { bias_deg, bank_percent })
+    }
+
+    /// What the solver takes for a good autopilot is what is delivered: 0.2 deg and 1 %, to the digits it is given in.
+    #[test]
+    fn an_attitude_error_is_the_solver_s_in_other_units() {
+        for (error, of) in [
+            (AttitudeError::DEFAULT, Consider::DEFAULT),
+            (
+                AttitudeError { bias_deg: 2.0, bank_percent: 5.0 },
+                Consider { bias_rad: 0.034_906_585, bank_scale: 0.05 },
+            ),
+        ] {
+            let Consider { bias_rad, bank_scale } = error.consider();
+            assert!((bias_rad / of.bias_rad - 1.0).abs() < 0.003, "{error:?}");
+            assert!((bank_scale / of.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
+        }
+    }
 
     /// Each range from both sides; what is refused names its range.
     #[test]
@@ -143,6 +203,18 @@ mod tests {
                 &[Setting::Inclination(Some(-90.1)), Setting::Inclination(Some(90.1)), Setting::Inclination(Some(nan))],
                 "an inclination is -90 to 90",
             ),
+            (
+                &[attitude_error(0.0, 0.0), attitude_error(5.0, 0.0), attitude_error(0.0, 20.0)],
+                &[
+                    attitude_error(-0.1, 1.0),
+                    attitude_error(5.1, 1.0),
+                    attitude_error(nan, 1.0),
+                    attitude_error(1.0, -0.1),
+                    attitude_error(1.0, 20.1),
+                    attitude_error(1.0, nan),
+                ],
+                "a constant error is 0 to 5 degrees",
+            ),
         ] {
             for &setting in good {
                 assert!(Settings::DEFAULT.with(setting).is_ok(), "{setting:?}");
@@ -167,6 +239,10 @@ mod tests {
             (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
             (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
             (Setting::Mount(mount), Settings { mount, ..before }),
+            (
+                attitude_error(1.5, 3.0),
+                Settings { attitude_error: AttitudeError { bias_deg: 1.5, bank_percent: 3.0 }, ..before },
+            ),
         ] {
             assert_eq!(before.with(setting), Ok(after));
         }
@@ -181,11 +257,12 @@ mod tests {
     }
 
     #[test]
-    fn solves_use_mounting_and_inclination() {
+    fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         let none = Orientation::NONE;
         for (setting, used) in [
             (Setting::Mount(none), true),
             (Setting::Inclination(None), true),
+            (attitude_error(0.2, 1.0), true),
             (Setting::Declination(None), false),
             (Setting::StreamOn(true), false),
             (Setting::StreamRateHz(1), false),

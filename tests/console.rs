@@ -3,6 +3,8 @@
 use host_sim::module::Module as _;
 use host_sim::rig::Rig;
 use host_sim::world::WorldConfig;
+use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink::{MAVLinkV2MessageRaw, MavHeader};
 use testkit::random::Random;
 
 fn rig() -> Rig {
@@ -84,6 +86,23 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("set align 400", "error out-of-range: a magnetic heading is 0 to 360"),
         ("set align", "error missing-argument: "),
         ("set align none", "ok "),
+        ("set attitude-error 0.5 2", "ok "),
+        ("set attitude-error 0 0", "ok "),
+        ("set attitude-error 5 20", "ok "),
+        (
+            "set attitude-error 5.1 20",
+            "error out-of-range: a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
+        ),
+        ("set attitude-error 5 20.1", "error out-of-range: "),
+        ("set attitude-error -0.1 1", "error out-of-range: "),
+        ("set attitude-error 1 -1", "error out-of-range: "),
+        ("set attitude-error 1", "error missing-argument: <PERCENT> is missing"),
+        ("set attitude-error", "error missing-argument: "),
+        ("set attitude-error 1 2 3", "error unexpected-argument: "),
+        ("set attitude-error much 2", "error bad-value: expected a number"),
+        ("set attitude-error 1 much", "error bad-value: expected a number"),
+        ("set attitude-error default 1", "error unexpected-argument: "),
+        ("set attitude-error default", "ok "),
         ("set mount roll180-yaw90", "ok "),
         ("set mount sideways", "error bad-value: expected none, yaw90"),
         ("frobnicate", "error unknown-command: "),
@@ -113,6 +132,24 @@ fn status_shows_what_is_connected() {
     // 4000 bytes of nothing hold the line for a third of a second: the attitude behind them is late.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
+}
+
+/// A second aircraft on the line, banked the other way: its attitude is counted and changes nothing.
+#[test]
+fn status_counts_attitude_of_others() {
+    let mut rig = rig();
+    for tick in 0..100 {
+        let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message_data(MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 }, &theirs);
+        rig.autopilot.send(frame.raw_bytes());
+        rig.run_for_s(0.02);
+        if tick % 10 == 0 {
+            let status = reply_after(&mut rig, "status");
+            assert!(!status.contains("attitude: roll -4"), "{status}");
+            assert!(status.contains(&format!(" {} from others, 0 rejected", tick + 1)), "{status}");
+        }
+    }
 }
 
 #[test]
@@ -146,11 +183,61 @@ fn settings_last_over_a_restart() {
     rig.type_line("stream rate 5");
     rig.type_line("set inclination 61.5");
     rig.type_line("set mount yaw180");
+    rig.type_line("set attitude-error 1.25 3.5");
     assert!(rig.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status").join("\n");
-    for line in ["stream: on, 5 Hz", "declination: -11.3 deg", "inclination: 61.5 deg", "mount: yaw180"] {
+    for line in [
+        "stream: on, 5 Hz",
+        "declination: -11.3 deg",
+        "inclination: 61.5 deg",
+        "mount: yaw180",
+        "attitude-error: 1.25 deg, 3.5 % of bank, 1 sigma",
+    ] {
         assert!(status.contains(line), "{line} in {status}");
     }
+    rig.type_line("set attitude-error default");
+    let status = reply(&mut rig, "status").join("\n");
+    assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
+}
+
+/// In the air: nothing that takes the heading away, and no swing; all that a calibration in flight needs.
+#[test]
+fn an_armed_module_refuses_what_is_for_the_ground() {
+    let mut rig = rig();
+    rig.printed();
+    rig.world.set_armed(true);
+    // The next heartbeat comes within a second.
+    rig.run_for_s(1.1);
+    assert!(reply_after(&mut rig, "status").contains("armed: yes"));
+    for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
+        let reply = reply_after(&mut rig, line);
+        assert!(reply.starts_with("error armed: the autopilot is armed"), "{line}: {reply}");
+    }
+    for (line, answer) in [
+        ("version", "ok autoswing"),
+        ("cal start level", "ok collecting"),
+        ("cal start tumble", "ok collecting"),
+        ("cal start", "ok collecting"),
+        ("cal stop", "ok uncalibrated"),
+        ("cal solve", "error "),
+        ("cal advise", "error not-solved"),
+        ("cal show", "error no-calibration"),
+        ("cal abort", "ok uncalibrated"),
+        ("stream rate 20", "ok "),
+        ("stream off", "ok "),
+        ("stream on", "ok "),
+        ("set declination 3.5", "ok "),
+        ("set inclination 54.5", "ok "),
+        ("set align none", "ok "),
+    ] {
+        let reply = reply_after(&mut rig, line);
+        assert!(reply.starts_with(answer) && !reply.contains("armed"), "{line}: {reply}");
+    }
+    rig.world.set_armed(false);
+    rig.run_for_s(1.1);
+    assert!(reply_after(&mut rig, "status").contains("armed: no"));
+    assert!(reply_after(&mut rig, "cal start swing").starts_with("ok "));
+    assert!(rig.type_line("reboot").contains("ok restarting"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What the module believes while something is wrong: `host-sim bench integrity`, smaller.
 
-use autoswing::attitude::Report;
+use autoswing::attitude::{Report, Source};
 use autoswing::calibration::{Calibration, Orientation, Uncertainty};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Config, Correction, Instrument};
@@ -130,7 +130,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
             if i % 8 == 1 {
                 let attitude = Attitude::from_deg(0.02 * random.normal(), 0.02 * random.normal());
                 let sender_time = WrappingMillis::default();
-                let report = Report { sender_time, attitude, rates_rad_s: [0.0; 3] };
+                let report = Report { source: Source::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
                 instrument.on_attitude(at, report);
             }
             let [x, y, z] = std::array::from_fn(|axis| {

@@ -1,6 +1,8 @@
 //! The whole way of a sample: an aircraft with a badly disturbed compass calibrates itself in flight.
 
-use host_sim::mission::{Flown, Plan, fly};
+use host_sim::mission::{Flown, Plan, fly, fly_with};
+use host_sim::module::Module as _;
+use host_sim::rig::Rig;
 use host_sim::transcript::Notice;
 use host_sim::world::WorldConfig;
 
@@ -56,6 +58,23 @@ fn fifty_random_airframes_are_calibrated_and_the_forecast_is_honest() {
     // What is sent as sigma holds, on the safe side: it counts the attitude source's bias in full, of which a
     // calibration made with the same source has taken a part along with the mounting.
     assert!((65.0..=78.0).contains(&one) && (93.0..=99.0).contains(&two), "{one} % and {two} % within 1 and 2 sigma");
+}
+
+/// The field dips by 54 deg there, where a degree of roll or pitch makes 1.4 deg of heading; a degree of inclination would
+/// change that by 0.05. `status` says the same.
+#[test]
+fn a_calibration_says_what_an_attitude_error_costs() {
+    let mut rig = Rig::new(WorldConfig::table1(1));
+    let flown = fly_with(&mut rig, Plan::default(), &mut |_, _| {});
+    let said = |text: &str, line: &str| {
+        let words = text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));
+        words.and_then(|rest| rest.split_once(" deg")?.0.parse::<f64>().ok()).unwrap_or_else(|| panic!("{text}"))
+    };
+    let inclination_rad = flown.world.earth.inclination_deg.to_radians();
+    let in_note = said(&flown.session, "note calibrated: expected error ");
+    assert!((in_note - inclination_rad.tan()).abs() < 0.05, "{in_note}");
+    let in_status = said(&rig.type_line("status"), "calibration: number 1, expected error ");
+    assert!((in_note - in_status).abs() < 1e-9, "{in_note} {in_status}");
 }
 
 /// A run is a function of its seed, down to the last byte of the console.

@@ -144,12 +144,16 @@ struct Mission<'a, M> {
 /// The mission is flown in pieces of this length, seconds.
 const PIECE_S: f64 = 0.5;
 
+/// By then the autopilot's next heartbeat has come: it sends one every second.
+const HEARTBEAT_S: f64 = 1.2;
+
 /// A solve, a verification and a save take a second; a module silent for longer has nothing to say.
 const PATIENCE_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, plan: Plan) -> Result<Shown, Notice> {
         (self.watch)(Stage::TakeOff, 0.0);
+        self.module.world().set_armed(true);
         let heading_deg = self.module.world().config().aircraft.heading_deg;
         self.leg(Stage::TakeOff, Leg::Straight { heading_deg, seconds: 5.0 });
         self.type_line("status");
@@ -186,8 +190,12 @@ impl<M: Module> Mission<'_, M> {
 
     /// Restarts the module and flies all round the compass, comparing what it streams with the truth.
     fn stream(&mut self) -> Streamed {
+        // It stands on the ground again: an armed module would not be restarted. The world flies on meanwhile.
+        self.module.world().set_armed(false);
+        self.module.run_for_s(HEARTBEAT_S);
         let _ = self.module.autopilot().receive();
         self.type_line("reboot");
+        self.module.world().set_armed(true);
         let mut errors_deg: Vec<f64> = Vec::new();
         let mut normalised = Vec::new();
         let mut empty = 0;

@@ -4,7 +4,7 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either3, select3};
+use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
@@ -24,10 +24,11 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
     }
     let Stored { settings, generations } = stored.unwrap_or_default();
     let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
+    let mut armed = listen(&links.armed);
     let mut sensor = listen(&links.sensor);
     loop {
         tell(links, &compass);
-        let event = next_event(links, &compass, &mut sensor).await;
+        let event = next_event(links, &compass, &mut armed, &mut sensor).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = apart(store.save(change)).await;
@@ -59,16 +60,24 @@ async fn apart<F: Future>(future: F) -> F::Output {
 }
 
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
-async fn next_event(links: &Links, compass: &Compass, sensor: &mut Listener<'_, FoundSensor, 2>) -> Event {
+/// Of what has happened, whether the autopilot is armed comes first: a command is judged by it.
+async fn next_event(
+    links: &Links,
+    compass: &Compass,
+    armed: &mut Listener<'_, bool, 1>,
+    sensor: &mut Listener<'_, FoundSensor, 2>,
+) -> Event {
     if compass.is_busy() {
         // Between two steps of a solve the console gets its turn.
         yield_now().await;
-        return links.requests.try_receive().map_or(Event::Advance, command);
+        let armed = armed.try_changed().map(Event::Armed);
+        return armed.unwrap_or_else(|| links.requests.try_receive().map_or(Event::Advance, command));
     }
-    match select3(links.requests.receive(), sensor.changed(), links.samples.receive()).await {
-        Either3::First(asked) => command(asked),
-        Either3::Second(found) => Event::SensorFound(found.identity, readings_per_sample(found.period_us)),
-        Either3::Third(sample) => Event::Sample(sample),
+    match select4(armed.changed(), links.requests.receive(), sensor.changed(), links.samples.receive()).await {
+        Either4::First(is_armed) => Event::Armed(is_armed),
+        Either4::Second(asked) => command(asked),
+        Either4::Third(found) => Event::SensorFound(found.identity, readings_per_sample(found.period_us)),
+        Either4::Fourth(sample) => Event::Sample(sample),
     }
 }
 

@@ -64,12 +64,15 @@ async fn answer(
     match entered {
         Err(error) => session.reply(|out| report::line_error(out, &error)),
         Ok(Request::Version) => session.reply(report::version),
-        Ok(Request::Reboot) => {
-            session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
-            drain(output, tx).await;
-            Timer::after(LAST_WORDS).await;
-            platform.reboot();
-        }
+        Ok(Request::Reboot) => match ask(links, Command::Restart).await {
+            Ok(_) => {
+                session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
+                drain(output, tx).await;
+                Timer::after(LAST_WORDS).await;
+                platform.reboot();
+            }
+            refused => reply(session, &refused),
+        },
         Ok(Request::Status) => match ask(links, Command::Report).await {
             Ok(Reply::Report(found)) => {
                 let health = health(links, reset, platform);

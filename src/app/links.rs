@@ -56,6 +56,8 @@ pub struct Links {
     pub(super) notices: Signal<CriticalSectionRawMutex, Outcome>,
     /// To the instrument and to the state machine.
     pub(super) sensor: Latest<FoundSensor, 2>,
+    /// To the state machine: whether the autopilot is armed.
+    pub(super) armed: Latest<bool, 1>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
     /// To the outlets.
@@ -78,6 +80,7 @@ impl Links {
             replies: Channel::new(),
             notices: Signal::new(),
             sensor: Watch::new(),
+            armed: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             estimates: Watch::new(),

@@ -5,6 +5,7 @@
 //! interrupt executor                                                    thread executor
 //! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
 //! attitude ---reports---> instrument <--correction---------------------- compass <--requests--- console
+//!          ---armed----------------------------------------------------> compass
 //!                         instrument ---estimates---> outlet <--settings-- compass
 //! watchdog <--heartbeats of the four, and <----------------------------- pulse
 //! ```

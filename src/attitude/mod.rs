@@ -2,6 +2,7 @@
 
 mod clock;
 mod plausibility;
+mod senders;
 
 use core::f32::consts::FRAC_PI_2;
 
@@ -10,6 +11,7 @@ use crate::time::{Timestamp, WrappingMillis};
 use crate::trig;
 use clock::SenderClock;
 use plausibility::{Freeze, Spikes};
+pub use senders::{Heartbeat, Senders, Source};
 
 /// Fixed numbers of this module.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +46,8 @@ impl Config {
 /// What an attitude source reports, its yaw left out: that is what the module is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
+    /// Who sent it.
+    pub source: Source,
     /// The sender's clock when it was sent. Some senders have none and leave it 0.
     pub sender_time: WrappingMillis,
     /// Roll and pitch.
@@ -110,6 +114,10 @@ impl Track {
 
     /// Takes a report whose last byte arrived at `arrival`.
     pub fn push(&mut self, arrival: Timestamp, report: Report) {
+        if self.reports.back().is_some_and(|last| last.report.source != report.source) {
+            // Another sender has another clock and another attitude: nothing leads from one to the other.
+            *self = Self { doubted: self.doubted, ..Self::new(self.config) };
+        }
         let sent = self.clock.sent_at(arrival, report.sender_time, &self.config);
         let at = sent.minus_us(u64::from(self.config.latency_us));
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
@@ -161,7 +169,7 @@ impl Track {
         match at.us_since(newest.at) {
             0 if at == newest.at => return Lookup::Interpolated(newest.report.attitude),
             0 => {}
-            _ if self.freeze.is_frozen() => return Lookup::Frozen,
+            _ if self.repeats_at(at) => return Lookup::Frozen,
             ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
                 return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
             }
@@ -172,6 +180,12 @@ impl Track {
             .find(|(before, after)| (before.at..after.at).contains(&at))
             .and_then(|(before, after)| self.between(before, after, at))
             .map_or(Lookup::Missing, Lookup::Interpolated)
+    }
+
+    /// Whether reports come, and are all the same.
+    fn repeats_at(&self, at: Timestamp) -> bool {
+        let max_age_us = u64::from(self.config.max_extrapolation_us);
+        self.freeze.frozen_at().is_some_and(|frozen_at| at.us_since(frozen_at) <= max_age_us)
     }
 
     /// Between two reports, unless they are too far apart.

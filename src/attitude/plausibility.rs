@@ -77,8 +77,9 @@ pub(super) struct Freeze {
     last: Option<Attitude>,
     /// Reports in a row that were equal.
     equal: u8,
-    /// When the first of them was.
+    /// When the first of them was, and the last.
     since: Timestamp,
+    latest: Timestamp,
     /// Whether a change of less than [`FINE_RAD`] was ever seen.
     is_fine: bool,
     /// Where the field points in body axes, averaged; and where it did at the first of the equal reports.
@@ -94,6 +95,7 @@ impl Freeze {
             last: None,
             equal: 0,
             since: Timestamp::START,
+            latest: Timestamp::START,
             is_fine: false,
             field: None,
             field_then: None,
@@ -128,6 +130,7 @@ impl Freeze {
             self.field_then = self.field;
         }
         self.last = Some(attitude);
+        self.latest = at;
         self.frozen &= is_equal;
         if self.equal >= EQUAL_REPORTS {
             let for_us = at.us_since(self.since);
@@ -139,6 +142,11 @@ impl Freeze {
     /// Whether the last report was one of too many equal ones.
     pub const fn is_frozen(&self) -> bool {
         self.frozen
+    }
+
+    /// When the last report was, if it was one of too many equal ones.
+    pub fn frozen_at(&self) -> Option<Timestamp> {
+        self.frozen.then_some(self.latest)
     }
 
     fn has_turned(&self) -> bool {
@@ -155,12 +163,13 @@ fn is_fine_step(from: Attitude, to: Attitude) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Source;
     use super::*;
     use crate::time::WrappingMillis;
 
     fn report(roll_deg: f32, pitch_deg: f32) -> Report {
         let attitude = Attitude::from_deg(roll_deg, pitch_deg);
-        Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] }
+        Report { source: Source::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] }
     }
 
     /// After so many equal reports so far apart, each with a reading of a field that has by then turned by so much; the

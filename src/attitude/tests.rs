@@ -16,7 +16,7 @@ fn rolling(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> Report {
 
 fn moving(sender_ms: u32, attitude: Attitude, rates_deg_s: [f32; 3]) -> Report {
     let rates_rad_s = rates_deg_s.map(f32::to_radians);
-    Report { sender_time: WrappingMillis::new(sender_ms), attitude, rates_rad_s }
+    Report { source: Source::default(), sender_time: WrappingMillis::new(sender_ms), attitude, rates_rad_s }
 }
 
 /// A track with one report whose attitude was true at 1 s.
@@ -245,7 +245,10 @@ fn no_report_panics() {
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
         let rates_rad_s = [pick(), pick(), pick()];
         let sender_time = WrappingMillis::new(pick().to_bits());
-        track.push(at(pick().to_bits().into()), Report { sender_time, attitude, rates_rad_s });
+        track.push(
+            at(pick().to_bits().into()),
+            Report { source: Source::default(), sender_time, attitude, rates_rad_s },
+        );
         let _ = (track.at(at(i * 1_000)), track.at(at(u64::MAX)));
     }
 }
@@ -336,9 +339,47 @@ fn a_source_that_repeats_itself_is_not_believed() {
     let (mut track, true_us) = reported(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.at(at(true_us + 1)), Lookup::Frozen);
     assert_eq!(track.doubted(), Doubted { spikes: 0, frozen: 1 });
+    // Of a source that has fallen silent after all nothing else is known than that.
+    assert_eq!(track.at(at(true_us + 200_000)), Lookup::Frozen);
+    assert_eq!(track.at(at(true_us + 200_001)), Lookup::Stale);
     // What is known of the past stays known.
     assert!(matches!(track.at(at(true_us - 50_000)), Lookup::Interpolated(_)));
     // It goes on.
     track.push(at(true_us + PERIOD_US + LATENCY_US), rolling(0, 10.07, 0.0));
     assert!(matches!(track.at(at(true_us + PERIOD_US + 1)), Lookup::Extrapolated(_)));
+}
+
+/// A sender's clock and reports say nothing of another's: here one 50 ms behind, which the first one's clock would take
+/// for a report that was long under way.
+#[test]
+fn another_source_starts_afresh() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..4_u32 {
+        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), rolling(500 + i * 20, 10.0, 0.0));
+    }
+    let other = Report { source: Source::new(7), ..rolling(500 + 4 * 20 - 50, 30.0, 0.0) };
+    track.push(at(1_080_000 + LATENCY_US), other);
+    assert!(matches!(track.at(at(1_080_000)), Lookup::Interpolated(_)));
+    assert!((roll_deg(track.at(at(1_080_000))) - 30.0).abs() < 1e-3);
+    // Between the two there is nothing, nor before.
+    for before in [1_079_999, 1_060_000, 1_030_000] {
+        assert_eq!(track.at(at(before)), Lookup::Missing, "{before}");
+    }
+    // From then on it is a sender as any.
+    track.push(at(1_100_000 + LATENCY_US), Report { sender_time: WrappingMillis::new(500 + 5 * 20 - 50), ..other });
+    assert!(matches!(track.at(at(1_090_000)), Lookup::Interpolated(_)));
+    // The first one is another one then, also when its report is older than the last.
+    track.push(at(1_090_000 + LATENCY_US), rolling(0, 10.0, 0.0));
+    assert!((roll_deg(track.at(at(1_090_000))) - 10.0).abs() < 1e-3);
+}
+
+/// What one sender repeated, or where it was, is nothing to the next; what was counted stays.
+#[test]
+fn another_source_is_not_measured_by_the_one_before() {
+    let (mut track, true_us) = reported(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1 });
+    let other = Report { source: Source::new(7), ..rolling(0, 50.0, 0.0) };
+    track.push(at(true_us + PERIOD_US + LATENCY_US), other);
+    assert!((roll_deg(track.at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1 });
 }

@@ -92,8 +92,8 @@ pub(super) fn advise(
     unknowns: &Vector13,
     calibration: &Calibration,
     envelope: Envelope,
+    consider: Consider,
 ) -> Option<Advice> {
-    let consider = Consider::DEFAULT;
     let expected = |information: &Information| {
         let mut covariance = Covariance::EXACT;
         information.covariance(likelihood, unknowns, consider, &mut covariance)?;

@@ -183,7 +183,7 @@ impl Solver {
             dip_residual_deg: likelihood.noise.dip_rad.to_degrees(),
             samples: information.system.samples,
         };
-        let advice = advice::advise(&information, likelihood, unknowns, &calibration, envelope);
+        let advice = advice::advise(&information, likelihood, unknowns, &calibration, envelope, self.consider);
         Ok(Solution { calibration, quality, uncertainty, advice })
     }
 

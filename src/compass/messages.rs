@@ -8,12 +8,15 @@ use crate::magnetometer::Identity;
 use crate::settings::{Setting, Settings};
 use crate::store::{Record, StoreError};
 use crate::time::WrappingMillis;
+use crate::trig;
 
 /// What happened.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// A magnetometer answered; so many of its readings make a sample.
     SensorFound(Identity, u16),
+    /// The autopilot says that it is armed, or that it is not any more.
+    Armed(bool),
     /// The next averaged sample of the flight.
     Sample(Sample),
     /// Somebody asked for something, at this time by the samples' clock.
@@ -50,6 +53,32 @@ pub enum Command {
     /// The vehicle stands at this magnetic heading, degrees: from now on that is what is shown there. None takes the
     /// offset away.
     Align(Option<f32>),
+    /// The module is about to be restarted, if nothing speaks against it.
+    Restart,
+}
+
+impl Command {
+    /// Whether it is refused while the autopilot is armed: in the air it would take away a heading that is flown by, or
+    /// it needs a vehicle that stands. What a calibration in flight needs is none of these.
+    #[must_use]
+    pub const fn is_for_the_ground(self) -> bool {
+        match self {
+            Self::CalStart(Procedure::Swing)
+            | Self::CalMark(_)
+            | Self::CalClear
+            | Self::CalUndo
+            | Self::Set(Setting::Mount(_))
+            | Self::Restart => true,
+            Self::CalStart(Procedure::Turns | Procedure::Level | Procedure::Tumble)
+            | Self::CalStop
+            | Self::CalSolve(_)
+            | Self::CalAdvise
+            | Self::CalAbort
+            | Self::Report
+            | Self::Set(_)
+            | Self::Align(_) => false,
+        }
+    }
 }
 
 /// What is to be done next.
@@ -112,6 +141,8 @@ impl State {
 pub struct Report {
     /// The state.
     pub state: State,
+    /// Whether the autopilot is armed; not, if that is not known.
+    pub is_armed: bool,
     /// Progress of the collection.
     pub progress: Progress,
     /// Settings in force.
@@ -146,5 +177,33 @@ impl From<&Record> for Summary {
     }
 }
 
+impl Summary {
+    /// What is to be expected of it.
+    #[must_use]
+    pub fn verdict(&self) -> Verdict {
+        Verdict::new(self.quality, &self.calibration)
+    }
+}
+
+/// What is to be expected of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// How good it is expected to be.
+    pub quality: Quality,
+    /// What a degree of attitude error costs in level flight: degrees of heading, at the heading where it costs most.
+    /// None where the inclination is not known, which tumbling does not show.
+    pub attitude_cost: Option<f32>,
+}
+
+impl Verdict {
+    /// Of a calibration of this quality. A tilt about magnetic north turns the vertical part of the field into the
+    /// horizontal one: `d psi = tan(inclination) d phi`, from Liu 2007 eq. 3.
+    pub(super) fn new(quality: Quality, calibration: &Calibration) -> Self {
+        let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
+        let attitude_cost = (quality.method != Method::Ellipsoid).then_some((sin / cos).abs());
+        Self { quality, attitude_cost }
+    }
+}
+
 /// How a solve ended.
-pub type Outcome = Result<Quality, Refusal>;
+pub type Outcome = Result<Verdict, Refusal>;

@@ -10,7 +10,7 @@ mod refusal;
 #[cfg(test)]
 mod tests;
 
-pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary};
+pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
 pub use refusal::Refusal;
 
 use crate::acceptance::{self, Grounds, Incumbent, Policy};
@@ -66,6 +66,7 @@ pub struct Compass {
     settings: Settings,
     generations: Generations,
     sensor: Option<FoundSensor>,
+    is_armed: bool,
     collector: Collector,
     recent: Recent,
     phase: Phase,
@@ -85,6 +86,7 @@ impl Compass {
             settings,
             generations,
             sensor: None,
+            is_armed: false,
             collector: Collector::new(),
             recent: Recent::new(),
             phase: Phase::Idle,
@@ -160,6 +162,10 @@ impl Compass {
                 self.sensor = Some(FoundSensor { identity, readings_per_sample });
                 Effect::None
             }
+            Event::Armed(is_armed) => {
+                self.is_armed = is_armed;
+                Effect::None
+            }
             Event::Sample(sample) => self.sample(sample),
             Event::Command(command, now) => match self.command(command, now) {
                 Ok(effect) => effect,
@@ -188,6 +194,9 @@ impl Compass {
 
     #[inline(never)]
     fn command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
+        if self.is_armed && command.is_for_the_ground() {
+            return Err(Refusal::Armed);
+        }
         if self.must_wait(command) {
             return Err(Refusal::Busy);
         }
@@ -219,6 +228,8 @@ impl Compass {
                 return Ok(self.save(Saving::Settings(settings)));
             }
             Command::Align(heading_deg) => return self.align(heading_deg, now),
+            // Whoever asks does it.
+            Command::Restart => {}
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
@@ -227,7 +238,7 @@ impl Compass {
     fn must_wait(&self, command: Command) -> bool {
         match command {
             Command::Report | Command::CalAdvise => false,
-            Command::CalAbort => self.saving.is_some(),
+            Command::CalAbort | Command::Restart => self.saving.is_some(),
             Command::Set(setting) if !setting.is_used_by_solves() => self.saving.is_some(),
             _ => self.is_busy() || self.saving.is_some(),
         }
@@ -281,7 +292,9 @@ impl Compass {
         let prior = self.prior(sensor);
         let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
-        let solver = Solver::new(method, to_fit(&self.collector), &prior).map_err(Refusal::Solve)?;
+        let consider = self.settings.attitude_error.consider();
+        let solver =
+            Solver::with_consider(method, to_fit(&self.collector), &prior, consider).map_err(Refusal::Solve)?;
         self.phase = Phase::Solving(solver);
         Ok(())
     }
@@ -359,7 +372,7 @@ impl Compass {
         match (saving, result) {
             (Saving::Calibration(record), Ok(())) => {
                 self.generations.push(&record);
-                self.end(Ok(record.quality))
+                self.end(Ok(Verdict::new(record.quality, &record.calibration)))
             }
             (Saving::Calibration(_), Err(error)) => self.end(Err(Refusal::Store(error))),
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
@@ -392,6 +405,7 @@ impl Compass {
     fn report(&self) -> Report {
         Report {
             state: self.state(),
+            is_armed: self.is_armed,
             progress: self.collector.progress(),
             settings: self.settings,
             current: self.generations.current.as_ref().map(Summary::from),

@@ -10,6 +10,8 @@ use crate::store::StoreError;
 /// Why the module did not do what was asked or tried.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
+    /// The autopilot is armed, and this is for the ground.
+    Armed,
     /// A solve or save is running.
     Busy,
     /// `cal stop` without a collection.
@@ -45,6 +47,7 @@ impl Refusal {
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
+            Self::Armed => "armed",
             Self::Busy => "busy",
             Self::NotCollecting => "not-collecting",
             Self::NotSwinging => "not-swinging",
@@ -67,6 +70,7 @@ impl Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Armed => f.write_str("the autopilot is armed, and this is for the ground; land and disarm it first"),
             Self::Busy => f.write_str("a solve is running; wait for it, or cal abort"),
             Self::NotCollecting => f.write_str("nothing is being collected; cal start begins"),
             Self::NotSwinging => f.write_str("no compass swing is under way; cal start swing begins one"),

@@ -3,10 +3,10 @@
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-use crate::calibration::{Orientation, SolveError};
+use crate::calibration::{Calibration, Orientation, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
-use crate::settings::Setting;
+use crate::settings::{AttitudeError, Setting};
 use crate::store::tests::record;
 
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
@@ -173,17 +173,18 @@ fn full_turns_each_way_end_in_a_calibration() {
         panic!("{:?}", bed.compass.to_save())
     };
     let written = *written;
-    let Effect::Notify(Ok(quality)) = bed.compass.step(Event::Saved(Ok(()))) else { panic!("not told") };
+    let Effect::Notify(Ok(verdict)) = bed.compass.step(Event::Saved(Ok(()))) else { panic!("not told") };
     assert_eq!(bed.compass.state(), State::Calibrated);
     assert_eq!(bed.compass.in_use(), Some(&written));
     assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
-    assert_eq!(written.quality, quality);
+    assert_eq!(verdict, Verdict::new(written.quality, &written.calibration));
     assert!(bed.compass.to_save().is_none());
-    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * quality.expected_rms_deg);
+    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
     assert_eq!(bed.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
     let report = bed.report();
     assert_eq!((report.state, report.has_previous, report.last.is_some()), (State::Calibrated, false, true));
-    assert_eq!(report.current.map(|summary| summary.serial), Some(1));
+    assert_eq!(report.current.as_ref().map(|summary| summary.serial), Some(1));
+    assert_eq!(report.current.map(|summary| summary.verdict()), Some(verdict));
 }
 
 /// Which commands a solve makes wait: those that it rests on, or that would begin another.
@@ -204,6 +205,7 @@ fn a_solve_makes_busy_what_it_rests_on() {
         Command::Align(None),
         Command::Set(Setting::Mount(Orientation::NONE)),
         Command::Set(Setting::Inclination(Some(50.0))),
+        Command::Set(Setting::AttitudeError(AttitudeError::DEFAULT)),
     ] {
         assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
     }
@@ -212,11 +214,79 @@ fn a_solve_makes_busy_what_it_rests_on() {
         assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(State::Solving))), "{setting:?}");
     }
     assert_eq!(bed.report().state, State::Solving);
+    assert_eq!(bed.done(Command::Restart), State::Solving, "a solve is no reason to stay");
     assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
     let end = bed.solve();
     assert!(bed.settle(end).is_ok());
     let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bed.compass.settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
+}
+
+/// While armed: what takes a heading away that is flown by, and a swing, for which a vehicle stands.
+#[test]
+fn what_is_for_the_ground_is_refused_while_armed() {
+    let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
+    let mut bed = Bed::with(Policy::DEFAULT, generations);
+    let for_the_ground = [
+        Command::CalStart(Procedure::Swing),
+        Command::CalMark(10.0),
+        Command::CalClear,
+        Command::CalUndo,
+        Command::Set(Setting::Mount(Orientation::NONE)),
+        Command::Restart,
+    ];
+    assert!(!bed.report().is_armed, "before anything is known");
+    assert!(matches!(bed.compass.step(Event::Armed(true)), Effect::None));
+    for command in for_the_ground {
+        assert_eq!(bed.refused(command), Refusal::Armed, "{command:?}");
+    }
+    assert!(bed.report().is_armed);
+    assert_eq!(bed.compass.generations, generations);
+    bed.compass.step(Event::Armed(false));
+    assert_eq!(bed.done(Command::Restart), State::Calibrated);
+    assert_eq!(bed.done(Command::CalStart(Procedure::Swing)), State::Collecting);
+    bed.stand(some_field(), 8);
+    assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
+    for command in [Command::CalUndo, Command::Set(Setting::Mount(Orientation::NONE)), Command::CalClear] {
+        bed.saved(command).unwrap();
+    }
+}
+
+/// A swing that was begun on the ground ends there: no mark is taken in the air, and the samples are kept.
+#[test]
+fn no_mark_is_taken_while_armed() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Swing));
+    bed.stand(some_field(), 8);
+    bed.compass.step(Event::Armed(true));
+    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::Armed);
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+}
+
+/// All that a calibration in flight needs, from the start to the end.
+#[test]
+fn nothing_else_is_hindered_while_armed() {
+    let mut bed = Bed::new();
+    bed.compass.step(Event::Armed(true));
+    for procedure in [Procedure::Level, Procedure::Tumble, Procedure::Turns] {
+        assert_eq!(bed.done(Command::CalStart(procedure)), State::Collecting);
+    }
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    for setting in [
+        Setting::StreamOn(false),
+        Setting::StreamRateHz(5),
+        Setting::Declination(Some(3.0)),
+        Setting::Inclination(None),
+        Setting::AttitudeError(AttitudeError::DEFAULT),
+    ] {
+        assert!(bed.saved(Command::Set(setting)).is_ok(), "{setting:?}");
+    }
+    bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
+    assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+    bed.stand(some_field(), 8);
+    assert!(bed.saved(Command::Align(Some(100.0))).is_ok());
+    assert!(bed.saved(Command::Align(None)).is_ok());
 }
 
 /// Half a save is nobody's wish.
@@ -228,6 +298,7 @@ fn a_save_makes_busy_all_that_would_change_something() {
     assert!(matches!(bed.solve(), Effect::Save));
     for command in [
         Command::CalAbort,
+        Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
         Command::Set(Setting::StreamOn(false)),
@@ -353,6 +424,17 @@ fn a_second_calibration_is_judged_against_the_first() {
     assert_eq!(bed.compass.in_use(), Some(&second));
 }
 
+/// At 54 deg a degree of roll or pitch is 1.38 deg of heading, north or south of the equator; on it nothing.
+#[test]
+fn an_attitude_error_costs_the_tangent_of_the_inclination() {
+    let Record { quality, calibration, .. } = record(1);
+    for (inclination_deg, cost) in [(54.0_f32, 1.376_382), (-54.0, 1.376_382), (0.0, 0.0), (70.0, 2.747_477)] {
+        let calibration = Calibration { inclination_rad: inclination_deg.to_radians(), ..calibration };
+        let found = Verdict::new(quality, &calibration).attitude_cost.unwrap();
+        assert!((found - cost).abs() < 1e-4, "{inclination_deg}: {found}");
+    }
+}
+
 #[test]
 fn serial_numbers_wrap() {
     let last = Record { serial: u32::MAX, ..record(1) };
@@ -386,7 +468,7 @@ fn a_record_is_for_its_sensor_and_mounting() {
     assert!(unknown.in_use().is_none());
 }
 
-/// Mounting and inclination reach the solver.
+/// Mounting, inclination and what the attitude source may be off reach the solver, the last one also the advice.
 #[test]
 fn a_solve_uses_the_settings() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
@@ -403,6 +485,22 @@ fn a_solve_uses_the_settings() {
     };
     let (free, given) = (found_deg(None), found_deg(Some(60.0)));
     assert!(given > free + 0.02, "{given} {free}");
+    // Whoever allows for more expects more, in either of the two.
+    let expected_deg = |bias_deg, bank_percent| {
+        let mut bed = Bed::new();
+        let error = AttitudeError { bias_deg, bank_percent };
+        bed.saved(Command::Set(Setting::AttitudeError(error))).unwrap();
+        let quality = bed.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
+        let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
+        assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
+        quality.expected_rms_deg
+    };
+    let nothing = expected_deg(0.0, 0.0);
+    let as_delivered = Bed::new().calibrate(&few_turns(&airframe(), 1)).unwrap().quality.expected_rms_deg;
+    assert!(nothing < as_delivered && (as_delivered - expected_deg(0.2, 1.0)).abs() < 1e-6, "{nothing} {as_delivered}");
+    for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
+        assert!(more > 1.2 * nothing, "{more} {nothing}");
+    }
 }
 
 #[test]
@@ -537,8 +635,8 @@ fn a_tumbling_needs_no_attitude() {
     bed.done(Command::CalSolve(None));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
     let end = bed.solve();
-    let quality = bed.settle(end).unwrap();
-    assert_eq!(quality.method, Method::Ellipsoid);
+    let verdict = bed.settle(end).unwrap();
+    assert_eq!((verdict.quality.method, verdict.attitude_cost), (Method::Ellipsoid, None));
     // Only while it collects, and in no other procedure.
     bed.done(Command::CalStart(Procedure::Level));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
@@ -557,6 +655,7 @@ fn advice_is_of_the_last_solve() {
 #[test]
 fn refusals_have_codes_and_say_what_to_do() {
     for (refusal, code, words) in [
+        (Refusal::Armed, "armed", "land and disarm"),
         (Refusal::Busy, "busy", "cal abort"),
         (Refusal::NotCollecting, "not-collecting", "cal start begins"),
         (Refusal::NotSwinging, "not-swinging", "cal start swing"),

@@ -17,7 +17,7 @@ use session::MINUS;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass;
-use crate::settings::Setting;
+use crate::settings::{AttitudeError, Setting};
 use crate::wire::decimal;
 
 /// What a line asks for.
@@ -97,7 +97,7 @@ enum Line<'a> {
         #[command(subcommand)]
         command: Stream,
     },
-    /// Settings: declination, mount, inclination, align
+    /// Settings: declination, mount, inclination, align, attitude-error
     Set {
         #[command(subcommand)]
         command: Set,
@@ -175,6 +175,13 @@ enum Set {
         /// 0 to 360, or none
         heading: Maybe,
     },
+    /// What the attitude source may be off, 1 sigma: a constant in degrees and a part of the bank in percent; or default
+    AttitudeError {
+        /// 0 to 5, or default
+        deg: Chosen,
+        /// 0 to 20
+        percent: Option<Number>,
+    },
 }
 
 /// A number in fixed point.
@@ -197,11 +204,22 @@ struct Maybe(Option<f32>);
 
 impl<'a> FromArgument<'a> for Maybe {
     fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
-        match text {
-            "none" => Ok(Self(None)),
-            number => Number::from_arg(number).map(|number| Self(Some(number.0))),
-        }
+        number_or("none", text).map(Self)
     }
+}
+
+/// A number, or the word default.
+#[derive(Debug)]
+struct Chosen(Option<f32>);
+
+impl<'a> FromArgument<'a> for Chosen {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        number_or("default", text).map(Self)
+    }
+}
+
+fn number_or<'a>(word: &str, text: &'a str) -> Result<Option<f32>, FromArgumentError<'a>> {
+    if text == word { Ok(None) } else { Number::from_arg(text).map(|number| Some(number.0)) }
 }
 
 impl<'a> FromArgument<'a> for Procedure {
@@ -233,6 +251,7 @@ impl Line<'_> {
     fn most_words(&self) -> usize {
         match self {
             Line::Version | Line::Status | Line::Reboot => 0,
+            Line::Set { command: Set::AttitudeError { deg: Chosen(Some(_)), .. } } => 3,
             Line::Cal { command: Cal::Clear { .. } | Cal::Start { .. } | Cal::Mark { .. } | Cal::Solve { .. } }
             | Line::Stream { command: Stream::Rate { .. } }
             | Line::Set { .. } => 2,
@@ -268,8 +287,19 @@ impl Line<'_> {
                 Set::Mount { orientation } => Command::Set(Setting::Mount(orientation)),
                 Set::Inclination { deg } => Command::Set(Setting::Inclination(deg.0)),
                 Set::Align { heading } => Command::Align(heading.0),
+                Set::AttitudeError { deg, percent } => {
+                    Command::Set(Setting::AttitudeError(attitude_error(deg, percent)?))
+                }
             },
         }))
+    }
+}
+
+fn attitude_error(deg: Chosen, percent: Option<Number>) -> Result<AttitudeError, LineError> {
+    match (deg, percent) {
+        (Chosen(None), _) => Ok(AttitudeError::DEFAULT),
+        (Chosen(Some(bias_deg)), Some(Number(bank_percent))) => Ok(AttitudeError { bias_deg, bank_percent }),
+        (Chosen(Some(_)), None) => Err(LineError::MissingArgument(cut("<PERCENT>"))),
     }
 }
 

@@ -8,9 +8,10 @@ use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Envelope, Quality};
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
-use crate::compass::{Outcome, Refusal, Reply, Report, Summary};
+use crate::compass::{Outcome, Refusal, Reply, Report, Summary, Verdict};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, ResetCause, StackUse};
+use crate::settings::AttitudeError;
 use crate::wire::decimal::Decimal;
 
 /// The firmware's version.
@@ -102,7 +103,7 @@ fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
 /// What `out` says.
 pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
     match outcome {
-        Ok(quality) => writeln!(out, "note calibrated: {}", Expected(quality)),
+        Ok(verdict) => writeln!(out, "note calibrated: {}", Judged(verdict)),
         Err(refusal) => writeln!(out, "note refused {}: {refusal}", refusal.code()),
     }
 }
@@ -115,9 +116,10 @@ pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
 pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
+    writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
     progress(out, &report.progress)?;
     match &report.current {
-        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Expected(&record.quality))?,
+        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?,
         None => writeln!(out, "calibration: none")?,
     }
     match &report.last {
@@ -137,6 +139,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         None => writeln!(out, "inclination: not set, found from the samples")?,
     }
     writeln!(out, "mount: {}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))?;
+    let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
+    let (bias, bank) = (Decimal::<2>(bias_deg), Decimal::<1>(bank_percent));
+    writeln!(out, "attitude-error: {bias} deg, {bank} % of bank, 1 sigma")?;
     counters(out, &health.counts)?;
     if let Some(StackUse { used, size }) = health.stack {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
@@ -203,8 +208,8 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     )?;
     writeln!(
         out,
-        "reports: {}, {} rejected, {} line errors",
-        counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors
+        "reports: {}, {} from others, {} rejected, {} line errors",
+        counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected, counts.attitude_line_errors
     )?;
     writeln!(
         out,
@@ -266,6 +271,19 @@ impl Display for Expected<'_> {
             Envelope::Level => ", level only",
         };
         write!(f, "expected error {rms} deg rms, {worst} deg worst{envelope}")
+    }
+}
+
+/// What to expect, and what it rests on.
+struct Judged<'a>(&'a Verdict);
+
+impl Display for Judged<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        Expected(&self.0.quality).fmt(f)?;
+        match self.0.attitude_cost {
+            Some(cost) => write!(f, "; a degree of attitude error costs {} deg", Decimal::<2>(cost)),
+            None => Ok(()),
+        }
     }
 }
 

@@ -33,7 +33,8 @@
 //! instrument.correct_with(Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE });
 //!
 //! let attitude = Attitude::from_deg(20.0, 3.0);
-//! let report = Report { sender_time: WrappingMillis::new(0), attitude, rates_rad_s: [0.0; 3] };
+//! let sender_time = WrappingMillis::new(0);
+//! let report = Report { source: Source::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
 //! let field = Field::new(attitude.body(Field::earth(50.0, 60_f32.to_radians(), 1.2)).ut);
 //! let reading = Reading { field, saturated: false, overrun: false };

@@ -1,6 +1,7 @@
 //! What the instrument promises, without tasks and clocks.
 
 use super::*;
+use crate::attitude::Source;
 use crate::calibration::Orientation;
 use crate::frames::Sensor;
 use crate::time::WrappingMillis;
@@ -44,7 +45,8 @@ fn saturated(field: Field<Sensor>) -> Reading {
 
 /// A report of an attitude that is true at this time, on a line of the source's latency.
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
-    let report = Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
+    let report =
+        Report { source: Source::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
     instrument.on_attitude(at(us + LATENCY_US), report);
 }
 
@@ -308,7 +310,12 @@ fn a_recording_at_10_hz_passes_unchanged() {
         let us = u64::from(row) * 100_000;
         let attitude = Attitude::from_deg(f32::from(row), -f32::from(row) / 10.0);
         let field = Field::from_ut(f32::from(row), 1.0, 2.0);
-        let report = Report { sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
+        let report = Report {
+            source: Source::default(),
+            sender_time: WrappingMillis::default(),
+            attitude,
+            rates_rad_s: [0.0; 3],
+        };
         instrument.on_attitude(at(us), report);
         let estimate = instrument.on_reading(at(us), reading(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
@@ -372,7 +379,7 @@ fn nothing_that_arrives_panics() {
         match random.bits() % 4 {
             0 => {
                 let sender_time = WrappingMillis::new(random.bits() as u32);
-                instrument.on_attitude(at, Report { sender_time, attitude, rates_rad_s });
+                instrument.on_attitude(at, Report { source: Source::default(), sender_time, attitude, rates_rad_s });
             }
             1 => drop(instrument.on_silence(at)),
             _ => drop(instrument.on_reading(at, reading(field))),

@@ -3,15 +3,15 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::{StoreError, v2};
+use super::{StoreError, v2, v3};
 use crate::calibration::{Calibration, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
-/// into a module of its own, as `v2` did.
-pub(super) const VERSION: u8 = 3;
-/// Room for version, contents and CRC. The contents take at most 690 bytes: 333 for each record, 22 for settings and
+/// into a module of its own, as `v3` did.
+pub(super) const VERSION: u8 = 4;
+/// Room for version, contents and CRC. The contents take at most 698 bytes: 333 for each record, 30 for settings and
 /// the count of saves, and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 704;
 
@@ -162,7 +162,14 @@ impl Contents {
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
             VERSION => postcard::from_bytes(payload).ok(),
-            v2::VERSION => postcard::from_bytes(payload).ok().and_then(|contents: v2::Contents| contents.convert()),
+            before @ (v2::VERSION | v3::VERSION) => {
+                postcard::from_bytes(payload).ok().and_then(|mut contents: v3::Contents| {
+                    if before == v2::VERSION {
+                        v2::convert(&mut contents);
+                    }
+                    contents.convert()
+                })
+            }
             _ => return Err(StoreError::UnknownVersion(version)),
         };
         contents.filter(|contents: &Self| contents.stored.is_valid()).ok_or(StoreError::Corrupt)
@@ -174,6 +181,7 @@ mod tests {
     use super::*;
     use crate::calibration::{Envelope, Method};
     use crate::magnetometer::Model;
+    use crate::settings::AttitudeError;
     use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {
@@ -192,15 +200,15 @@ mod tests {
         assert_eq!(Contents::decode(&value), Ok(contents()));
         assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 690 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 698 + 1 + CRC_SIZE);
     }
 
-    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v2` is.
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v3` is.
     #[test]
     fn the_bytes_of_this_version_stay_what_they_are() {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
-        assert_eq!((version, value.len(), crc), (3, 695, &[13, 161, 137, 202][..]));
+        assert_eq!((version, value.len(), crc), (4, 703, &[94, 164, 210, 31][..]));
     }
 
     /// A variant that is put between others moves those behind it, which no record with the first of them shows.
@@ -257,7 +265,7 @@ mod tests {
 
     #[test]
     fn another_version_is_named() {
-        for version in [0, 1, 4, 9, 255] {
+        for version in [0, 1, 5, 9, 255] {
             let value = sealed(vec![version, 1, 2, 3]);
             assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
         }
@@ -301,6 +309,14 @@ mod tests {
         }
         for (stream_rate_hz, valid) in [(0, false), (1, true), (80, true), (81, false)] {
             check(Settings { stream_rate_hz, ..good.settings }, valid, "rate");
+        }
+        for (bias_deg, valid) in
+            [(-0.1, false), (0.0, true), (5.0, true), (5.1, false), (f32::INFINITY, false), (f32::NAN, false)]
+        {
+            let attitude_error = AttitudeError { bias_deg, ..AttitudeError::DEFAULT };
+            check(Settings { attitude_error, ..good.settings }, valid, "attitude bias");
+            let attitude_error = AttitudeError { bank_percent: 4.0 * bias_deg, ..AttitudeError::DEFAULT };
+            check(Settings { attitude_error, ..good.settings }, valid, "bank error");
         }
         for (number, valid) in [(23, true), (24, false), (255, false)] {
             check(Settings { mount: mount(number), ..good.settings }, valid, "mount");

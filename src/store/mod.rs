@@ -7,7 +7,7 @@
 //! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
 //!   the region makes a load or a save panic.
 //! - A region that holds garbage does not brick the module: it is erased and written again.
-//! - An update keeps everything: what the version before stored is read and converted. The first save afterwards writes
+//! - An update keeps everything: what the versions before stored is read and converted. The first save afterwards writes
 //!   the present version; until then, and if power fails during that save, the firmware before finds its own.
 //! - A later firmware's copy is neither read nor written over, however many saves ago it was written: nothing is loaded
 //!   and every save is refused until [`Change::Clear`] forgets it on purpose.
@@ -27,6 +27,7 @@ mod contents;
 #[cfg(test)]
 pub(crate) mod tests;
 mod v2;
+mod v3;
 
 use core::ops::Range;
 

@@ -3,7 +3,7 @@
 pub mod recording;
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
-use autoswing::attitude::{self, Report};
+use autoswing::attitude::{self, Report, Source};
 use autoswing::calibration::ladder::{self, Procedure, Selection};
 use autoswing::calibration::{Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve};
 use autoswing::collection::dataset::FIT_CAPACITY;
@@ -128,7 +128,10 @@ fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
     let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
     // A recording has no clock but its own: reports are stamped by their arrival.
     let sender_time = WrappingMillis::default();
-    instrument.on_attitude(at, Report { sender_time, attitude: row.attitude, rates_rad_s: [0.0; 3] });
+    instrument.on_attitude(
+        at,
+        Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s: [0.0; 3] },
+    );
     instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
 }
 

@@ -49,6 +49,7 @@ struct Inner {
     /// Past states, one a step, the newest last; never empty.
     history: VecDeque<TrueState>,
     disturbance_ut: Vector3<f64>,
+    is_armed: bool,
 }
 
 /// The world: a handle, cloned freely. It moves on when somebody asks for a time that it has not reached, so asking
@@ -62,7 +63,13 @@ impl World {
     pub fn new(config: WorldConfig) -> Self {
         let aircraft = Aircraft::new(config.aircraft, config.weather, config.seed, clock::now_us());
         let history = VecDeque::from([*aircraft.state()]);
-        Self(Rc::new(RefCell::new(Inner { config, aircraft, history, disturbance_ut: Vector3::zeros() })))
+        Self(Rc::new(RefCell::new(Inner {
+            config,
+            aircraft,
+            history,
+            disturbance_ut: Vector3::zeros(),
+            is_armed: false,
+        })))
     }
 
     /// The settings it was made from.
@@ -128,6 +135,18 @@ impl World {
     /// does. Zero takes it away; a few hundred microtesla saturate the chip.
     pub fn disturb(&self, field_ut: [f64; 3]) {
         self.up_to_now().disturbance_ut = field_ut.into();
+    }
+
+    /// Arms or disarms the autopilot, which says so with its next heartbeat, within a second. It begins disarmed, as on
+    /// the ground, and flies either way.
+    pub fn set_armed(&self, is_armed: bool) {
+        self.0.borrow_mut().is_armed = is_armed;
+    }
+
+    /// Whether the autopilot is armed.
+    #[must_use]
+    pub fn is_armed(&self) -> bool {
+        self.0.borrow().is_armed
     }
 
     /// What was flown until now was flown under the old orders.

@@ -1,6 +1,6 @@
 //! The tasks that may take long: the state machine with its flash, and the console.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use testkit::flash::RamFlash;
@@ -94,6 +94,34 @@ fn samples_become_a_correction() {
     assert_eq!(bed.links.counts().saves, 1);
     // The console is answered between the steps of a solve.
     assert!(matches!(ask(&mut bed, Command::CalSolve(None)), Ok(Reply::Done(State::Solving))));
+    bed.ms(100);
+    // By what the autopilot says meanwhile.
+    let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
+    let answered = Rc::clone(&replies);
+    bed.run("person", |links| async move {
+        for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
+            publish(&links.armed, command == Command::CalUndo);
+            links.requests.send(command).await;
+            let reply = links.replies.receive().await;
+            answered.borrow_mut().push(reply);
+        }
+    });
+    bed.ms(1);
+    let replies = replies.borrow();
+    let [Ok(Reply::Done(State::Solving)), Ok(Reply::Done(State::Solving)), Err(Refusal::Armed)] = &replies[..] else {
+        panic!("{replies:?}")
+    };
+}
+
+/// A command is judged by what the autopilot said before it.
+#[test]
+fn the_state_machine_hears_that_the_autopilot_is_armed() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
+    publish(&bed.links.armed, true);
+    assert!(matches!(ask(&mut bed, Command::Restart), Err(Refusal::Armed)));
+    publish(&bed.links.armed, false);
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
 }
 
 #[derive(Clone, Default)]
@@ -184,6 +212,23 @@ fn a_reboot_is_announced_first() {
     bed.ms(40);
     assert_eq!(board.0.get(), 0);
     bed.ms(10);
+    assert_eq!(board.0.get(), 1);
+}
+
+/// In the air the heading is needed.
+#[test]
+fn an_armed_module_does_not_reboot() {
+    let (mut bed, line, port, board) = with_console();
+    publish(&bed.links.armed, true);
+    let reply = type_line(&mut bed, &line, &port, "reboot");
+    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
+    bed.ms(1_000);
+    assert_eq!(board.0.get(), 0);
+    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: yes\r\n"));
+    publish(&bed.links.armed, false);
+    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: no\r\n"));
+    assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
+    bed.ms(50);
     assert_eq!(board.0.get(), 1);
 }
 

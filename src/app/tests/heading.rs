@@ -2,14 +2,14 @@
 
 use std::rc::Rc;
 
-use mavlink::dialects::common::ATTITUDE_DATA;
-use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::Bed;
 use super::devices::{Line, Mood, Port, SENSOR};
 use crate::app::links::{FoundSensor, Stamped, listen, publish, stamped};
 use crate::app::{attitude, instrument, outlet};
-use crate::attitude::Report;
+use crate::attitude::{Report, Source};
 use crate::calibration::{Calibration, Orientation, Uncertainty};
 use crate::frames::{Attitude, Field};
 use crate::heading::{Heading, NoHeading};
@@ -20,9 +20,12 @@ use crate::settings::Settings;
 use crate::time::{Timestamp, WrappingMillis};
 
 fn frame(roll: f32) -> Vec<u8> {
+    frame_of(1, &ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() })
+}
+
+fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
     let mut raw = MAVLinkV2MessageRaw::new();
-    let data = ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() };
-    raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, &data);
+    raw.serialize_message_data(MavHeader { system_id, component_id: 1, sequence: 0 }, data);
     raw.raw_bytes().to_vec()
 }
 
@@ -47,6 +50,46 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
     let counts = bed.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
+}
+
+/// Two aircraft on one line; the second says that it is an autopilot.
+#[test]
+fn attitude_of_others_is_counted_and_not_passed_on() {
+    let (mut bed, line) = with_line();
+    line.put(&frame(0.1));
+    bed.ms(1);
+    let theirs = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
+    let heartbeat =
+        HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
+    line.put(&[frame_of(2, &theirs), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &theirs)].concat());
+    bed.ms(1);
+    let reports: Vec<Stamped<Report>> = std::iter::from_fn(|| bed.links.reports.try_receive().ok()).collect();
+    let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
+    assert_eq!(rolls, [0.1, 0.2]);
+    let counts = bed.links.counts();
+    assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
+}
+
+/// Told when it changes, and given up ten seconds after the last heartbeat, on a silent line too.
+#[test]
+fn whether_the_autopilot_is_armed_is_told() {
+    let (mut bed, line) = with_line();
+    let links = Rc::clone(&bed.links);
+    let mut armed = listen(&links.armed);
+    let heartbeat = |base_mode| HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() };
+    line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(true));
+    bed.ms(9_950);
+    assert_eq!(armed.try_changed(), None);
+    bed.ms(200);
+    assert_eq!(armed.try_changed(), Some(false));
+    line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(true));
+    line.put(&frame_of(1, &heartbeat(MavModeFlag::empty())));
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(false));
 }
 
 /// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is.
@@ -97,8 +140,12 @@ fn read(bed: &Bed, heading_rad: f32) {
 }
 
 fn report(bed: &Bed) {
-    let report =
-        Report { sender_time: WrappingMillis::default(), attitude: Attitude::default(), rates_rad_s: [0.0; 3] };
+    let report = Report {
+        source: Source::default(),
+        sender_time: WrappingMillis::default(),
+        attitude: Attitude::default(),
+        rates_rad_s: [0.0; 3],
+    };
     bed.links.offer(&bed.links.reports, stamped(report));
 }
 

@@ -1,4 +1,4 @@
-//! Stores of other firmware: the version before, later ones, and those of long ago.
+//! Stores of other firmware: the versions before, later ones, and those of long ago.
 //!
 //! # How `testdata/` was made
 //!
@@ -8,6 +8,9 @@
 //! `set inclination 56.25` and `stream rate 25`; a magnet of [6, -4, 3] uT came aboard and it calibrated again; then
 //! `stream off`, `set mount yaw90` and `set mount roll180-yaw90`. What is expected of it here is what that firmware
 //! loaded.
+//!
+//! `v3-first-half.bin` and `v3-second-half.bin` are the same of the last firmware of version 3, after the same flights and
+//! commands.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -15,22 +18,29 @@ use std::format;
 use testkit::flash::Cut;
 
 use super::*;
-use crate::store::v2;
+use crate::settings::AttitudeError;
+use crate::store::{v2, v3};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
 
-/// The flash as the last firmware of version 2 left it.
-fn flash_of_v2() -> Flash {
+/// The flash with these at the beginnings of its halves.
+fn flash_of(images: [&[u8]; 2]) -> Flash {
     let mut flash = Flash::new(PAGES);
-    let (first, second) = flash.bytes.split_at_mut(PAGE * PAGES / 2);
-    for (half, image) in [
-        (first, include_bytes!("../testdata/v2-first-half.bin")),
-        (second, include_bytes!("../testdata/v2-second-half.bin")),
-    ] {
+    for (half, image) in flash.bytes.chunks_mut(PAGE * PAGES / 2).zip(images) {
         half[..image.len()].copy_from_slice(image);
     }
     flash
+}
+
+/// The flash as the last firmware of version 2 left it.
+fn flash_of_v2() -> Flash {
+    flash_of([include_bytes!("../testdata/v2-first-half.bin"), include_bytes!("../testdata/v2-second-half.bin")])
+}
+
+/// The flash as the last firmware of version 3 left it.
+fn flash_of_v3() -> Flash {
+    flash_of([include_bytes!("../testdata/v3-first-half.bin"), include_bytes!("../testdata/v3-second-half.bin")])
 }
 
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
@@ -43,6 +53,7 @@ fn stored_by_v2() -> Stored {
         stream_on: false,
         stream_rate_hz: 25,
         mount: Orientation::from_name("roll180-yaw90").unwrap(),
+        attitude_error: AttitudeError::DEFAULT,
     };
     let current = Record {
         calibration: Calibration {
@@ -268,6 +279,41 @@ fn what_version_2_stored_is_kept_to_the_last_digit() {
     assert_eq!(found, converted());
 }
 
+/// Its calibrations are stored as now, byte by byte; its settings lack the attitude source's error.
+#[test]
+fn what_version_3_stored_is_kept_to_the_last_digit() {
+    let mut flash = flash_of_v3();
+    let found = load(&mut flash).unwrap();
+    let expected = stored_by_v2().settings;
+    assert_eq!(found.settings, expected);
+    assert_eq!(found.settings.attitude_error, AttitudeError { bias_deg: 0.2, bank_percent: 1.0 });
+    let Generations { current: Some(current), previous: Some(previous) } = found.generations else {
+        panic!("{found:?}")
+    };
+    // As its console showed it.
+    assert_eq!((current.serial, previous.serial, current.quality.samples), (2, 1, 214));
+    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_730, -4_712, 1_885]);
+    let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
+    for half in [0, 1] {
+        let value = get(&mut flash, half).unwrap();
+        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
+        assert_eq!(*version, 3);
+        assert!(contents.ends_with(&generations), "half {half}");
+    }
+}
+
+/// The noise is that of a single reading from version 3 on.
+#[test]
+fn versions_2_and_3_differ_by_the_noise_of_a_reading() {
+    let contents = contents_of_v3(3, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
+    let [two, three] = [v2::VERSION, v3::VERSION].map(|version| decoded(version, &contents).unwrap());
+    let sigma = |stored: &Stored| stored.generations.current.unwrap().uncertainty.sensor_sigma;
+    assert!((sigma(&two) - 0.002_828_427).abs() < 1e-9 && (sigma(&three) - 0.001).abs() < 1e-9);
+    let mut mended = two;
+    mended.generations.current.as_mut().unwrap().uncertainty.sensor_sigma = sigma(&three);
+    assert_eq!(mended, three);
+}
+
 /// The last of its saves but one chose another mounting: the newer half is taken, and the other when that one is gone.
 #[test]
 fn the_newer_of_two_halves_of_version_2_is_taken() {
@@ -296,10 +342,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 3], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 4], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([3, 3], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([4, 4], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -326,9 +372,9 @@ fn a_power_cut_in_the_first_save_after_an_update_leaves_either() {
     assert!(seen[0] > 80 * Cut::ALL.len() && seen[1] > 0, "{seen:?}");
 }
 
-/// Contents as version 2 had them, with these in the record in use.
-fn contents_of_v2(mount: u8, method: v2::Method, envelope: v2::Envelope, model: v2::Model) -> v2::Contents {
-    let current = v2::Calibrated {
+/// Contents as versions 2 and 3 had them, with these in the record in use.
+fn contents_of_v3(mount: u8, method: v3::Method, envelope: v3::Envelope, model: v3::Model) -> v3::Contents {
+    let current = v3::Calibrated {
         w: [[1.0, 0.1, 0.2], [0.3, 1.1, 0.4], [0.5, 0.6, 1.2]],
         b_ut: [1.0, 2.0, 3.0],
         inclination_rad: 0.9,
@@ -345,77 +391,81 @@ fn contents_of_v2(mount: u8, method: v2::Method, envelope: v2::Envelope, model: 
         attitude_sigma_rad: 0.002,
         model,
         address: 0x1C,
-        mount: v2::Mount(mount),
+        mount: v3::Mount(mount),
         serial: 70_000,
     };
-    let settings = v2::Settings {
+    let settings = v3::Settings {
         declination_deg: None,
         inclination_deg: None,
         align_deg: 12.0,
         stream_on: true,
         stream_rate_hz: 80,
-        mount: v2::Mount(0),
+        mount: v3::Mount(0),
     };
-    v2::Contents { saves: 1, settings, current: Some(current), previous: None }
+    v3::Contents { saves: 1, settings, current: Some(current), previous: None }
 }
 
-fn decoded_v2(contents: &v2::Contents) -> Result<Stored, StoreError> {
-    Contents::decode(&value_of(v2::VERSION, contents)).map(|contents| contents.stored)
+fn decoded(version: u8, contents: &v3::Contents) -> Result<Stored, StoreError> {
+    Contents::decode(&value_of(version, contents)).map(|contents| contents.stored)
+}
+
+fn decoded_v2(contents: &v3::Contents) -> Result<Stored, StoreError> {
+    decoded(v2::VERSION, contents)
 }
 
 /// Each by its name, which the types of both versions share.
 #[test]
 fn every_method_envelope_sensor_and_mounting_of_version_2_is_read() {
-    use v2::{Envelope::Banked, Method::Level, Model::Lis3mdl};
-    let record = |contents: v2::Contents| decoded_v2(&contents).unwrap().generations.current.unwrap();
+    use v3::{Envelope::Banked, Method::Level, Model::Lis3mdl};
+    let record = |contents: v3::Contents| decoded_v2(&contents).unwrap().generations.current.unwrap();
     for method in [
         Level,
-        v2::Method::FourEllipse,
-        v2::Method::TwoPlane,
-        v2::Method::MaximumLikelihood,
-        v2::Method::CompassSwing,
-        v2::Method::Ellipsoid,
+        v3::Method::FourEllipse,
+        v3::Method::TwoPlane,
+        v3::Method::MaximumLikelihood,
+        v3::Method::CompassSwing,
+        v3::Method::Ellipsoid,
     ] {
-        let found = record(contents_of_v2(0, method, Banked, Lis3mdl)).quality.method;
+        let found = record(contents_of_v3(0, method, Banked, Lis3mdl)).quality.method;
         assert_eq!(format!("{found:?}"), format!("{method:?}"));
     }
-    for envelope in [Banked, v2::Envelope::Level] {
-        let found = record(contents_of_v2(0, Level, envelope, Lis3mdl)).quality.envelope;
+    for envelope in [Banked, v3::Envelope::Level] {
+        let found = record(contents_of_v3(0, Level, envelope, Lis3mdl)).quality.envelope;
         assert_eq!(format!("{found:?}"), format!("{envelope:?}"));
     }
-    for model in [Lis3mdl, v2::Model::Lsm303dlhc] {
-        let found = record(contents_of_v2(0, Level, Banked, model)).sensor;
+    for model in [Lis3mdl, v3::Model::Lsm303dlhc] {
+        let found = record(contents_of_v3(0, Level, Banked, model)).sensor;
         assert_eq!((format!("{:?}", found.model), found.address), (format!("{model:?}"), 0x1C));
     }
     for (number, mount) in (0..).zip(Orientation::all()) {
-        assert_eq!(record(contents_of_v2(number, Level, Banked, Lis3mdl)).mount, mount);
+        assert_eq!(record(contents_of_v3(number, Level, Banked, Lis3mdl)).mount, mount);
     }
 }
 
 /// The values that differ from the image's.
 #[test]
 fn a_module_of_version_2_that_was_calibrated_once_keeps_it() {
-    let contents = contents_of_v2(5, v2::Method::TwoPlane, v2::Envelope::Level, v2::Model::Lsm303dlhc);
+    let contents = contents_of_v3(5, v3::Method::TwoPlane, v3::Envelope::Level, v3::Model::Lsm303dlhc);
     let found = decoded_v2(&contents).unwrap();
     assert_eq!((found.settings.declination_deg, found.settings.inclination_deg), (None, None));
     assert_eq!((found.settings.align_deg, found.settings.stream_on, found.settings.stream_rate_hz), (12.0, true, 80));
     assert_eq!(found.generations.previous, None);
     let current = found.generations.current.unwrap();
     assert_eq!((current.serial, current.mount.name(), current.quality.samples), (70_000, "roll180-yaw90", 300));
-    let none = v2::Contents { current: None, ..contents };
+    let none = v3::Contents { current: None, ..contents };
     assert_eq!(decoded_v2(&none).unwrap().generations, Generations::default());
 }
 
 /// What version 2 would not have believed is not believed now.
 #[test]
 fn values_out_of_range_are_refused_in_version_2_too() {
-    let good = contents_of_v2(23, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    let good = contents_of_v3(23, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
     assert!(decoded_v2(&good).is_ok());
-    let no_mount = contents_of_v2(24, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    let no_mount = contents_of_v3(24, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
     let mut previous = good;
     previous.previous = no_mount.current;
     let mut mount = good;
-    mount.settings.mount = v2::Mount(24);
+    mount.settings.mount = v3::Mount(24);
     let mut rate = good;
     rate.settings.stream_rate_hz = 81;
     let mut not_a_number = good;
@@ -441,11 +491,12 @@ fn later(version: u8) -> Vec<u8> {
 /// empty; or twice. It was the first half last, or the second.
 fn flashes_of_later() -> Vec<(String, Flash)> {
     let present = Contents { saves: 7, stored: Stored { settings: settings(), generations: generations(4) } };
-    let before = contents_of_v2(0, v2::Method::Level, v2::Envelope::Level, v2::Model::Lis3mdl);
+    let before = contents_of_v3(0, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
     let others = [
         ("nothing", None),
         ("this version", Some(value_of(VERSION, &present))),
         ("version 2", Some(value_of(v2::VERSION, &before))),
+        ("version 3", Some(value_of(v3::VERSION, &before))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),

@@ -183,7 +183,12 @@ impl AttitudeSource {
     }
 
     /// The next HEARTBEAT message.
-    pub fn heartbeat_message(&mut self) -> Vec<u8> {
+    pub fn heartbeat_message(&mut self, is_armed: bool) -> Vec<u8> {
+        let (base_mode, system_status) = if is_armed {
+            (MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, MavState::MAV_STATE_ACTIVE)
+        } else {
+            (MavModeFlag::empty(), MavState::MAV_STATE_STANDBY)
+        };
         self.encode(&HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_FIXED_WING,
@@ -191,8 +196,8 @@ impl AttitudeSource {
                 Some(Kind::Autopilot) => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
                 Some(Kind::Other) | None => MavAutopilot::MAV_AUTOPILOT_INVALID,
             },
-            base_mode: MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
-            system_status: MavState::MAV_STATE_ACTIVE,
+            base_mode,
+            system_status,
             mavlink_version: HEARTBEAT_VERSION,
         })
     }
@@ -218,7 +223,7 @@ impl AttitudeSource {
             Timer::at(Instant::from_micros(now_us)).await;
             if now_us >= heartbeat_us && self.identity.heartbeats.is_some() {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
-                uart.send(&self.heartbeat_message());
+                uart.send(&self.heartbeat_message(world.is_armed()));
             }
             let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
             let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));

@@ -79,6 +79,30 @@ fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
     }
 }
 
+/// Disarmed at first, and said with the next heartbeat.
+#[test]
+fn the_heartbeat_says_whether_the_autopilot_is_armed() {
+    let world = World::new(WorldConfig::table1(1));
+    let mut source = world.attitude_source();
+    let mut said = || {
+        let frame = source.heartbeat_message(world.is_armed());
+        let stream: Vec<Timed> = frame.into_iter().map(|byte| Timed { at_us: 0, byte }).collect();
+        match messages(&stream).pop() {
+            Some((_, _, MavMessage::HEARTBEAT(data))) => {
+                assert_eq!(data.autopilot, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
+                data.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    let mut heard = vec![said()];
+    for is_armed in [true, false] {
+        world.set_armed(is_armed);
+        heard.push(said());
+    }
+    assert_eq!(heard, [false, true, false]);
+}
+
 /// With all errors off, what arrives is the truth of 20 ms before the message began.
 #[test]
 fn an_exact_source_reports_the_truth_late_by_its_latency() {

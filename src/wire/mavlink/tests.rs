@@ -1,0 +1,449 @@
+//! What the receiver promises.
+
+use super::*;
+use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader};
+use testkit::random::Random;
+
+fn data(roll: f32) -> ATTITUDE_DATA {
+    ATTITUDE_DATA { time_boot_ms: 1234, roll, pitch: -0.1, yaw: f32::NAN, ..Default::default() }
+}
+
+fn v2(data: &ATTITUDE_DATA) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
+    raw.raw_bytes().to_vec()
+}
+
+fn v1(data: &ATTITUDE_DATA) -> Vec<u8> {
+    let mut raw = MAVLinkV1MessageRaw::new();
+    raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 7 }, data);
+    raw.raw_bytes().to_vec()
+}
+
+fn messages(bytes: &[u8]) -> (Vec<Message>, u32) {
+    let mut receiver = Receiver::new();
+    let messages = bytes.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    (messages, receiver.rejected)
+}
+
+/// The reports of attitude among them.
+fn receive(bytes: &[u8]) -> (Vec<Report>, u32) {
+    let (messages, rejected) = messages(bytes);
+    let report = |message| match message {
+        Message::Attitude(report) => Some(report),
+        Message::Heartbeat(_) => None,
+    };
+    (messages.into_iter().filter_map(report).collect(), rejected)
+}
+
+#[test]
+fn both_versions_are_read_and_yaw_is_not_needed() {
+    let bytes = [v1(&data(0.25)), v2(&data(-0.5))].concat();
+    let (reports, rejected) = receive(&bytes);
+    let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
+    assert_eq!(rolls, [0.25, -0.5]);
+    assert_eq!((reports[0].sender_time.count(), rejected), (1234, 0));
+}
+
+#[test]
+fn a_false_start_costs_no_true_frame() {
+    // A cut frame, then a whole one: the receiver must find the second although it lies where the first claims to
+    // be.
+    let whole = v2(&data(0.3));
+    for cut in 0..whole.len() {
+        let (reports, _) = receive(&[&whole[..cut], &whole[..]].concat());
+        assert_eq!(reports.len(), 1, "cut at {cut}");
+    }
+}
+
+#[test]
+fn a_flipped_bit_anywhere_is_never_believed() {
+    let whole = v2(&data(0.3));
+    for bit in 0..whole.len() * 8 {
+        let mut broken = whole.clone();
+        broken[bit / 8] ^= 1 << (bit % 8);
+        let (reports, _) = receive(&[&broken[..], &whole[..]].concat());
+        assert!(reports.iter().all(|r| (r.attitude.roll_rad - 0.3).abs() < 1e-6), "bit {bit}");
+        assert!(!reports.is_empty(), "bit {bit} cost the next frame");
+    }
+}
+
+#[test]
+fn impossible_angles_are_refused() {
+    for roll in [f32::NAN, f32::INFINITY, 4.0] {
+        let (reports, rejected) = receive(&v2(&data(roll)));
+        assert!(reports.is_empty());
+        assert_eq!(rejected, 1);
+    }
+}
+
+#[test]
+fn random_bytes_never_panic_and_frames_between_them_are_found() {
+    let mut random = Random(1);
+    let mut receiver = Receiver::new();
+    let mut found = 0;
+    for _ in 0..2000 {
+        for _ in 0..50 {
+            // Every fourth byte starts a frame of either version: far worse than noise.
+            let byte = random.byte();
+            receiver.push(if byte < 0x40 { 0xFD + byte % 2 } else { random.byte() });
+        }
+        for byte in v2(&data(0.3)) {
+            found += usize::from(receiver.push(byte).is_some());
+        }
+    }
+    // A false header that runs into the frame can only delay it until enough bytes have come to refute it.
+    assert!(found >= 1990, "{found} of 2000");
+}
+
+/// CRC-16/MCRF4XX over everything but the magic byte, with the message's extra byte: by the definition in MAVLink's
+/// guide, and not by the library that the receiver uses.
+fn crc(bytes: &[u8], extra: u8) -> [u8; 2] {
+    let mut crc = 0xFFFF_u16;
+    for byte in bytes.iter().chain([&extra]) {
+        let mut mixed = byte ^ crc as u8;
+        mixed ^= mixed << 4;
+        let mixed = u16::from(mixed);
+        crc = (crc >> 8) ^ (mixed << 8) ^ (mixed << 3) ^ (mixed >> 4);
+    }
+    crc.to_le_bytes()
+}
+
+/// With the CRC of ATTITUDE, whose extra byte is 39.
+fn with_crc(frame: Vec<u8>) -> Vec<u8> {
+    with_crc_of(39, frame)
+}
+
+fn with_crc_of(extra: u8, mut frame: Vec<u8>) -> Vec<u8> {
+    frame.extend(crc(&frame[1..], extra));
+    frame
+}
+
+/// The payload of ATTITUDE: time, roll, pitch, yaw and the three rates, little endian.
+fn payload(numbers: [f32; 6]) -> Vec<u8> {
+    let mut payload = 4321_u32.to_le_bytes().to_vec();
+    payload.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    payload
+}
+
+fn frame_v1(id: u8, payload: &[u8]) -> Vec<u8> {
+    with_crc([&[0xFE, payload.len() as u8, 0, 1, 1, id], payload].concat())
+}
+
+fn frame_v2(incompatibility: u8, id: [u8; 3], payload: &[u8]) -> Vec<u8> {
+    let header = [0xFD, payload.len() as u8, incompatibility, 0, 0, 1, 1];
+    with_crc([&header, &id[..], payload].concat())
+}
+
+const ID: [u8; 3] = [30, 0, 0];
+const NUMBERS: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
+
+/// A frame of each version whose report has this roll.
+fn good_frames(roll: f32) -> [Vec<u8>; 2] {
+    let payload = payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
+    [frame_v1(30, &payload), frame_v2(0, ID, &payload)]
+}
+
+fn assert_ignored(frame: &[u8], rejected: u32, what: &str) {
+    assert_eq!(receive(frame), (vec![], rejected), "{what}");
+    // And the frame after it is found.
+    for good in good_frames(0.7) {
+        let (reports, _) = receive(&[frame, &good[..]].concat());
+        assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{what}");
+    }
+}
+
+#[test]
+fn every_number_of_the_message_is_where_it_belongs() {
+    let expected = Report {
+        source: Source::new(0x0101),
+        sender_time: WrappingMillis::new(4321),
+        attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
+        rates_rad_s: [0.4, -0.5, 0.6],
+    };
+    for frame in [frame_v1(30, &payload(NUMBERS)), frame_v2(0, ID, &payload(NUMBERS))] {
+        assert_eq!(receive(&frame), (vec![expected], 0));
+    }
+}
+
+/// Signature: 13 bytes more, of any content; the report comes with the last of them, and the next frame is found.
+#[test]
+fn a_report_comes_with_the_last_byte_of_its_frame() {
+    let signed = [&frame_v2(1, ID, &payload(NUMBERS))[..], &[0xFD; 13]].concat();
+    let [v1, v2] = good_frames(0.1);
+    for frame in [v1, v2, signed.clone()] {
+        let mut receiver = Receiver::new();
+        for _ in 0..3 {
+            let (last, rest) = frame.split_last().unwrap();
+            assert!(rest.iter().all(|&byte| receiver.push(byte).is_none()));
+            assert!(receiver.push(*last).is_some());
+        }
+        assert_eq!(receiver.rejected, 0);
+    }
+    assert_eq!(signed.len(), Receiver::new().buffer.capacity(), "the longest frame");
+}
+
+/// A flag that this receiver does not know may change what the bytes mean (MAVLink guide, incompatibility flags).
+#[test]
+fn unknown_incompatibility_flags_are_refused() {
+    for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
+        assert_ignored(&frame_v2(flags, ID, &payload(NUMBERS)), 0, "flags");
+    }
+}
+
+/// Compatibility flags do not: byte 3 of the header.
+#[test]
+fn compatibility_flags_are_no_matter() {
+    let mut frame = frame_v2(0, ID, &payload(NUMBERS));
+    frame.truncate(10 + 28);
+    frame[3] = 0xFF;
+    assert_eq!(receive(&with_crc(frame)).0.len(), 1);
+}
+
+#[test]
+fn other_messages_are_passed_over() {
+    for id in [[31, 0, 0], [29, 0, 0], [30, 1, 0], [30, 0, 1], [0, 0, 30]] {
+        assert_ignored(&frame_v2(0, id, &payload(NUMBERS)), 0, "id");
+    }
+    for id in [29, 31, 0, 255] {
+        assert_ignored(&frame_v1(id, &payload(NUMBERS)), 0, "id");
+    }
+}
+
+/// Version 2 cuts zeros off, to one byte at least; nothing is shorter than that or longer than the message.
+#[test]
+fn version_2_is_trimmed_and_version_1_is_not() {
+    let whole = payload(NUMBERS);
+    for length in 1..=28 {
+        let mut filled = whole[..length].to_vec();
+        let frame = frame_v2(0, ID, &filled);
+        filled.resize(28, 0);
+        let (reports, rejected) = receive(&frame);
+        let (expected, _) = receive(&frame_v1(30, &filled));
+        assert_eq!((reports.len(), rejected), (1, 0), "{length}");
+        assert_eq!(reports, expected, "{length}");
+    }
+    assert_ignored(&frame_v2(0, ID, &[]), 0, "length 0");
+    assert_ignored(&frame_v2(0, ID, &[&whole[..], &[0]].concat()), 0, "length 29");
+    assert_ignored(&frame_v1(30, &whole[..27]), 0, "version 1, length 27");
+    assert_ignored(&frame_v1(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
+}
+
+/// Rounding of half a circle and a quarter is let through: 0.001 rad.
+#[test]
+fn roll_and_pitch_end_where_angles_end() {
+    use core::f32::consts::{FRAC_PI_2, PI};
+    for sign in [1.0, -1.0] {
+        for (roll, pitch, possible) in [
+            (PI + 0.000_95, 0.0, true),
+            (PI + 0.001_05, 0.0, false),
+            (0.0, FRAC_PI_2 + 0.000_95, true),
+            (0.0, FRAC_PI_2 + 0.001_05, false),
+            (0.0, 2.0, false),
+            (2.0, 0.0, true),
+            (0.0, f32::NAN, false),
+            (f32::NAN, 0.0, false),
+            (0.0, f32::INFINITY, false),
+        ] {
+            let payload = payload([sign * roll, sign * pitch, 0.0, 0.0, 0.0, 0.0]);
+            for frame in [frame_v1(30, &payload), frame_v2(0, ID, &payload)] {
+                let (reports, rejected) = receive(&frame);
+                let expected = if possible { (1, 0) } else { (0, 1) };
+                assert_eq!((reports.len(), rejected), expected, "{sign} {roll} {pitch}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_rate_that_is_no_number_is_zero_and_the_others_stay() {
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for axis in 0..3 {
+            let mut numbers = NUMBERS;
+            numbers[3 + axis] = bad;
+            let mut expected: [f32; 3] = [0.4, -0.5, 0.6];
+            expected[axis] = 0.0;
+            let (reports, _) = receive(&frame_v2(0, ID, &payload(numbers)));
+            assert_eq!(reports[0].rates_rad_s.map(f32::to_bits), expected.map(f32::to_bits));
+        }
+    }
+}
+
+/// Each bit of the CRC counts, and the extra byte that tells ATTITUDE from a message of the same shape.
+#[test]
+fn a_wrong_crc_is_refused_and_counted() {
+    for frame in good_frames(0.3) {
+        for bit in 0..16 {
+            let mut broken = frame.clone();
+            let at = broken.len() - 2 + bit / 8;
+            broken[at] ^= 1 << (bit % 8);
+            assert_ignored(&broken, 1, "bit");
+        }
+        let mut other = frame[..frame.len() - 2].to_vec();
+        other.extend(crc(&frame[1..frame.len() - 2], 38));
+        assert_ignored(&other, 1, "extra byte");
+    }
+}
+
+#[test]
+fn the_count_of_rejected_frames_wraps() {
+    let mut receiver = Receiver { rejected: u32::MAX - 1, ..Receiver::new() };
+    let mut broken = frame_v1(30, &payload(NUMBERS));
+    *broken.last_mut().unwrap() ^= 1;
+    let mut counts = Vec::new();
+    for _ in 0..3 {
+        for &byte in &broken {
+            assert_eq!(receiver.push(byte), None);
+        }
+        counts.push(receiver.rejected);
+    }
+    assert_eq!(counts, [u32::MAX, 0, 1]);
+}
+
+/// Whatever lies before a frame: magic bytes, headers cut anywhere, frames of other messages, text. The frame is
+/// found at the latest when the longest false one that began before it is over.
+#[test]
+fn the_frame_after_every_kind_of_garbage_is_found() {
+    let whole = payload(NUMBERS);
+    let mut garbage: Vec<Vec<u8>> = vec![vec![0xFD], vec![0xFE], vec![0xFD, 0xFE], vec![0xFE; 7], vec![0xFD; 11]];
+    for frame in
+        [frame_v1(30, &whole), frame_v2(0, ID, &whole), frame_v2(1, ID, &whole), frame_v2(0, [76, 0, 0], &[7; 33])]
+    {
+        garbage.extend((1..frame.len()).map(|cut| frame[..cut].to_vec()));
+        garbage.extend((1..frame.len()).map(|cut| frame[cut..].to_vec()));
+    }
+    garbage.push(b"$GPHDT,123.4,T*31\r\n".to_vec());
+    let flush = [0; 53];
+    for before in &garbage {
+        for good in good_frames(0.7) {
+            let (reports, _) = receive(&[&before[..], &good, &flush].concat());
+            let found = reports.iter().filter(|report| (report.attitude.roll_rad - 0.7).abs() < 1e-6).count();
+            assert_eq!(found, 1, "{before:02X?}");
+        }
+    }
+}
+
+/// Who a heartbeat of [`beats`] is from: system 12, component 34.
+const SENDER: Source = Source::new(12 * 256 + 34);
+
+/// The payload of HEARTBEAT: custom mode, kind of vehicle, kind of autopilot, base mode, state, MAVLink's version.
+fn beat(vehicle: u8, autopilot: u8, base_mode: u8) -> [u8; 9] {
+    [0x78, 0x56, 0x34, 0x12, vehicle, autopilot, base_mode, 4, 3]
+}
+
+/// Frames of HEARTBEAT of each version; the extra byte of its CRC is 50.
+fn beats(payload: &[u8]) -> [Vec<u8>; 2] {
+    let length = payload.len() as u8;
+    [
+        with_crc_of(50, [&[0xFE, length, 0, 12, 34, 0], payload].concat()),
+        with_crc_of(50, [&[0xFD, length, 0, 0, 0, 12, 34, 0, 0, 0], payload].concat()),
+    ]
+}
+
+fn heard(is_autopilot: bool, is_armed: bool) -> (Vec<Message>, u32) {
+    (vec![Message::Heartbeat(Heartbeat { source: SENDER, is_autopilot, is_armed })], 0)
+}
+
+/// Every other number is an autopilot's, those that this dialect does not know yet included: 8 is none. Of the base mode
+/// only bit 128 counts.
+#[test]
+fn a_heartbeat_says_who_is_an_autopilot_and_armed() {
+    for (autopilot, is_autopilot) in [(0, true), (3, true), (7, true), (8, false), (9, true), (12, true), (255, true)] {
+        for (base_mode, is_armed) in [(0, false), (0x7F, false), (0x80, true), (0xFF, true)] {
+            for vehicle in [1, 255] {
+                for frame in beats(&beat(vehicle, autopilot, base_mode)) {
+                    assert_eq!(messages(&frame), heard(is_autopilot, is_armed), "{autopilot} {base_mode}");
+                }
+            }
+        }
+    }
+}
+
+/// As the library of the simulated autopilot writes them.
+#[test]
+fn a_library_s_heartbeat_is_read() {
+    let data = HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: mavlink::dialects::common::MavType::MAV_TYPE_GCS,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
+        system_status: mavlink::dialects::common::MavState::MAV_STATE_ACTIVE,
+        mavlink_version: 3,
+    };
+    let header = MavHeader { system_id: 12, component_id: 34, sequence: 200 };
+    let (mut v1, mut v2) = (MAVLinkV1MessageRaw::new(), MAVLinkV2MessageRaw::new());
+    v1.serialize_message_data(header, &data);
+    v2.serialize_message_data(header, &data);
+    for frame in [v1.raw_bytes(), v2.raw_bytes()] {
+        assert_eq!(messages(frame), heard(false, true));
+    }
+}
+
+#[test]
+fn a_report_is_its_sender_s() {
+    let payload = payload(NUMBERS);
+    let v1 = with_crc([&[0xFE, 28, 0, 12, 34, 30], &payload[..]].concat());
+    let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
+    for frame in [v1, v2] {
+        let (reports, _) = receive(&frame);
+        assert_eq!(reports.iter().map(|report| report.source).collect::<Vec<_>>(), [SENDER]);
+    }
+    // A system is not a component.
+    let swapped = with_crc([&[0xFE, 28, 0, 34, 12, 30], &payload[..]].concat());
+    assert_ne!(receive(&swapped).0[0].source, SENDER);
+}
+
+/// A length counts for the message whose number stands beside it.
+#[test]
+fn a_heartbeat_is_as_long_as_a_heartbeat() {
+    let whole = beat(1, 3, 0x80);
+    for length in 1..=9 {
+        let [v1, v2] = beats(&whole[..length]);
+        if length < 9 {
+            assert_ignored(&v1, 0, "version 1 is never cut");
+        }
+        // What is cut off is zero: autopilot 0 is one, mode 0 not armed.
+        assert_eq!(messages(&v2), heard(true, length > 6), "{length}");
+    }
+    for too_long in [&[&whole[..], &[0]].concat()[..], &[1; 28], &[1; 29]] {
+        for frame in beats(too_long) {
+            assert_ignored(&frame, 0, "too long");
+        }
+    }
+    assert_ignored(&frame_v1(30, &whole), 0, "attitude as long as a heartbeat");
+}
+
+#[test]
+fn a_heartbeat_s_wrong_crc_is_refused_and_counted() {
+    for frame in beats(&beat(1, 3, 0)) {
+        for bit in 0..16 {
+            let mut broken = frame.clone();
+            let at = broken.len() - 2 + bit / 8;
+            broken[at] ^= 1 << (bit % 8);
+            assert_eq!(messages(&broken), (vec![], 1));
+        }
+        let without = frame[..frame.len() - 2].to_vec();
+        assert_ignored(&with_crc_of(39, without), 1, "attitude's extra byte");
+    }
+}
+
+/// A heartbeat in pieces, or with a flipped bit, costs at most itself: what follows is found, of either kind.
+#[test]
+fn a_broken_heartbeat_costs_no_other_frame() {
+    let good = beat(2, 3, 0x80);
+    for frame in beats(&good) {
+        let mut broken: Vec<Vec<u8>> = (0..frame.len()).map(|cut| frame[..cut].to_vec()).collect();
+        broken.extend((0..frame.len() * 8).map(|bit| {
+            let mut flipped = frame.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            flipped
+        }));
+        for before in broken {
+            for next in beats(&good).into_iter().chain(good_frames(0.7)) {
+                // Zeros end whatever a false length still waits for.
+                let (found, _) = messages(&[&before[..], &next, &[0; 53]].concat());
+                assert_eq!(found, messages(&next).0, "{before:02X?}");
+            }
+        }
+    }
+}
