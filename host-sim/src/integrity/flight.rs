@@ -58,6 +58,7 @@ pub fn fly(case: &Case, seed: u64) -> Flown {
     let Drawn { world, plan, faults, switch, onset, use_s } = case.draw(seed);
     let fields = faults.field.clone();
     let mut rig = Rig::with_faults(world, faults);
+    rig.world.set_armed(true);
     if onset == Onset::Always {
         switch.act(0, u64::MAX);
     }

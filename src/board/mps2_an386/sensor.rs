@@ -34,6 +34,14 @@ impl Magnetometer for Sensor {
         Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })
     }
 
+    async fn verify(&mut self) -> Result<(), Error<NoAcknowledge>> {
+        self.0.verify().await
+    }
+
+    fn stuck_after(&self) -> u16 {
+        self.0.stuck_after()
+    }
+
     fn period_us(&self) -> u32 {
         self.0.period_us()
     }
