@@ -15,7 +15,7 @@
 //! hurry: it waits for the report after it, so that its attitude is interpolated.
 //!
 //! ```
-//! use autoswing::attitude::Report;
+//! use autoswing::attitude::{Report, Source};
 //! use autoswing::calibration::{Calibration, Orientation, Uncertainty};
 //! use autoswing::frames::{Attitude, Field};
 //! use autoswing::instrument::{Config, Correction, Instrument};
