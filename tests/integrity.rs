@@ -6,7 +6,15 @@ use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Config, Correction, Instrument};
 use autoswing::magnetometer::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
+use host_sim::faults::Faults;
+use host_sim::faults::attitude::{AttitudeFault, Coarse};
 use host_sim::integrity::{Plan, Row, case, run};
+use host_sim::module::Module as _;
+use host_sim::nmea::Reader;
+use host_sim::rig::Rig;
+use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::Carried;
+use host_sim::world::autopilot::Leg;
 use testkit::random::Random;
 
 /// Another seed than the README's: these airframes were not looked at when the limits were chosen.
@@ -153,4 +161,38 @@ fn a_run_is_a_function_of_its_seed() {
         run(Plan { flights: 2, seed: 9 }, &cases, &|| {})
     };
     assert_eq!(small(), small());
+}
+
+/// Calibrated in flight, then parked on a heading; a quiet source, fine or in tenths of a degree, which then hardly ever
+/// change: ten minutes without an alarm.
+#[test]
+fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
+    for coarse in [false, true] {
+        let mut world = WorldConfig::table1(3);
+        world.attitude_source.noise_deg = 0.01;
+        let attitude: Vec<Box<dyn AttitudeFault>> =
+            if coarse { vec![Box::new(Coarse { step_deg: 0.1 })] } else { vec![] };
+        let mut rig = Rig::with_faults(world, Faults { attitude, ..Faults::default() });
+        rig.run_for_s(1.0);
+        rig.type_line("cal start");
+        for heading_change_deg in [1440.0, -1440.0] {
+            rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        }
+        rig.run_for_s(250.0);
+        assert!(rig.printed().contains("note calibrated"));
+        rig.world.carry(Carried { heading_deg: 77.0, ..Carried::default() });
+        rig.run_for_s(1.0);
+        let _ = rig.autopilot.receive();
+        let mut reader = Reader::default();
+        rig.run_for_s(600.0);
+        let sent: Vec<_> = rig
+            .autopilot
+            .receive_timed()
+            .into_iter()
+            .filter_map(|timed| reader.push(timed.at_us, timed.byte))
+            .collect();
+        assert!(sent.len() > 17_000, "{}", sent.len());
+        let silent: Vec<_> = sent.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();
+        assert!(silent.is_empty(), "coarse {coarse}: {silent:?}");
+    }
 }

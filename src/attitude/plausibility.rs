@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::{Report, Stamped, extrapolate};
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::Timestamp;
+use crate::trig;
 
 /// A report may be off what the one before it leads to by so much, radians.
 const SPIKE_RAD: f32 = 0.1;
@@ -29,11 +30,18 @@ const FINE_RAD: f32 = 8.7e-4;
 /// A source of coarser values repeats itself in steady flight. Only when it does so for longer, microseconds, ...
 const EQUAL_COARSE_US: u64 = 500_000;
 
-/// ... and the field in body axes has meanwhile turned by more than this, is it frozen: the cosine of 3 deg.
+/// ... the field in body axes has meanwhile turned by more than this, the cosine of 3 deg, ...
 const COS_TURNED: f32 = 0.998_63;
 
+/// ... and not only about the vertical, as it does of a vehicle that turns on level ground, is it frozen: the
+/// inclination, levelled by what is repeated, has moved by more than this, radians: 1 deg.
+const MOVED_RAD: f32 = 0.017_5;
+
 /// Readings over which the direction of the field is averaged: the noise of one is a degree in a weak field.
-const FIELD_READINGS: f32 = 8.0;
+const FIELD_READINGS: f32 = 12.0;
+
+/// Until it is the average of one attitude, microseconds.
+const FIELD_SETTLES_US: u64 = 400_000;
 
 /// Finds reports that cannot be true.
 #[derive(Debug)]
@@ -68,7 +76,7 @@ impl Spikes {
 /// nose, where roll means nothing.
 fn tilt_between(a: Attitude, b: Attitude) -> f32 {
     let chord = (a.tilt().down() - b.tilt().down()).norm();
-    2.0 * crate::trig::asin(chord / 2.0)
+    2.0 * trig::asin(chord / 2.0)
 }
 
 /// Finds a source that repeats itself.
@@ -82,7 +90,8 @@ pub(super) struct Freeze {
     latest: Timestamp,
     /// Whether a change of less than [`FINE_RAD`] was ever seen.
     is_fine: bool,
-    /// Where the field points in body axes, averaged; and where it did at the first of the equal reports.
+    /// Where the field points in body axes, averaged; and where it did when it had settled after the first of the equal
+    /// reports.
     field: Option<Vector3<f32>>,
     field_then: Option<Vector3<f32>>,
     frozen: bool,
@@ -121,13 +130,15 @@ impl Freeze {
         });
         if is_equal {
             self.equal = self.equal.saturating_add(1);
-            // The first field may come after the first report.
-            self.field_then = self.field_then.or(self.field);
+            if at.us_since(self.since) >= FIELD_SETTLES_US {
+                // The first field may come after many reports.
+                self.field_then = self.field_then.or(self.field);
+            }
         } else {
             self.is_fine |= self.last.is_some_and(|last| is_fine_step(last, attitude));
             self.equal = 1;
             self.since = at;
-            self.field_then = self.field;
+            self.field_then = None;
         }
         self.last = Some(attitude);
         self.latest = at;
@@ -135,7 +146,7 @@ impl Freeze {
         if self.equal >= EQUAL_REPORTS {
             let for_us = at.us_since(self.since);
             self.frozen |= self.is_fine && for_us >= EQUAL_US;
-            self.frozen |= for_us >= EQUAL_COARSE_US && self.has_turned();
+            self.frozen |= for_us >= EQUAL_COARSE_US && self.has_turned(attitude);
         }
     }
 
@@ -149,9 +160,13 @@ impl Freeze {
         self.frozen.then_some(self.latest)
     }
 
-    fn has_turned(&self) -> bool {
+    /// Whether the field has turned meanwhile, and not only about the vertical of this attitude.
+    fn has_turned(&self, attitude: Attitude) -> bool {
         let (Some(now), Some(then)) = (self.field, self.field_then) else { return false };
-        now.dot(&then) < COS_TURNED * now.norm() * then.norm()
+        let [now, then] = [now, then].map(|direction| direction / direction.norm());
+        let down = attitude.tilt().down();
+        let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
+        now.dot(&then) < COS_TURNED && (dip_now - dip_then).abs() > MOVED_RAD
     }
 }
 
@@ -172,33 +187,42 @@ mod tests {
         Report { source: Source::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] }
     }
 
-    /// After so many equal reports so far apart, each with a reading of a field that has by then turned by so much; the
-    /// source's first change was of this many degrees.
-    fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
+    /// The field of an aircraft that has turned by so many degrees about an axis, averaged over many readings.
+    fn see_turned(freeze: &mut Freeze, axis: Vector3<f32>, turned_deg: f32) {
+        let turn = nalgebra::Rotation3::new(axis.normalize() * turned_deg.to_radians());
+        let field = Field::new(turn * Vector3::new(20.0, 0.0, 20.0));
+        (0..200).for_each(|_| freeze.see_field(field));
+    }
+
+    /// A source whose first change is of this many degrees, and after it so many equal reports so far apart; the
+    /// aircraft turns about an axis, by so many degrees in the end, from 0.4 s on.
+    fn is_frozen_about(axis: Vector3<f32>, first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
         let mut freeze = Freeze::new();
-        // The field is averaged over a few readings before anything happens.
-        (0..40).for_each(|_| freeze.see_field(Field::from_ut(0.0, 0.0, 30.0)));
+        see_turned(&mut freeze, axis, 0.0);
         freeze.see(Timestamp::from_us(0), &report(0.0, 0.0));
-        for i in 0..reports {
-            freeze.see(Timestamp::from_us(apart_us * u64::from(i + 1)), &report(first_step_deg, 0.0));
-            let part = (i + 1) as f32 / reports as f32;
-            let (sin, cos) = (turned_deg * part).to_radians().sin_cos();
-            (0..40).for_each(|_| freeze.see_field(Field::from_ut(30.0 * sin, 0.0, 30.0 * cos)));
+        for i in 1..=reports {
+            let at_us = apart_us * u64::from(i);
+            let turned = at_us > 400_000 + 2 * apart_us;
+            see_turned(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
+            freeze.see(Timestamp::from_us(at_us), &report(first_step_deg, 0.0));
         }
-        // The one that is judged: it comes after the field.
-        freeze.see(Timestamp::from_us(apart_us * u64::from(reports + 1)), &report(first_step_deg, 0.0));
         freeze.is_frozen()
+    }
+
+    /// The same about the nose: roll, which changes the field's inclination by half of it here.
+    fn is_frozen(first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
+        is_frozen_about(Vector3::y(), first_step_deg, reports, apart_us, turned_deg)
     }
 
     /// 0.05 deg is the border of fine, and five the number, over 80 ms at the least.
     #[test]
     fn fine_values_are_frozen_after_five_reports() {
         for step_deg in [0.04, -0.04] {
-            assert!(is_frozen(step_deg, 4, 20_000, 0.0) && !is_frozen(step_deg, 3, 30_000, 0.0), "{step_deg}");
+            assert!(is_frozen(step_deg, 5, 20_000, 0.0) && !is_frozen(step_deg, 4, 30_000, 0.0), "{step_deg}");
         }
         assert!(!is_frozen(0.06, 100, 20_000, 0.0) && !is_frozen(-0.06, 100, 20_000, 0.0));
         // At 100 Hz five reports take 40 ms: nine it must be.
-        assert!(!is_frozen(0.04, 7, 10_000, 0.0) && is_frozen(0.04, 8, 10_000, 0.0));
+        assert!(!is_frozen(0.04, 8, 10_000, 0.0) && is_frozen(0.04, 9, 10_000, 0.0));
     }
 
     #[test]
@@ -217,12 +241,42 @@ mod tests {
     /// More than 3 deg, over half a second at the least, and five reports.
     #[test]
     fn coarse_values_are_frozen_when_the_field_has_turned() {
-        assert!(is_frozen(0.1, 30, 20_000, 3.5) && !is_frozen(0.1, 30, 20_000, 2.9));
-        assert!(is_frozen(0.1, 30, 20_000, -3.5) && !is_frozen(0.1, 30, 20_000, -2.9));
-        // 26 reports at 50 Hz are half a second after the first of them.
-        assert!(is_frozen(0.1, 25, 20_000, 20.0) && !is_frozen(0.1, 24, 20_000, 20.0));
+        for sign in [1.0, -1.0] {
+            assert!(is_frozen(0.1, 30, 20_000, sign * 3.2) && !is_frozen(0.1, 30, 20_000, sign * 2.8));
+        }
+        // 26 reports at 50 Hz are half a second from the first of them on.
+        assert!(is_frozen(0.1, 26, 20_000, 20.0) && !is_frozen(0.1, 25, 20_000, 20.0));
         // Four at 4 Hz are long enough, and too few.
-        assert!(!is_frozen(0.1, 3, 250_000, 20.0) && is_frozen(0.1, 4, 250_000, 20.0));
+        assert!(!is_frozen(0.1, 4, 250_000, 20.0) && is_frozen(0.1, 5, 250_000, 20.0));
+    }
+
+    /// A vehicle that turns on level ground keeps its inclination, and its attitude: nothing is wrong. About an axis
+    /// that is 10 deg off the vertical a turn of 8.5 deg changes it by 1.4 deg, one of 4 by 0.7.
+    #[test]
+    fn a_turn_about_the_vertical_is_no_contradiction() {
+        for turned_deg in [5.0, 90.0, -170.0] {
+            assert!(!is_frozen_about(Vector3::z(), 0.1, 30, 20_000, turned_deg), "{turned_deg}");
+        }
+        let tilted = Vector3::new(0.0, 10_f32.to_radians().sin(), 10_f32.to_radians().cos());
+        assert!(is_frozen_about(tilted, 0.1, 30, 20_000, 8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, 4.5));
+        assert!(is_frozen_about(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, -4.5));
+    }
+
+    /// What it turned by before it settled is not held against it.
+    #[test]
+    fn the_field_settles_first() {
+        let mut freeze = Freeze::new();
+        let level = Field::<Body>::from_ut(0.0, -20.0, 40.0);
+        let banked = Attitude::from_deg(25.0, 0.0);
+        let in_bank = banked.body(Field::new(level.ut));
+        (0..200).for_each(|_| freeze.see_field(in_bank));
+        freeze.see(Timestamp::from_us(0), &report(25.0, 0.0));
+        // It has just rolled out; the average of a few readings is still of the bank.
+        for i in 1..100 {
+            freeze.see(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
+            (0..2).for_each(|_| freeze.see_field(Field::new(level.ut)));
+            assert!(!freeze.is_frozen(), "{i}");
+        }
     }
 
     /// A weak field of 25 uT with a LIS3MDL's noise, at rest for ten minutes, in tenths of a degree that never change.
@@ -245,7 +299,7 @@ mod tests {
         let mut freeze = Freeze::new();
         freeze.see_field(Field::from_ut(f32::NAN, 0.0, 0.0));
         freeze.see_field(Field::from_ut(0.0, 0.0, 0.0));
-        assert!(freeze.field.is_none() && !freeze.has_turned());
+        assert!(freeze.field.is_none() && !freeze.has_turned(Attitude::default()));
         freeze.see_field(Field::from_ut(0.0, 2.0, 0.0));
         assert_eq!(freeze.field, Some(Vector3::new(0.0, 1.0, 0.0)));
     }

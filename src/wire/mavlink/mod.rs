@@ -4,8 +4,9 @@
 //! one of them, checks their CRC and passes over everything else byte by byte. It never trusts the length of a frame it
 //! cannot check, which is why garbage costs at most the frame it lies in.
 
+use crc::{CRC_16_MCRF4XX, Crc};
 use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
-use mavlink::{MavlinkVersion, MessageData, calculate_crc};
+use mavlink::{MavlinkVersion, MessageData};
 
 use crate::attitude::{Heartbeat, Report, Source};
 use crate::frames::Attitude;
@@ -176,10 +177,20 @@ fn decode(frame: &[u8], layout: &Layout) -> Option<Message> {
     let crc_at = layout.header + layout.payload;
     let checked = frame.get(1..crc_at)?;
     let crc = frame.get(crc_at..crc_at + 2)?;
-    if calculate_crc(checked, layout.wanted.extra_crc).to_le_bytes() != crc {
+    if checksum(checked, layout.wanted.extra_crc).to_le_bytes() != crc {
         return None;
     }
     (layout.wanted.decode)(layout.source, layout.version, frame.get(layout.header..crc_at)?)
+}
+
+/// Of everything but the magic byte, and the message's extra byte. The mavlink library's own copies a table of half a
+/// kilobyte for every frame.
+fn checksum(bytes: &[u8], extra: u8) -> u16 {
+    static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
+    let mut digest = CRC.digest();
+    digest.update(bytes);
+    digest.update(&[extra]);
+    digest.finalize()
 }
 
 fn attitude(source: Source, version: MavlinkVersion, payload: &[u8]) -> Option<Message> {
