@@ -139,10 +139,6 @@ fn candidate(bytes: &[u8]) -> Candidate {
     const V2: u8 = 0xFD;
     const SIGNED: u8 = 0x01;
     match *bytes {
-        [] | [V1 | V2] => Candidate::Unknown(2),
-        [V1, length, ..] if WANTED.iter().all(|wanted| wanted.length != usize::from(length)) => Candidate::No,
-        // Version 2 cuts trailing zeros off the payload, to one byte at least.
-        [V2, length, ..] if length == 0 || usize::from(length) > MAX_LENGTH => Candidate::No,
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
             let is_it = |wanted: &&Wanted| wanted.id == u32::from(id) && wanted.length == payload;
@@ -151,18 +147,21 @@ fn candidate(bytes: &[u8]) -> Candidate {
                 Candidate::Yes(Layout { wanted, source, version, header: V1_HEADER, payload, signature: 0 })
             })
         }
-        [V2, length, incompatibility, _, _, system, component, m0, m1, m2, ..] if incompatibility & !SIGNED == 0 => {
+        [V2, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
             let payload = usize::from(length);
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
-            let is_it = |wanted: &&Wanted| wanted.id == id && wanted.length >= payload;
+            // A flag that is not known may change what the bytes mean. Trailing zeros are cut off the payload, to one
+            // byte at least.
+            let is_known = incompatibility & !SIGNED == 0;
+            let is_it = |wanted: &&Wanted| is_known && wanted.id == id && (1..=wanted.length).contains(&payload);
             WANTED.iter().find(is_it).map_or(Candidate::No, |wanted| {
                 let (version, source) = (MavlinkVersion::V2, source(system, component));
                 let signature = if incompatibility & SIGNED == 0 { 0 } else { 13 };
                 Candidate::Yes(Layout { wanted, source, version, header: V2_HEADER, payload, signature })
             })
         }
-        [V1, ..] => Candidate::Unknown(V1_HEADER),
-        [V2, ..] if bytes.len() < V2_HEADER => Candidate::Unknown(V2_HEADER),
+        [] | [V1, ..] => Candidate::Unknown(V1_HEADER),
+        [V2, ..] => Candidate::Unknown(V2_HEADER),
         _ => Candidate::No,
     }
 }
