@@ -95,6 +95,12 @@ impl Config {
 
     /// Believes every field: for showing what is not sent.
     pub const ANY_FIELD: Self = Self { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1 };
+
+    /// The same for a calibration whose inclination is not known.
+    #[must_use]
+    pub const fn of_any_inclination(self) -> Self {
+        Self { min_cos_of_dip_deviation: Self::ANY_FIELD.min_cos_of_dip_deviation, ..self }
+    }
 }
 
 /// Heading from a raw field, the attitude at its instant and a calibration (Liu 2007 eq. 8, 7 and 3).
@@ -214,6 +220,16 @@ mod tests {
         let field = measured(50.0, 1.0, 0.5, Attitude::default());
         let found = heading(Config::DEFAULT, &clean(), &Uncertainty::NONE, field, nowhere);
         assert_eq!(found, Err(NoHeading::FieldDisturbed));
+    }
+
+    /// Where the inclination is not known, the strength still is.
+    #[test]
+    fn a_field_of_any_inclination_can_be_believed() {
+        let config = Config::DEFAULT.of_any_inclination();
+        for inclination_rad in [1.0, -1.0, 0.0, 1.5] {
+            assert!(believed(config, 50.0, inclination_rad, Attitude::default()), "{inclination_rad}");
+        }
+        assert!(!believed(config, 60.1, 1.0, Attitude::default()) && !believed(config, 39.9, 1.0, Attitude::default()));
     }
 
     /// A limit that is larger than the whole is no limit below.

@@ -249,6 +249,15 @@ impl Calibration {
         Field::from_ut(x, y, z)
     }
 
+    /// Whether the inclination is known: tumbling without one that was told leaves it at nothing, which is what a solver
+    /// assumes before any sample.
+    #[must_use]
+    pub fn knows_inclination(&self, method: Method) -> bool {
+        /// What rounding leaves of nothing, and less than any inclination that is told.
+        const NOTHING_RAD: f32 = 1e-6;
+        method != Method::Ellipsoid || self.inclination_rad.abs() > NOTHING_RAD
+    }
+
     /// Whether every coefficient is a finite number: asked of whatever comes out of flash or of a solver.
     #[must_use]
     pub fn is_finite(&self) -> bool {

@@ -200,7 +200,7 @@ impl Verdict {
     /// horizontal one: `d psi = tan(inclination) d phi`, from Liu 2007 eq. 3.
     pub(super) fn new(quality: Quality, calibration: &Calibration) -> Self {
         let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
-        let attitude_cost = (quality.method != Method::Ellipsoid).then_some((sin / cos).abs());
+        let attitude_cost = calibration.knows_inclination(quality.method).then_some((sin / cos).abs());
         Self { quality, attitude_cost }
     }
 }

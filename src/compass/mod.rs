@@ -108,6 +108,9 @@ impl Compass {
         let tumbles = matches!(self.phase, Phase::Collecting) && self.collector.procedure() == Procedure::Tumble;
         Correction {
             calibration: self.in_use().map(|record| (record.calibration, record.uncertainty)),
+            knows_inclination: self
+                .in_use()
+                .is_none_or(|record| record.calibration.knows_inclination(record.quality.method)),
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
         }

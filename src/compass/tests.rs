@@ -637,6 +637,7 @@ fn a_tumbling_needs_no_attitude() {
     let end = bed.solve();
     let verdict = bed.settle(end).unwrap();
     assert_eq!((verdict.quality.method, verdict.attitude_cost), (Method::Ellipsoid, None));
+    assert!(!bed.compass.correction().knows_inclination);
     // Only while it collects, and in no other procedure.
     bed.done(Command::CalStart(Procedure::Level));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);

@@ -130,6 +130,8 @@ pub const fn readings_per_sample(reading_period_us: u32) -> u16 {
 pub struct Correction {
     /// The calibration in use, and how wrong a heading by it may be.
     pub calibration: Option<(Calibration, Uncertainty)>,
+    /// Whether the inclination it was found in is known, so that a field of another can be told.
+    pub knows_inclination: bool,
     /// Added to every heading, degrees.
     pub align_deg: f32,
     /// Where the attitude of samples comes from.
@@ -138,7 +140,12 @@ pub struct Correction {
 
 impl Correction {
     /// Of a module without a calibration.
-    pub const NONE: Self = Self { calibration: None, align_deg: 0.0, sample_attitude: SampleAttitude::Interpolated };
+    pub const NONE: Self = Self {
+        calibration: None,
+        knows_inclination: true,
+        align_deg: 0.0,
+        sample_attitude: SampleAttitude::Interpolated,
+    };
 }
 
 /// Where the attitude of samples comes from.
@@ -309,7 +316,9 @@ impl Instrument {
 
     fn heading(&self, field: Field<Sensor>, attitude: Result<Attitude, NoHeading>) -> Result<Heading, NoHeading> {
         let (calibration, uncertainty) = self.correction.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
-        heading::heading(self.config.heading, calibration, uncertainty, field, attitude?)
+        let config = self.config.heading;
+        let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
+        heading::heading(config, calibration, uncertainty, field, attitude?)
             .map(|heading| heading.turned_by(self.correction.align_deg))
     }
 }

@@ -518,3 +518,20 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
         assert_eq!(reasons(&estimates), expected, "{rolls_deg_s}");
     }
 }
+
+/// A tumbled sensor's: whatever the inclination, and only the strength that was found.
+#[test]
+fn a_correction_of_unknown_inclination_is_used_at_any() {
+    for (knows_inclination, heading) in [(true, false), (false, true)] {
+        let mut instrument = calibrated();
+        let correction = Correction { knows_inclination, ..instrument.correction.clone() };
+        instrument.correct_with(correction);
+        report(&mut instrument, 0, Attitude::default());
+        let steep = Field::new(Attitude::default().body(Field::earth(50.0, 1.4, 0.5)).ut);
+        assert_eq!(instrument.on_reading(at(0), reading(steep)).heading.is_ok(), heading);
+        let strong = Field::new(steep.ut * 1.3);
+        report(&mut instrument, 900_000, Attitude::default());
+        let disturbed = instrument.on_reading(at(900_000), reading(strong));
+        assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
+    }
+}
