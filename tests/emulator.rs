@@ -88,6 +88,18 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
     emulator.run_for_s(1.0);
     let (headings, empty) = listen(&mut emulator, 1.0);
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
+
+    // The sensor sticks in a turn: 32 readings at 75 Hz are 0.43 s, of which four messages of three sentences tell.
+    emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
+    emulator.run_for_s(6.0);
+    emulator.stick_sensor(true);
+    let (headings, _) = listen(&mut emulator, 3.0);
+    assert!(headings <= 15, "{headings}");
+    assert!(emulator.type_line("status").contains("heading: none, sensor-stuck"));
+    emulator.stick_sensor(false);
+    emulator.run_for_s(0.5);
+    let (headings, empty) = listen(&mut emulator, 1.0);
+    assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 }
 
 /// README: 24 KB are reserved for the stack, of which at most 16 are ever used.

@@ -59,6 +59,7 @@ pub struct Emulator {
     noise: Random,
     field_set_us: Option<u64>,
     sensor_broken: bool,
+    sensor_stuck: bool,
     asked: Option<BenchTest>,
     reset_pressed: bool,
     /// World time at the machine's last reset, and the machine's own since then.
@@ -94,6 +95,7 @@ impl Emulator {
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
             sensor_broken: false,
+            sensor_stuck: false,
             asked: None,
             reset_pressed: false,
             since_us: 0,
@@ -111,6 +113,11 @@ impl Emulator {
     /// Breaks or mends the sensor's data wire.
     pub fn break_sensor_wire(&mut self, broken: bool) {
         self.sensor_broken = broken;
+    }
+
+    /// Has the sensor repeat what it measured last, or measure again.
+    pub fn stick_sensor(&mut self, stuck: bool) {
+        self.sensor_stuck = stuck;
     }
 
     /// Has the bench image run a test, as soon as time goes on. Other images pass it over.
@@ -180,7 +187,8 @@ impl Emulator {
 
     fn set_field(&mut self) -> Result<(), EmulatorError> {
         let now_us = self.now_us();
-        if self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US) {
+        let is_fresh = self.field_set_us.is_some_and(|set_us| now_us - set_us < FIELD_AGE_US);
+        if is_fresh || self.sensor_stuck {
             return Ok(());
         }
         self.field_set_us = Some(now_us);
