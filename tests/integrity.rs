@@ -21,9 +21,13 @@ use testkit::random::Random;
 const PLAN: Plan = Plan { flights: 6, seed: 5000 };
 
 fn rows(names: &[&str]) -> Vec<Row> {
+    rows_of(PLAN, names)
+}
+
+fn rows_of(plan: Plan, names: &[&str]) -> Vec<Row> {
     let cases: Vec<_> = names.iter().filter_map(|name| case::named(name)).collect();
     assert_eq!(cases.len(), names.len(), "{names:?}");
-    run(PLAN, &cases, &|| {})
+    run(plan, &cases, &|| {})
 }
 
 /// All flights calibrated, none of them wrongly.
@@ -31,12 +35,12 @@ fn all_accepted(row: &Row) -> bool {
     row.accepted_percent >= 100.0 && row.wrong_percent <= 0.0
 }
 
-/// An axis that repeats is told within 0.2 s, in which a turn of 15 deg/s is 3 deg.
+/// An axis that repeats is told within 0.15 s, in which a turn of 18 deg/s is 2.7 deg.
 #[test]
 fn a_stuck_sensor_is_never_believed() {
     for row in rows(&["stuck-x", "stuck-y", "stuck-z", "stuck-all"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 6.0, "{row:?}");
-        // 175 s at the most, of which 0.2 s are needed to see it.
+        // 175 s at the most, of which 0.15 s are needed to see it.
         assert!(row.empty_percent > 99.0, "{row:?}");
         assert!(row.empty.iter().any(|(why, _)| why == "sensor-stuck"), "{row:?}");
     }
@@ -97,6 +101,34 @@ fn a_foreign_sender_is_ignored() {
     }
 }
 
+/// Iron that moves, or drifts, while calibrating: refused, or an expected error that says so. One of twelve may be wrong:
+/// who moves it between the sides, across the wings, is hard to tell from nothing.
+#[test]
+fn a_calibration_of_two_airframes_is_not_believed() {
+    let plan = Plan { flights: 12, ..PLAN };
+    for row in rows_of(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
+        assert!(row.wrong_percent <= 10.0, "{row:?}");
+        assert!(row.refused.iter().any(|(code, _)| code == "iron-changed"), "{row:?}");
+        assert!(row.bad_percent <= 0.5, "{row:?}");
+    }
+}
+
+/// Turns too gentle to show anything end in no calibration, and in none of level headings that calls itself one.
+#[test]
+fn gentle_turns_are_no_calibration() {
+    for row in rows(&["cal-bank-5"]) {
+        assert!(row.accepted_percent <= 0.0, "{row:?}");
+    }
+}
+
+/// An attitude source that reads nine tenths of the bank: refused, or an error of at least half of the true one expected.
+#[test]
+fn a_source_that_leans_is_doubted() {
+    for row in rows_of(Plan { flights: 20, ..PLAN }, &["cal-lean-90"]) {
+        assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
+    }
+}
+
 /// Nothing wrong: no alarm, with fine attitude and with tenths of a degree.
 #[test]
 fn a_clean_flight_raises_no_alarm() {
@@ -118,7 +150,7 @@ struct AtRest {
 
 /// The LIS3MDL's noise is its data sheet's, the LSM303DLHC's two milligauss: little more than one of its counts.
 const SENSORS: [AtRest; 2] = [
-    AtRest { sigma_ut: [0.32, 0.32, 0.41], counts_per_ut: [68.42; 3], period_us: 12_500, stuck_after: 16 },
+    AtRest { sigma_ut: [0.32, 0.32, 0.41], counts_per_ut: [68.42; 3], period_us: 12_500, stuck_after: 12 },
     AtRest { sigma_ut: [0.2; 3], counts_per_ut: [6.7, 6.7, 6.0], period_us: 13_333, stuck_after: 32 },
 ];
 
@@ -156,10 +188,7 @@ fn a_vehicle_parked_for_a_day_raises_no_alarm() {
 #[test]
 fn a_run_is_a_function_of_its_seed() {
     let names = ["sensor-spikes", "throttle-5"];
-    let small = || {
-        let cases: Vec<_> = names.iter().filter_map(|name| case::named(name)).collect();
-        run(Plan { flights: 2, seed: 9 }, &cases, &|| {})
-    };
+    let small = || rows_of(Plan { flights: 2, seed: 9 }, &names);
     assert_eq!(small(), small());
 }
 

@@ -37,6 +37,9 @@ const COS_TURNED: f32 = 0.998_63;
 /// inclination, levelled by what is repeated, has moved by more than this, radians: 1 deg.
 const MOVED_RAD: f32 = 0.017_5;
 
+/// What is tilted by more than this does not stand on level ground: the cosine of 10 deg.
+const COS_TILTED: f32 = 0.984_8;
+
 /// Readings over which the direction of the field is averaged: the noise of one is a degree in a weak field.
 const FIELD_READINGS: f32 = 12.0;
 
@@ -166,7 +169,8 @@ impl Freeze {
         let [now, then] = [now, then].map(|direction| direction / direction.norm());
         let down = attitude.tilt().down();
         let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
-        now.dot(&then) < COS_TURNED && (dip_now - dip_then).abs() > MOVED_RAD
+        let is_contradicted = (dip_now - dip_then).abs() > MOVED_RAD || down.z < COS_TILTED;
+        now.dot(&then) < COS_TURNED && is_contradicted
     }
 }
 
@@ -197,14 +201,26 @@ mod tests {
     /// A source whose first change is of this many degrees, and after it so many equal reports so far apart; the
     /// aircraft turns about an axis, by so many degrees in the end, from 0.4 s on.
     fn is_frozen_about(axis: Vector3<f32>, first_step_deg: f32, reports: u32, apart_us: u64, turned_deg: f32) -> bool {
+        is_frozen_at([0.0, 0.0], axis, first_step_deg, reports, apart_us, turned_deg)
+    }
+
+    /// The same at a roll and a pitch.
+    fn is_frozen_at(
+        [roll_deg, pitch_deg]: [f32; 2],
+        axis: Vector3<f32>,
+        first_step_deg: f32,
+        reports: u32,
+        apart_us: u64,
+        turned_deg: f32,
+    ) -> bool {
         let mut freeze = Freeze::new();
         see_turned(&mut freeze, axis, 0.0);
-        freeze.see(Timestamp::from_us(0), &report(0.0, 0.0));
+        freeze.see(Timestamp::from_us(0), &report(roll_deg, pitch_deg));
         for i in 1..=reports {
             let at_us = apart_us * u64::from(i);
             let turned = at_us > 400_000 + 2 * apart_us;
             see_turned(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
-            freeze.see(Timestamp::from_us(at_us), &report(first_step_deg, 0.0));
+            freeze.see(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
         }
         freeze.is_frozen()
     }
@@ -260,6 +276,18 @@ mod tests {
         let tilted = Vector3::new(0.0, 10_f32.to_radians().sin(), 10_f32.to_radians().cos());
         assert!(is_frozen_about(tilted, 0.1, 30, 20_000, 8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, 4.5));
         assert!(is_frozen_about(tilted, 0.1, 30, 20_000, -8.5) && !is_frozen_about(tilted, 0.1, 30, 20_000, -4.5));
+    }
+
+    /// Only what flies turns in a bank, and what flies does not keep it to a tenth of a degree. The axis is the vertical.
+    #[test]
+    fn a_turn_about_the_vertical_in_a_bank_is_a_contradiction() {
+        for (attitude_deg, frozen) in
+            [([9.5, 0.0], false), ([10.5, 0.0], true), ([-10.5, 0.0], true), ([0.0, 9.5], false), ([0.0, -10.5], true)]
+        {
+            let down = Attitude::from_deg(attitude_deg[0] + 0.1, attitude_deg[1]).tilt().down();
+            assert_eq!(is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 20.0), frozen, "{attitude_deg:?}");
+            assert!(!is_frozen_at(attitude_deg, down, 0.1, 30, 20_000, 2.0), "{attitude_deg:?}");
+        }
     }
 
     /// What it turned by before it settled is not held against it.
