@@ -6,6 +6,8 @@
 //! | rejected as | because |
 //! |---|---|
 //! | `too-few-held-back` | nothing could be verified |
+//! | `iron-changed` | its samples are of two airframes: the iron changed, and that outweighs all other errors |
+//! | `attitude-contradicted` | the attitude source misreads bank, and its expected heading error is of no use for that |
 //! | `not-accurate` | its expected heading error is of no use |
 //! | `not-better` | on held-back samples it does no better than what is in use |
 //! | `thinner` | its samples show less than those behind the one in use, which they do not contradict |
@@ -13,7 +15,7 @@
 use core::fmt;
 
 use crate::calibration::verification::{self, Scores};
-use crate::calibration::{Calibration, Orientation, Quality, Samples, Solution};
+use crate::calibration::{BankError, Calibration, Doubt, IronChange, Orientation, Quality, Samples, Solution};
 use crate::wire::decimal::Decimal;
 
 /// Fixed numbers of the judgement.
@@ -22,6 +24,10 @@ pub struct Policy {
     /// A calibration expected to be worse than this is rejected, degrees RMS: an uncalibrated compass in a clean
     /// airframe is about as good.
     pub max_expected_rms_deg: f32,
+    /// A change of the iron that makes an error of more than so many times all others is not allowed for, but refused.
+    pub max_iron_share: f32,
+    /// An error of the attitude source is certain at so many of its sigmas.
+    pub certain_sigmas: f32,
     /// Held-back samples needed of each part that was used: one for every sector but a few.
     pub min_held_back: u16,
     /// A candidate expected to be worse than the calibration in use by more than this factor is thinner.
@@ -33,8 +39,14 @@ pub struct Policy {
 
 impl Policy {
     /// Numbers for every vehicle.
-    pub const DEFAULT: Self =
-        Self { max_expected_rms_deg: 3.0, min_held_back: 8, thinner_by: 1.5, contradicted_by: 3.0 };
+    pub const DEFAULT: Self = Self {
+        max_expected_rms_deg: 3.0,
+        max_iron_share: 2.5,
+        certain_sigmas: 3.5,
+        min_held_back: 8,
+        thinner_by: 1.5,
+        contradicted_by: 3.0,
+    };
 }
 
 /// What is judged on.
@@ -81,6 +93,15 @@ pub enum Rejection {
         /// How many it takes.
         need: u16,
     },
+    /// The iron changed while the samples were taken.
+    IronChanged(IronChange),
+    /// The attitude source reads more or less bank than there is.
+    AttitudeContradicted {
+        /// How much of the bank it reads; one is right.
+        read: f32,
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+    },
     /// Solved, but not accurate enough to be of use.
     NotAccurate {
         /// Expected heading error, degrees RMS.
@@ -114,7 +135,8 @@ pub fn judge(
     incumbent: &Incumbent,
 ) -> Result<Scores, Rejection> {
     enough_held_back(policy, &grounds)?;
-    accurate(policy, candidate.quality.expected_rms_deg)?;
+    of_one_airframe(policy, candidate)?;
+    accurate_enough(policy, candidate)?;
     let scores = better(candidate, &grounds, incumbent)?;
     if let Some(quality) = &incumbent.quality {
         not_thinner(policy, &candidate.quality, quality, scores)?;
@@ -137,6 +159,33 @@ fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
         .map(|(_, held_back)| u16::try_from(held_back.len()).unwrap_or(u16::MAX))
         .min()
         .unwrap_or(0)
+}
+
+/// A small change of the iron is allowed for in what is expected; one that outweighs all other errors, or is in a result
+/// of no use, is for the pilot to mend. What is expected without it is no excuse: the misfit is in that, too.
+fn of_one_airframe(policy: &Policy, candidate: &Solution) -> Result<(), Rejection> {
+    let Some(Doubt { of: change, error_deg, without_deg }) = candidate.iron else { return Ok(()) };
+    let outweighs = error_deg > policy.max_iron_share * without_deg;
+    if outweighs || accurate_enough(policy, candidate).is_err() {
+        return Err(Rejection::IronChanged(change));
+    }
+    Ok(())
+}
+
+/// Whether its expected error is of use. A wrong bank is allowed for in that; one that makes it useless is the reason,
+/// if it is certain, and counts for nothing here, if it is only suspected: of good sources some look bad by chance.
+fn accurate_enough(policy: &Policy, candidate: &Solution) -> Result<(), Rejection> {
+    let expected_rms_deg = candidate.quality.expected_rms_deg;
+    match (accurate(policy, expected_rms_deg), &candidate.bank) {
+        (Err(_), Some(Doubt { of: BankError { read, sigmas }, without_deg, .. })) => {
+            accurate(policy, *without_deg)?;
+            if *sigmas > policy.certain_sigmas {
+                return Err(Rejection::AttitudeContradicted { read: *read, expected_rms_deg });
+            }
+            Ok(())
+        }
+        (judgement, _) => judgement,
+    }
 }
 
 fn accurate(policy: &Policy, expected_rms_deg: f32) -> Result<(), Rejection> {
@@ -177,6 +226,8 @@ impl Rejection {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::TooFewHeldBack { .. } => "too-few-held-back",
+            Self::IronChanged(_) => "iron-changed",
+            Self::AttitudeContradicted { .. } => "attitude-contradicted",
             Self::NotAccurate { .. } => "not-accurate",
             Self::NotBetter { .. } => "not-better",
             Self::Thinner { .. } => "thinner",
@@ -190,6 +241,12 @@ impl fmt::Display for Rejection {
         match *self {
             Self::TooFewHeldBack { have, need } => {
                 write!(f, "{have} of {need} samples to verify with on the thinner side; fly longer turns each way")
+            }
+            Self::IronChanged(change) => change.fmt(f),
+            Self::AttitudeContradicted { read, expected_rms_deg } => {
+                let (percent, expected) = (Decimal::<0>(100.0 * read), Decimal::<1>(expected_rms_deg));
+                write!(f, "the attitude source seems to read {percent} % of the bank, which costs {expected} deg")?;
+                f.write_str("; calibrate it and fly again")
             }
             Self::NotAccurate { expected_rms_deg } => {
                 let expected = Decimal::<1>(expected_rms_deg);
@@ -210,7 +267,7 @@ impl fmt::Display for Rejection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Envelope, Method, Sample, Uncertainty};
+    use crate::calibration::{Course, Envelope, Method, Sample, Uncertainty};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -239,7 +296,14 @@ mod tests {
     }
 
     fn candidate(b_ut: f32, quality: Quality) -> Solution {
-        Solution { calibration: wrong_by(b_ut), quality, uncertainty: Uncertainty::NONE, advice: None }
+        Solution {
+            calibration: wrong_by(b_ut),
+            quality,
+            uncertainty: Uncertainty::NONE,
+            advice: None,
+            iron: None,
+            bank: None,
+        }
     }
 
     fn in_use(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
@@ -336,6 +400,62 @@ mod tests {
         assert_eq!(of(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
         assert!(matches!(of(f32::NAN), Err(Rejection::NotAccurate { .. })));
         assert!(matches!(of(f32::INFINITY), Err(Rejection::NotAccurate { .. })));
+    }
+
+    /// A candidate that expects 0.5 deg but for a change of the iron.
+    fn of_two_airframes(error_deg: f32, expected_rms_deg: f32) -> Solution {
+        let change = IronChange { ut: 4.2, course: Course::Step { after_s: 31 }, of_s: 230 };
+        let iron = Some(Doubt { of: change, error_deg, without_deg: 0.5 });
+        Solution { iron, ..candidate(0.1, quality(expected_rms_deg)) }
+    }
+
+    /// One that makes up to 2.5 times the error of all else is allowed for in that; none in a result of no use is.
+    #[test]
+    fn a_change_of_the_iron_is_allowed_for_or_refused() {
+        let of = |error_deg, expected_rms_deg| {
+            judged(ENOUGH, &of_two_airframes(error_deg, expected_rms_deg), &NOT_CALIBRATED)
+        };
+        assert!(of(1.24, 1.34).is_ok());
+        let Err(refused @ Rejection::IronChanged(change)) = of(1.26, 1.35) else { panic!() };
+        assert_eq!((refused.code(), change.of_s), ("iron-changed", 230));
+        assert_eq!(refused.to_string(), change.to_string());
+        assert!(of(0.1, 2.99).is_ok());
+        assert_eq!(of(0.1, 3.01), Err(refused));
+        assert_eq!(of(0.1, f32::NAN), Err(refused));
+        // What was not verified is not judged.
+        let nothing = judged([7, 24, 0], &of_two_airframes(9.0, 9.0), &NOT_CALIBRATED);
+        assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
+    }
+
+    /// A candidate that expects so much without an error of bank, and so much with it.
+    fn misread(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
+        let bank = Some(Doubt { of: BankError { read: 0.91, sigmas }, error_deg: 1.0, without_deg });
+        Solution { bank, ..candidate(0.1, quality(expected_rms_deg)) }
+    }
+
+    /// What is expected with it counts; but of good sources a few look bad by chance, and that is no reason.
+    #[test]
+    fn a_bank_that_is_misread_is_the_reason_only_if_it_is_certain() {
+        let of = |candidate: &Solution| judged(ENOUGH, candidate, &NOT_CALIBRATED);
+        for sigmas in [2.0, 3.4, 3.6, 9.0] {
+            assert!(of(&misread(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
+            // With or without, it is of no use.
+            let useless = of(&misread(sigmas, 3.01, 3.5));
+            assert_eq!(useless, Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }), "{sigmas}");
+        }
+        assert!(of(&misread(3.4, 2.99, 3.01)).is_ok());
+        let refused = of(&misread(3.6, 2.99, 3.01)).unwrap_err();
+        assert_eq!(refused, Rejection::AttitudeContradicted { read: 0.91, expected_rms_deg: 3.01 });
+        assert_eq!(refused.code(), "attitude-contradicted");
+        let words =
+            "the attitude source seems to read 91 % of the bank, which costs 3.0 deg; calibrate it and fly again";
+        assert_eq!(refused.to_string(), words);
+        // Iron that changed is named first, and a suspicion does not make it worse.
+        let both = |sigmas| {
+            let iron = of_two_airframes(0.1, 3.5).iron;
+            of(&Solution { iron, ..misread(sigmas, 0.5, 3.5) })
+        };
+        assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
     }
 
     /// The held-back samples decide, by however little, and a draw changes nothing.

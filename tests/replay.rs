@@ -3,10 +3,14 @@
 
 use std::fmt::Write as _;
 
+use autoswing::acceptance::Rejection;
+use autoswing::calibration::SolveError;
 use host_sim::replay::recording::{Row, Unit, parse};
 use host_sim::replay::{Options, Refused, Selected, replay};
+use host_sim::score::Errors;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
+use nalgebra::Vector3;
 
 const ALL: Options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
 const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
@@ -14,6 +18,11 @@ const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
 /// Straight, two circles each way, straight; a row every 0.1 s as an autopilot logs: milligauss to one decimal, its own
 /// attitude. The reference is the true magnetic heading. The first ten seconds are not usable.
 fn recorded(world: &WorldConfig, circles: f64) -> Vec<Row> {
+    recorded_with(world, circles, |_| [0.0; 3])
+}
+
+/// The same with so much more hard iron at so many seconds, microtesla.
+fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<Row> {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     world.fly(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
@@ -24,6 +33,7 @@ fn recorded(world: &WorldConfig, circles: f64) -> Vec<Row> {
     let mut text = "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,use\n".to_owned();
     for i in 0..(35 + (60.0 * circles) as u64) * 10 {
         let at_us = i * 100_000;
+        world.disturb(iron_ut(at_us as f64 / 1e6));
         let truth = world.true_state(at_us);
         let field = world.sensor_field(at_us).ut * 10.0;
         let reported = source.report(&truth);
@@ -91,5 +101,56 @@ fn a_steady_course_is_refused() {
     rows.retain(|row| row.t_s < 14.0);
     for options in [ALL, TURNS] {
         assert!(replay(&rows, &options).accepted.is_err(), "{options:?}");
+    }
+}
+
+/// A payload that moves between the sides or in a turn, and a zero that drifts: refused for that, or allowed for in what
+/// is expected of the iron of the end.
+#[test]
+fn a_flight_of_two_airframes_is_refused_or_honest() {
+    let mut refused = 0;
+    for seed in 0..6 {
+        let world = WorldConfig::random(seed);
+        for (name, iron_ut) in [
+            ("between the sides", (|t_s| if t_s < 110.0 { [0.0; 3] } else { [3.0, -3.0, 3.0] }) as fn(f64) -> [f64; 3]),
+            ("in a turn", |t_s| if t_s < 60.0 { [0.0; 3] } else { [-2.0, 2.0, 3.0] }),
+            ("drift", |t_s| [0.03 * t_s, 0.02 * t_s, -0.03 * t_s]),
+        ] {
+            let rows = recorded_with(&world, 3.0, iron_ut);
+            let replayed = replay(&rows, &TURNS);
+            match replayed.accepted {
+                Err(Refused::Rejected(Rejection::IronChanged(_)) | Refused::Solve(SolveError::IronChanged(_))) => {
+                    refused += 1;
+                }
+                accepted => {
+                    assert_eq!(accepted, Ok(()), "seed {seed} {name}");
+                    let solution = replayed.solution.unwrap();
+                    assert!(solution.iron.is_some(), "seed {seed} {name}");
+                    let mut at_the_end = world;
+                    at_the_end.airframe.b_ut += Vector3::from(iron_ut(205.0));
+                    let error_deg = Errors::of(&solution.calibration, &at_the_end).figures().rms_deg;
+                    let expected_deg = f64::from(solution.quality.expected_rms_deg);
+                    assert!(error_deg < 2.0 * expected_deg, "seed {seed} {name}: {error_deg}, {expected_deg}");
+                }
+            }
+        }
+    }
+    assert!(refused >= 9, "{refused}");
+}
+
+/// The wrong hemisphere's sign, or a chart of another place: the flight's own inclination is named.
+#[test]
+fn a_wrong_inclination_is_named() {
+    for seed in 0..6 {
+        let world = WorldConfig::random(seed);
+        let rows = recorded(&world, 3.0);
+        let true_deg = world.earth.inclination_deg;
+        for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
+            let refused = replay(&rows, &Options { inclination_deg: Some(told_deg), ..TURNS }).accepted.unwrap_err();
+            let Refused::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
+                panic!("seed {seed}, told {told_deg}: {refused:?}");
+            };
+            assert!((f64::from(found_deg) - true_deg).abs() < 1.5, "seed {seed}, told {told_deg}: {found_deg}");
+        }
     }
 }

@@ -90,9 +90,9 @@ pub(super) fn advise(
     information: &Information,
     likelihood: &Likelihood,
     unknowns: &Vector13,
+    consider: Consider,
     calibration: &Calibration,
     envelope: Envelope,
-    consider: Consider,
 ) -> Option<Advice> {
     let expected = |information: &Information| {
         let mut covariance = Covariance::EXACT;

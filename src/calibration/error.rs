@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-use super::{Axis, Orientation, Part};
+use super::{Axis, IronChange, Orientation, Part};
 
 /// Why samples gave no calibration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SolveError {
     /// A part has too few samples for any solution.
     TooFewSamples {
@@ -36,10 +36,17 @@ pub enum SolveError {
     NotDetermined(Part),
     /// Both sides have about the same bank, so that the two planes do not intersect.
     SamePlane,
+    /// The iron changed by so much that nothing explains the samples, or what does cannot be right.
+    IronChanged(IronChange),
     /// No start led to a fit that explains the samples.
     NotConverged,
     /// The headings run against the turns: the roll of the attitude source has the wrong sign.
     TurnsReversed,
+    /// The inclination that was told is not that of the samples.
+    InclinationContradicted {
+        /// What the samples show, degrees, positive down.
+        found_deg: i8,
+    },
     /// The samples say that the sensor is mounted otherwise than configured.
     MountContradicted {
         /// The right-angle mounting nearest to what the samples say.
@@ -74,8 +81,10 @@ impl SolveError {
             Self::NotAnEllipse(_) => "not-an-ellipse",
             Self::NotDetermined(_) => "not-determined",
             Self::SamePlane => "same-plane",
+            Self::IronChanged(_) => "iron-changed",
             Self::NotConverged => "not-converged",
             Self::TurnsReversed => "turns-reversed",
+            Self::InclinationContradicted { .. } => "inclination-contradicted",
             Self::MountContradicted { .. } => "mount-contradicted",
         }
     }
@@ -102,10 +111,15 @@ impl fmt::Display for SolveError {
                 write!(f, "the samples of {} leave the coefficients open; see cal advise", part.name())
             }
             Self::SamePlane => f.write_str("left and right bank differ too little; bank 15 deg or more each way"),
+            Self::IronChanged(change) => change.fmt(f),
             Self::NotConverged => {
                 f.write_str("no coefficients explain the samples; fly again away from iron and wires")
             }
             Self::TurnsReversed => f.write_str("headings run against the turns; check the sign of the source's roll"),
+            Self::InclinationContradicted { found_deg } => {
+                write!(f, "the samples show an inclination of {found_deg} deg")?;
+                write!(f, "; set inclination {found_deg} or none, then cal solve")
+            }
             Self::MountContradicted { found } => {
                 write!(f, "the sensor seems mounted {0}; set mount {0}, then cal solve", found.name())
             }
@@ -118,7 +132,7 @@ impl core::error::Error for SolveError {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Side;
+    use crate::calibration::{Course, Side};
 
     /// Codes are read by programs and the words by a person in the field: both are promises.
     #[test]
@@ -159,6 +173,21 @@ mod tests {
                 SolveError::SamePlane,
                 "same-plane",
                 "left and right bank differ too little; bank 15 deg or more each way",
+            ),
+            (
+                SolveError::IronChanged(IronChange { ut: 14.26, course: Course::Step { after_s: 31 }, of_s: 230 }),
+                "iron-changed",
+                "iron changed by 14.3 uT after 31 of 230 s; fix what moved and fly again",
+            ),
+            (
+                SolveError::IronChanged(IronChange { ut: 6.04, course: Course::Drift, of_s: 230 }),
+                "iron-changed",
+                "iron drifted by 6.0 uT in 230 s; wait until temperatures settle and fly again",
+            ),
+            (
+                SolveError::InclinationContradicted { found_deg: -62 },
+                "inclination-contradicted",
+                "the samples show an inclination of -62 deg; set inclination -62 or none, then cal solve",
             ),
             (
                 SolveError::NotConverged,

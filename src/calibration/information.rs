@@ -3,15 +3,19 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Samples;
-use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, Matrix13, Vector13, d, w};
-use super::likelihood::{Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
+use super::bank_scale::{BankEvidence, BankScale, Clusters};
+use super::constancy::Scan;
+use super::correlation::Correlation;
+use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Matrix13, Vector12, Vector13, d, w};
+use super::likelihood::{Equation, Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
+use super::time_order::InTime;
 use super::uncertainty::{Covariance, Uncertainty};
 use crate::frames::Attitude;
 use crate::trig;
 
 /// Errors of the attitude source that are alike in all samples, 1 sigma. Turns do not reveal them: a bias looks like
 /// mounting, a bank scale like soft iron. So they are not estimated but carried.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Consider {
     /// Constant roll and pitch bias, radians: 0.2 deg, an autopilot levelled with care.
     pub bias_rad: f32,
@@ -25,7 +29,22 @@ impl Consider {
 
     /// A source without faults of its own.
     pub const NOTHING: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
+
+    /// Of roll bias, pitch bias, and the relative error of bank.
+    const fn sigmas(self) -> [f32; 3] {
+        [self.bias_rad, self.bias_rad, self.bank_scale]
+    }
+
+    /// The same, and as much of a bank error as samples show beyond it.
+    pub(super) fn with(self, bank: &BankScale) -> Self {
+        let square = self.bank_scale * self.bank_scale + bank.beyond(self.bank_scale);
+        Self { bank_scale: libm::sqrtf(square), ..self }
+    }
 }
+
+/// Of what is known of the inclination, the samples must add this share to be asked alone: below it, the difference of
+/// two large numbers in `f32` is none.
+const MIN_OWN_SHARE: f32 = 0.05;
 
 /// Noise of an attitude source that no sample has shown, radians: 0.5 deg.
 const UNSEEN_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
@@ -53,64 +72,82 @@ pub(super) struct Information {
     dip: Matrix13,
     /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
     effects: [Vector13; 3],
-    /// Lag-1 autocorrelation sums of the dip residuals: products, squares, and the last one.
-    correlation: [f32; 3],
+    bank: BankEvidence,
+    correlation: Correlation,
+    /// What a change of the iron in mid-flight did to the gradient; nothing, unless the samples show one.
+    pub changed: Vector13,
 }
 
 impl Information {
-    /// What is known without samples.
+    /// Of the priors and, if there are any, samples, as far as the linearised problem has them.
     #[inline(never)]
-    pub fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
+    pub fn new(system: &System) -> Self {
         Self {
-            system: System::of_priors(likelihood, unknowns),
+            system: system.clone(),
             dip: Matrix13::zeros(),
             effects: [Vector13::zeros(); 3],
-            correlation: [0.0; 3],
+            bank: BankEvidence::default(),
+            correlation: Correlation::default(),
+            changed: Vector13::zeros(),
         }
     }
 
-    /// Adds what samples say: one pass over them.
+    /// Adds what the samples of the system say besides: one pass over them, in which a change of the iron is looked
+    /// for, too.
     #[inline(never)]
-    pub fn add_samples(&mut self, likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) {
-        likelihood.for_each_sample(samples, &Parameters::new(unknowns), &mut |equations| self.add(equations));
+    pub fn look(
+        &mut self,
+        likelihood: &Likelihood,
+        samples: Samples<'_>,
+        unknowns: &Vector13,
+        mut scan: Option<&mut Scan>,
+    ) {
+        let parameters = Parameters::new(unknowns);
+        for (part, sample) in InTime::new(samples) {
+            let equations = likelihood.equations(sample, None, &parameters);
+            self.add_dip(&equations);
+            let dip = equations.dip.as_ref().map_or(0.0, Equation::clipped);
+            self.correlation.add(part, [equations.norm.clipped(), dip]);
+            if let Some(scan) = &mut scan {
+                scan.add(&self.system, sample.time, &equations);
+            }
+        }
+        // Marks are minutes apart: their errors have no neighbours.
+        for mark in samples.marks {
+            self.add_dip(&likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters));
+        }
     }
 
-    fn add(&mut self, equations: &Equations) {
-        self.system.add(equations);
+    fn add_dip(&mut self, equations: &Equations) {
         let Some(dip) = &equations.dip else { return };
         self.dip.syger(dip.weight, &dip.row, &dip.row, 1.0);
         for (sum, effect) in self.effects.iter_mut().zip(equations.attitude_effects) {
             sum.axpy(dip.weight * effect, &dip.row, 1.0);
         }
-        let [products, squares, before] = &mut self.correlation;
-        let clipped = dip.clipped();
-        *products += clipped * *before;
-        *squares += dip.clipped_square;
-        *before = clipped;
+        self.bank.add(dip, equations.attitude_effects);
     }
 
-    /// Adds a sample that would be measured at an attitude and heading if the coefficients were right.
+    /// Adds a sample that would be measured at an attitude and heading if the coefficients were right. Its residual is
+    /// nothing, which says nothing of the noise.
     pub fn suppose(&mut self, likelihood: &Likelihood, parameters: &Parameters, attitude: Attitude, heading_rad: f32) {
         let tilt = attitude.tilt();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
         let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
         let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, true);
-        let before = self.correlation;
-        self.add(&equations);
-        // Its residual is nothing, which says nothing of the noise.
-        self.correlation = before;
+        self.system.add(&equations);
+        self.add_dip(&equations);
     }
 
     /// The covariance of the coefficients, in the units of the [`Calibration`](super::Calibration) that
     /// [`Likelihood::calibration`] makes of the same unknowns. `None` when the information is singular.
     ///
-    /// Errors of an attitude source stay alike for about half a second; with lag-1 autocorrelation rho of the dip
-    /// residuals their information is worth `(1 - rho) / (1 + rho)` of what it seems, so that the estimator's
-    /// covariance is
-    /// `H^-1 (H + H_dip 2 rho / (1 - rho)) H^-1`.
+    /// Errors of an attitude source stay alike for about half a second, and what the model leaves out of the field for
+    /// as long as it lasts. With lag-1 autocorrelations of the dip's and the norm's residuals, and `x = 2 rho / (1 -
+    /// rho)` of each, the estimator's covariance is
+    /// `H^-1 (H + x_dip H_dip + x_norm H_norm) H^-1`, where `H_norm = H - H_dip - H_priors`.
     ///
-    /// Added to it are the considered errors of the attitude source, and the distance to the most likely coefficients,
-    /// which is nothing where these were sought but is the error of a closed form.
+    /// Added to it are the considered errors of the attitude source, what a change of the iron did, and the distance to
+    /// the most likely coefficients, which is nothing where these were sought but is the error of a closed form.
     ///
     /// It is put where it is wanted: several copies of it would lie on the stack otherwise.
     #[inline(never)]
@@ -127,33 +164,95 @@ impl Information {
         for (i, column) in columns.iter_mut().enumerate() {
             *column = self.system.covariance_times(&units.row(i))?;
         }
-        let change = self.system.change()?;
-        let correlated = self.correlated();
-        let sigmas = [consider.bias_rad, consider.bias_rad, consider.bank_scale];
-        let mut of_dip = Vector13::zeros();
+        let [of_norm, of_dip] = self.correlation.excess();
+        let mut doubted = Vector13::zeros();
         covariance.fill(|i, j| {
             if j == 0 {
                 // The lower triangle is filled row by row.
-                of_dip.sygemv(correlated, &self.dip, &columns[i], 0.0);
+                doubted = units.row(i) * (1.0 + of_norm);
+                doubted.sygemv(of_dip - of_norm, &self.dip, &columns[i], 1.0);
             }
-            let row = units.row(j);
-            let shifts = self
-                .effects
-                .iter()
-                .zip(sigmas)
-                .map(|(effect, sigma)| columns[i].dot(effect) * sigma * columns[j].dot(effect) * sigma);
-            row.dot(&columns[i])
-                + of_dip.dot(&columns[j])
-                + shifts.sum::<f32>()
-                + units.row(i).dot(&change) * row.dot(&change)
-        })
+            doubted.dot(&columns[j])
+        });
+        let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
+        for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
+            covariance.add_square(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
+        });
+        for (effect, sigma) in self.effects.iter().zip(consider.sigmas()) {
+            covariance.add_square(&along(effect), sigma * sigma);
+        }
+        covariance.add_square(&along(&self.changed), 1.0);
+        let change = self.system.change()?;
+        covariance.add_square(&Vector12::from_fn(|i, _| units.row(i).dot(&change)), 1.0);
+        covariance.is_finite().then_some(())
     }
 
-    /// How much more the dips' information is doubted: `2 rho / (1 - rho)`.
-    fn correlated(&self) -> f32 {
-        let [products, squares, _] = self.correlation;
-        let rho = if squares > 0.0 { (products / squares).clamp(0.0, 0.8) } else { 0.0 };
-        2.0 * rho / (1.0 - rho)
+    /// `(x - x_0) H_dip vector`: by how much more than `x_0` the variance of the dips' errors is of what they were taken
+    /// for, if it is.
+    pub fn dips_times(&self, vector: &Vector13, than: f32) -> Vector13 {
+        let [_, of_dip] = self.correlation.excess();
+        let mut product = Vector13::zeros();
+        product.sygemv((1.0 + of_dip - than).max(0.0), &self.dip, vector, 0.0);
+        product
+    }
+
+    /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
+    fn inflation(&self) -> f32 {
+        let [of_norm, of_dip] = self.correlation.excess();
+        1.0 + of_norm.max(of_dip)
+    }
+
+    /// What the samples show of the attitude source's bank, if it is more than an allowance and chance: see
+    /// [`BankEvidence`]. A second pass over them, which only a suspicious flight needs.
+    #[inline(never)]
+    pub fn bank(
+        &self,
+        likelihood: &Likelihood,
+        samples: Samples<'_>,
+        unknowns: &Vector13,
+        allowance: f32,
+    ) -> Option<BankScale> {
+        let [_, _, effect] = &self.effects;
+        let column = self.system.covariance_times(effect)?;
+        let (known, pulled) = (column.dot(effect), effect.dot(&self.system.change()?));
+        let found = self.bank.scale(known, pulled, likelihood.noise.attitude_sigma_rad(), self.inflation())?;
+        found.error(allowance)?;
+        let parameters = Parameters::new(unknowns);
+        let mut clusters = Clusters::default();
+        for (part, sample) in InTime::new(samples) {
+            clusters.add(part, &likelihood.equations(sample, None, &parameters), &column);
+        }
+        found.with(clusters)
+    }
+
+    /// The inclination that the samples alone show, radians, with its variance; `None` when they show nothing of it.
+    /// Where a known one was among the priors, the result is a mean of the two.
+    pub fn own_inclination(
+        &self,
+        likelihood: &Likelihood,
+        unknowns: &Vector13,
+        consider: Consider,
+    ) -> Option<[f32; 2]> {
+        let column = self.system.covariance_times(&Vector13::ith(INCLINATION, 1.0))?;
+        let of_all = column[INCLINATION];
+        let found_rad = unknowns[INCLINATION];
+        let (share, own_rad) = match likelihood.known_inclination_rad {
+            None => (1.0, found_rad),
+            Some(known_rad) => {
+                let known =
+                    likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad;
+                // Informations add: `1 / of_all = 1 / known + 1 / own`.
+                let share = 1.0 - of_all / known;
+                if share < MIN_OWN_SHARE {
+                    return None;
+                }
+                (share, known_rad + (found_rad - known_rad) / share)
+            }
+        };
+        let shifts = self.effects.iter().zip(consider.sigmas()).map(|(effect, sigma)| column.dot(effect) * sigma);
+        let shifted = shifts.map(|shift| shift * shift).sum::<f32>() / (share * share);
+        let variance = of_all / share * self.inflation() + shifted;
+        (own_rad + variance).is_finite().then_some([own_rad, variance])
     }
 
     /// What the samples say nothing of: the quantities of whose prior more than half is left in some direction.
@@ -222,7 +321,7 @@ impl Units {
 mod tests {
     use nalgebra::SMatrix;
 
-    use super::super::likelihood::unknowns::{INCLINATION, UNKNOWNS, Vector12};
+    use super::super::likelihood::unknowns::UNKNOWNS;
     use super::super::likelihood::{Config, Noise, Prior};
     use super::super::tests::derivatives::assert_derivative;
     use super::super::{Calibration, Orientation};
@@ -240,6 +339,11 @@ mod tests {
         let mut likelihood = Likelihood::new(prior, config, Samples::default(), 40.0);
         likelihood.mean = Vector3::new(0.3, -0.8, 0.5);
         likelihood
+    }
+
+    /// What is known without samples.
+    fn of_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Information {
+        Information::new(&System::of_priors(likelihood, unknowns))
     }
 
     /// Each coefficient's row holds its derivatives by the unknowns, found by moving the unknowns and asking for the
@@ -275,7 +379,7 @@ mod tests {
 
     /// Every coefficient known by itself: information of one for each unknown, from a norm each.
     fn informed(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
-        let mut information = Information::of_priors(likelihood, unknowns);
+        let mut information = of_priors(likelihood, unknowns);
         for i in 0..UNKNOWNS {
             information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1.0 / weight));
         }
@@ -310,11 +414,16 @@ mod tests {
         let at = parameters().unknowns().unwrap();
         let mut information = informed(&likelihood, &at, 1e4);
         let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
-        information.system.add(&only_norm(row, 0.02, 1e-4));
-        // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2.
+        information.system.add(&only_norm(row, 0.05, 1e-4));
+        // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2. The norm's
+        // rho is a third: what is neither dip nor prior is doubted by 1.
         let dip_row = Vector13::from_fn(|i, _| (i as f32 * 1.3).cos());
+        information.system.add(&only_norm(dip_row, 0.0, 1.0 / 3e3));
         information.dip.syger(3e3, &dip_row, &dip_row, 1.0);
-        information.correlation = [5.0, 10.0, 0.0];
+        for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+            information.correlation.add(0, residuals);
+        }
+        information.changed = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
         information.effects =
             [0.4, 1.9, 2.8].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
         let units = Units::new(&likelihood, &at).unwrap();
@@ -326,7 +435,11 @@ mod tests {
         let g = j * inverse;
         let change = j * information.system.change().unwrap();
         let consider = Consider { bias_rad: 0.003, bank_scale: 0.02 };
-        let mut expected = g * j.transpose() + g * dip_row * dip_row.transpose() * g.transpose() * (3e3 * 2.0);
+        let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
+        let doubted = norm + dip_row * dip_row.transpose() * (3e3 * 2.0);
+        let mut expected = g * j.transpose() + g * doubted * g.transpose();
+        let shift = g * information.changed;
+        expected += shift * shift.transpose();
         expected += change * change.transpose();
         for (effect, sigma) in information.effects.iter().zip([0.003, 0.003, 0.02]) {
             let shift = g * effect * sigma;
@@ -339,52 +452,10 @@ mod tests {
         }
         // Each of the parts is large enough to be missed.
         assert!(full(&information, &likelihood, &at, Consider::NOTHING).diagonal().amax() < 0.97 * scale);
-        assert!((change * change.transpose()).diagonal().amax() > 0.01 * scale);
-    }
-
-    /// Nothing is doubted of noise that is white or alternates; at most, nine tenths is lost.
-    #[test]
-    fn correlated_dips_are_worth_less() {
-        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
-        let mut information = Information::of_priors(&likelihood, &parameters().unknowns().unwrap());
-        for (products, squares, doubt) in [
-            (0.0, 0.0, 0.0),
-            (-5.0, 10.0, 0.0),
-            (2.0, 10.0, 0.5),
-            (7.9, 10.0, 7.5238),
-            (8.1, 10.0, 8.0),
-            (10.0, 10.0, 8.0),
-        ] {
-            information.correlation = [products, squares, 0.0];
-            let found = information.correlated();
-            assert!((found - doubt).abs() < 1e-3, "{products} {squares}: {found}");
+        for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose()] {
+            let size = part.diagonal().amax() / scale;
+            assert!(size > 0.01, "{size}");
         }
-    }
-
-    /// The autocorrelation is that of each dip with the one before, clipped; a supposed sample has no part in it.
-    #[test]
-    fn correlation_is_of_neighbours() {
-        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
-        let parameters = parameters();
-        let at = parameters.unknowns().unwrap();
-        let mut information = Information::of_priors(&likelihood, &at);
-        let tilt = Attitude::default().tilt();
-        let mut clipped = Vec::new();
-        for heading in [0.1, 1.0, 2.5, 4.0] {
-            let x = parameters.expected_field(&tilt, heading).unwrap() + Vector3::new(0.0, 0.02, 0.1 * heading - 0.2);
-            let measured = Measured { x, tilt, roll_rad: 0.0, heading_rad: None };
-            let equations = Equations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
-            clipped.push(equations.dip.as_ref().unwrap().clipped());
-            information.add(&equations);
-        }
-        let [products, squares, last] = information.correlation;
-        let pairs: f32 = clipped.windows(2).map(|pair| pair[0] * pair[1]).sum();
-        let sum: f32 = clipped.iter().map(|c| c * c).sum();
-        assert!(pairs.abs() > 0.01 && (products - pairs).abs() < 1e-5 && (squares - sum).abs() < 1e-5);
-        assert!((last - clipped[3]).abs() < 1e-6);
-        let (before, samples) = (information.correlation, information.system.samples);
-        information.suppose(&likelihood, &parameters, Attitude::from_deg(25.0, 0.0), 1.0);
-        assert_eq!((information.correlation, information.system.samples), (before, samples + 1));
     }
 
     /// The effect of an attitude error is its effect on each dip, weighed and summed as the dips are.
@@ -392,7 +463,7 @@ mod tests {
     fn effects_and_information_of_dips_are_summed() {
         let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
         let parameters = parameters();
-        let mut information = Information::of_priors(&likelihood, &parameters.unknowns().unwrap());
+        let mut information = of_priors(&likelihood, &parameters.unknowns().unwrap());
         let mut dip = Matrix13::zeros();
         let mut effects = [Vector13::zeros(); 3];
         for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
@@ -406,7 +477,7 @@ mod tests {
             for (sum, effect) in effects.iter_mut().zip(equations.attitude_effects) {
                 *sum += of_dip.row * (of_dip.weight * effect);
             }
-            information.add(&equations);
+            information.add_dip(&equations);
         }
         let found = information.dip.lower_triangle();
         assert!((found - dip.lower_triangle()).norm() < 1e-4 * dip.norm());
@@ -423,8 +494,9 @@ mod tests {
         let likelihood = likelihood(&prior, Config::DEFAULT);
         let at = parameters().unknowns().unwrap();
         for (times, left) in [(2.9, true), (3.1, false)] {
-            let mut information = Information::of_priors(&likelihood, &at);
-            let variance = likelihood.config.known_inclination_sigma_rad.powi(2) / times;
+            let mut information = of_priors(&likelihood, &at);
+            let variance =
+                likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
             for i in 0..INCLINATION {
                 information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
             }
@@ -469,12 +541,63 @@ mod tests {
         let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
         let at = parameters().unknowns().unwrap();
         let flat = Parameters { w: Matrix3::zeros(), ..parameters() }.unknowns().unwrap();
-        let open = Information::of_priors(&likelihood, &flat);
+        let open = of_priors(&likelihood, &flat);
         let mut covariance = Covariance::EXACT;
         for unknowns in [&at, &flat] {
             assert!(open.covariance(&likelihood, unknowns, Consider::NOTHING, &mut covariance).is_none());
         }
         assert!(open.left_to_priors(&likelihood, &at).is_none());
         assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT).is_none());
+    }
+
+    /// A told inclination of 0.7 and its sigma of a degree, and samples that show `own_rad` with a sigma: the result is
+    /// their mean, of which the samples' own part is found again. Where they show less than a twentieth of it, nothing.
+    #[test]
+    fn the_samples_own_inclination_is_found_again() {
+        let known_sigma = Config::DEFAULT.known_inclination_sigma_rad;
+        for (own_rad, sigma, is_shown) in
+            [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.09, false)]
+        {
+            for told in [true, false] {
+                let prior = Prior { inclination_rad: told.then_some(0.7), ..Prior::default() };
+                let likelihood = likelihood(&prior, Config::DEFAULT);
+                let weights = if told { [known_sigma.powi(-2), f32::powi(sigma, -2)] } else { [0.0, 1.0] };
+                let inclination_rad = (weights[0] * 0.7 + weights[1] * own_rad) / (weights[0] + weights[1]);
+                let at = Parameters { inclination_rad, ..parameters() }.unknowns().unwrap();
+                let mut information = of_priors(&likelihood, &at);
+                for i in 0..INCLINATION {
+                    information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
+                }
+                information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, sigma * sigma));
+                // Correlated with rho of one half, and with a bank error of one worth 2e3 in the gradient.
+                for residuals in [[0.0, 1.0], [0.0, 1.0], [0.0, 0.0]] {
+                    information.correlation.add(0, residuals);
+                }
+                information.effects[2] = Vector13::ith(INCLINATION, 2e3);
+                let consider = Consider { bias_rad: 0.0, bank_scale: 0.01 };
+                let Some([found_rad, variance]) = information.own_inclination(&likelihood, &at, consider) else {
+                    assert!(told && !is_shown, "{own_rad} {sigma}");
+                    continue;
+                };
+                assert!(!told || is_shown, "{own_rad} {sigma}");
+                assert!((found_rad - own_rad).abs() < 1e-3, "{found_rad} {own_rad}");
+                let shift = 2e3 * 0.01 * sigma * sigma;
+                let expected = sigma * sigma * 3.0 + shift * shift;
+                assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {told}");
+            }
+        }
+    }
+
+    /// What is added of a bank error is added as squares; the bias stays.
+    #[test]
+    fn a_misread_bank_is_considered_beside_the_rest() {
+        let mut evidence = BankEvidence::default();
+        let steep = Equation::new(Vector13::zeros(), -0.1, 1e-4, 1e6);
+        evidence.add(&steep, [0.0, 0.0, 1.0]);
+        // Of an information of 1e4 it is 0.1, with a variance of 1e-4.
+        let found = evidence.scale(0.0, 0.0, 0.0, 1.0).unwrap();
+        let considered = Consider::DEFAULT.with(&found);
+        assert!((considered.bank_scale - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
+        assert_eq!(considered.bias_rad.to_bits(), Consider::DEFAULT.bias_rad.to_bits());
     }
 }

@@ -111,6 +111,11 @@ impl Refinement {
         Self { likelihood, unknowns, moves, system, damping: Damping::START, rounds: 0, steps: 0 }
     }
 
+    /// The problem linearised at the unknowns as they are.
+    pub fn system(&self) -> &System {
+        &self.system
+    }
+
     /// One pass over the samples, which must be those it began with. Not inlined, which bounds the solver's stack.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {

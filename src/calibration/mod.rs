@@ -67,19 +67,27 @@
 //! | `turns.rs` | what the two closed forms from turns have in common |
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
+//! | `correlation.rs` | how alike the errors of neighbouring samples are |
+//! | `constancy.rs` | whether the iron stayed what it was: `time_order.rs` merges the parts of a flight for it |
+//! | `bank_scale.rs` | whether the attitude source reads all of the bank |
+//! | `judgement.rs` | what a result is worth, by all of these |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
 //! | `advice.rs` | what to fly to make it smaller |
 //! | `verification.rs` | a candidate against the incumbent on held-back samples |
 //! | `orientation.rs` | the 24 right-angle mountings |
 
 mod advice;
+mod bank_scale;
 mod compass_swing;
 mod conic;
+mod constancy;
+mod correlation;
 mod ellipsoid;
 mod error;
 mod expected_error;
 mod four_ellipse;
 mod information;
+mod judgement;
 pub mod ladder;
 mod least_squares;
 mod level;
@@ -89,18 +97,22 @@ mod orientation;
 mod plane;
 mod response;
 mod solver;
+mod time_order;
 mod turns;
 mod two_plane;
 mod uncertainty;
 pub mod verification;
 
 pub use advice::{Advice, Assumed, Manoeuvre};
+pub use bank_scale::BankError;
+pub use constancy::{Course, IronChange};
 pub use error::SolveError;
 pub use expected_error::{Deviation, Envelope};
 pub use information::Consider;
+pub use judgement::{Doubt, Solution};
 pub use likelihood::Prior;
 pub use orientation::Orientation;
-pub use solver::{Progress, Solution, Solver, solve};
+pub use solver::{Progress, Solver, solve};
 pub use uncertainty::Uncertainty;
 pub(crate) use {least_squares::LeastSquares, plane::Plane};
 

@@ -2,30 +2,16 @@
 
 use nalgebra::Matrix3;
 
-use super::advice::{self, Advice};
-use super::expected_error::{self, Envelope};
-use super::information::{self, Consider, Information};
+use super::expected_error::Envelope;
+use super::information::{Consider, Information};
+use super::judgement::{Judgement, Solution};
 use super::likelihood::{Config, Likelihood, Prior};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
 use super::turns::{MIN_SAMPLES, progress_rad};
-use super::uncertainty::{Covariance, Uncertainty};
-use super::{Axis, Calibration, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
+use super::{Axis, Calibration, Method, Orientation, Part, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 use crate::frames::Attitude;
-
-/// What came out.
-#[derive(Clone, Copy, Debug)]
-pub struct Solution {
-    /// The coefficients.
-    pub calibration: Calibration,
-    /// How good they are expected to be.
-    pub quality: Quality,
-    /// How wrong a heading may be.
-    pub uncertainty: Uncertainty,
-    /// What would make them better.
-    pub advice: Option<Advice>,
-}
 
 /// How far a solver is.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
@@ -46,6 +32,18 @@ pub struct Solver {
     refinement: Refinement,
     /// Whether it began, or begins again, with the sphere, the last of the starts.
     from_sphere: bool,
+    /// A doubtful result of the first start, while the other is tried.
+    kept: Option<Kept>,
+    /// An inclination that was told, radians, while it is tried without; and what was wrong with it, if it was more than
+    /// useless.
+    told: Option<(f32, Option<SolveError>)>,
+}
+
+/// A result to come back to.
+#[derive(Debug)]
+struct Kept {
+    start: Start,
+    misfit: f32,
 }
 
 /// A field of more than this, microtesla, is no measurement: ten thousand times the Earth's.
@@ -56,6 +54,15 @@ const END_OF_RANGE: f32 = 0.01;
 
 /// An axis is stuck when more than one of so many samples lie at one end of its range.
 const KEEPS_TO: usize = 5;
+
+/// A result that expects a larger heading error than this, degrees RMS, may not be the best that the samples allow.
+const DOUBTFUL_RMS_DEG: f32 = 3.0;
+
+/// Nor one with more hard iron, microtesla: six times the Earth's field.
+const DOUBTFUL_IRON_UT: f32 = 300.0;
+
+/// An inclination that was told is wrong when the samples show one so many sigmas from it.
+const CONTRADICTS: f32 = 4.0;
 
 /// Headings must not run against the turns by more than this, radians: half a circle, which no noise imitates.
 const AGAINST_RAD: f32 = -3.0;
@@ -85,19 +92,9 @@ impl Solver {
         consider: Consider,
     ) -> Result<Self, SolveError> {
         check(method, samples)?;
-        let rotation = prior.mount.body_from_sensor();
-        let closed_form = match closed_form(method, samples, &rotation, prior.inclination_rad) {
-            Ok(response) => response.start(),
-            // These can do without: they begin with the sphere.
-            Err(_) if matches!(method, Method::MaximumLikelihood | Method::Ellipsoid) => None,
-            Err(error) => return Err(error),
-        };
-        if closed_form.is_none() && !method.is_refined() {
-            return Err(SolveError::NotConverged);
-        }
-        let from_sphere = closed_form.is_none();
-        let start = closed_form.or_else(|| response::sphere(samples, &rotation)).ok_or(SolveError::NotConverged)?;
-        Ok(Self { method, prior: *prior, consider, refinement: begin(method, prior, samples, &start)?, from_sphere })
+        let (start, from_sphere) = first_start(method, samples, prior)?;
+        let refinement = begin(method, prior, samples, &start)?;
+        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None })
     }
 
     /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
@@ -109,21 +106,31 @@ impl Solver {
             Refining::Settled => self.finish(samples),
             Refining::Failed => Err(SolveError::NotConverged),
         };
-        match end {
-            Err(SolveError::NotConverged) if self.begin_again(samples) => Progress::Continue,
-            end => Progress::Finished(end),
+        if self.method == Method::MaximumLikelihood
+            && (self.tries_other(&end, samples) || self.tries_untold(&end, samples))
+        {
+            return Progress::Continue;
         }
+        // An inclination that is not contradicted is not what was wrong.
+        let end = match (end, self.told) {
+            (Err(contradicted @ SolveError::InclinationContradicted { .. }), _) => Err(contradicted),
+            (_, Some((_, Some(error)))) => Err(error),
+            (end, _) => end,
+        };
+        Progress::Finished(end)
     }
 
     /// Solves to the end.
     ///
     /// # Errors
     ///
-    /// When no coefficients explain the samples ([`SolveError::NotConverged`]), when the samples leave them open
-    /// ([`SolveError::NotDetermined`]), or when those that do explain them cannot be right
-    /// ([`SolveError::TurnsReversed`], [`SolveError::MountContradicted`]).
+    /// When no coefficients explain the samples ([`SolveError::NotConverged`]), for which a change of the iron may be
+    /// the reason ([`SolveError::IronChanged`]), when the samples leave them open ([`SolveError::NotDetermined`]), or
+    /// when those that do explain them cannot be right ([`SolveError::TurnsReversed`],
+    /// [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        // Ends, because a refinement takes a bounded number of steps, and there are at most two.
+        // Ends, because a refinement takes a bounded number of steps, and there are at most six: from two starts and
+        // back to the first, with what was told of the inclination and without.
         loop {
             if let Progress::Finished(end) = self.step(samples) {
                 return end;
@@ -131,22 +138,58 @@ impl Solver {
         }
     }
 
-    /// What a bad start led astray may be found from another; false if there is none left.
+    /// What a bad start led astray may be found from another, and what looks strange may look better: whether there is
+    /// another to try. Of two results the one that fits better is taken, and sought again.
     #[inline(never)]
-    fn begin_again(&mut self, samples: Samples<'_>) -> bool {
-        if self.from_sphere || self.method != Method::MaximumLikelihood {
+    fn tries_other(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        if let Some(Kept { start, misfit }) = self.kept.take() {
+            // Not a number is no better either.
+            let is_better = end.as_ref().is_ok_and(|solution| self.misfit(solution) < misfit);
+            return !is_better && self.begin(samples, &start);
+        }
+        if self.from_sphere || !is_doubtful(end) {
             return false;
         }
-        self.from_sphere = true;
         let start = response::sphere(samples, &self.prior.mount.body_from_sensor());
-        let again = start.and_then(|start| begin(self.method, &self.prior, samples, &start).ok());
-        match again {
-            Some(refinement) => {
-                self.refinement = refinement;
-                true
-            }
-            None => false,
-        }
+        let kept = end.as_ref().ok().and_then(|solution| self.keep(solution));
+        self.from_sphere = start.is_some_and(|start| self.begin(samples, &start));
+        self.kept = kept.filter(|_| self.from_sphere);
+        self.from_sphere
+    }
+
+    /// Whether it is tried without the inclination that was told.
+    #[inline(never)]
+    fn tries_untold(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        let error = match end {
+            Ok(solution) if is_accurate(solution) => return false,
+            Ok(_) => None,
+            Err(error) => Some(*error),
+        };
+        let Some(told_rad) = self.prior.inclination_rad.take() else { return false };
+        self.told = Some((told_rad, error));
+        let Ok((start, from_sphere)) = first_start(self.method, samples, &self.prior) else { return false };
+        self.from_sphere = from_sphere;
+        self.begin(samples, &start)
+    }
+
+    /// Begins again; whether that is possible.
+    fn begin(&mut self, samples: Samples<'_>, start: &Start) -> bool {
+        let Ok(refinement) = begin(self.method, &self.prior, samples, start) else { return false };
+        self.refinement = refinement;
+        true
+    }
+
+    /// A result as a start.
+    fn keep(&self, solution: &Solution) -> Option<Kept> {
+        let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
+        Some(Kept { start: likelihood.start(unknowns)?, misfit: self.misfit(solution) })
+    }
+
+    /// What is less of the more likely of two results: of `N` samples the likelihood is `-N ln` of this, the product of
+    /// both residuals' sigmas, and in microtesla, so that a larger field does not look like a better fit.
+    fn misfit(&self, solution: &Solution) -> f32 {
+        let noise = &self.refinement.likelihood.noise;
+        noise.norm * solution.calibration.total_ut * noise.dip_rad
     }
 
     /// Checks what was found, puts it into the module's units, and judges it.
@@ -156,35 +199,53 @@ impl Solver {
         // What was only taken for known while refining is not known.
         let likelihood =
             &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
-        if !likelihood.explains() {
-            return Err(SolveError::NotConverged);
-        }
         let calibration = likelihood.calibration(unknowns)?;
-        self.plausible(samples, &calibration)?;
-        let mut information = Information::of_priors(likelihood, unknowns);
-        information.add_samples(likelihood, samples, unknowns);
+        let mut information = self.information(likelihood, samples);
+        let judgement = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let change = judgement.look(&mut information);
+        let sound =
+            if likelihood.explains() { self.plausible(samples, &calibration) } else { Err(SolveError::NotConverged) };
+        // What is wrong for such a reason is not wrong for another.
+        sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::IronChanged(change.iron)))?;
+        if self.method == Method::MaximumLikelihood {
+            self.contradicted(&information, likelihood)?;
+        }
         if self.method == Method::Ellipsoid
             && !ellipsoid::is_determined(samples, &calibration, &information, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
-        let envelope = Envelope::of(self.method, samples);
-        let mut covariance = Covariance::EXACT;
-        information.covariance(likelihood, unknowns, self.consider, &mut covariance).ok_or(SolveError::NotConverged)?;
-        let uncertainty =
-            information::uncertainty(likelihood, unknowns, &covariance).ok_or(SolveError::NotConverged)?;
-        let expected = expected_error::expected(&calibration, &covariance, envelope).ok_or(SolveError::NotConverged)?;
-        let quality = Quality {
-            method: self.method,
-            envelope,
-            expected_rms_deg: expected.rms_deg,
-            expected_worst_deg: expected.worst_deg,
-            norm_residual: likelihood.noise.norm,
-            dip_residual_deg: likelihood.noise.dip_rad.to_degrees(),
-            samples: information.system.samples,
+        judgement.pass(&mut information, change, self.consider)
+    }
+
+    /// What the samples say near the result, as far as their equations say it: what the refinement ended with, unless
+    /// that took more for known than is.
+    #[inline(never)]
+    fn information(&self, likelihood: &Likelihood, samples: Samples<'_>) -> Information {
+        if likelihood.known_inclination_rad == self.refinement.likelihood.known_inclination_rad {
+            Information::new(self.refinement.system())
+        } else {
+            Information::new(&likelihood.linearise(samples, &self.refinement.unknowns))
+        }
+    }
+
+    /// That the samples show another inclination than was told.
+    #[inline(never)]
+    fn contradicted(&self, information: &Information, likelihood: &Likelihood) -> Result<(), SolveError> {
+        let Some(told_rad) = self.prior.inclination_rad.or(self.told.map(|(told_rad, _)| told_rad)) else {
+            return Ok(());
         };
-        let advice = advice::advise(&information, likelihood, unknowns, &calibration, envelope, self.consider);
-        Ok(Solution { calibration, quality, uncertainty, advice })
+        let own = information.own_inclination(likelihood, &self.refinement.unknowns, self.consider);
+        let sigma_rad = likelihood.config.known_inclination_sigma_rad;
+        match own {
+            Some([own_rad, variance])
+                if libm::fabsf(own_rad - told_rad) > CONTRADICTS * libm::sqrtf(variance + sigma_rad * sigma_rad) =>
+            {
+                let found_deg = libm::roundf(own_rad.to_degrees()).clamp(-90.0, 90.0) as i8;
+                Err(SolveError::InclinationContradicted { found_deg })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Headings must run with the turns, and the mounting must be the configured one.
@@ -202,6 +263,25 @@ impl Solver {
         }
         Ok(())
     }
+}
+
+/// Whether another start may lead to a better result.
+fn is_doubtful(end: &Result<Solution, SolveError>) -> bool {
+    match end {
+        Ok(Solution { calibration, quality, .. }) => {
+            // What is not a number is doubtful, too.
+            let is_good =
+                quality.expected_rms_deg <= DOUBTFUL_RMS_DEG && calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT;
+            !is_good
+        }
+        Err(SolveError::NotConverged | SolveError::IronChanged(_)) => true,
+        Err(_) => false,
+    }
+}
+
+/// What is not a number is not accurate either.
+fn is_accurate(solution: &Solution) -> bool {
+    solution.quality.expected_rms_deg <= DOUBTFUL_RMS_DEG
 }
 
 /// Solves samples by a method, from the first check to the last judgement. On a device that has other things to do
@@ -227,6 +307,25 @@ fn closed_form(
         Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve(samples, rotation),
         Method::CompassSwing => compass_swing::solve(samples.marks, rotation, inclination_rad),
         Method::Ellipsoid => Err(SolveError::NotDetermined(Part::All)),
+    }
+}
+
+/// Where a method begins, and whether that is the sphere.
+#[inline(never)]
+fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(Start, bool), SolveError> {
+    let rotation = prior.mount.body_from_sensor();
+    let closed_form = match closed_form(method, samples, &rotation, prior.inclination_rad) {
+        Ok(response) => response.start(),
+        // These can do without: they begin with the sphere.
+        Err(_) if matches!(method, Method::MaximumLikelihood | Method::Ellipsoid) => None,
+        Err(error) => return Err(error),
+    };
+    match closed_form {
+        Some(start) => Ok((start, false)),
+        None if method.is_refined() => {
+            Ok((response::sphere(samples, &rotation).ok_or(SolveError::NotConverged)?, true))
+        }
+        None => Err(SolveError::NotConverged),
     }
 }
 
@@ -281,7 +380,8 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Mark;
+    use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
+    use crate::calibration::{Course, IronChange, Mark};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -377,5 +477,119 @@ mod tests {
         let marks = [Mark { sample: varied(1)[0], heading_rad: f32::NAN }];
         let nowhere = check(Method::CompassSwing, Samples { marks: &marks, ..Samples::default() });
         assert_eq!(nowhere, Err(SolveError::NotFinite));
+    }
+
+    /// A solution that expects so much, with so much hard iron along an axis.
+    fn found(expected_rms_deg: f32, b_ut: f32) -> Solution {
+        let (_, recorded) = flown();
+        let mut solution = solve(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+        solution.quality.expected_rms_deg = expected_rms_deg;
+        solution.calibration.b_ut = [0.0, b_ut, 0.0];
+        solution
+    }
+
+    fn flown() -> (Airframe, Recorded) {
+        let mut random = Random(31);
+        let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
+        let recorded = Flight::REAL.fly(&airframe, &mut random);
+        (airframe, recorded)
+    }
+
+    /// 3 deg, 300 uT, and what is no number; of errors those that another start may mend.
+    #[test]
+    fn what_looks_strange_is_doubtful() {
+        for (expected_rms_deg, b_ut, doubtful) in
+            [(2.99, 299.0, false), (3.01, 0.0, true), (0.5, 301.0, true), (0.5, -301.0, true), (f32::NAN, 0.0, true)]
+        {
+            assert_eq!(is_doubtful(&Ok(found(expected_rms_deg, b_ut))), doubtful, "{expected_rms_deg} {b_ut}");
+        }
+        let change = IronChange { ut: 9.0, course: Course::Drift, of_s: 200 };
+        assert!(is_doubtful(&Err(SolveError::NotConverged)) && is_doubtful(&Err(SolveError::IronChanged(change))));
+        assert!(!is_doubtful(&Err(SolveError::TurnsReversed)));
+    }
+
+    /// Solves to the end, a step at a time; how often it began.
+    fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
+        let mut began = 1;
+        loop {
+            let before = (solver.from_sphere, solver.kept.is_some(), solver.told.is_some());
+            match solver.step(samples) {
+                Progress::Continue => {}
+                Progress::Finished(end) => return (end, began),
+            }
+            let after = (solver.from_sphere, solver.kept.is_some(), solver.told.is_some());
+            began += usize::from(before != after);
+        }
+    }
+
+    /// A good flight is solved once. One whose first result is doubtful is solved from the sphere as well; where that
+    /// fits better, it is taken, and where it does not, the first is found again.
+    #[test]
+    fn of_two_results_the_better_fit_is_taken() {
+        let (airframe, recorded) = flown();
+        let samples = recorded.turns();
+        let new = || Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
+        let (plain, began) = run(new(), samples);
+        let plain = plain.unwrap();
+        assert_eq!(began, 1);
+        let error = |solution: &Solution| rms(&airframe.errors_deg(&solution.calibration));
+        // As if the first had been doubtful, and fitted so well.
+        for (misfit, is_found_again) in [(f32::INFINITY, false), (0.0, true)] {
+            let mut solver = new();
+            while !matches!(solver.refinement.step(samples), Refining::Settled) {}
+            let Kept { start, .. } = solver.keep(&plain).unwrap();
+            let sphere = response::sphere(samples, &Matrix3::identity()).unwrap();
+            assert!(solver.begin(samples, &sphere));
+            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit }));
+            let (again, began) = run(solver, samples);
+            assert_eq!(began, if is_found_again { 2 } else { 1 });
+            let again = again.unwrap();
+            assert!((error(&again) - error(&plain)).abs() < 0.05 && again.iron.is_none());
+        }
+    }
+
+    /// The misfit is of both residuals, and of the field in microtesla: twice the field is twice the misfit.
+    #[test]
+    fn the_misfit_is_in_microtesla() {
+        let (_, recorded) = flown();
+        let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+        let mut solution = found(0.5, 0.0);
+        let misfit = solver.misfit(&solution);
+        let noise = &solver.refinement.likelihood.noise;
+        assert!((misfit / (noise.norm * noise.dip_rad * solution.calibration.total_ut) - 1.0).abs() < 1e-5);
+        solution.calibration.total_ut *= 2.0;
+        assert!((solver.misfit(&solution) / misfit - 2.0).abs() < 1e-5);
+    }
+
+    /// What is kept is a start that has the very unknowns.
+    #[test]
+    fn what_is_kept_is_where_it_was() {
+        let (_, recorded) = flown();
+        let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+        let Refinement { likelihood, unknowns, .. } = &solver.refinement;
+        let kept = solver.keep(&found(0.5, 0.0)).unwrap();
+        let again = likelihood.unknowns(&kept.start).unwrap();
+        assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
+    }
+
+    /// An inclination is left out when what came of it is an error, or of no use; and only if one was told.
+    #[test]
+    fn what_was_told_is_left_out_when_it_may_be_the_reason() {
+        let (_, recorded) = flown();
+        let samples = recorded.turns();
+        let told = Prior { inclination_rad: Some(0.9), ..Prior::default() };
+        for (prior, end, is_left_out) in [
+            (told, Ok(found(2.9, 0.0)), false),
+            (told, Ok(found(3.1, 0.0)), true),
+            (told, Err(SolveError::TurnsReversed), true),
+            (Prior::default(), Err(SolveError::TurnsReversed), false),
+        ] {
+            let mut solver = Solver::new(Method::MaximumLikelihood, samples, &prior).unwrap();
+            assert_eq!(solver.tries_untold(&end, samples), is_left_out);
+            assert_eq!(solver.told.is_some(), is_left_out);
+            assert_eq!(solver.prior.inclination_rad.is_some(), prior.inclination_rad.is_some() && !is_left_out);
+            // Once.
+            assert!(!is_left_out || !solver.tries_untold(&end, samples));
+        }
     }
 }

@@ -17,13 +17,28 @@ impl Covariance {
     /// Everything known exactly.
     pub const EXACT: Self = Self([0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
 
-    /// Takes its elements: asked for row by row, from the first column to the diagonal. `None` if one is not finite.
-    pub fn fill(&mut self, mut element: impl FnMut(usize, usize) -> f32) -> Option<()> {
+    /// Takes its elements: asked for row by row, from the first column to the diagonal.
+    pub fn fill(&mut self, mut element: impl FnMut(usize, usize) -> f32) {
         let triangle = (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)));
         for (packed, (row, column)) in self.0.iter_mut().zip(triangle) {
             *packed = element(row, column);
         }
-        self.0.iter().all(|c| c.is_finite()).then_some(())
+    }
+
+    /// Adds `weight vector vector^T`.
+    pub fn add_square(&mut self, vector: &Vector12, weight: f32) {
+        let mut packed = self.0.iter_mut();
+        for i in 0..COEFFICIENTS {
+            let weighted = weight * vector[i];
+            for (&v, c) in vector.iter().take(i + 1).zip(&mut packed) {
+                *c += weighted * v;
+            }
+        }
+    }
+
+    /// Whether every element is a number.
+    pub fn is_finite(&self) -> bool {
+        self.0.iter().all(|c| c.is_finite())
     }
 
     fn at(&self, i: usize, j: usize) -> f32 {
@@ -156,7 +171,7 @@ mod tests {
             let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
             let full = root * root.transpose();
             let mut covariance = Covariance::EXACT;
-            covariance.fill(|i, j| full[(i, j)]).unwrap();
+            covariance.fill(|i, j| full[(i, j)]);
             let [f, x] = [(); 2].map(|()| Vector3::from_fn(|_, _| number()));
             let row = coefficients_row(&f, &x);
             let exact = row.dot(&(full * row));
@@ -241,7 +256,7 @@ mod tests {
             let case = Case::random(&mut random);
             let direction = Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0));
             let mut covariance = Covariance::EXACT;
-            covariance.fill(|i, j| direction[i] * direction[j]).unwrap();
+            covariance.add_square(&direction, 1.0);
             let here = case.heading_rad(&case.calibration);
             let turned =
                 derivative(|step| wrap_pi(case.heading_rad(&case.moved(&(direction * 0.3), step)) - here)) / 0.3;
@@ -309,15 +324,32 @@ mod tests {
             assert!(!spoilt(&|u| u.products[0][0] = bad) && !spoilt(&|u| u.products[5][9] = bad));
         }
         let mut covariance = Covariance::EXACT;
-        assert!(covariance.fill(|_, _| 1.0).is_some());
-        assert!(covariance.fill(|i, j| if (i, j) == (11, 11) { f32::NAN } else { 1.0 }).is_none());
+        covariance.fill(|_, _| 1.0);
+        assert!(covariance.is_finite());
+        covariance.fill(|i, j| if (i, j) == (11, 11) { f32::NAN } else { 1.0 });
+        assert!(!covariance.is_finite());
+    }
+
+    /// A square along a direction is what it adds to the variance along it.
+    #[test]
+    fn a_square_is_added_to_every_element() {
+        let mut random = Random(5);
+        let [one, two] = [(); 2].map(|()| Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0)));
+        let mut covariance = Covariance::EXACT;
+        covariance.fill(|i, j| one[i] * one[j]);
+        covariance.add_square(&two, -0.5);
+        for i in 0..COEFFICIENTS {
+            for j in 0..COEFFICIENTS {
+                assert!((covariance.at(i, j) - (one[i] * one[j] - 0.5 * two[i] * two[j])).abs() < 1e-6, "{i} {j}");
+            }
+        }
     }
 
     /// Rounding may leave a variance below nothing; a sigma is a number all the same.
     #[test]
     fn a_variance_is_never_negative() {
         let mut covariance = Covariance::EXACT;
-        covariance.fill(|i, j| if i == j { -1.0 } else { 0.0 }).unwrap();
+        covariance.fill(|i, j| if i == j { -1.0 } else { 0.0 });
         assert_eq!(covariance.variance(&Vector12::ith(3, 1.0)).to_bits(), 0);
         let uncertainty = Uncertainty::new(&covariance, 0.0, 0.0);
         assert_eq!(uncertainty.variance(&Vector3::x(), &Vector3::y()).to_bits(), 0);

@@ -293,7 +293,7 @@ impl Compass {
             return Err(Refusal::NoSamples);
         }
         let prior = self.prior(sensor);
-        let supported = || ladder::choose(self.collector.fit(), self.collector.procedure(), &prior);
+        let supported = || ladder::choose(self.collector.fit(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
         let consider = self.settings.attitude_error.consider();
         let solver =

@@ -476,15 +476,15 @@ fn a_solve_uses_the_settings() {
     bed.saved(Command::Set(Setting::Mount(mount))).unwrap();
     bed.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
     assert_eq!(bed.compass.in_use().unwrap().mount, mount);
-    // An inclination that is 5 deg off pulls the one that is found towards it.
+    // An inclination that is 2 deg off pulls the one that is found towards it; one of 5 deg is refused.
     let found_deg = |given: Option<f32>| {
         let mut bed = Bed::new();
         bed.saved(Command::Set(Setting::Inclination(given))).unwrap();
         bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
         bed.compass.in_use().unwrap().calibration.inclination_rad.to_degrees()
     };
-    let (free, given) = (found_deg(None), found_deg(Some(60.0)));
-    assert!(given > free + 0.02, "{given} {free}");
+    let (free, given) = (found_deg(None), found_deg(Some(57.0)));
+    assert!(given > free + 0.008, "{given} {free}");
     // Whoever allows for more expects more, in either of the two.
     let expected_deg = |bias_deg, bank_percent| {
         let mut bed = Bed::new();
@@ -501,6 +501,10 @@ fn a_solve_uses_the_settings() {
     for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
         assert!(more > 1.2 * nothing, "{more} {nothing}");
     }
+    let mut bed = Bed::new();
+    bed.saved(Command::Set(Setting::Inclination(Some(60.0)))).unwrap();
+    let contradicted = Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 });
+    assert_eq!(bed.calibrate(&few_turns(&airframe(), 1)).unwrap_err(), contradicted);
 }
 
 #[test]

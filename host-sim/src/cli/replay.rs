@@ -54,6 +54,8 @@ fn summary(rows: &[Row], replayed: &Replayed) -> Value {
         "coefficients": solution.map(|s| coefficients(&s.calibration)),
         "inclination_deg": solution.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
         "expected_rms_deg": solution.map(|s| shortest(s.quality.expected_rms_deg)),
+        "iron_changed_ut": solution.and_then(|s| s.iron).map(|doubt| shortest(doubt.of.ut)),
+        "bank_read": solution.and_then(|s| s.bank).map(|doubt| shortest(doubt.of.read)),
         "rows": rows.len(),
         "samples": replayed.samples,
         "heading_rms_deg": rms(&replayed.score),
@@ -78,6 +80,17 @@ fn show(rows: &[Row], replayed: &Replayed) {
         solution.quality.expected_worst_deg,
         solution.calibration.inclination_rad.to_degrees(),
     );
+    if let Some(doubt) = &solution.iron {
+        println!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of);
+    }
+    if let Some(doubt) = &solution.bank {
+        println!(
+            "allowed for, {:.2} deg of it: the attitude source seems to read {:.0} % of the bank ({:.1} sigma)",
+            doubt.error_deg,
+            100.0 * doubt.of.read,
+            doubt.of.sigmas
+        );
+    }
     if let Some(advice) = &solution.advice {
         println!(
             "weakest: {} ({:.2} deg); best next: {} ({:.2} -> {:.2} deg)",

@@ -158,7 +158,7 @@ fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     }
     let selection = Selection::of(collector.fit(), Procedure::Turns);
     let fit = selection.from(collector.fit());
-    let solved = ladder::choose(collector.fit(), Procedure::Turns, prior)
+    let solved = ladder::choose(collector.fit(), Procedure::Turns)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
     (solved, fit.all().count())

@@ -33,7 +33,7 @@ mod priors;
 mod system;
 pub(super) mod unknowns;
 
-pub(super) use equations::{Equations, Measured};
+pub(super) use equations::{Equation, Equations, Measured};
 pub(super) use noise::Noise;
 pub(super) use parameters::Parameters;
 pub(super) use prediction::{Prediction, heading_by_field, horizontal_squared};
@@ -172,22 +172,33 @@ impl Likelihood {
 
     /// The equations of every sample, one after the other.
     pub fn for_each_sample(&self, samples: Samples<'_>, parameters: &Parameters, each: &mut dyn FnMut(&Equations)) {
-        let mut one = |sample: &Sample, heading_rad: Option<f32>| {
-            let measured = Measured {
-                x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
-                tilt: sample.attitude.tilt(),
-                roll_rad: sample.attitude.roll_rad,
-                heading_rad,
-            };
-            each(&Equations::new(parameters, &measured, &self.noise, &self.config, self.refined));
-        };
+        let mut one =
+            |sample: &Sample, heading_rad: Option<f32>| each(&self.equations(sample, heading_rad, parameters));
         samples.iter().step_by(self.stride).for_each(|sample| one(sample, None));
         samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
+    }
+
+    /// The equations of a sample, and of its heading in radians where that was given.
+    pub fn equations(&self, sample: &Sample, heading_rad: Option<f32>, parameters: &Parameters) -> Equations {
+        let measured = Measured {
+            x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
+            tilt: sample.attitude.tilt(),
+            roll_rad: sample.attitude.roll_rad,
+            heading_rad,
+        };
+        Equations::new(parameters, &measured, &self.noise, &self.config, self.refined)
     }
 
     /// The unknowns of a start.
     pub fn unknowns(&self, start: &Start) -> Option<Vector13> {
         Parameters { w: start.w, d: start.w * (self.mean - start.b), inclination_rad: start.inclination_rad }.unknowns()
+    }
+
+    /// The start that has these unknowns. `None` when their `W` has no inverse.
+    pub fn start(&self, unknowns: &Vector13) -> Option<Start> {
+        let parameters = Parameters::new(unknowns);
+        let b = self.mean - parameters.mean_from_b()?;
+        Some(Start { unit_ut: self.unit_ut, w: parameters.w, b, inclination_rad: parameters.inclination_rad })
     }
 
     /// One pass over the samples.
@@ -214,8 +225,9 @@ impl Likelihood {
             dip.max(self.config.min_dip_sigma_rad),
             Parameters::new(unknowns).w,
         );
+        // The first round of weights may do with half of very many.
+        self.stride = if self.refined { 1 } else { (self.stride / 2).clamp(1, 2) };
         self.refined = true;
-        self.stride = 1;
     }
 
     /// Whether the residuals are small enough for the coefficients to explain the samples.

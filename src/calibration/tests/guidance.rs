@@ -27,12 +27,12 @@ fn the_ladder_takes_what_the_samples_support() {
     let (left, right, level): (&[_], &[_], &[_]) = (&turns.left, &turns.right, &level);
     let choose = |left, right, level| {
         let samples = Samples { left, right, level, marks: &[] };
-        ladder::choose(samples, Procedure::Turns, &NO_PRIOR)
+        ladder::choose(samples, Procedure::Turns)
     };
     let missing = |side, have| Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need: 12 });
     assert_eq!(choose(left, right, level), Ok(Method::MaximumLikelihood));
     assert_eq!(choose(left, few, level), Ok(Method::MaximumLikelihood));
-    assert_eq!(choose(&[], few, level), Ok(Method::Level));
+    assert_eq!(choose(&[], few, level), missing(Side::Left, 0), "turns were asked for");
     assert_eq!(choose(left, few, &level[..5]), missing(Side::Right, 5));
     assert_eq!(choose(&[], right, &[]), missing(Side::Left, 0));
     assert_eq!(choose(&[], &[], &level[..12]), missing(Side::Left, 0), "a few headings are no circle");
@@ -54,14 +54,20 @@ fn level_samples_only_fill_in() {
 /// After turns to one side only, what is weak shows in turns, and a turn to the other side is what helps.
 #[test]
 fn one_side_wants_the_other() {
+    let mut suspected = 0;
     for seed in 0..20 {
         let mut random = Random(3100 + seed);
         let airframe = airframe(&mut random);
         let turns = Flight::REAL.fly(&airframe, &mut random);
-        let advice = advice(Samples { right: &[], ..turns.turns() });
+        let solution = solution(Samples { right: &[], ..turns.turns() });
+        let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
-        assert!(advice.with_it_deg < 0.5 * advice.expected_deg, "seed {seed}: {advice:?}");
+        // No circle mends an attitude source, which one of these looks to need by chance.
+        let promised = if solution.bank.is_some() { 0.9 } else { 0.5 };
+        assert!(advice.with_it_deg < promised * advice.expected_deg, "seed {seed}: {advice:?}");
+        suspected += usize::from(solution.bank.is_some());
     }
+    assert!(suspected <= 2, "{suspected}");
 }
 
 /// The promise is kept: with a circle as advised, the module expects what it said it would, within a third, because the

@@ -82,7 +82,7 @@ fn level_flight_is_right_but_for_a_constant() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let samples = level_circle(&airframe, 48, &mut random);
         let level = Samples { level: &samples, ..Samples::default() };
-        assert_eq!(ladder::choose(level, Procedure::Level, &NO_PRIOR), Ok(Method::Level));
+        assert_eq!(ladder::choose(level, Procedure::Level), Ok(Method::Level));
         let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
         let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         let constant = mean(&errors);
@@ -194,7 +194,7 @@ fn tumbling_finds_shape_and_centre() {
             })
             .collect();
         let samples = Samples { left: &tumbled, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Procedure::Tumble, &NO_PRIOR), Ok(Method::Ellipsoid));
+        assert_eq!(ladder::choose(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
         let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
@@ -249,7 +249,7 @@ fn one_side_and_level_flight_are_enough_and_know_how_much() {
         let turns = Flight { attitude_bias_deg: 0.0, ..Flight::REAL }.fly(&airframe, &mut random);
         let level = level_circle(&airframe, 60, &mut random);
         let samples = Samples { left: &turns.left, level: &level, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Procedure::Turns, &NO_PRIOR), Ok(Method::MaximumLikelihood));
+        assert_eq!(ladder::choose(samples, Procedure::Turns), Ok(Method::MaximumLikelihood));
         let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
         ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
     }

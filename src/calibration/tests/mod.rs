@@ -1,8 +1,10 @@
 //! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
-//! `robustness`, symmetries in `symmetry`, which method when and what to fly in `guidance`, small values in `basics`,
+//! `robustness`, samples of two airframes in
+//! `constancy`, what is tried again in `second_thoughts`, symmetries in `symmetry`, which method when and what to fly in `guidance`, small values in `basics`,
 //! the likelihood's derivatives in `derivatives`, its noise and damping in `likelihood`, its sigmas in `forecast`.
 
 mod basics;
+mod constancy;
 pub(super) mod derivatives;
 mod forecast;
 mod guidance;
@@ -10,6 +12,7 @@ mod likelihood;
 mod methods;
 mod refusals;
 mod robustness;
+mod second_thoughts;
 mod symmetry;
 pub(crate) mod synthetic;
 
@@ -152,7 +155,7 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
     let one_side = Samples { left: &[], ..good.turns() };
-    let missing = ladder::choose(one_side, Procedure::Turns, &NO_PRIOR);
+    let missing = ladder::choose(one_side, Procedure::Turns);
     assert!(matches!(missing, Err(SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
