@@ -7,7 +7,7 @@
 //! |---|---|
 //! | `too-few-held-back` | nothing could be verified |
 //! | `iron-changed` | its samples are of two airframes: the iron changed, and that outweighs all other errors |
-//! | `attitude-contradicted` | the attitude source misreads bank, and its expected heading error is of no use for that |
+//! | `attitude-contradicted` | the attitude source misreads bank, for which its expected heading error is of no use |
 //! | `not-accurate` | its expected heading error is of no use |
 //! | `not-better` | on held-back samples it does no better than what is in use |
 //! | `thinner` | its samples show less than those behind the one in use, which they do not contradict |
@@ -161,8 +161,8 @@ fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
         .unwrap_or(0)
 }
 
-/// A small change of the iron is allowed for in what is expected; one that outweighs all other errors, or is in a result
-/// of no use, is for the pilot to mend. What is expected without it is no excuse: the misfit is in that, too.
+/// A small change of the iron is allowed for in what is expected; one that outweighs all other errors, or is in a
+/// result of no use, is for the pilot to mend. What is expected without it is no excuse: the misfit is in that, too.
 fn of_one_airframe(policy: &Policy, candidate: &Solution) -> Result<(), Rejection> {
     let Some(Doubt { of: change, error_deg, without_deg }) = candidate.iron else { return Ok(()) };
     let outweighs = error_deg > policy.max_iron_share * without_deg;

@@ -96,3 +96,16 @@ fn a_flight_without_turns_is_refused_with_a_reason() {
     assert!(words.contains("turns"), "{words}");
     assert!(flown.streamed.is_none());
 }
+
+/// Five degrees of bank are no turn. What level flight shows is not what was asked for, and its constant error would
+/// not be in what it expects.
+#[test]
+fn a_flight_with_little_bank_is_refused() {
+    // In gusts these two bank to ten degrees for long enough to begin a turn, after which level flight is collected.
+    for seed in [5, 7] {
+        let flown = fly(WorldConfig::random(seed), Plan { bank_deg: 5.0, circles: 2.0 }, &mut |_, _| {});
+        let Err(Notice::Refused { code, words }) = &flown.result else { panic!("{:?}", flown.result) };
+        assert_eq!(code, "too-few-samples", "{words}");
+        assert!(words.contains("turns"), "{words}");
+    }
+}

@@ -104,8 +104,8 @@ fn a_steady_course_is_refused() {
     }
 }
 
-/// A payload that moves between the sides or in a turn, and a zero that drifts: refused for that, or allowed for in what
-/// is expected of the iron of the end.
+/// A payload that moves between the sides or in a turn, and a zero that drifts: refused for that, or allowed for in
+/// what is expected of the iron of the end.
 #[test]
 fn a_flight_of_two_airframes_is_refused_or_honest() {
     let mut refused = 0;

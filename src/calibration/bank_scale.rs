@@ -2,17 +2,17 @@
 //!
 //! A source that is aided by accelerometers leans into a turn and reads, say, nine tenths of the bank. In steady turns
 //! that looks like soft iron; only as bank wanders, dips wander with what is missing of it. With `k` for the relative
-//! error of bank as one more unknown, linear about the solution without it, its estimate is `U / S`: `S` what is left of
-//! its information, and `U` of its gradient, when all other unknowns follow (the efficient score: D. R. Cox and
+//! error of bank as one more unknown, linear about the solution without it, its estimate is `U / S`: `S` what is left
+//! of its information, and `U` of its gradient, when all other unknowns follow (the efficient score: D. R. Cox and
 //! D. V. Hinkley, Theoretical Statistics, 1974, 9.3).
 //!
-//! Noise of roll stands in the derivative `roll dip'(roll)` as in the residual, so that it pulls the estimate towards -1
-//! as noise in a regressor does. It is known from the scatter of the dips, and taken out of both `S` and `U`: by
+//! Noise of roll stands in the derivative `roll dip'(roll)` as in the residual, so that it pulls the estimate towards
+//! -1 as noise in a regressor does. It is known from the scatter of the dips, and taken out of both `S` and `U`: by
 //! `sigma^2 sum w dip'(roll)^2`.
 //!
 //! In light weather, with 330 samples of turns at 25 deg of bank, `k` comes out to 2 %: 0.009 for the 1 % that the
-//! simulator's source is short by, 0.11 for 10 %. That is too little to correct by (which makes a good source's headings
-//! worse: 0.12 to 0.32 deg), but enough to doubt a bad one.
+//! simulator's source is short by, 0.11 for 10 %. That is too little to correct by (which makes a good source's
+//! headings worse: 0.12 to 0.32 deg), but enough to doubt a bad one.
 
 use super::likelihood::{Equation, Equations, Vector13};
 use super::time_order::PARTS;
@@ -101,8 +101,8 @@ pub(super) struct Clusters {
 }
 
 impl Clusters {
-    /// Adds what the next sample of a part contributes to `U`, where `column` is `H^-1` times what an error of bank does
-    /// to the gradient of the other unknowns.
+    /// Adds what the next sample of a part contributes to `U`, where `column` is `H^-1` times what an error of bank
+    /// does to the gradient of the other unknowns.
     pub fn add(&mut self, part: usize, equations: &Equations, column: &Vector13) {
         let [_, _, by_bank] = equations.attitude_effects;
         let of = |equation: &Equation, by_bank: f32| {

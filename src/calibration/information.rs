@@ -8,7 +8,7 @@ use super::constancy::Scan;
 use super::correlation::Correlation;
 use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Matrix13, Vector12, Vector13, d, w};
 use super::likelihood::{Equation, Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
-use super::time_order::InTime;
+use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
 use crate::frames::Attitude;
 use crate::trig;
@@ -93,7 +93,7 @@ impl Information {
     }
 
     /// Adds what the samples of the system say besides: one pass over them, in which a change of the iron is looked
-    /// for, too.
+    /// for, too, where they are of turns.
     #[inline(never)]
     pub fn look(
         &mut self,
@@ -107,14 +107,18 @@ impl Information {
             let equations = likelihood.equations(sample, None, &parameters);
             self.add_dip(&equations);
             let dip = equations.dip.as_ref().map_or(0.0, Equation::clipped);
-            self.correlation.add(part, [equations.norm.clipped(), dip]);
+            // Whoever stands at a heading that he gives wrong makes norms there that are alike, and that is in the
+            // sigma of what he gives.
+            let norm = if scan.is_some() { equations.norm.clipped() } else { 0.0 };
+            self.correlation.add(part, [norm, dip]);
             if let Some(scan) = &mut scan {
                 scan.add(&self.system, sample.time, &equations);
             }
         }
-        // Marks are minutes apart: their errors have no neighbours.
         for mark in samples.marks {
-            self.add_dip(&likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters));
+            let equations = likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters);
+            self.add_dip(&equations);
+            self.correlation.add(PARTS - 1, [0.0, equations.dip.as_ref().map_or(0.0, Equation::clipped)]);
         }
     }
 
@@ -187,8 +191,8 @@ impl Information {
         covariance.is_finite().then_some(())
     }
 
-    /// `(x - x_0) H_dip vector`: by how much more than `x_0` the variance of the dips' errors is of what they were taken
-    /// for, if it is.
+    /// `(x - x_0) H_dip vector`: by how much more than `x_0` the variance of the dips' errors is of what they were
+    /// taken for, if it is.
     pub fn dips_times(&self, vector: &Vector13, than: f32) -> Vector13 {
         let [_, of_dip] = self.correlation.excess();
         let mut product = Vector13::zeros();
@@ -415,8 +419,8 @@ mod tests {
         let mut information = informed(&likelihood, &at, 1e4);
         let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
         information.system.add(&only_norm(row, 0.05, 1e-4));
-        // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2. The norm's
-        // rho is a third: what is neither dip nor prior is doubted by 1.
+        // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2. The
+        // norm's rho is a third: what is neither dip nor prior is doubted by 1.
         let dip_row = Vector13::from_fn(|i, _| (i as f32 * 1.3).cos());
         information.system.add(&only_norm(dip_row, 0.0, 1.0 / 3e3));
         information.dip.syger(3e3, &dip_row, &dip_row, 1.0);
@@ -556,7 +560,7 @@ mod tests {
     fn the_samples_own_inclination_is_found_again() {
         let known_sigma = Config::DEFAULT.known_inclination_sigma_rad;
         for (own_rad, sigma, is_shown) in
-            [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.09, false)]
+            [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.078, false)]
         {
             for told in [true, false] {
                 let prior = Prior { inclination_rad: told.then_some(0.7), ..Prior::default() };

@@ -26,7 +26,8 @@ pub struct Solution {
     pub bank: Option<Doubt<BankError>>,
 }
 
-/// Something that the samples show to be otherwise than assumed. `quality` and `uncertainty` of a solution allow for it.
+/// Something that the samples show to be otherwise than assumed. `quality` and `uncertainty` of a solution allow for
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubt<T> {
     /// What.

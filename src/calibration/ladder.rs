@@ -9,8 +9,8 @@
 //! | tumbling without attitude | ellipsoid | the mounting |
 //! | less | none | |
 //!
-//! Who asked for turns gets no level ellipse: its constant error, the mounting, is not in what it expects, and at little
-//! bank was up to eight times that. `cal solve level` is there for who wants it.
+//! Who asked for turns gets no level ellipse: its constant error, the mounting, is not in what it expects, and at
+//! little bank was up to eight times that. `cal solve level` is there for who wants it.
 
 use super::turns::MIN_SAMPLES;
 use super::{Method, Part, Sample, Samples, Side, SolveError};

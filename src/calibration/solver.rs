@@ -34,8 +34,8 @@ pub struct Solver {
     from_sphere: bool,
     /// A doubtful result of the first start, while the other is tried.
     kept: Option<Kept>,
-    /// An inclination that was told, radians, while it is tried without; and what was wrong with it, if it was more than
-    /// useless.
+    /// An inclination that was told, radians, while it is tried without; and what was wrong with it, if it was more
+    /// than useless.
     told: Option<(f32, Option<SolveError>)>,
 }
 
