@@ -554,6 +554,27 @@ mod tests {
         assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT).is_none());
     }
 
+    /// What is known of airframes has no neighbours: where norms are alike, only what they say is doubted.
+    #[test]
+    fn what_rests_on_priors_is_not_doubted() {
+        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        let at = parameters().unknowns().unwrap();
+        let mut information = of_priors(&likelihood, &at);
+        // The one thing that priors leave open.
+        let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
+        information.system.add(&only_norm(scale, 0.0, 1e-4));
+        let of = |information: &Information| full(information, &likelihood, &at, Consider::NOTHING);
+        let before = of(&information);
+        for residual in [1.0, 1.0, 0.0] {
+            information.correlation.add(0, [residual, 0.0]);
+        }
+        let after = of(&information);
+        assert!((information.inflation() - 3.0).abs() < 1e-3);
+        for i in 0..COEFFICIENTS {
+            assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
+        }
+    }
+
     /// A told inclination of 0.7 and its sigma of a degree, and samples that show `own_rad` with a sigma: the result is
     /// their mean, of which the samples' own part is found again. Where they show less than a twentieth of it, nothing.
     #[test]
@@ -574,8 +595,9 @@ mod tests {
                 }
                 information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, sigma * sigma));
                 // Correlated with rho of one half, and with a bank error of one worth 2e3 in the gradient.
-                for residuals in [[0.0, 1.0], [0.0, 1.0], [0.0, 0.0]] {
-                    information.correlation.add(0, residuals);
+                for residual in [1.0, 1.0, 0.0] {
+                    // Of norms or of dips, whichever is more.
+                    information.correlation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
                 }
                 information.effects[2] = Vector13::ith(INCLINATION, 2e3);
                 let consider = Consider { bias_rad: 0.0, bank_scale: 0.01 };
