@@ -56,6 +56,13 @@ pub struct Report {
     pub rates_rad_s: [f32; 3],
 }
 
+impl Report {
+    /// Whether its source gives rates: those of what moves are never all nothing.
+    fn has_rates(&self) -> bool {
+        self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
+    }
+}
+
 /// A report with the instant at which its attitude was true.
 #[derive(Clone, Copy, Debug)]
 struct Stamped {
@@ -151,9 +158,9 @@ impl Track {
     /// no rates.
     #[must_use]
     pub fn turning_rad_s(&self) -> Option<f32> {
-        let [p, q, r] = self.reports.back()?.report.rates_rad_s;
-        let squares = p * p + q * q + r * r;
-        (squares > 0.0).then(|| libm::sqrtf(squares))
+        let report = &self.reports.back()?.report;
+        let [p, q, r] = report.rates_rad_s;
+        report.has_rates().then(|| libm::sqrtf(p * p + q * q + r * r))
     }
 
     /// Reports that were not believed so far.

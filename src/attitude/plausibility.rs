@@ -13,6 +13,9 @@ const SPIKE_RAD: f32 = 0.1;
 /// It may be off by so much more for each second since, radians: body rates change.
 const SPIKE_RAD_S: f32 = 1.0;
 
+/// The same of a source that gives no rates, whose reports lead nowhere: an aircraft that rolls fast.
+const SPIKE_WITHOUT_RATES_RAD_S: f32 = 4.0;
+
 /// Reports in a row that are not believed; the next one shows that the attitude is another now.
 const SPIKES_IN_A_ROW: u8 = 3;
 
@@ -64,7 +67,8 @@ impl Spikes {
         let is_far = last.is_some_and(|last| {
             let step_s = at.us_since(last.at) as f32 * 1e-6;
             let expected = extrapolate(&last.report, step_s);
-            tilt_between(expected, attitude) > SPIKE_RAD + SPIKE_RAD_S * step_s
+            let by_time_rad_s = if last.report.has_rates() { SPIKE_RAD_S } else { SPIKE_WITHOUT_RATES_RAD_S };
+            tilt_between(expected, attitude) > SPIKE_RAD + by_time_rad_s * step_s
         });
         if is_far && self.in_a_row < SPIKES_IN_A_ROW {
             self.in_a_row += 1;

@@ -253,13 +253,16 @@ fn no_report_panics() {
     }
 }
 
-/// Reports of these rolls at 50 Hz, without rates; the last was true at the time that is given.
+/// Hardly any rate, degrees a second: of a source that gives rates.
+const AT_REST: f32 = 1e-3;
+
+/// Reports of these rolls at 50 Hz, of an aircraft that does not roll; the last was true at the time that is given.
 fn reported(rolls_deg: &[f32]) -> (Track, u64) {
     let mut track = Track::new(CONFIG);
     let mut true_us = 1_000_000;
     for &roll_deg in rolls_deg {
         true_us += PERIOD_US;
-        track.push(at(true_us + LATENCY_US), rolling(0, roll_deg, 0.0));
+        track.push(at(true_us + LATENCY_US), rolling(0, roll_deg, AT_REST));
     }
     (track, true_us)
 }
@@ -290,7 +293,7 @@ fn what_the_rates_explain_is_no_spike() {
 #[test]
 fn the_fourth_report_far_off_is_believed() {
     let (track, true_us) = reported(&[0.0, 30.0, 30.1, 30.2]);
-    assert_eq!((roll_deg(track.at(at(true_us))), track.doubted().spikes), (0.0, 3));
+    assert!(roll_deg(track.at(at(true_us))).abs() < 1e-3 && track.doubted().spikes == 3);
     let (track, true_us) = reported(&[0.0, 30.0, 30.1, 30.2, 30.3]);
     assert!((roll_deg(track.at(at(true_us))) - 30.3).abs() < 1e-3);
     assert_eq!(track.doubted().spikes, 3);
@@ -304,8 +307,8 @@ fn the_fourth_report_far_off_is_believed() {
 fn after_a_gap_nothing_is_far_off() {
     for (gap_us, spikes) in [(249_000, 1), (251_000, 0)] {
         let mut track = Track::new(CONFIG);
-        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
-        track.push(at(1_000_000 + gap_us), rolling(0, 45.0, 0.0));
+        track.push(at(1_000_000), rolling(0, 0.0, AT_REST));
+        track.push(at(1_000_000 + gap_us), rolling(0, 45.0, AT_REST));
         assert_eq!(track.doubted().spikes, spikes, "{gap_us}");
     }
 }
@@ -316,8 +319,8 @@ fn roll_at_a_vertical_nose_is_no_spike() {
     let mut track = of_one(Attitude::from_deg(0.0, 89.0), [0.0; 3]);
     track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(180.0, 89.0), [0.0; 3]));
     assert_eq!(track.doubted().spikes, 0);
-    let mut track = of_one(Attitude::from_deg(0.0, 0.0), [0.0; 3]);
-    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [0.0; 3]));
+    let mut track = of_one(Attitude::from_deg(0.0, 0.0), [AT_REST; 3]);
+    track.push(at(1_020_000 + LATENCY_US), moving(0, Attitude::from_deg(0.0, 8.0), [AT_REST; 3]));
     assert_eq!(track.doubted().spikes, 1, "pitch counts as well");
 }
 
@@ -382,4 +385,21 @@ fn another_source_is_not_measured_by_the_one_before() {
     track.push(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
     assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1 });
+}
+
+/// 0.1 rad and 4 rad/s in 100 ms are 28.6 deg: a roll of 280 deg/s, of which a source without rates says nothing.
+#[test]
+fn without_rates_a_fast_roll_is_no_spike() {
+    for (to_deg, believed) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
+        let mut track = Track::new(CONFIG);
+        track.push(at(1_000_000), rolling(0, 0.0, 0.0));
+        track.push(at(1_100_000), rolling(0, to_deg, 0.0));
+        assert_eq!(track.doubted().spikes, u32::from(!believed), "{to_deg}");
+    }
+    // With rates, of any axis, that say that it does not roll, it is one.
+    for rates_deg_s in [[AT_REST, 0.0, 0.0], [0.0, -AT_REST, 0.0], [0.0, 0.0, AT_REST]] {
+        let mut track = of_one(Attitude::default(), rates_deg_s);
+        track.push(at(1_100_000 + LATENCY_US), rolling(0, 20.0, AT_REST));
+        assert_eq!(track.doubted().spikes, 1, "{rates_deg_s:?}");
+    }
 }
