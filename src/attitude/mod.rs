@@ -94,6 +94,11 @@ pub struct Doubted {
     pub frozen: u32,
 }
 
+impl Doubted {
+    /// All were believed.
+    pub const NONE: Self = Self { spikes: 0, frozen: 0 };
+}
+
 /// The last few reports on the module's clock, without those that cannot be true.
 #[derive(Debug)]
 pub struct Track {
@@ -115,7 +120,7 @@ impl Track {
             clock: SenderClock::new(),
             spikes: Spikes::new(),
             freeze: Freeze::new(),
-            doubted: Doubted { spikes: 0, frozen: 0 },
+            doubted: Doubted::NONE,
         }
     }
 
@@ -132,7 +137,7 @@ impl Track {
             return;
         }
         self.freeze.see(at, &report);
-        if self.freeze.is_frozen() {
+        if self.freeze.frozen_at().is_some() {
             self.doubted.frozen = self.doubted.frozen.wrapping_add(1);
             return;
         }

@@ -157,11 +157,6 @@ impl Freeze {
         }
     }
 
-    /// Whether the last report was one of too many equal ones.
-    pub const fn is_frozen(&self) -> bool {
-        self.frozen
-    }
-
     /// When the last report was, if it was one of too many equal ones.
     pub fn frozen_at(&self) -> Option<Timestamp> {
         self.frozen.then_some(self.latest)
@@ -226,7 +221,7 @@ mod tests {
             see_turned(&mut freeze, axis, if turned { turned_deg } else { 0.0 });
             freeze.see(Timestamp::from_us(at_us), &report(roll_deg + first_step_deg, pitch_deg));
         }
-        freeze.is_frozen()
+        freeze.frozen_at().is_some()
     }
 
     /// The same about the nose: roll, which changes the field's inclination by half of it here.
@@ -251,10 +246,10 @@ mod tests {
             let mut freeze = Freeze::new();
             freeze.see(Timestamp::from_us(0), &report(0.0, 0.0));
             (1..=5).for_each(|i| freeze.see(Timestamp::from_us(i * 20_000), &report(0.0, pitch_deg)));
-            assert!(freeze.is_frozen());
+            assert!(freeze.frozen_at().is_some());
             // Either angle shows that it goes on.
             freeze.see(Timestamp::from_us(120_000), &report(0.01, pitch_deg));
-            assert!(!freeze.is_frozen());
+            assert!(freeze.frozen_at().is_none());
         }
     }
 
@@ -307,7 +302,7 @@ mod tests {
         for i in 1..100 {
             freeze.see(Timestamp::from_us(i * 20_000), &report(0.1, 0.0));
             (0..2).for_each(|_| freeze.see_field(Field::new(level.ut)));
-            assert!(!freeze.is_frozen(), "{i}");
+            assert!(freeze.frozen_at().is_none(), "{i}");
         }
     }
 
@@ -319,7 +314,7 @@ mod tests {
         for i in 0..600 * 80_u64 {
             if i % 8 == 0 {
                 freeze.see(Timestamp::from_us(i * 12_500), &report(0.3, -1.2));
-                assert!(!freeze.is_frozen(), "after {i} readings");
+                assert!(freeze.frozen_at().is_none(), "after {i} readings");
             }
             let [x, y, z] = [10.0, -5.0, 22.0].map(|ut| ut + 0.35 * random.normal());
             freeze.see_field(Field::from_ut(x, y, z));

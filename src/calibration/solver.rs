@@ -268,10 +268,9 @@ impl Solver {
 /// Whether another start may lead to a better result.
 fn is_doubtful(end: &Result<Solution, SolveError>) -> bool {
     match end {
-        Ok(Solution { calibration, quality, .. }) => {
+        Ok(solution) => {
             // What is not a number is doubtful, too.
-            let is_good =
-                quality.expected_rms_deg <= DOUBTFUL_RMS_DEG && calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT;
+            let is_good = is_accurate(solution) && solution.calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT;
             !is_good
         }
         Err(SolveError::NotConverged | SolveError::IronChanged(_)) => true,

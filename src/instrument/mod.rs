@@ -194,6 +194,11 @@ pub struct Counts {
     pub attitude: Doubted,
 }
 
+impl Counts {
+    /// All was believed.
+    pub const NONE: Self = Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: Doubted::NONE };
+}
+
 /// The instrument. About 2 KB.
 #[derive(Debug)]
 pub struct Instrument {
@@ -215,14 +220,7 @@ impl Instrument {
             track: Track::new(config.attitude),
             sensor: SensorCheck::new(&config),
             pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
-            counts: Counts {
-                unpaired: 0,
-                saturated: 0,
-                clipped: 0,
-                stuck: 0,
-                spikes: 0,
-                attitude: Doubted { spikes: 0, frozen: 0 },
-            },
+            counts: Counts::NONE,
         }
     }
 

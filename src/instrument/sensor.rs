@@ -137,8 +137,7 @@ impl SensorCheck {
         if reading.saturated {
             return Some(Fault::Saturated);
         }
-        let spike = self.is_spike(at, reading.field, turning_rad_s);
-        if spike {
+        if self.is_spike(at, reading.field, turning_rad_s) {
             // It shows neither an end of the range nor a value that is kept.
             return Some(Fault::Spike);
         }

@@ -248,6 +248,8 @@ pub(super) mod registers {
     // Brings the virtual clock.
     use testkit as _;
 
+    use super::super::{Error, Magnetometer};
+
     pub struct Registers {
         pub values: [u8; 0x80],
         /// A register that refuses to be written.
@@ -280,6 +282,27 @@ pub(super) mod registers {
                 if self.broken != Some(register) {
                     self.values[usize::from(register)] = value;
                 }
+            }
+        }
+    }
+
+    /// Flips each bit of each of the registers of a chip that has been initialised: the driver finds it, and initialised
+    /// again, as its owner does, mends it.
+    pub async fn assert_every_bit_is_verified<D: Magnetometer<BusError = ErrorKind>>(
+        driver: &mut D,
+        bus: impl Fn(&mut D) -> &mut Registers,
+        registers: core::ops::Range<usize>,
+    ) {
+        driver.init().await.unwrap();
+        assert_eq!(driver.verify().await, Ok(()));
+        for register in registers {
+            for bit in 0..8 {
+                let written = bus(driver).values[register];
+                bus(driver).values[register] ^= 1 << bit;
+                let read = bus(driver).values[register];
+                assert_eq!(driver.verify().await, Err(Error::Configuration { written, read }));
+                driver.init().await.unwrap();
+                assert_eq!(bus(driver).values[register], written);
             }
         }
     }

@@ -178,7 +178,7 @@ mod tests {
     use embedded_hal_async::i2c::ErrorKind;
     use testkit::simulation::{Level, Simulation};
 
-    use super::super::chip::registers::Registers;
+    use super::super::chip::registers::{Registers, assert_every_bit_is_verified};
     use super::*;
 
     fn registers() -> Registers {
@@ -224,19 +224,7 @@ mod tests {
     #[test]
     fn every_bit_of_the_configuration_is_looked_at() {
         let mut driver = Lis3mdl::new(registers(), Config::default());
-        block_on(driver.init()).unwrap();
-        assert_eq!(block_on(driver.verify()), Ok(()));
-        for register in 0x20..0x25 {
-            for bit in 0..8 {
-                let written = driver.chip.bus.values[register];
-                driver.chip.bus.values[register] ^= 1 << bit;
-                let read = driver.chip.bus.values[register];
-                assert_eq!(block_on(driver.verify()), Err(Error::Configuration { written, read }));
-                // The owner initialises it again, which mends it.
-                block_on(driver.init()).unwrap();
-                assert_eq!(driver.chip.bus.values[register], written);
-            }
-        }
+        block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.bus, 0x20..0x25));
         driver.chip.bus.address = 0x1C;
         assert_eq!(block_on(driver.verify()), Err(Error::Bus(ErrorKind::Other)));
     }

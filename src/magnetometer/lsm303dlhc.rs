@@ -160,7 +160,7 @@ mod tests {
     use embassy_time::Instant;
     use testkit::simulation::{Level, Simulation};
 
-    use super::super::chip::registers::Registers;
+    use super::super::chip::registers::{Registers, assert_every_bit_is_verified};
     use super::*;
 
     fn registers() -> Registers {
@@ -171,18 +171,7 @@ mod tests {
     #[test]
     fn every_bit_of_the_configuration_is_looked_at() {
         let mut driver = Lsm303dlhc::new(registers(), Config::default());
-        block_on(driver.init()).unwrap();
-        assert_eq!(block_on(driver.verify()), Ok(()));
-        for register in 0..3 {
-            for bit in 0..8 {
-                let written = driver.chip.bus.values[register];
-                driver.chip.bus.values[register] ^= 1 << bit;
-                let read = driver.chip.bus.values[register];
-                assert_eq!(block_on(driver.verify()), Err(Error::Configuration { written, read }));
-                block_on(driver.init()).unwrap();
-                assert_eq!(driver.chip.bus.values[register], written);
-            }
-        }
+        block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.bus, 0..3));
     }
 
     #[test]

@@ -162,11 +162,6 @@ impl AttitudeSource {
     }
 
     /// The next ATTITUDE message, made at `now_us` of the truth some time before.
-    pub fn attitude_message(&mut self, truth: &TrueState, now_us: u64) -> Vec<u8> {
-        let message = self.attitude(truth, now_us);
-        self.encode(&message)
-    }
-
     fn attitude(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
         let reported = self.report(truth);
         let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
