@@ -47,6 +47,12 @@ impl Timestamp {
     pub const fn minus_us(self, us: u64) -> Self {
         Self(self.0.saturating_sub(us))
     }
+
+    /// So many microseconds later, or earlier where they are negative, but not before the start.
+    #[must_use]
+    pub const fn shifted_us(self, us: i32) -> Self {
+        Self(self.0.saturating_add_signed(us as i64))
+    }
 }
 
 /// A clock of milliseconds that wraps after 2^32 of them, 49.7 days: of samples, which are kept in small memory, and of
@@ -91,6 +97,8 @@ mod tests {
         assert_eq!((late.us_since(early), early.us_since(late)), (250, 0));
         assert_eq!(late.minus_us(250), early);
         assert_eq!(early.minus_us(5_000), Timestamp::START);
+        assert_eq!((early.shifted_us(250), late.shifted_us(-250)), (late, early));
+        assert_eq!(early.shifted_us(-5_000), Timestamp::START);
         assert_eq!(Timestamp::from_us(u64::MAX).plus_us(1).as_us(), u64::MAX);
     }
 

@@ -1,6 +1,7 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 mod clock;
+mod motion;
 mod plausibility;
 mod senders;
 
@@ -8,8 +9,9 @@ use core::f32::consts::FRAC_PI_2;
 
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
-use crate::trig;
 use clock::SenderClock;
+use motion::Integral;
+pub use motion::{Motion, Turning};
 use plausibility::{Freeze, Spikes};
 pub use senders::{Heartbeat, Senders, Source};
 
@@ -18,8 +20,8 @@ pub use senders::{Heartbeat, Senders, Source};
 pub struct Config {
     /// How old a report's attitude is when its last byte has arrived, microseconds. Autopilots estimate, schedule and
     /// send within about 20 ms; an error of 10 ms costs 0.3 deg of bank while it changes by 30 deg/s, nothing in a
-    /// turn.
-    pub latency_us: u32,
+    /// turn. Negative: the field is older than the attitude, as of a source that averages or filters it.
+    pub latency_us: i32,
     /// An attitude is not extrapolated further than this: a source of 10 Hz with one report lost. A turn entry, with
     /// its 30 deg/s of roll beginning just then, is 6 deg off by the end of it.
     pub max_extrapolation_us: u32,
@@ -30,6 +32,9 @@ pub struct Config {
     /// How fast the estimate of the clock offset may grow, microseconds a report: 50 reports a second follow a
     /// drift of 500 ppm, ten times that of two bad crystals.
     pub clock_leak_us: u32,
+    /// Rates are not integrated over more time than this between two reports: two seconds of them lost in a turn that
+    /// is steady leave the heading to a degree or two.
+    pub max_integrated_gap_us: u32,
 }
 
 impl Config {
@@ -40,6 +45,7 @@ impl Config {
         max_gap_us: 250_000,
         max_clock_error_us: 100_000,
         clock_leak_us: 10,
+        max_integrated_gap_us: 2_000_000,
     };
 }
 
@@ -63,11 +69,12 @@ impl Report {
     }
 }
 
-/// A report with the instant at which its attitude was true.
+/// A report with the instant at which it was sent, and the integral of its rates up to there.
 #[derive(Clone, Copy, Debug)]
 struct Stamped {
     at: Timestamp,
     report: Report,
+    integral: Integral,
 }
 
 /// Attitude at an asked instant.
@@ -130,8 +137,7 @@ impl Track {
             // Another sender has another clock and another attitude: nothing leads from one to the other.
             *self = Self { doubted: self.doubted, ..Self::new(self.config) };
         }
-        let sent = self.clock.sent_at(arrival, report.sender_time, &self.config);
-        let at = sent.minus_us(u64::from(self.config.latency_us));
+        let at = self.clock.sent_at(arrival, report.sender_time, &self.config);
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
         if self.reports.back().is_some_and(|last| last.at >= at) {
             return;
@@ -150,8 +156,9 @@ impl Track {
         if self.reports.is_full() {
             self.reports.pop_front();
         }
+        let integral = self.integral_at(at, &report);
         // There is room: one was just taken out if there was none.
-        let _ = self.reports.push_back(Stamped { at, report });
+        let _ = self.reports.push_back(Stamped { at, report, integral });
     }
 
     /// Takes the corrected field of a reading: one that turns while the reports repeat shows that they are frozen.
@@ -178,33 +185,65 @@ impl Track {
     #[must_use]
     pub fn at(&self, at: Timestamp) -> Lookup {
         let Some(newest) = self.reports.back() else { return Lookup::Stale };
-        match at.us_since(newest.at) {
-            0 if at == newest.at => return Lookup::Interpolated(newest.report.attitude),
+        let sent = self.sent(at);
+        match sent.us_since(newest.at) {
+            0 if sent == newest.at => return Lookup::Interpolated(newest.report.attitude),
             0 => {}
-            _ if self.repeats_at(at) => return Lookup::Frozen,
+            _ if self.repeats_at(sent) => return Lookup::Frozen,
             ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
                 return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
             }
             _ => return Lookup::Stale,
         }
-        let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
-        pairs
-            .find(|(before, after)| (before.at..after.at).contains(&at))
-            .and_then(|(before, after)| self.between(before, after, at))
+        self.around(sent)
+            .and_then(|(before, after)| self.between(before, after, sent))
             .map_or(Lookup::Missing, Lookup::Interpolated)
     }
 
-    /// Whether reports come, and are all the same.
-    fn repeats_at(&self, at: Timestamp) -> bool {
+    /// What the gyro says of an instant; none where there is no attitude, or the source gives no rates.
+    #[must_use]
+    pub fn turning_at(&self, at: Timestamp) -> Option<Turning> {
+        let newest = self.reports.back()?;
+        let sent = self.sent(at);
+        if sent >= newest.at {
+            let ahead_us = sent.us_since(newest.at);
+            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && !self.repeats_at(sent);
+            return newest.integral.ahead(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
+        }
+        let (before, after) = self.around(sent)?;
+        let gap_us = after.at.us_since(before.at) as f32;
+        before.integral.between(&after.integral, gap_us * 1e-6, sent.us_since(before.at) as f32 / gap_us)
+    }
+
+    /// When a report was sent whose attitude was true at an instant.
+    const fn sent(&self, at: Timestamp) -> Timestamp {
+        at.shifted_us(self.config.latency_us)
+    }
+
+    fn integral_at(&self, at: Timestamp, report: &Report) -> Integral {
+        let Some(last) = self.reports.back() else { return Integral::NOTHING.next(report, None) };
+        let gap_us = at.us_since(last.at);
+        let step_s = (gap_us <= u64::from(self.config.max_integrated_gap_us)).then_some(gap_us as f32 * 1e-6);
+        last.integral.next(report, step_s)
+    }
+
+    /// Whether reports come, and are all the same, at the time of sending.
+    fn repeats_at(&self, sent: Timestamp) -> bool {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        self.freeze.frozen_at().is_some_and(|frozen_at| at.us_since(frozen_at) <= max_age_us)
+        self.freeze.frozen_at().is_some_and(|frozen_at| sent.us_since(frozen_at) <= max_age_us)
+    }
+
+    /// The reports before and after a time of sending, of which the first may be of that very time.
+    fn around(&self, sent: Timestamp) -> Option<(&Stamped, &Stamped)> {
+        let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
+        pairs.find(|(before, after)| (before.at..after.at).contains(&sent))
     }
 
     /// Between two reports, unless they are too far apart.
-    fn between(&self, before: &Stamped, after: &Stamped, at: Timestamp) -> Option<Attitude> {
+    fn between(&self, before: &Stamped, after: &Stamped, sent: Timestamp) -> Option<Attitude> {
         let gap_us = after.at.us_since(before.at);
-        let fraction = at.us_since(before.at) as f32 / gap_us as f32;
-        (at == before.at || gap_us <= u64::from(self.config.max_gap_us))
+        let fraction = sent.us_since(before.at) as f32 / gap_us as f32;
+        (sent == before.at || gap_us <= u64::from(self.config.max_gap_us))
             .then(|| interpolate(&before.report, &after.report, fraction))
     }
 }
@@ -218,20 +257,13 @@ fn interpolate(before: &Report, after: &Report, fraction: f32) -> Attitude {
     }
 }
 
-/// Carries a report on with its body rates p, q, r:
-/// `roll' = p + tan(pitch) (q sin(roll) + r cos(roll))`, `pitch' = q cos(roll) - r sin(roll)`.
+/// Carries a report on with its body rates.
 fn extrapolate(report: &Report, ahead_s: f32) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = report.attitude;
-    let [p, q, r] = report.rates_rad_s;
-    let (sin_roll, cos_roll) = trig::sin_cos(roll_rad);
-    // tan grows without bound at a vertical nose, where roll means nothing anyway.
-    let (sin_pitch, cos_pitch) = trig::sin_cos(pitch_rad);
-    let tan_pitch = (sin_pitch / cos_pitch).clamp(-5.0, 5.0);
-    let roll_rate = p + tan_pitch * (q * sin_roll + r * cos_roll);
-    let pitch_rate = q * cos_roll - r * sin_roll;
+    let Motion { roll_rad_s, pitch_rad_s, .. } = Motion::of(report).unwrap_or_default();
     Attitude {
-        roll_rad: wrap_pi(roll_rad + roll_rate * ahead_s),
-        pitch_rad: (pitch_rad + pitch_rate * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
+        roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
+        pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),
     }
 }
 

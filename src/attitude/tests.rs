@@ -3,7 +3,7 @@
 use super::*;
 
 const CONFIG: Config = Config::DEFAULT;
-const LATENCY_US: u64 = CONFIG.latency_us as u64;
+const LATENCY_US: u64 = CONFIG.latency_us.unsigned_abs() as u64;
 const PERIOD_US: u64 = 20_000;
 
 fn at(us: u64) -> Timestamp {
@@ -402,4 +402,67 @@ fn without_rates_a_fast_roll_is_no_spike() {
         track.push(at(1_100_000 + LATENCY_US), rolling(0, 20.0, AT_REST));
         assert_eq!(track.doubted().spikes, 1, "{rates_deg_s:?}");
     }
+}
+
+/// A field that is filtered is older than the attitude: it goes with reports of before.
+#[test]
+fn a_negative_latency_looks_back() {
+    for (latency_us, expected_deg) in [(-30_000, 0.5), (30_000, 1.1)] {
+        let mut track = Track::new(Config { latency_us, ..CONFIG });
+        for i in 0..8_u32 {
+            track.push(at(1_000_000 + u64::from(i) * PERIOD_US), rolling(500 + i * 20, 0.2 * i as f32, 10.0));
+        }
+        assert!((roll_deg(track.at(at(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
+    }
+}
+
+/// A yaw rate that grows by 10 deg/s every report: between two of them its integral is that of a straight line, after
+/// the newest it goes on as it was, and it ends where the attitude does.
+#[test]
+fn the_turn_is_known_where_the_attitude_is() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..3_u32 {
+        let report = moving(500 + 20 * i, Attitude::default(), [0.0, 0.0, 10.0 * (i + 1) as f32]);
+        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+    }
+    let turning = |us: u64| track.turning_at(at(us)).unwrap();
+    let from = turning(1_000_000);
+    for (us, turned_deg, rate_deg_s) in
+        [(1_010_000, 0.125, 15.0), (1_020_000, 0.3, 20.0), (1_040_000, 0.8, 30.0), (1_140_000, 3.8, 30.0)]
+    {
+        let found = turning(us);
+        assert!(((found.turned_rad - from.turned_rad).to_degrees() - turned_deg).abs() < 1e-3, "{us}: {found:?}");
+        assert!((found.motion.heading_rad_s.to_degrees() - rate_deg_s).abs() < 1e-3, "{us}: {found:?}");
+        assert_eq!(found.run, from.run);
+    }
+    assert_eq!(track.turning_at(at(1_240_001)), None);
+    assert_eq!(track.turning_at(at(999_999)), None);
+    // A source without rates.
+    assert_eq!(of_one(Attitude::default(), [0.0; 3]).turning_at(at(1_000_000)), None);
+}
+
+/// Two seconds.
+#[test]
+fn a_turn_goes_on_over_a_short_gap() {
+    for (gap_us, goes_on) in [(2_000_000, true), (2_000_001, false)] {
+        let mut track = of_one(Attitude::default(), [0.0, 0.0, 10.0]);
+        let run = track.turning_at(at(1_000_000)).unwrap().run;
+        track.push(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
+        assert_eq!(track.turning_at(at(1_000_000 + gap_us)).unwrap().run == run, goes_on, "{gap_us} us");
+    }
+}
+
+/// What repeats itself says nothing of the turn either.
+#[test]
+fn a_frozen_source_does_not_turn() {
+    let mut track = Track::new(CONFIG);
+    for i in 0..20_u32 {
+        // Fine values at first, the same again and again later.
+        let roll_deg = 0.01 * i.min(8) as f32;
+        let report = moving(20 * i, Attitude::from_deg(roll_deg, 0.0), [0.0, 0.0, 10.0]);
+        track.push(at(1_000_000 + u64::from(i) * PERIOD_US + LATENCY_US), report);
+    }
+    let now = at(1_000_000 + 19 * PERIOD_US);
+    assert_eq!(track.at(now), Lookup::Frozen);
+    assert_eq!(track.turning_at(now), None);
 }

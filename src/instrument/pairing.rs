@@ -12,7 +12,7 @@ const PATIENCE_US: u64 = 300_000;
 
 const _: () = {
     let attitude::Config { latency_us, max_gap_us, .. } = attitude::Config::DEFAULT;
-    assert!(PATIENCE_US > max_gap_us as u64 + latency_us as u64);
+    assert!(PATIENCE_US > max_gap_us as u64 + latency_us.unsigned_abs() as u64);
 };
 
 /// Readings that can wait: those of [`PATIENCE_US`] at 200 Hz. 1.3 KB.

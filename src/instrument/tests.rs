@@ -8,7 +8,7 @@ use crate::time::WrappingMillis;
 use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
-const LATENCY_US: u64 = attitude::Config::DEFAULT.latency_us as u64;
+const LATENCY_US: u64 = attitude::Config::DEFAULT.latency_us.unsigned_abs() as u64;
 /// Fields and attitudes begin here, so that nothing is before the start.
 const BEGIN_US: u64 = 1_000_000;
 
