@@ -117,6 +117,12 @@ impl Tilt {
         Vector3::new(-self.sin_pitch, self.cos_pitch * self.sin_roll, self.cos_pitch * self.cos_roll)
     }
 
+    /// Sine of pitch.
+    #[must_use]
+    pub(crate) const fn sin_pitch(&self) -> f32 {
+        self.sin_pitch
+    }
+
     /// Cosine of pitch.
     #[must_use]
     pub(crate) const fn cos_pitch(&self) -> f32 {

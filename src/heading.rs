@@ -29,6 +29,12 @@ impl Heading {
         Self { magnetic_rad: wrap_two_pi(self.magnetic_rad + degrees.to_radians()), ..self }
     }
 
+    /// The heading with so much more variance, square radians.
+    #[must_use]
+    pub fn less_certain(self, variance_rad2: f32) -> Self {
+        Self { sigma_rad: libm::sqrtf(self.sigma_rad * self.sigma_rad + variance_rad2), ..self }
+    }
+
     /// Its standard deviation in degrees.
     #[must_use]
     pub fn sigma_deg(&self) -> f32 {
@@ -58,6 +64,10 @@ pub enum NoHeading {
     /// The corrected field is not the Earth's: iron outside the aircraft, a current, or a calibration that no longer
     /// fits.
     FieldDisturbed,
+    /// Iron in the aircraft has moved since the calibration, and where it is now is not known well enough.
+    FieldChanged,
+    /// Attitude, body rates and field contradict each other, and the attitude is to blame.
+    AttitudeContradicted,
 }
 
 impl NoHeading {
@@ -74,6 +84,8 @@ impl NoHeading {
             Self::AttitudeFrozen => "attitude-frozen",
             Self::Uncalibrated => "uncalibrated",
             Self::FieldDisturbed => "field-disturbed",
+            Self::FieldChanged => "field-changed",
+            Self::AttitudeContradicted => "attitude-contradicted",
         }
     }
 }
@@ -284,6 +296,8 @@ mod tests {
             NoHeading::AttitudeFrozen,
             NoHeading::Uncalibrated,
             NoHeading::FieldDisturbed,
+            NoHeading::FieldChanged,
+            NoHeading::AttitudeContradicted,
         ]
         .map(NoHeading::code);
         let expected = [
@@ -296,6 +310,8 @@ mod tests {
             "attitude-frozen",
             "uncalibrated",
             "field-disturbed",
+            "field-changed",
+            "attitude-contradicted",
         ];
         assert_eq!(codes, expected);
     }

@@ -109,6 +109,8 @@ counters! {
     attitude_frozen,
     /// Attitude reports too far from where the ones before lead to.
     attitude_spikes,
+    /// Attitude reports whose body rates contradict their attitude.
+    attitude_rates,
     /// Errors of the attitude line itself.
     attitude_line_errors,
     /// Messages sent by outlets, of one or more sentences each.
@@ -138,6 +140,7 @@ impl Counters {
             (&self.sensor_spikes, counts.spikes),
             (&self.attitude_frozen, counts.attitude.frozen),
             (&self.attitude_spikes, counts.attitude.spikes),
+            (&self.attitude_rates, counts.attitude.rates),
         ] {
             counter.store(count, Ordering::Relaxed);
         }

@@ -1,6 +1,7 @@
 //! Feeds the instrument and forwards what comes out of it.
 
 use embassy_futures::select::{Either4, select4};
+use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
 use super::Links;
@@ -41,6 +42,11 @@ pub async fn run(links: &Links) -> ! {
             links.offer(&links.samples, sample);
         }
         links.counters.take(&instrument.counts());
+        if instrument.has_to_watch() {
+            // The heading of the reading goes out first.
+            yield_now().await;
+            instrument.watch();
+        }
     }
 }
 

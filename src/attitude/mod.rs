@@ -3,6 +3,7 @@
 mod clock;
 mod motion;
 mod plausibility;
+mod rates;
 mod senders;
 
 use core::f32::consts::FRAC_PI_2;
@@ -13,6 +14,7 @@ use clock::SenderClock;
 use motion::Integral;
 pub use motion::{Motion, Turning};
 use plausibility::{Freeze, Spikes};
+use rates::Rates;
 pub use senders::{Heartbeat, Senders, Source};
 
 /// Fixed numbers of this module.
@@ -99,11 +101,13 @@ pub struct Doubted {
     pub spikes: u32,
     /// Of a source that repeats itself.
     pub frozen: u32,
+    /// Whose body rates contradict their attitude: they were taken without.
+    pub rates: u32,
 }
 
 impl Doubted {
     /// All were believed.
-    pub const NONE: Self = Self { spikes: 0, frozen: 0 };
+    pub const NONE: Self = Self { spikes: 0, frozen: 0, rates: 0 };
 }
 
 /// The last few reports on the module's clock, without those that cannot be true.
@@ -114,6 +118,7 @@ pub struct Track {
     clock: SenderClock,
     spikes: Spikes,
     freeze: Freeze,
+    rates: Rates,
     doubted: Doubted,
 }
 
@@ -127,12 +132,13 @@ impl Track {
             clock: SenderClock::new(),
             spikes: Spikes::new(),
             freeze: Freeze::new(),
+            rates: Rates::NOTHING,
             doubted: Doubted::NONE,
         }
     }
 
     /// Takes a report whose last byte arrived at `arrival`.
-    pub fn push(&mut self, arrival: Timestamp, report: Report) {
+    pub fn push(&mut self, arrival: Timestamp, mut report: Report) {
         if self.reports.back().is_some_and(|last| last.report.source != report.source) {
             // Another sender has another clock and another attitude: nothing leads from one to the other.
             *self = Self { doubted: self.doubted, ..Self::new(self.config) };
@@ -152,6 +158,10 @@ impl Track {
         if self.spikes.see(last, at, report.attitude) {
             self.doubted.spikes = self.doubted.spikes.wrapping_add(1);
             return;
+        }
+        if self.rates.see(at, &report) {
+            self.doubted.rates = self.doubted.rates.wrapping_add(1);
+            report.rates_rad_s = [0.0; 3];
         }
         if self.reports.is_full() {
             self.reports.pop_front();

@@ -61,6 +61,14 @@ pub struct Turning {
     pub run: u8,
 }
 
+impl Turning {
+    /// What it was so much earlier, seconds, with the rates as they are.
+    #[must_use]
+    pub fn before(self, earlier_s: f32) -> Self {
+        Self { turned_rad: wrap_pi(self.turned_rad - self.motion.heading_rad_s * earlier_s), ..self }
+    }
+}
+
 /// The rates of a report and the integral of its heading's up to there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Integral {

@@ -275,7 +275,7 @@ fn a_report_far_off_is_left_away() {
         let found_deg = roll_deg(track.at(at(true_us)));
         let expected_deg = if believed { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
-        assert_eq!(track.doubted(), Doubted { spikes: u32::from(!believed), frozen: 0 });
+        assert_eq!(track.doubted(), Doubted { spikes: u32::from(!believed), frozen: 0, rates: 0 });
     }
 }
 
@@ -341,7 +341,7 @@ fn a_source_that_repeats_itself_is_not_believed() {
     assert_ne!(track.at(at(true_us + 1)), Lookup::Frozen, "four are equal");
     let (mut track, true_us) = reported(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.at(at(true_us + 1)), Lookup::Frozen);
-    assert_eq!(track.doubted(), Doubted { spikes: 0, frozen: 1 });
+    assert_eq!(track.doubted(), Doubted { spikes: 0, frozen: 1, rates: 0 });
     // Of a source that has fallen silent after all nothing else is known than that.
     assert_eq!(track.at(at(true_us + 200_000)), Lookup::Frozen);
     assert_eq!(track.at(at(true_us + 200_001)), Lookup::Stale);
@@ -380,11 +380,11 @@ fn another_source_starts_afresh() {
 #[test]
 fn another_source_is_not_measured_by_the_one_before() {
     let (mut track, true_us) = reported(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
-    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1 });
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, rates: 0 });
     let other = Report { source: Source::new(7), ..rolling(0, 50.0, 0.0) };
     track.push(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
-    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1 });
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, rates: 0 });
 }
 
 /// 0.1 rad and 4 rad/s in 100 ms are 28.6 deg: a roll of 280 deg/s, of which a source without rates says nothing.
@@ -465,4 +465,20 @@ fn a_frozen_source_does_not_turn() {
     let now = at(1_000_000 + 19 * PERIOD_US);
     assert_eq!(track.at(now), Lookup::Frozen);
     assert_eq!(track.turning_at(now), None);
+}
+
+/// Rolling from side to side with rates of the wrong sign: the attitude is believed, the rates are not.
+#[test]
+fn rates_that_contradict_their_attitude_are_left_away() {
+    let mut track = Track::new(CONFIG);
+    let mut now_us = 0;
+    for i in 0..500_u16 {
+        let t_s = f32::from(i) * 0.02;
+        now_us = 1_000_000 + u64::from(i) * PERIOD_US;
+        let report = rolling(20 * u32::from(i), 10.0 * t_s.sin(), -10.0 * t_s.cos());
+        track.push(at(now_us + LATENCY_US), report);
+    }
+    assert!((roll_deg(track.at(at(now_us))) - 10.0 * 9.98_f32.sin()).abs() < 1e-3);
+    assert_eq!((track.turning_at(at(now_us)), track.turning_rad_s()), (None, None));
+    assert!(track.doubted().rates > 300 && track.doubted().spikes == 0, "{:?}", track.doubted());
 }

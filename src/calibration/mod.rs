@@ -114,7 +114,7 @@ pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use solver::{Progress, Solver, solve};
 pub use uncertainty::Uncertainty;
-pub(crate) use {least_squares::LeastSquares, plane::Plane};
+pub(crate) use {least_squares::LeastSquares, likelihood::Prediction, plane::Plane};
 
 use core::fmt::Debug;
 

@@ -134,11 +134,12 @@ impl Uncertainty {
         // A tilt of the level frame turns the heading by `tan(dip)` times the tilt towards the field.
         let tan_squared = level.z * level.z / horizontal_squared(&level);
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
-        libm::sqrtf(self.variance(&by_field, &x) + sensor + attitude)
+        libm::sqrtf(self.coefficients_variance(&by_field, &x) + sensor + attitude)
     }
 
-    /// Of the coefficients' share, never negative.
-    fn variance(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
+    /// Variance that the coefficients' errors make of something with this derivative by the corrected field, at
+    /// `x = (m - b) / F`; both in units of the total field. Never negative.
+    pub(crate) fn coefficients_variance(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
         let (f, x) = (by_field, x);
         // In the order of `PAIRS_OF_3` and `PAIRS_OF_4`; written out, for this is done at every heading.
         let of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
@@ -176,7 +177,7 @@ mod tests {
             let row = coefficients_row(&f, &x);
             let exact = row.dot(&(full * row));
             assert!((covariance.variance(&row) - exact).abs() < 1e-5 * exact.max(1.0));
-            let found = Uncertainty::new(&covariance, 0.0, 0.0).variance(&f, &x);
+            let found = Uncertainty::new(&covariance, 0.0, 0.0).coefficients_variance(&f, &x);
             assert!((found - exact).abs() < 1e-5 * exact.max(1.0), "{found} {exact}");
         }
     }
@@ -353,6 +354,6 @@ mod tests {
         covariance.fill(|i, j| if i == j { -1.0 } else { 0.0 });
         assert_eq!(covariance.variance(&Vector12::ith(3, 1.0)).to_bits(), 0);
         let uncertainty = Uncertainty::new(&covariance, 0.0, 0.0);
-        assert_eq!(uncertainty.variance(&Vector3::x(), &Vector3::y()).to_bits(), 0);
+        assert_eq!(uncertainty.coefficients_variance(&Vector3::x(), &Vector3::y()).to_bits(), 0);
     }
 }

@@ -198,13 +198,14 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     )?;
     writeln!(
         out,
-        "not believed: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes",
+        "not believed: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",
         counts.saturated,
         counts.sensor_clipped,
         counts.sensor_stuck,
         counts.sensor_spikes,
         counts.attitude_frozen,
-        counts.attitude_spikes
+        counts.attitude_spikes,
+        counts.attitude_rates
     )?;
     writeln!(
         out,

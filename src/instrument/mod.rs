@@ -47,8 +47,9 @@ mod pairing;
 mod sensor;
 #[cfg(test)]
 mod tests;
+mod watch;
 
-use crate::attitude::{self, Doubted, Lookup, Report, Track};
+use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track};
 use crate::calibration::{Calibration, Sample, Uncertainty};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
@@ -56,6 +57,8 @@ use crate::magnetometer::Reading;
 use crate::time::Timestamp;
 use pairing::Pairing;
 use sensor::{Fault, SensorCheck};
+pub use watch::Iron;
+use watch::{Watch, Watched};
 
 /// Fixed numbers of an instrument.
 #[derive(Clone, Copy, Debug)]
@@ -169,12 +172,14 @@ pub struct Estimate {
     pub heading: Result<Heading, NoHeading>,
     /// The attitude at that instant, if the source's reports reach it.
     pub attitude: Option<Attitude>,
+    /// Hard iron that has moved since the calibration, once it is sure.
+    pub iron: Option<Iron>,
 }
 
 impl Estimate {
     /// Before the first reading.
     pub const NOTHING: Self =
-        Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), attitude: None };
+        Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), attitude: None, iron: None };
 }
 
 /// What was not believed so far, and why; each wraps.
@@ -208,12 +213,17 @@ pub struct Instrument {
     sensor: SensorCheck,
     pairing: Pairing,
     counts: Counts,
+    watch: Watch,
+    /// What the watch has not seen yet: a sample with the instant of its last reading.
+    unwatched: Option<(Timestamp, Sample)>,
+    /// The calibration in use as the watch has adjusted it.
+    in_force: Option<(Calibration, Uncertainty)>,
 }
 
 impl Instrument {
     /// An instrument without a calibration.
     #[must_use]
-    pub const fn new(config: Config) -> Self {
+    pub fn new(config: Config) -> Self {
         Self {
             config,
             correction: Correction::NONE,
@@ -221,6 +231,9 @@ impl Instrument {
             sensor: SensorCheck::new(&config),
             pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
             counts: Counts::NONE,
+            watch: Watch::new(watch::Config::DEFAULT),
+            unwatched: None,
+            in_force: None,
         }
     }
 
@@ -229,6 +242,11 @@ impl Instrument {
         if correction.sample_attitude != self.correction.sample_attitude {
             // A sample is made of readings of one kind.
             self.pairing.reset();
+        }
+        if correction.calibration != self.correction.calibration {
+            self.watch = Watch::new(watch::Config::DEFAULT);
+            self.unwatched = None;
+            self.in_force = correction.calibration;
         }
         self.correction = correction;
     }
@@ -263,23 +281,55 @@ impl Instrument {
             self.track.see_field(body);
         }
         let attitude = self.attitude_at(at);
-        let heading = fault.map_or_else(|| self.heading(reading.field, attitude), |fault| Err(fault.into()));
-        Estimate { at, body, heading, attitude: attitude.ok() }
+        let heading = fault.map_or_else(|| self.heading(at, reading.field, attitude), |fault| Err(fault.into()));
+        Estimate { at, body, heading, attitude: attitude.ok(), iron: self.watch.adjustment().iron }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
-        Estimate { at, attitude: self.attitude_at(at).ok(), ..Estimate::NOTHING }
+        let iron = self.watch.adjustment().iron;
+        Estimate { at, attitude: self.attitude_at(at).ok(), iron, ..Estimate::NOTHING }
     }
 
     /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none
     /// after every reading and every report, for one report can complete several.
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.correction.sample_attitude {
-            SampleAttitude::Interpolated => self.pairing.next(|at| self.track.at(at)),
-            SampleAttitude::Unknown => self.pairing.next(|_| Lookup::Interpolated(Attitude::default())),
+            SampleAttitude::Interpolated => {
+                let (at, sample) = self.pairing.next(|at| self.track.at(at))?;
+                self.unwatched = Some((at, sample));
+                Some(sample)
+            }
+            SampleAttitude::Unknown => {
+                let (_, sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()))?;
+                Some(sample)
+            }
         }
+    }
+
+    /// Whether there is something to [`watch`](Self::watch).
+    #[must_use]
+    pub const fn has_to_watch(&self) -> bool {
+        self.unwatched.is_some()
+    }
+
+    /// Holds the last sample's field, attitude and turn against each other, for the headings to come. It takes longer
+    /// than a heading does, and may wait until that is sent; of samples that come meanwhile, the last counts. Without an
+    /// inclination, or a calibration, nothing is watched.
+    pub fn watch(&mut self) {
+        let Some((at, sample)) = self.unwatched.take() else { return };
+        let Some((calibration, uncertainty)) = &self.correction.calibration else { return };
+        if !self.correction.knows_inclination {
+            return;
+        }
+        // The sample is of the middle between its readings.
+        let ahead_s = at.wrapping_millis().difference(sample.time) as f32 * 1e-3;
+        let turning = self.track.turning_at(at).map(|turning| turning.before(ahead_s));
+        let readings_per_sample = self.config.readings_per_sample();
+        let watched = Watched { calibration, uncertainty, readings_per_sample };
+        self.watch.see(&watched, at, &sample, turning);
+        self.in_force = Some(self.watch.adjustment().in_force(&watched));
     }
 
     /// What was not believed so far, and why.
@@ -312,11 +362,26 @@ impl Instrument {
         }
     }
 
-    fn heading(&self, field: Field<Sensor>, attitude: Result<Attitude, NoHeading>) -> Result<Heading, NoHeading> {
-        let (calibration, uncertainty) = self.correction.calibration.as_ref().ok_or(NoHeading::Uncalibrated)?;
+    fn heading(
+        &self,
+        at: Timestamp,
+        field: Field<Sensor>,
+        attitude: Result<Attitude, NoHeading>,
+    ) -> Result<Heading, NoHeading> {
+        let (calibration, uncertainty) = self.in_force.as_ref().ok_or(NoHeading::Uncalibrated)?;
+        let adjustment = self.watch.adjustment();
+        let turning = self.track.turning_at(at);
+        let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
+        let attitude = adjustment.attitude(attitude?, &motion);
+        adjustment.verdict?;
         let config = self.config.heading;
         let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
-        heading::heading(config, calibration, uncertainty, field, attitude?)
-            .map(|heading| heading.turned_by(self.correction.align_deg))
+        let heading =
+            heading::heading(config, calibration, uncertainty, field, attitude)?.less_certain(adjustment.variance_rad2);
+        if adjustment.agrees(self.watch.config(), heading, turning.as_ref()) {
+            Ok(heading.turned_by(self.correction.align_deg))
+        } else {
+            Err(NoHeading::FieldDisturbed)
+        }
     }
 }

@@ -68,8 +68,8 @@ impl Pairing {
         self.now = at;
     }
 
-    /// Pairs what has waited long enough, until there is a sample.
-    pub fn next(&mut self, attitude_at: impl Fn(Timestamp) -> Lookup) -> Option<Sample> {
+    /// Pairs what has waited long enough, until there is a sample; also the instant of its last reading.
+    pub fn next(&mut self, attitude_at: impl Fn(Timestamp) -> Lookup) -> Option<(Timestamp, Sample)> {
         while let Some(&(at, field)) = self.waiting.front() {
             let attitude = match attitude_at(at) {
                 Lookup::Interpolated(attitude) => Some(attitude),
@@ -84,7 +84,7 @@ impl Pairing {
                 continue;
             };
             if let Some(sample) = self.averager.push(at, field, attitude) {
-                return Some(sample);
+                return Some((at, sample));
             }
         }
         None

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Spikes};
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
-use crate::faults::sensor::{Clipped, Noisy, Spiky, Stuck, Upset};
+use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
 use crate::faults::{Faults, Switch};
 use crate::mission::Plan;
 use crate::random::{Purpose, Random};
@@ -71,6 +71,7 @@ enum What {
     TenHours,
     Stuck([bool; 3]),
     SensorSpikes,
+    StuckNoisy,
     SensorNoise,
     SensorClipped,
     CalibrationClipped,
@@ -130,6 +131,7 @@ pub static CASES: &[Case] = &[
     case("stuck-y", What::Stuck([false, true, false]), "the sensor's y axis repeats"),
     case("stuck-z", What::Stuck([false, false, true]), "the sensor's z axis repeats"),
     case("stuck-all", What::Stuck([true; 3]), "all axes of the sensor repeat"),
+    case("stuck-noisy", What::StuckNoisy, "all axes of the sensor repeat, but for their noise"),
     case("sensor-spikes", What::SensorSpikes, "1 % of readings off by 30 uT"),
     case("sensor-noise", What::SensorNoise, "five times the sensor's noise"),
     case("sensor-clipped", What::SensorClipped, "an axis ends within the circle"),
@@ -148,6 +150,7 @@ pub static CASES: &[Case] = &[
     case("lean-70", What::Lean(0.7), "attitude reads 70 % of the bank"),
     case("lean-30", What::Lean(0.3), "attitude reads 30 % of the bank"),
     case("late-200", What::Late(200), "attitude 200 ms later"),
+    case("late-300", What::Late(300), "attitude 300 ms later"),
     case("late-500", What::Late(500), "attitude 500 ms later"),
     case("moved-2", What::Moved(2.0), "hard iron moved by 2 uT"),
     case("moved-3", What::Moved(3.0), "hard iron moved by 3 uT"),
@@ -201,6 +204,7 @@ impl Case {
                 self.flight(&mut drawn);
             }
             What::Stuck(_)
+            | What::StuckNoisy
             | What::SensorSpikes
             | What::SensorNoise
             | What::SensorClipped
@@ -238,10 +242,15 @@ impl Case {
     fn sensor(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
         let switch = drawn.switch.clone();
         drawn.onset = for_good(SOON_S);
-        drawn.faults.sensor.push(match self.what {
+        let fault: Box<dyn SensorFault> = match self.what {
             What::Stuck(axes) => {
                 drawn.onset = for_good(random.uniform(SOON_S, TURNING_AT_S));
                 Box::new(Stuck::new(switch, axes))
+            }
+            What::StuckNoisy => {
+                drawn.onset = for_good(random.uniform(SOON_S, TURNING_AT_S));
+                drawn.faults.sensor.push(Box::new(Stuck::new(switch.clone(), [true; 3])));
+                Box::new(Noisy::new(switch, SENSOR_SIGMA, seed))
             }
             What::SensorSpikes => Box::new(Spiky::new(switch, 0.01, 30.0 * COUNTS_PER_UT, seed)),
             What::SensorNoise => Box::new(Noisy::new(switch, 24_f64.sqrt() * SENSOR_SIGMA, seed)),
@@ -254,7 +263,8 @@ impl Case {
                 let limit = clip_at(&drawn.world, axis, random.uniform(0.3, 0.95));
                 Box::new(Clipped { switch, axis, limit })
             }
-        });
+        };
+        drawn.faults.sensor.push(fault);
     }
 
     fn attitude(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {

@@ -17,7 +17,7 @@ const MIN_HORIZONTAL_SQUARED: f32 = 1e-6;
 /// What parameters make of a measurement: the corrected field `w = W x + d` in the unit of field, its direction
 /// `n = w / |w|`, and that in level axes, `l = C n`.
 #[derive(Clone, Debug)]
-pub(in crate::calibration) struct Prediction {
+pub(crate) struct Prediction {
     /// The measurement less the mean.
     pub x: Vector3<f32>,
     /// Size of the corrected field, `|w|`; one, if all is right.
@@ -87,6 +87,14 @@ impl Prediction {
     /// `-l_x / cos dip`, together of size one at zero pitch.
     pub fn dip_by_attitude(&self, tilt: &Tilt) -> [f32; 2] {
         [tilt.cos_pitch() * self.level.y / self.horizontal, -self.level.x / self.horizontal]
+    }
+
+    /// Derivatives of the heading by roll and by pitch. A roll turns the level field about
+    /// `(cos theta, 0, -sin theta)`, a pitch about `(0, 1, 0)`, which makes `sin theta + cos theta l_x l_z / cos^2 dip`
+    /// and `l_y l_z / cos^2 dip`.
+    pub fn heading_by_attitude(&self, tilt: &Tilt) -> [f32; 2] {
+        let per_horizontal = self.level.z / (self.horizontal * self.horizontal);
+        [tilt.sin_pitch() + tilt.cos_pitch() * self.level.x * per_horizontal, self.level.y * per_horizontal]
     }
 }
 

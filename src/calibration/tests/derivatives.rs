@@ -21,14 +21,14 @@ const STEP: f32 = 0.02;
 const TOLERANCE: f32 = 3e-4;
 
 /// Derivative at zero of a function: central differences of fourth order.
-pub(in crate::calibration) fn derivative(function: impl Fn(f32) -> f32) -> f32 {
+pub(crate) fn derivative(function: impl Fn(f32) -> f32) -> f32 {
     let difference = |step: f32| function(step) - function(-step);
     (8.0 * difference(STEP) - difference(2.0 * STEP)) / (12.0 * STEP)
 }
 
 /// Asserts that a written derivative is that of a function.
 #[track_caller]
-pub(in crate::calibration) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, what: &str) {
+pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, what: &str) {
     let numerical = derivative(function);
     assert!((written - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()), "{what}: {written}, not {numerical}");
 }

@@ -5,7 +5,7 @@
 
 mod basics;
 mod constancy;
-pub(super) mod derivatives;
+pub(crate) mod derivatives;
 mod forecast;
 mod guidance;
 mod likelihood;

@@ -1,0 +1,204 @@
+//! Whether body rates are those of the attitude that they come with.
+//!
+//! A source may send degrees for radians, or another axis's sign, and every heading that the gyro smooths would follow.
+//! Roll and pitch tell: what the rates add up to in a second is what they change by in it, as far as the attitude's
+//! noise, lag and lean let it.
+
+use super::{Motion, Report};
+use crate::frames::{Attitude, wrap_pi};
+use crate::time::Timestamp;
+
+/// Rates are summed over this time, microseconds: longer than an attitude is late.
+const CHUNK_US: u64 = 1_000_000;
+
+/// Of the sums before, so much counts when another second is added: twenty seconds are remembered.
+const REMEMBERED: f32 = 0.95;
+
+/// Rates that add up to less than this in all, square radians, say nothing: (5 deg)^2.
+const MIN_BY_RATES: f32 = 0.0076;
+
+/// An attitude that changes by less than this in all may be noise, square radians: (10 deg)^2.
+const MIN_BY_ATTITUDE: f32 = 0.030_5;
+
+/// Of what the rates say, the attitude must do at least this. One that reads a third of the bank does more.
+const LEAST: f32 = 0.15;
+
+/// Rates are too slow when they add up to less than this part of what the attitude does: half a third of it.
+const TOO_SLOW: f32 = 0.15;
+
+/// A longer time between two reports is not summed over, microseconds.
+const MAX_STEP_US: u64 = 250_000;
+
+/// Holds the rates against the attitude.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rates {
+    last: Option<(Timestamp, Attitude, Motion)>,
+    /// Since the second began: its length, and the changes of roll and pitch by the rates and by the attitude.
+    passed_us: u64,
+    by_rates: [f32; 2],
+    by_attitude: [f32; 2],
+    /// Sums of the squares and of the products of the two.
+    of_rates: f32,
+    of_attitude: f32,
+    of_both: f32,
+    contradict: bool,
+}
+
+impl Rates {
+    /// Nothing seen yet.
+    pub const NOTHING: Self = Self {
+        last: None,
+        passed_us: 0,
+        by_rates: [0.0; 2],
+        by_attitude: [0.0; 2],
+        of_rates: 0.0,
+        of_attitude: 0.0,
+        of_both: 0.0,
+        contradict: false,
+    };
+
+    /// Takes a report; says whether its rates contradict the attitude.
+    pub fn see(&mut self, at: Timestamp, report: &Report) -> bool {
+        let Some(motion) = Motion::of(report) else { return false };
+        let attitude = report.attitude;
+        if let Some((last_at, last, before)) = self.last.replace((at, attitude, motion)) {
+            let step_us = at.us_since(last_at);
+            if step_us <= MAX_STEP_US {
+                let step_s = step_us as f32 * 1e-6;
+                let mean = before.towards(&motion, 0.5);
+                let by_attitude = [wrap_pi(attitude.roll_rad - last.roll_rad), attitude.pitch_rad - last.pitch_rad];
+                for (i, rate_rad_s) in [mean.roll_rad_s, mean.pitch_rad_s].into_iter().enumerate() {
+                    self.by_rates[i] += rate_rad_s * step_s;
+                    self.by_attitude[i] += by_attitude[i];
+                }
+                self.passed_us += step_us;
+            }
+        }
+        if self.passed_us >= CHUNK_US {
+            self.sum_up();
+        }
+        self.contradict
+    }
+
+    /// A second is over.
+    fn sum_up(&mut self) {
+        let products = |a: [f32; 2], b: [f32; 2]| a[0] * b[0] + a[1] * b[1];
+        let grown = |sum: f32, by: f32| {
+            let sum = REMEMBERED * sum + by;
+            // What is no number would stay so for ever.
+            if sum.is_finite() { sum } else { 0.0 }
+        };
+        self.of_rates = grown(self.of_rates, products(self.by_rates, self.by_rates));
+        self.of_attitude = grown(self.of_attitude, products(self.by_attitude, self.by_attitude));
+        self.of_both = grown(self.of_both, products(self.by_rates, self.by_attitude));
+        (self.passed_us, self.by_rates, self.by_attitude) = (0, [0.0; 2], [0.0; 2]);
+        if self.of_rates > MIN_BY_RATES {
+            self.contradict = self.of_both < LEAST * self.of_rates;
+        }
+        self.contradict |= self.of_attitude > MIN_BY_ATTITUDE && self.of_rates < TOO_SLOW * TOO_SLOW * self.of_attitude;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::super::Source;
+    use super::*;
+    use crate::time::WrappingMillis;
+
+    /// Reports of 50 Hz that roll into a bank of 25 deg and out of it every so often, within two seconds, and wobble;
+    /// told with 0.3 deg of noise, this part of the bank, this much late, and rates times this. After how many seconds
+    /// they first contradict, of a hundred.
+    fn contradict_after(told: f32, late_s: f32, rates: f32) -> Option<u32> {
+        let mut random = Random(1);
+        let mut check = Rates::NOTHING;
+        let roll_rad = |t_s: f32| {
+            let of_leg_s = t_s.rem_euclid(20.0);
+            0.44 * ((of_leg_s - 8.0) / 2.0).clamp(0.0, 1.0) * ((20.0 - of_leg_s) / 2.0).clamp(0.0, 1.0)
+                + 0.02 * (1.1 * t_s).sin()
+        };
+        (1..=5000).find_map(|i: u16| {
+            let t_s = f32::from(i) * 0.02;
+            let attitude = Attitude {
+                roll_rad: told * roll_rad(t_s - late_s) + 0.005 * random.normal(),
+                pitch_rad: 0.005 * random.normal(),
+            };
+            let p = (roll_rad(t_s - late_s + 0.01) - roll_rad(t_s - late_s - 0.01)) / 0.02;
+            let rates_rad_s = [rates * p, 0.0, rates * 0.01];
+            let report =
+                Report { source: Source::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s };
+            check.see(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
+        })
+    }
+
+    /// Whatever an attitude source may have but a wrong unit or sign.
+    #[test]
+    fn true_rates_are_believed() {
+        for (told, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
+            assert_eq!(contradict_after(told, late_s, 1.0), None, "{told} {late_s}");
+        }
+        assert_eq!(contradict_after(1.0, 0.0, 0.5), None);
+        assert_eq!(contradict_after(1.0, 0.0, 2.0), None);
+    }
+
+    /// Degrees for radians show in the wobble of level flight, within two seconds; the rest when the aircraft has rolled
+    /// into its first turn, ten seconds after the beginning.
+    #[test]
+    fn a_wrong_unit_or_sign_is_found_in_the_first_turn() {
+        assert!(contradict_after(1.0, 0.0, 57.3).is_some_and(|s| s <= 2));
+        assert!(contradict_after(1.0, 0.0, -1.0).is_some_and(|s| s <= 10));
+        assert!(contradict_after(1.0, 0.0, 1.0 / 57.3).is_some_and(|s| s <= 11));
+    }
+
+    /// Rates of roll by this and of attitude by that, for so many seconds.
+    fn fed(check: &mut Rates, from_s: u32, seconds: u32, by_rates: f32, by_attitude: f32) -> bool {
+        let mut contradict = false;
+        for i in 10 * from_s..=10 * (from_s + seconds) {
+            // Up for a second and down for another.
+            let up = (i / 10) % 2 == 0;
+            let part = f32::from((i % 10) as u8) / 10.0;
+            let roll_rad = by_attitude * if up { part } else { 1.0 - part };
+            let rate = by_rates * if up { 1.0 } else { -1.0 };
+            let report = Report {
+                source: Source::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude { roll_rad, pitch_rad: 0.0 },
+                rates_rad_s: [rate, 0.0, 1e-6],
+            };
+            contradict = check.see(Timestamp::from_us(u64::from(i) * 100_000), &report);
+        }
+        contradict
+    }
+
+    /// Fifteen percent, both ways.
+    #[test]
+    fn the_limits_are_where_they_are() {
+        for (by_rates, by_attitude, expected) in
+            [(0.5, 0.09, false), (0.5, 0.06, true), (0.09, 0.5, false), (0.06, 0.5, true), (0.5, -0.5, true)]
+        {
+            let found = fed(&mut Rates::NOTHING.clone(), 0, 40, by_rates, by_attitude);
+            assert_eq!(found, expected, "{by_rates} {by_attitude}");
+        }
+        // Too little to say anything.
+        assert!(!fed(&mut Rates::NOTHING.clone(), 0, 40, 0.015, -0.015));
+        assert!(!fed(&mut Rates::NOTHING.clone(), 0, 40, 0.001, 0.03));
+    }
+
+    /// A source that has come to its senses is believed again within half a minute.
+    #[test]
+    fn rates_that_are_right_again_are_believed_again() {
+        let mut check = Rates::NOTHING;
+        assert!(fed(&mut check, 0, 20, 0.3, -0.3));
+        assert!(!fed(&mut check, 21, 30, 0.3, 0.3));
+    }
+
+    /// What is no number is forgotten.
+    #[test]
+    fn numbers_stay_numbers() {
+        let mut check = Rates::NOTHING;
+        fed(&mut check, 0, 3, f32::INFINITY, 0.3);
+        assert!(!fed(&mut check, 4, 40, 0.3, 0.3));
+        assert!(check.of_both.is_finite() && check.of_rates.is_finite());
+    }
+}

@@ -1,0 +1,137 @@
+//! How much the samples scatter, learnt from them: what the calibration found, and what the last seconds show.
+
+/// Variances of a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Variances {
+    /// Of the strength, relative; of one sample, which has the mean of its readings.
+    pub strength: f32,
+    /// Of each of the two angles by which the attitude leans wrongly, square radians.
+    pub tilt_rad2: f32,
+}
+
+/// Fixed numbers of this module.
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Seconds over which the last residuals count.
+    pub time_s: f32,
+    /// Part of a variance that is of the last seconds; the rest is the calibration's.
+    pub recent: f32,
+    /// A residual of the dip counts as no more than so many of the calibration's sigmas: what is more is not noise.
+    pub max_tilt_sigmas: f32,
+    /// The same of the strength.
+    pub max_strength_sigmas: f32,
+}
+
+impl Config {
+    /// Measured on recorded flights: ten seconds, three quarters.
+    pub const DEFAULT: Self = Self { time_s: 10.0, recent: 0.75, max_tilt_sigmas: 4.0, max_strength_sigmas: 6.0 };
+}
+
+/// The variances of the last seconds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Learnt {
+    recent: Variances,
+    /// The last two strengths, the newer one last.
+    strengths: [f32; 2],
+}
+
+impl Learnt {
+    /// The last seconds were as the calibration.
+    pub const fn new(own: Variances, strength: f32) -> Self {
+        Self { recent: own, strengths: [strength; 2] }
+    }
+
+    /// What a sample is likely to be off, given what it is by the calibration.
+    pub fn variances(&self, config: &Config, own: Variances) -> Variances {
+        let mixed = |recent: f32, own: f32| own + config.recent * (recent - own);
+        Variances {
+            strength: mixed(self.recent.strength, own.strength),
+            tilt_rad2: mixed(self.recent.tilt_rad2, own.tilt_rad2),
+        }
+    }
+
+    /// Takes the strength of a sample, `step_s` after the one before. Its second difference is of white noise alone, of
+    /// six times its variance: what changes slowly cancels.
+    pub fn see_strength(&mut self, config: &Config, own: Variances, strength: f32, step_s: f32) {
+        let [before, last] = self.strengths;
+        self.strengths = [last, strength];
+        let second = strength - 2.0 * last + before;
+        let most = config.max_strength_sigmas * config.max_strength_sigmas * own.strength;
+        follow(&mut self.recent.strength, (second * second / 6.0).min(most), step_s / config.time_s);
+    }
+
+    /// Takes the residual of the dip, radians, of a sample `step_s` after the one before.
+    pub fn see_dip(&mut self, config: &Config, own: Variances, residual_rad: f32, step_s: f32) {
+        let most = config.max_tilt_sigmas * config.max_tilt_sigmas * own.tilt_rad2;
+        follow(&mut self.recent.tilt_rad2, (residual_rad * residual_rad).min(most), step_s / config.time_s);
+    }
+}
+
+/// An average that forgets.
+fn follow(mean: &mut f32, value: f32, part: f32) {
+    *mean += part.min(1.0) * (value - *mean);
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+
+    const OWN: Variances = Variances { strength: 1e-4, tilt_rad2: 4e-4 };
+
+    /// Noise of this many of the calibration's sigmas for a time, every tenth of a second, on a strength that drifts by
+    /// a tenth of a percent a second.
+    fn after(sigmas: f32, seconds: u16) -> Variances {
+        let mut random = Random(1);
+        let mut learnt = Learnt::new(OWN, 1.0);
+        for i in 0..10 * seconds {
+            let strength = 1.0 + 1e-4 * f32::from(i) + 0.01 * sigmas * random.normal();
+            learnt.see_strength(&Config::DEFAULT, OWN, strength, 0.1);
+            learnt.see_dip(&Config::DEFAULT, OWN, 0.02 * sigmas * random.normal(), 0.1);
+        }
+        learnt.variances(&Config::DEFAULT, OWN)
+    }
+
+    /// A quarter of the calibration's and three quarters of what is, to the scatter of the samples of ten seconds (about
+    /// a tenth, more of second differences).
+    #[test]
+    fn the_last_seconds_count_three_quarters() {
+        for (sigmas, expected) in [(1.0, 1.0), (2.0, 3.25), (0.0, 0.25)] {
+            let found = after(sigmas, 120);
+            assert!((found.strength / OWN.strength / expected - 1.0).abs() < 0.25, "{sigmas}: {found:?}");
+            assert!((found.tilt_rad2 / OWN.tilt_rad2 / expected - 1.0).abs() < 0.25, "{sigmas}: {found:?}");
+        }
+    }
+
+    /// After ten seconds `1 - 1/e` of a change is learnt.
+    #[test]
+    fn ten_seconds_are_remembered() {
+        let mut learnt = Learnt::new(OWN, 1.0);
+        for _ in 0..100 {
+            learnt.see_dip(&Config::DEFAULT, OWN, 0.04, 0.1);
+        }
+        let recent = learnt.recent.tilt_rad2 / OWN.tilt_rad2;
+        assert!((recent - (1.0 + 3.0 * 0.632)).abs() < 0.02, "{recent}");
+    }
+
+    /// Sixteen and thirty-six times the calibration's variance are the most that counts.
+    #[test]
+    fn what_is_no_noise_is_clipped() {
+        let mut learnt = Learnt::new(OWN, 1.0);
+        for i in 0..2000_u16 {
+            learnt.see_dip(&Config::DEFAULT, OWN, 1.0, 0.1);
+            learnt.see_strength(&Config::DEFAULT, OWN, f32::from(i % 2), 0.1);
+        }
+        assert!((learnt.recent.tilt_rad2 / OWN.tilt_rad2 - 16.0).abs() < 0.01, "{learnt:?}");
+        assert!((learnt.recent.strength / OWN.strength - 36.0).abs() < 0.01, "{learnt:?}");
+    }
+
+    /// A gap of minutes forgets, and no more.
+    #[test]
+    fn a_long_gap_replaces() {
+        let mut learnt = Learnt::new(OWN, 1.0);
+        learnt.see_dip(&Config::DEFAULT, OWN, 0.01, 1000.0);
+        assert!((learnt.recent.tilt_rad2 - 1e-4).abs() < 1e-9, "{learnt:?}");
+    }
+}

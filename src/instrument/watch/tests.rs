@@ -1,0 +1,438 @@
+//! What the watch promises, on flights made of samples: no sensor, no clock, no simulator.
+
+use core::f32::consts::PI;
+
+use testkit::random::Random;
+
+use super::*;
+use crate::calibration::Orientation;
+use crate::frames::Field;
+use crate::time::WrappingMillis;
+
+const INCLINATION_RAD: f32 = 1.0;
+const TOTAL_UT: f32 = 50.0;
+/// Of a sample, and of each angle.
+const STRENGTH_SIGMA: f32 = 0.003;
+const TILT_SIGMA_RAD: f32 = 0.005;
+
+/// What is wrong, beyond noise.
+#[derive(Clone, Copy, Debug)]
+struct Wrong {
+    /// Hard iron, body axes, microtesla.
+    iron_ut: [f32; 3],
+    /// Another strength, relative, and another inclination, radians.
+    strength: f32,
+    inclination_rad: f32,
+    /// Attitude that is told less the true one, radians.
+    roll_rad: f32,
+    pitch_rad: f32,
+    /// Part of the bank that is told.
+    bank: f32,
+    /// The attitude told is that of so long ago, seconds.
+    late_s: f32,
+    /// The heading's gyro drifts, radians a second.
+    drift_rad_s: f32,
+}
+
+impl Wrong {
+    const NOTHING: Self = Self {
+        iron_ut: [0.0; 3],
+        strength: 0.0,
+        inclination_rad: 0.0,
+        roll_rad: 0.0,
+        pitch_rad: 0.0,
+        bank: 1.0,
+        late_s: 0.0,
+        drift_rad_s: 0.0,
+    };
+}
+
+/// An aircraft that flies a minute straight and a circle either way, again and again, and wobbles.
+struct Flight {
+    watch: Watch,
+    calibration: Calibration,
+    uncertainty: Uncertainty,
+    random: Random,
+    wrong: Wrong,
+    /// Samples flown.
+    samples: u32,
+    gyro_rad: f32,
+}
+
+const STEP_S: f32 = 0.1;
+const CIRCLE_S: f32 = 24.0;
+const STRAIGHT_S: f32 = 60.0;
+
+/// A moment of it: roll, pitch, heading and their rates.
+fn moment(t_s: f32) -> (Attitude, Motion, f32) {
+    let of_leg_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
+    let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
+    // Into the bank and out of it within two seconds.
+    let banked = (of_leg_s / 2.0).min((CIRCLE_S - of_leg_s) / 2.0).clamp(0.0, 1.0);
+    let rolling = if of_leg_s > 0.0 && of_leg_s < 2.0 {
+        0.5
+    } else if of_leg_s > CIRCLE_S - 2.0 {
+        -0.5
+    } else {
+        0.0
+    };
+    let (phase, pitch_phase) = (0.9 * t_s, 0.6 * t_s);
+    let attitude =
+        Attitude { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
+    let motion = Motion {
+        roll_rad_s: side * 0.45 * rolling + 0.018 * phase.cos(),
+        pitch_rad_s: 0.009 * pitch_phase.cos(),
+        heading_rad_s: side * banked * 2.0 * PI / (CIRCLE_S - 2.0),
+    };
+    // The integral of the rate: nothing, a ramp, a straight line, a ramp.
+    let u = of_leg_s.clamp(0.0, CIRCLE_S);
+    let ramp = (u.min(2.0).powi(2) / 4.0) + (u.clamp(2.0, CIRCLE_S - 2.0) - 2.0) + {
+        let v = (u - (CIRCLE_S - 2.0)).max(0.0);
+        v - v * v / 4.0
+    };
+    (attitude, motion, wrap_pi(0.7 + side * ramp * 2.0 * PI / (CIRCLE_S - 2.0)))
+}
+
+impl Flight {
+    fn new(seed: u64) -> Self {
+        let calibration = Calibration {
+            inclination_rad: INCLINATION_RAD,
+            total_ut: TOTAL_UT,
+            ..Calibration::uncalibrated(Orientation::NONE)
+        };
+        let uncertainty =
+            Uncertainty { sensor_sigma: STRENGTH_SIGMA, attitude_sigma_rad: TILT_SIGMA_RAD, ..Uncertainty::NONE };
+        Self {
+            watch: Watch::new(Config::DEFAULT),
+            calibration,
+            uncertainty,
+            random: Random(seed),
+            wrong: Wrong::NOTHING,
+            samples: 0,
+            gyro_rad: 2.0,
+        }
+    }
+
+    fn now_s(&self) -> f32 {
+        // Legs repeat, so that a day's time need not be held in 24 bits.
+        (self.samples % 1680) as f32 * STEP_S
+    }
+
+    /// Flies on for a sample; the heading's error and sigma in degrees, or why there is none.
+    fn step(&mut self) -> Result<(f32, f32), NoHeading> {
+        self.samples += 1;
+        let Wrong { iron_ut, strength, inclination_rad, roll_rad, pitch_rad, bank, late_s, drift_rad_s } = self.wrong;
+        let (attitude, _, heading_rad) = moment(self.now_s());
+        let earth = Field::earth(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
+        let (told, motion, told_heading_rad) = moment(self.now_s() - late_s);
+        let mut noise = |sigma: f32| sigma * self.random.normal();
+        let field = attitude.body(earth).ut
+            + Vector3::from(iron_ut)
+            + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
+        let told = Attitude {
+            roll_rad: bank * told.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
+            pitch_rad: told.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
+        };
+        self.gyro_rad = wrap_pi(self.gyro_rad + drift_rad_s * STEP_S);
+        let turning = Turning { motion, turned_rad: wrap_pi(told_heading_rad + self.gyro_rad), run: 0 };
+        let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
+        let sample = Sample { field: Field::new(field), attitude: told, time: at.wrapping_millis() };
+        let watched =
+            Watched { calibration: &self.calibration, uncertainty: &self.uncertainty, readings_per_sample: 1 };
+        self.watch.see(&watched, at, &sample, Some(turning));
+        let adjustment = self.watch.adjustment();
+        adjustment.verdict?;
+        let (calibration, uncertainty) = adjustment.in_force(&watched);
+        let attitude = adjustment.attitude(told, &motion);
+        let found = crate::heading::heading(
+            crate::heading::Config::ANY_FIELD,
+            &calibration,
+            &uncertainty,
+            sample.field,
+            attitude,
+        )?
+        .less_certain(adjustment.variance_rad2);
+        Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
+    }
+
+    /// Flies on for so many seconds.
+    fn fly(&mut self, seconds: u32) -> Flown {
+        let mut flown = Flown::default();
+        for _ in 0..10 * seconds {
+            flown.take(self.step());
+        }
+        flown
+    }
+}
+
+/// What came of it.
+#[derive(Clone, Debug, Default)]
+struct Flown {
+    told: u32,
+    worst_deg: f32,
+    /// Errors beyond three sigmas.
+    beyond: u32,
+    none: Vec<NoHeading>,
+}
+
+impl Flown {
+    fn take(&mut self, heading: Result<(f32, f32), NoHeading>) {
+        match heading {
+            Ok((error_deg, sigma_deg)) => {
+                self.told += 1;
+                self.worst_deg = self.worst_deg.max(error_deg.abs());
+                self.beyond += u32::from(error_deg.abs() > 3.0 * sigma_deg);
+            }
+            Err(why) => self.none.push(why),
+        }
+    }
+}
+
+/// Half an hour in which nothing is wrong: never silent, never further off than the noise makes it (three sigmas are
+/// exceeded by 0.3 % of normal errors).
+#[test]
+fn a_clean_flight_is_not_silenced() {
+    for seed in 0..3 {
+        let flown = Flight::new(seed).fly(1800);
+        assert_eq!(flown.none, []);
+        assert!(flown.beyond < flown.told / 300 && flown.worst_deg < 4.5, "{flown:?}");
+    }
+}
+
+/// A day: no drift, no alarm, no number that is none, though a gyro drifts by 0.05 deg/s without end.
+#[test]
+fn a_day_is_as_an_hour() {
+    let mut flight = Flight::new(4);
+    flight.wrong.drift_rad_s = 0.05_f32.to_radians();
+    flight.fly(600);
+    let first = flight.fly(3600);
+    for _ in 0..22 {
+        flight.fly(3600);
+    }
+    let last = flight.fly(3600);
+    for hour in [first, last] {
+        assert_eq!(hour.none, []);
+        assert!(hour.worst_deg < 4.5, "{hour:?}");
+    }
+    assert_eq!(flight.watch.adjustment().iron, None);
+}
+
+/// Iron of 3 uT and more that moves in level flight, in any direction: it is seen at once, the heading is back within
+/// some seconds, and after a circle either way it is known to a third.
+#[test]
+fn iron_that_moves_is_found_and_told() {
+    for (i, iron_ut) in
+        [[3.0, 0.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [4.0, 4.0, -4.0], [-7.0, 6.0, 3.0]].into_iter().enumerate()
+    {
+        let mut flight = Flight::new(i as u64);
+        flight.fly(200);
+        flight.wrong.iron_ut = iron_ut;
+        // A sample may pass before two of them contradict.
+        let at_once = flight.fly(2);
+        assert!(at_once.told <= 2, "{iron_ut:?}: {at_once:?}");
+        flight.fly(18);
+        // In the first turn it shows what of it had no effect before, and once more there may be silence.
+        let turning = flight.fly(60);
+        assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
+        let flown = flight.fly(180);
+        assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{iron_ut:?}: {flown:?}");
+        let told = flight.watch.adjustment().iron.unwrap();
+        let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
+        assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
+        assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
+        // It is put back where it was.
+        flight.wrong.iron_ut = [0.0; 3];
+        flight.fly(200);
+        assert_eq!(flight.watch.adjustment().iron, None, "{iron_ut:?}");
+    }
+}
+
+/// Another place, as far as an hour's flight: it is learnt, and is no iron.
+#[test]
+fn another_place_is_learnt() {
+    let mut flight = Flight::new(7);
+    flight.fly(100);
+    (flight.wrong.strength, flight.wrong.inclination_rad) = (-0.08, 0.12);
+    let turning = flight.fly(80);
+    assert!(turning.none.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
+    let flown = flight.fly(1000);
+    assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{flown:?}");
+    let adjustment = flight.watch.adjustment();
+    assert_eq!(adjustment.iron, None);
+    let (strength, inclination_rad) = (adjustment.unknowns[STRENGTH], adjustment.unknowns[INCLINATION]);
+    assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
+}
+
+/// An attitude that is wrong is not taken for iron; the heading stays within its sigma, or there is none.
+#[test]
+fn an_attitude_that_is_wrong_is_found() {
+    let cases = [
+        ("roll", Wrong { roll_rad: 0.035, ..Wrong::NOTHING }, 0.2),
+        ("pitch", Wrong { pitch_rad: -0.035, ..Wrong::NOTHING }, 0.2),
+        ("bank", Wrong { bank: 0.7, ..Wrong::NOTHING }, 0.5),
+        ("late", Wrong { late_s: 0.3, ..Wrong::NOTHING }, 0.2),
+    ];
+    for (name, wrong, silent) in cases {
+        let mut flight = Flight::new(8);
+        flight.fly(200);
+        flight.wrong = wrong;
+        let flown = flight.fly(600);
+        // One in ten, while it is found: the bench of the simulator has the shares.
+        assert!(flown.beyond < flown.told / 10, "{name}: {} of {}", flown.beyond, flown.told);
+        assert!((flown.none.len() as f32) < silent * 6000.0, "{name}: {}", flown.none.len());
+    }
+}
+
+/// What is found is what was wrong: each of the attitude's unknowns by itself.
+#[test]
+fn the_attitude_s_errors_are_told_apart() {
+    for (wrong, index, expected, within) in [
+        (Wrong { late_s: 0.1, ..Wrong::NOTHING }, LATENCY, 0.1, 0.03),
+        (Wrong { late_s: -0.05, ..Wrong::NOTHING }, LATENCY, -0.05, 0.03),
+        (Wrong { drift_rad_s: 2e-3, ..Wrong::NOTHING }, DRIFT, -2e-3, 3e-4),
+    ] {
+        let mut flight = Flight::new(9);
+        flight.wrong = wrong;
+        flight.fly(600);
+        let found = flight.watch.adjustment().unknowns[index];
+        assert!((found - expected).abs() < within, "{wrong:?}: {found}");
+    }
+}
+
+/// More than any of them bears is not explained away, and says what is to blame.
+#[test]
+fn there_are_limits() {
+    let watched_verdict = |index: usize, value: f32| {
+        let mut flight = Flight::new(10);
+        flight.fly(30);
+        flight.watch.state.set_mean(index, value);
+        let seen =
+            Seen { field: Vector3::new(0.5, 0.0, 0.8), attitude: Attitude::default(), motion: Motion::default() };
+        flight.watch.verdict(flight.watch.state.mean(), &seen, &[0.0; UNKNOWNS], 0.0)
+    };
+    for (index, limit, why) in [
+        (BETA, 0.6, NoHeading::FieldChanged),
+        (STRENGTH, 0.2, NoHeading::FieldDisturbed),
+        (INCLINATION, 0.2, NoHeading::FieldDisturbed),
+        (ROLL, 0.15, NoHeading::AttitudeContradicted),
+        (PITCH, 0.15, NoHeading::AttitudeContradicted),
+        (BANK, 0.5, NoHeading::AttitudeContradicted),
+    ] {
+        for sign in [1.0, -1.0] {
+            assert_eq!(watched_verdict(index, sign * 0.97 * limit), Ok(()), "{index}");
+            assert_eq!(watched_verdict(index, sign * 1.03 * limit), Err(why), "{index}");
+        }
+    }
+}
+
+/// Eight degrees; what is to blame is what most of them are of.
+#[test]
+fn a_heading_that_is_not_known_well_is_not_told() {
+    let mut flight = Flight::new(11);
+    flight.fly(30);
+    let watch = &mut flight.watch;
+    let seen = Seen { field: Vector3::new(0.5, 0.0, 0.8), attitude: Attitude::default(), motion: Motion::default() };
+    let mut row = [0.0; UNKNOWNS];
+    (row[BETA], row[ROLL]) = (1.0, 1.0);
+    let mean = *watch.state.mean();
+    assert_eq!(watch.verdict(&mean, &seen, &row, 0.139 * 0.139), Ok(()));
+    watch.state.loosen(ROLL, 0.01);
+    assert_eq!(watch.verdict(&mean, &seen, &row, 0.0201), Err(NoHeading::AttitudeContradicted));
+    watch.state.loosen(BETA, 0.1);
+    assert_eq!(watch.verdict(&mean, &seen, &row, 0.1), Err(NoHeading::FieldChanged));
+}
+
+/// Without body rates strength and inclination are still held against the rest.
+#[test]
+fn a_source_without_rates_is_watched_as_far_as_it_goes() {
+    let flight = Flight::new(12);
+    let mut watch = Watch::new(Config::DEFAULT);
+    let mut verdicts = Vec::new();
+    for i in 0..240_u16 {
+        let iron_ut = if i < 200 { 0.0 } else { 8.0 };
+        let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
+        let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
+        let at = Timestamp::from_us(u64::from(i) * 100_000);
+        let sample = Sample { field: Field::new(field), attitude, time: at.wrapping_millis() };
+        let watched =
+            Watched { calibration: &flight.calibration, uncertainty: &flight.uncertainty, readings_per_sample: 1 };
+        watch.see(&watched, at, &sample, None);
+        verdicts.push(watch.adjustment().verdict);
+    }
+    // A sample may pass before two of them contradict.
+    assert!(verdicts[..201].iter().all(Result::is_ok));
+    assert!(verdicts[201..].iter().all(|verdict| *verdict == Err(NoHeading::FieldDisturbed)));
+    assert_eq!(watch.adjustment().gyro, None);
+}
+
+/// A field or an attitude that is no number changes nothing.
+#[test]
+fn what_is_no_number_is_left_away() {
+    let mut flight = Flight::new(13);
+    flight.fly(30);
+    let before = *flight.watch.adjustment();
+    let watched =
+        Watched { calibration: &flight.calibration, uncertainty: &flight.uncertainty, readings_per_sample: 1 };
+    let good = Sample {
+        field: Field::from_ut(20.0, 3.0, 40.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+    };
+    let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let turned = Turning { turned_rad: f32::INFINITY, ..Turning::default() };
+    for (sample, turning) in [
+        (Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..good }, None),
+        (Sample { attitude: nowhere, ..good }, None),
+        (good, Some(turned)),
+    ] {
+        flight.watch.see(&watched, Timestamp::from_us(60_000_000), &sample, turning);
+        assert_eq!(*flight.watch.adjustment(), before);
+    }
+}
+
+/// The heading of a single reading, against the gyro's: four sigmas of both together.
+#[test]
+fn a_reading_that_the_gyro_contradicts_is_not_told() {
+    let mut flight = Flight::new(14);
+    flight.fly(300);
+    let adjustment = flight.watch.adjustment();
+    let (run, offset_rad2) = adjustment.gyro.unwrap();
+    let motion = Motion { heading_rad_s: 0.3, ..Motion::default() };
+    let turning = Turning { motion, turned_rad: 1.0, run };
+    let by_gyro = 1.0 + adjustment.unknowns[OFFSET] + 0.3 * adjustment.unknowns[LATENCY];
+    let sigma_rad = 0.02;
+    let limit = 4.0 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
+    let agrees = |off_rad: f32, turning: Option<&Turning>| {
+        let heading = Heading { magnetic_rad: by_gyro + off_rad, sigma_rad };
+        adjustment.agrees(&Config::DEFAULT, heading, turning)
+    };
+    for sign in [1.0, -1.0] {
+        assert!(agrees(sign * 0.98 * limit, Some(&turning)) && !agrees(sign * 1.02 * limit, Some(&turning)));
+    }
+    assert!(agrees(1.0, None) && agrees(1.0, Some(&Turning { run: run.wrapping_add(1), ..turning })));
+}
+
+/// The unknowns are taken out of a calibration where they belong.
+#[test]
+fn a_calibration_in_force_has_what_was_learnt() {
+    let w = [[1.1, 0.1, 0.0], [0.0, 0.9, -0.1], [0.05, 0.0, 1.0]];
+    let calibration = Calibration {
+        w,
+        b_ut: [1.0, 2.0, 3.0],
+        inclination_rad: 1.0,
+        total_ut: 50.0,
+        ..Calibration::uncalibrated(Orientation::NONE)
+    };
+    let watched = Watched { calibration: &calibration, uncertainty: &Uncertainty::NONE, readings_per_sample: 4 };
+    let mut unknowns = [0.0; UNKNOWNS];
+    unknowns[..5].copy_from_slice(&[0.02, -0.04, 0.06, 0.1, -0.05]);
+    let variances = Some(Variances { strength: 1e-4, tilt_rad2: 4e-4 });
+    let (found, learnt) = Adjustment { unknowns, variances, ..Adjustment::NONE }.in_force(&watched);
+    let field = Field::from_ut(20.0, -10.0, 30.0);
+    let moved = calibration.apply(field).ut - found.apply(field).ut;
+    assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
+    assert!((found.total_ut - 55.0).abs() < 1e-4 && (found.inclination_rad - 0.95).abs() < 1e-6);
+    // The mean of four readings scatters half as much as one.
+    assert!((learnt.sensor_sigma - 0.02).abs() < 1e-6 && (learnt.attitude_sigma_rad - 0.02).abs() < 1e-6);
+    assert_eq!(Adjustment::NONE.in_force(&watched), (calibration, Uncertainty::NONE));
+}
