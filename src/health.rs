@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
-use crate::instrument;
+use crate::instrument::{self, Iron};
 use crate::magnetometer::Identity;
 
 /// What the module shows of itself beside the state machine's report.
@@ -17,6 +17,8 @@ pub struct Health {
     pub attitude: Option<Attitude>,
     /// The last heading, or why there is none.
     pub heading: Result<Heading, NoHeading>,
+    /// Hard iron that has moved since the calibration, once it is sure.
+    pub iron: Option<Iron>,
     /// Event counters.
     pub counts: Counts,
     /// Why the module started.

@@ -2,7 +2,7 @@
 
 use core::cell::RefCell;
 
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
@@ -36,8 +36,8 @@ pub async fn run(
     let mut bytes = [0; 32];
     loop {
         drain(&output, &mut tx).await;
-        match select(rx.read(&mut bytes), links.notices.wait()).await {
-            Either::First(Ok(read)) if read > 0 => {
+        match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
+            Either3::First(Ok(read)) if read > 0 => {
                 for &byte in bytes.get(..read).unwrap_or_default() {
                     if let Some(entered) = session.byte(byte) {
                         answer(links, &mut session, entered, &mut platform, &reset, &output, &mut tx).await;
@@ -45,8 +45,9 @@ pub async fn run(
                     drain(&output, &mut tx).await;
                 }
             }
-            Either::First(_) => Timer::after(PAUSE).await,
-            Either::Second(outcome) => session.notice(|out| report::outcome(out, &outcome)),
+            Either3::First(_) => Timer::after(PAUSE).await,
+            Either3::Second(outcome) => session.notice(|out| report::outcome(out, &outcome)),
+            Either3::Third(iron) => session.notice(|out| report::iron(out, iron.as_ref())),
         }
     }
 }
@@ -102,11 +103,12 @@ async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
 }
 
 fn health(links: &Links, reset: &ResetCause, platform: &impl Platform) -> Health {
-    let Estimate { attitude, heading, .. } = links.estimates.try_get().unwrap_or(Estimate::NOTHING);
+    let Estimate { attitude, heading, iron, .. } = links.estimates.try_get().unwrap_or(Estimate::NOTHING);
     Health {
         sensor: links.sensor.try_get().map(|found| found.identity),
         attitude,
         heading,
+        iron,
         counts: links.counts(),
         reset: reset.clone(),
         uptime_s: Instant::now().as_secs() as u32,

@@ -6,7 +6,7 @@ use embassy_time::{Instant, Timer};
 
 use super::Links;
 use super::links::{FoundSensor, count, listen, now};
-use crate::instrument::{Config, Instrument};
+use crate::instrument::{Config, Instrument, IronNews};
 
 /// The period of the reference sensor: what silence is measured by until one has answered.
 const FIRST_PERIOD_US: u32 = 12_500;
@@ -17,6 +17,7 @@ pub async fn run(links: &Links) -> ! {
     let mut correction = listen(&links.correction);
     let estimates = links.estimates.sender();
     let mut instrument = Instrument::new(Config::new(FIRST_PERIOD_US));
+    let mut news = IronNews::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
         // Reports before readings: what is known of an instant counts at that instant.
@@ -46,6 +47,9 @@ pub async fn run(links: &Links) -> ! {
             // The heading of the reading goes out first.
             yield_now().await;
             instrument.watch();
+            if let Some(iron) = news.see(instrument.iron()) {
+                links.iron.signal(iron);
+            }
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::attitude::Report;
 use crate::calibration::Sample;
 use crate::compass::{Command, Outcome, Refusal, Reply};
 use crate::health::{Counters, Counts};
-use crate::instrument::{Correction, Estimate};
+use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
 use crate::settings::Settings;
 use crate::time::Timestamp;
@@ -54,6 +54,8 @@ pub struct Links {
     pub(super) requests: Queue<Command, 1>,
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     pub(super) notices: Signal<CriticalSectionRawMutex, Outcome>,
+    /// To the console: hard iron that has moved, or is back where it was.
+    pub(super) iron: Signal<CriticalSectionRawMutex, Option<Iron>>,
     /// To the instrument and to the state machine.
     pub(super) sensor: Latest<FoundSensor, 2>,
     /// To the state machine: whether the autopilot is armed.
@@ -79,6 +81,7 @@ impl Links {
             requests: Channel::new(),
             replies: Channel::new(),
             notices: Signal::new(),
+            iron: Signal::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
             correction: Watch::new(),

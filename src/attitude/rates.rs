@@ -35,12 +35,12 @@ pub(super) struct Rates {
     last: Option<(Timestamp, Attitude, Motion)>,
     /// Since the second began: its length, and the changes of roll and pitch by the rates and by the attitude.
     passed_us: u64,
-    by_rates: [f32; 2],
-    by_attitude: [f32; 2],
+    per_gyro: [f32; 2],
+    per_attitude: [f32; 2],
     /// Sums of the squares and of the products of the two.
-    of_rates: f32,
-    of_attitude: f32,
-    of_both: f32,
+    gyro_squared: f32,
+    attitude_squared: f32,
+    both: f32,
     contradict: bool,
 }
 
@@ -49,11 +49,11 @@ impl Rates {
     pub const NOTHING: Self = Self {
         last: None,
         passed_us: 0,
-        by_rates: [0.0; 2],
-        by_attitude: [0.0; 2],
-        of_rates: 0.0,
-        of_attitude: 0.0,
-        of_both: 0.0,
+        per_gyro: [0.0; 2],
+        per_attitude: [0.0; 2],
+        gyro_squared: 0.0,
+        attitude_squared: 0.0,
+        both: 0.0,
         contradict: false,
     };
 
@@ -66,10 +66,10 @@ impl Rates {
             if step_us <= MAX_STEP_US {
                 let step_s = step_us as f32 * 1e-6;
                 let mean = before.towards(&motion, 0.5);
-                let by_attitude = [wrap_pi(attitude.roll_rad - last.roll_rad), attitude.pitch_rad - last.pitch_rad];
+                let per_attitude = [wrap_pi(attitude.roll_rad - last.roll_rad), attitude.pitch_rad - last.pitch_rad];
                 for (i, rate_rad_s) in [mean.roll_rad_s, mean.pitch_rad_s].into_iter().enumerate() {
-                    self.by_rates[i] += rate_rad_s * step_s;
-                    self.by_attitude[i] += by_attitude[i];
+                    self.per_gyro[i] += rate_rad_s * step_s;
+                    self.per_attitude[i] += per_attitude[i];
                 }
                 self.passed_us += step_us;
             }
@@ -88,14 +88,15 @@ impl Rates {
             // What is no number would stay so for ever.
             if sum.is_finite() { sum } else { 0.0 }
         };
-        self.of_rates = grown(self.of_rates, products(self.by_rates, self.by_rates));
-        self.of_attitude = grown(self.of_attitude, products(self.by_attitude, self.by_attitude));
-        self.of_both = grown(self.of_both, products(self.by_rates, self.by_attitude));
-        (self.passed_us, self.by_rates, self.by_attitude) = (0, [0.0; 2], [0.0; 2]);
-        if self.of_rates > MIN_BY_RATES {
-            self.contradict = self.of_both < LEAST * self.of_rates;
+        self.gyro_squared = grown(self.gyro_squared, products(self.per_gyro, self.per_gyro));
+        self.attitude_squared = grown(self.attitude_squared, products(self.per_attitude, self.per_attitude));
+        self.both = grown(self.both, products(self.per_gyro, self.per_attitude));
+        (self.passed_us, self.per_gyro, self.per_attitude) = (0, [0.0; 2], [0.0; 2]);
+        if self.gyro_squared > MIN_BY_RATES {
+            self.contradict = self.both < LEAST * self.gyro_squared;
         }
-        self.contradict |= self.of_attitude > MIN_BY_ATTITUDE && self.of_rates < TOO_SLOW * TOO_SLOW * self.of_attitude;
+        self.contradict |=
+            self.attitude_squared > MIN_BY_ATTITUDE && self.gyro_squared < TOO_SLOW * TOO_SLOW * self.attitude_squared;
     }
 }
 
@@ -152,14 +153,14 @@ mod tests {
     }
 
     /// Rates of roll by this and of attitude by that, for so many seconds.
-    fn fed(check: &mut Rates, from_s: u32, seconds: u32, by_rates: f32, by_attitude: f32) -> bool {
+    fn fed(check: &mut Rates, from_s: u32, seconds: u32, per_gyro: f32, per_attitude: f32) -> bool {
         let mut contradict = false;
         for i in 10 * from_s..=10 * (from_s + seconds) {
             // Up for a second and down for another.
             let up = (i / 10) % 2 == 0;
             let part = f32::from((i % 10) as u8) / 10.0;
-            let roll_rad = by_attitude * if up { part } else { 1.0 - part };
-            let rate = by_rates * if up { 1.0 } else { -1.0 };
+            let roll_rad = per_attitude * if up { part } else { 1.0 - part };
+            let rate = per_gyro * if up { 1.0 } else { -1.0 };
             let report = Report {
                 source: Source::default(),
                 sender_time: WrappingMillis::default(),
@@ -174,11 +175,11 @@ mod tests {
     /// Fifteen percent, both ways.
     #[test]
     fn the_limits_are_where_they_are() {
-        for (by_rates, by_attitude, expected) in
+        for (per_gyro, per_attitude, expected) in
             [(0.5, 0.09, false), (0.5, 0.06, true), (0.09, 0.5, false), (0.06, 0.5, true), (0.5, -0.5, true)]
         {
-            let found = fed(&mut Rates::NOTHING.clone(), 0, 40, by_rates, by_attitude);
-            assert_eq!(found, expected, "{by_rates} {by_attitude}");
+            let found = fed(&mut Rates::NOTHING.clone(), 0, 40, per_gyro, per_attitude);
+            assert_eq!(found, expected, "{per_gyro} {per_attitude}");
         }
         // Too little to say anything.
         assert!(!fed(&mut Rates::NOTHING.clone(), 0, 40, 0.015, -0.015));
@@ -199,6 +200,6 @@ mod tests {
         let mut check = Rates::NOTHING;
         fed(&mut check, 0, 3, f32::INFINITY, 0.3);
         assert!(!fed(&mut check, 4, 40, 0.3, 0.3));
-        assert!(check.of_both.is_finite() && check.of_rates.is_finite());
+        assert!(check.both.is_finite() && check.gyro_squared.is_finite());
     }
 }

@@ -11,6 +11,7 @@ use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Outcome, Refusal, Reply, Report, Summary, Verdict};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, ResetCause, StackUse};
+use crate::instrument::Iron;
 use crate::settings::AttitudeError;
 use crate::wire::decimal::Decimal;
 
@@ -108,6 +109,37 @@ pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
     }
 }
 
+/// Iron in the aircraft has moved, or is back where it was.
+///
+/// # Errors
+///
+/// What `out` says.
+pub fn iron(out: &mut impl Write, iron: Option<&Iron>) -> fmt::Result {
+    match iron {
+        Some(iron) => writeln!(out, "note iron-moved: {}", Moved(iron)),
+        None => writeln!(out, "note iron-back: as calibrated again"),
+    }
+}
+
+/// By how much, where to, and what to do.
+struct Moved<'a>(&'a Iron);
+
+impl Display for Moved<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Iron { change_ut, sigma_ut } = self.0;
+        let axes = [("forward", "aft"), ("to the right", "to the left"), ("down", "up")];
+        let (axis, &most) = change_ut
+            .iter()
+            .enumerate()
+            .fold((0, &0.0), |most, next| if next.1.abs() > f32::abs(*most.1) { next } else { most });
+        let where_to = axes.get(axis).map_or("", |(ahead, back)| if most < 0.0 { *back } else { *ahead });
+        let [x, y, z] = [change_ut.x, change_ut.y, change_ut.z].map(Decimal::<1>);
+        let (size, sigma) = (Decimal::<1>(change_ut.norm()), Decimal::<1>(*sigma_ut));
+        write!(f, "{size} uT since the calibration, mostly {where_to} (x {x}, y {y}, z {z}, sigma {sigma}); ")?;
+        f.write_str("headings allow for it; fix what moved, or calibrate anew")
+    }
+}
+
 /// `status`.
 ///
 /// # Errors
@@ -187,6 +219,10 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
             writeln!(out, "heading: {heading_deg} deg magnetic, sigma {sigma_deg} deg")
         }
         Err(why) => writeln!(out, "heading: none, {}", why.code()),
+    }?;
+    match &health.iron {
+        Some(iron) => writeln!(out, "iron: moved by {}", Moved(iron)),
+        None => writeln!(out, "iron: as calibrated, as far as is sure"),
     }
 }
 

@@ -57,7 +57,7 @@ use crate::magnetometer::Reading;
 use crate::time::Timestamp;
 use pairing::Pairing;
 use sensor::{Fault, SensorCheck};
-pub use watch::Iron;
+pub use watch::{Iron, IronNews};
 use watch::{Watch, Watched};
 
 /// Fixed numbers of an instrument.
@@ -282,14 +282,13 @@ impl Instrument {
         }
         let attitude = self.attitude_at(at);
         let heading = fault.map_or_else(|| self.heading(at, reading.field, attitude), |fault| Err(fault.into()));
-        Estimate { at, body, heading, attitude: attitude.ok(), iron: self.watch.adjustment().iron }
+        Estimate { at, body, heading, attitude: attitude.ok(), iron: self.iron() }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
-        let iron = self.watch.adjustment().iron;
-        Estimate { at, attitude: self.attitude_at(at).ok(), iron, ..Estimate::NOTHING }
+        Estimate { at, attitude: self.attitude_at(at).ok(), iron: self.iron(), ..Estimate::NOTHING }
     }
 
     /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none
@@ -330,6 +329,12 @@ impl Instrument {
         let watched = Watched { calibration, uncertainty, readings_per_sample };
         self.watch.see(&watched, at, &sample, turning);
         self.in_force = Some(self.watch.adjustment().in_force(&watched));
+    }
+
+    /// Hard iron that has moved since the calibration, once it is sure.
+    #[must_use]
+    pub const fn iron(&self) -> Option<Iron> {
+        self.watch.adjustment().iron
     }
 
     /// What was not believed so far, and why.

@@ -7,6 +7,10 @@
 //!     ^                                                          |  |  again     |
 //!     +----------------------------------------------------------+  +------------+
 //! ```
+//!
+//! What is off by so much that no heading would be told of it anyway may be over soon: a sensor that is being mended, a
+//! steel hall. It is silenced and waited for, longer than the second in which a sensor is mended, before it changes
+//! anything.
 
 /// What is held against the rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,14 +51,25 @@ pub struct Config {
     pub odd_sigmas: f32,
     /// ... and contradicts when so many in a row are.
     pub odd_in_a_row: u8,
+    /// Residuals of strength and dip that are larger than this, in parts and radians, are gross...
+    pub gross: f32,
+    /// ... and contradict when so many samples in a row are.
+    pub gross_in_a_row: u8,
     /// After a contradiction nothing is told for so long, seconds.
     pub silence_s: f32,
 }
 
 impl Config {
     /// Numbers for ten samples a second.
-    pub const DEFAULT: Self =
-        Self { large_sigmas: 4.0, large_in_a_row: 2, odd_sigmas: 2.0, odd_in_a_row: 6, silence_s: 5.0 };
+    pub const DEFAULT: Self = Self {
+        large_sigmas: 4.0,
+        large_in_a_row: 2,
+        odd_sigmas: 2.0,
+        odd_in_a_row: 6,
+        gross: 0.2,
+        gross_in_a_row: 13,
+        silence_s: 5.0,
+    };
 }
 
 /// What a sample's deviations mean.
@@ -77,16 +92,20 @@ pub(super) enum Verdict {
 pub(super) struct Contradiction {
     large: PerKind<u8>,
     odd: PerKind<u8>,
+    gross: u8,
     silent_s: f32,
 }
 
 impl Contradiction {
     /// Nothing contradicts.
-    pub const NONE: Self = Self { large: [0; 3], odd: [0; 3], silent_s: 0.0 };
+    pub const NONE: Self = Self { large: [0; 3], odd: [0; 3], gross: 0, silent_s: 0.0 };
 
     /// Takes the deviations of a sample, `step_s` after the one before; none of what was not measured.
     pub fn see(&mut self, config: &Config, deviations: PerKind<Option<Deviation>>, step_s: f32) -> Verdict {
         self.silent_s = (self.silent_s - step_s).max(0.0);
+        if self.is_waiting(config, &deviations) {
+            return Verdict::Fits { learn: [false; 3] };
+        }
         let mut learn = [true; 3];
         let mut sizes = [0.0; 3];
         let mut has_changed = false;
@@ -110,9 +129,22 @@ impl Contradiction {
         }
     }
 
+    /// Whether something is grossly off that may be over soon.
+    fn is_waiting(&mut self, config: &Config, deviations: &PerKind<Option<Deviation>>) -> bool {
+        let [strength, inclination, _] = deviations;
+        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > config.gross);
+        self.gross = if is_gross { self.gross.saturating_add(1) } else { 0 };
+        let is_waiting = is_gross && self.gross < config.gross_in_a_row;
+        if is_waiting {
+            // The samples before and after it are partly of it, and do not make a row.
+            (self.large, self.odd) = ([0; 3], [0; 3]);
+        }
+        is_waiting
+    }
+
     /// Whether nothing may be told now.
     pub fn is_silent(&self) -> bool {
-        self.silent_s > 0.0
+        self.silent_s > 0.0 || self.gross > 0
     }
 }
 
@@ -122,9 +154,9 @@ mod tests {
 
     const CONFIG: Config = Config::DEFAULT;
 
-    /// Deviations of so many sigmas of 0.1 each; none where it is not a number.
+    /// Deviations of so many sigmas of 0.01 each; none where it is not a number.
     fn sigmas(each: [f32; 3]) -> PerKind<Option<Deviation>> {
-        each.map(|n| (!n.is_nan()).then_some(Deviation { residual: 0.1 * n, variance: 0.01 }))
+        each.map(|n| (!n.is_nan()).then_some(Deviation { residual: 0.01 * n, variance: 1e-4 }))
     }
 
     /// After how many equal samples something has changed, of forty.
@@ -164,8 +196,8 @@ mod tests {
         let mut contradiction = Contradiction::NONE;
         contradiction.see(&CONFIG, sigmas([-5.0, 2.5, 1.9]), 0.1);
         let Verdict::Changed { sizes } = contradiction.see(&CONFIG, sigmas([-5.0, 2.5, 1.9]), 0.1) else { panic!() };
-        for (size, expected) in sizes.into_iter().zip([0.5, 0.25, 0.0]) {
-            assert!((size - expected).abs() < 1e-6, "{sizes:?}");
+        for (size, expected) in sizes.into_iter().zip([0.05, 0.025, 0.0]) {
+            assert!((size - expected).abs() < 1e-7, "{sizes:?}");
         }
     }
 
@@ -181,6 +213,38 @@ mod tests {
         });
         // To a sample, for a tenth is none in binary.
         assert!((49..=51).contains(&silent.count()));
+    }
+
+    /// A fifth of the field, or 11 deg of dip: nothing is told meanwhile, nothing is learnt, and when it is over nothing
+    /// has changed; after thirteen samples it has.
+    #[test]
+    fn what_is_grossly_off_is_waited_for() {
+        let off = |residual: f32, kind: usize| {
+            core::array::from_fn(|k| (k == kind).then_some(Deviation { residual, variance: 1e-4 }))
+        };
+        for kind in [0, 1] {
+            let mut contradiction = Contradiction::NONE;
+            for residual in [0.21, -0.21].into_iter().cycle().take(12) {
+                let verdict = contradiction.see(&CONFIG, off(residual, kind), 0.1);
+                assert_eq!(verdict, Verdict::Fits { learn: [false; 3] });
+                assert!(contradiction.is_silent());
+            }
+            let mut over = contradiction;
+            // The last sample of it is partly of what comes after.
+            assert!(matches!(over.see(&CONFIG, off(0.1, kind), 0.1), Verdict::Fits { .. }));
+            assert_eq!(over.see(&CONFIG, off(0.0, kind), 0.1), Verdict::Fits { learn: [true; 3] });
+            assert!(!over.is_silent());
+            // Two contradict, as of any that are large.
+            contradiction.see(&CONFIG, off(0.21, kind), 0.1);
+            assert!(matches!(contradiction.see(&CONFIG, off(0.21, kind), 0.1), Verdict::Changed { .. }));
+        }
+        let mut contradiction = Contradiction::NONE;
+        contradiction.see(&CONFIG, off(0.19, 0), 0.1);
+        assert!(matches!(contradiction.see(&CONFIG, off(0.19, 0), 0.1), Verdict::Changed { .. }));
+        // A heading may be anywhere.
+        let mut contradiction = Contradiction::NONE;
+        contradiction.see(&CONFIG, off(2.0, 2), 0.1);
+        assert!(matches!(contradiction.see(&CONFIG, off(2.0, 2), 0.1), Verdict::Changed { .. }));
     }
 
     /// What is not measured does not break a row, and does not make one.

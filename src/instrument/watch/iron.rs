@@ -11,6 +11,33 @@ pub struct Iron {
     pub sigma_ut: f32,
 }
 
+/// What of it is news, so that a person is told once.
+#[derive(Clone, Copy, Debug)]
+pub struct IronNews {
+    told: Option<Iron>,
+}
+
+/// It is told again when it differs from what was told by more than this part of that.
+const ANEW: f32 = 0.5;
+
+impl IronNews {
+    /// Nothing was told, for all is as calibrated.
+    pub const NONE: Self = Self { told: None };
+
+    /// Takes what is sure now; gives it back when it is news, none within for iron that is back where it was.
+    pub fn see(&mut self, now: Option<Iron>) -> Option<Option<Iron>> {
+        let is_news = match (self.told, now) {
+            (None, None) => false,
+            (Some(told), Some(now)) => (now.change_ut - told.change_ut).norm() > ANEW * told.change_ut.norm(),
+            (Some(_), None) | (None, Some(_)) => true,
+        };
+        is_news.then(|| {
+            self.told = now;
+            now
+        })
+    }
+}
+
 /// Iron that moved by less than this part of the total field is not told: 1 uT of 50 turns a heading by 3 deg at most.
 const LEAST: f32 = 0.02;
 
@@ -64,6 +91,26 @@ mod tests {
             [(0.021, 0.005, true), (0.019, 0.001, false), (0.1, 0.024, true), (0.1, 0.026, false)]
         {
             assert_eq!(told(&mut Moved::NOT.clone(), change, sigma, false, 200), expected, "{change} {sigma}");
+        }
+    }
+
+    #[test]
+    fn news_are_told_once() {
+        let iron = |y_ut: f32| Some(Iron { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut: 0.1 });
+        let mut news = IronNews::NONE;
+        for (now, expected) in [
+            (None, None),
+            (iron(4.0), Some(iron(4.0))),
+            (iron(4.1), None),
+            (iron(5.9), None),
+            (iron(2.1), None),
+            (iron(6.1), Some(iron(6.1))),
+            (iron(3.2), None),
+            (iron(-6.0), Some(iron(-6.0))),
+            (None, Some(None)),
+            (None, None),
+        ] {
+            assert_eq!(news.see(now), expected, "{now:?}");
         }
     }
 

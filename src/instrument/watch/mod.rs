@@ -29,17 +29,18 @@ use nalgebra::Vector3;
 
 use crate::attitude::{Motion, Turning};
 use crate::calibration::{Calibration, Sample, Uncertainty};
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{Attitude, Field, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
 use balance::Balance;
 use contradiction::{Contradiction, Deviation, PerKind, Verdict};
 use factored::{Factored, Measurement};
-pub use iron::Iron;
 use iron::Moved;
+pub use iron::{Iron, IronNews};
 use learnt::{Learnt, Variances};
 use model::{
-    BANK, BETA, DRIFT, INCLINATION, LATENCY, OFFSET, PITCH, Predicted, ROLL, STRENGTH, Seen, UNKNOWNS, Unknowns,
+    BANK, BETA, DRIFT, Expected, INCLINATION, LATENCY, OFFSET, PITCH, Predicted, ROLL, STRENGTH, Seen, UNKNOWNS,
+    Unknowns,
 };
 
 /// Fixed numbers of the watch. Variances are in radians and parts of the total field.
@@ -250,7 +251,7 @@ impl Watch {
             *self = Self::new(self.config);
             return;
         }
-        self.adjust(watched, &seen, step_s);
+        self.adjust(watched, &seen, turning.as_ref(), step_s);
     }
 
     /// Time passes.
@@ -267,7 +268,9 @@ impl Watch {
     /// Finds the gyro's offset anew where its count has begun anew, or after a gap.
     fn follow_the_gyro(&mut self, seen: &Seen, turning: Option<Turning>, step_s: f32) {
         if let Some(turning) = turning.filter(|turning| self.run != Some(turning.run) || step_s > GAP_S) {
-            let heading_rad = Predicted::new(seen, self.state.mean()).heading_rad;
+            let measured = seen.field - model::beta(self.state.mean());
+            let attitude = model::attitude(seen.attitude, &seen.motion, self.state.mean());
+            let heading_rad = attitude.level(Field::new(measured)).heading_rad();
             self.state.set_mean(OFFSET, wrap_pi(heading_rad - turning.turned_rad));
             self.state.loosen(OFFSET, ANYWHERE_RAD2);
             self.balance = Balance::NOTHING;
@@ -279,7 +282,8 @@ impl Watch {
     fn measure(&mut self, watched: &Watched<'_>, seen: &Seen, sample: &Sample, turning: Option<Turning>, step_s: f32) {
         let Watched { calibration, uncertainty, .. } = watched;
         let unknowns = *self.state.mean();
-        let predicted = Predicted::new(seen, &unknowns);
+        let expected = Expected::new(&unknowns, calibration.inclination_rad, turning.as_ref());
+        let predicted = Predicted::new(seen, &unknowns, &expected);
         let variances = self.scatter(watched, &predicted, step_s);
         let x = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let variance = |kind: usize, of_sample: f32, by_field: Vector3<f32>| {
@@ -290,16 +294,9 @@ impl Watch {
         let tan_squared = predicted.tan_dip * predicted.tan_dip;
         let [by_strength, by_dip, by_heading] = predicted.by_field();
         let measurements = [
-            Some(predicted.strength(&unknowns, variance(0, variances.strength, by_strength))),
-            Some(predicted.inclination(
-                &unknowns,
-                calibration.inclination_rad,
-                variance(1, variances.tilt_rad2, by_dip),
-            )),
-            turning.map(|turning| {
-                let variance = variance(2, variances.tilt_rad2 * tan_squared, by_heading);
-                predicted.heading(&unknowns, seen, turning.turned_rad, variance)
-            }),
+            Some(predicted.strength(&expected, variance(0, variances.strength, by_strength))),
+            Some(predicted.inclination(&expected, variance(1, variances.tilt_rad2, by_dip))),
+            predicted.heading(&expected, seen, variance(2, variances.tilt_rad2 * tan_squared, by_heading)),
         ];
         self.see_dip(watched, measurements[1].as_ref(), step_s);
         let deviations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.deviation(m)));
@@ -372,9 +369,10 @@ impl Watch {
     }
 
     /// Says what it all means for headings from now on.
-    fn adjust(&mut self, watched: &Watched<'_>, seen: &Seen, step_s: f32) {
+    fn adjust(&mut self, watched: &Watched<'_>, seen: &Seen, turning: Option<&Turning>, step_s: f32) {
         let unknowns = *self.state.mean();
-        let row = Predicted::new(seen, &unknowns).heading_row;
+        let expected = Expected::new(&unknowns, watched.calibration.inclination_rad, turning);
+        let row = Predicted::new(seen, &unknowns, &expected).heading_row;
         let variance_rad2 = self.state.variance(&row);
         let is_silent = self.contradiction.is_silent();
         self.field_contradicts &= is_silent;

@@ -14,9 +14,9 @@
 use nalgebra::Vector3;
 
 use super::factored::Measurement;
-use crate::attitude::Motion;
+use crate::attitude::{Motion, Turning};
 use crate::calibration::Prediction;
-use crate::frames::{Attitude, wrap_pi};
+use crate::frames::{Attitude, Field, wrap_pi};
 
 /// Number of unknowns.
 pub(super) const UNKNOWNS: usize = 11;
@@ -78,6 +78,32 @@ impl Seen {
     }
 }
 
+/// The Earth's field as it is expected.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Expected {
+    /// Its strength, relative to the calibration's.
+    pub strength: f32,
+    /// Its inclination, radians.
+    pub inclination_rad: f32,
+    /// Its heading, radians, where the gyro says.
+    pub heading_rad: Option<f32>,
+}
+
+impl Expected {
+    /// By the unknowns and the calibration's inclination; with the gyro's integral, both as late as the attitude:
+    /// `psi = integral + c + tau psi'`.
+    pub fn new(unknowns: &Unknowns, inclination_rad: f32, turning: Option<&Turning>) -> Self {
+        let by_gyro = |turning: &Turning| {
+            turning.turned_rad + unknowns[OFFSET] + unknowns[LATENCY] * turning.motion.heading_rad_s
+        };
+        Self {
+            strength: 1.0 + unknowns[STRENGTH],
+            inclination_rad: inclination_rad + unknowns[INCLINATION],
+            heading_rad: turning.map(by_gyro),
+        }
+    }
+}
+
 /// What the unknowns make of a sample.
 #[derive(Clone, Debug)]
 pub(super) struct Predicted {
@@ -87,7 +113,7 @@ pub(super) struct Predicted {
     pub dip_rad: f32,
     /// Its heading, radians.
     pub heading_rad: f32,
-    /// Tangent of its dip.
+    /// Tangent of the dip that is expected.
     pub tan_dip: f32,
     /// Derivatives of the three by the unknowns.
     pub total_row: Unknowns,
@@ -96,17 +122,22 @@ pub(super) struct Predicted {
 }
 
 impl Predicted {
-    /// Of a sample.
-    pub fn new(seen: &Seen, unknowns: &Unknowns) -> Self {
+    /// Of a sample. The derivatives are those at the field that is expected, not at the one that is measured: noise that
+    /// is in both a residual and its derivative does not cancel, and hard iron would grow along the field for ever.
+    pub fn new(seen: &Seen, unknowns: &Unknowns, expected: &Expected) -> Self {
         let tilt = attitude(seen.attitude, &seen.motion, unknowns).tilt();
-        let earth = seen.field - beta(unknowns);
+        let measured = tilt.level(Field::new(seen.field - beta(unknowns)));
+        let heading_rad = measured.heading_rad();
+        let level =
+            Field::earth(expected.strength, expected.inclination_rad, expected.heading_rad.unwrap_or(heading_rad));
+        let earth = tilt.body(level).ut;
         let prediction = Prediction::new(earth, &earth, &tilt);
         let dip_by_tilt = prediction.dip_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
         Self {
-            total: prediction.total,
-            dip_rad: prediction.dip_rad,
-            heading_rad: prediction.heading_rad(),
+            total: measured.total_ut(),
+            dip_rad: measured.inclination_rad(),
+            heading_rad,
             tan_dip: prediction.level.z / prediction.horizontal,
             total_row: row(seen, &prediction.direction, [0.0; 2]),
             dip_row: row(seen, &prediction.towards_down, dip_by_tilt),
@@ -120,28 +151,27 @@ impl Predicted {
         [self.total_row, self.dip_row, self.heading_row].map(|row| -beta(&row))
     }
 
-    /// The field is as strong as it is here: `|h - beta| - 1 = f`.
-    pub fn strength(&self, unknowns: &Unknowns, variance: f32) -> Measurement<UNKNOWNS> {
+    /// The field is as strong as it is here: `|h - beta| = 1 + f`.
+    pub fn strength(&self, expected: &Expected, variance: f32) -> Measurement<UNKNOWNS> {
         let mut row = self.total_row.map(|d| -d);
         row[STRENGTH] += 1.0;
-        Measurement { row, residual: self.total - 1.0 - unknowns[STRENGTH], variance }
+        Measurement { row, residual: self.total - expected.strength, variance }
     }
 
-    /// It dips as it does here: `dip - I = i`.
-    pub fn inclination(&self, unknowns: &Unknowns, inclination_rad: f32, variance: f32) -> Measurement<UNKNOWNS> {
+    /// It dips as it does here: `dip = I + i`.
+    pub fn inclination(&self, expected: &Expected, variance: f32) -> Measurement<UNKNOWNS> {
         let mut row = self.dip_row.map(|d| -d);
         row[INCLINATION] += 1.0;
-        Measurement { row, residual: self.dip_rad - inclination_rad - unknowns[INCLINATION], variance }
+        Measurement { row, residual: self.dip_rad - expected.inclination_rad, variance }
     }
 
-    /// It turns as the gyro does: `psi = integral + c`, both as late as the attitude, `+ tau psi'`.
-    pub fn heading(&self, unknowns: &Unknowns, seen: &Seen, turned_rad: f32, variance: f32) -> Measurement<UNKNOWNS> {
-        let heading_rad_s = seen.motion.heading_rad_s;
+    /// It turns as the gyro does, if that is known: `psi = integral + c + tau psi'`.
+    pub fn heading(&self, expected: &Expected, seen: &Seen, variance: f32) -> Option<Measurement<UNKNOWNS>> {
         let mut row = self.heading_row.map(|d| -d);
         row[OFFSET] += 1.0;
-        row[LATENCY] += heading_rad_s;
-        let by_gyro = turned_rad + unknowns[OFFSET] + unknowns[LATENCY] * heading_rad_s;
-        Measurement { row, residual: wrap_pi(self.heading_rad - by_gyro), variance }
+        row[LATENCY] += seen.motion.heading_rad_s;
+        let residual = wrap_pi(self.heading_rad - expected.heading_rad?);
+        Some(Measurement { row, residual, variance })
     }
 }
 
@@ -165,7 +195,6 @@ mod tests {
 
     use super::*;
     use crate::calibration::tests::derivatives::assert_derivative;
-    use crate::frames::Field;
 
     /// A field some 40 deg from the vertical, at whatever bank.
     fn seen(random: &mut Random) -> Seen {
@@ -186,12 +215,20 @@ mod tests {
         for _ in 0..20 {
             let seen = seen(&mut random);
             let at: Unknowns = array_of(&mut random, 0.05);
+            // A calibration, and a gyro, by which all that is measured is expected.
+            let nowhere = Expected { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
+            let found = Predicted::new(&seen, &at, &nowhere);
+            let seen =
+                Seen { field: beta(&at) + (seen.field - beta(&at)) * (1.0 + at[STRENGTH]) / found.total, ..seen };
+            let by_gyro_rad = found.heading_rad - at[OFFSET] - at[LATENCY] * seen.motion.heading_rad_s;
+            let turning = Turning { motion: seen.motion, turned_rad: by_gyro_rad, run: 0 };
             let measured = |unknowns: &Unknowns| {
-                let predicted = Predicted::new(&seen, unknowns);
+                let expected = Expected::new(unknowns, found.dip_rad - at[INCLINATION], Some(&turning));
+                let predicted = Predicted::new(&seen, unknowns, &expected);
                 [
-                    predicted.strength(unknowns, 1.0),
-                    predicted.inclination(unknowns, 0.9, 1.0),
-                    predicted.heading(unknowns, &seen, 0.4, 1.0),
+                    predicted.strength(&expected, 1.0),
+                    predicted.inclination(&expected, 1.0),
+                    predicted.heading(&expected, &seen, 1.0).unwrap(),
                 ]
             };
             let here = measured(&at);
@@ -219,7 +256,8 @@ mod tests {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
         let seen = Seen { field: body, attitude, motion: Motion::default() };
-        let predicted = Predicted::new(&seen, &[0.0; UNKNOWNS]);
+        let expected = Expected::new(&[0.0; UNKNOWNS], 1.1, None);
+        let predicted = Predicted::new(&seen, &[0.0; UNKNOWNS], &expected);
         assert!((predicted.total - 1.0).abs() < 1e-6 && (predicted.dip_rad - 1.1).abs() < 1e-5);
         assert!((predicted.heading_rad - 2.0).abs() < 1e-5);
         assert!((predicted.tan_dip / 1.1_f32.tan() - 1.0).abs() < 1e-4);

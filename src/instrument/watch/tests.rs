@@ -436,3 +436,23 @@ fn a_calibration_in_force_has_what_was_learnt() {
     assert!((learnt.sensor_sigma - 0.02).abs() < 1e-6 && (learnt.attitude_sigma_rad - 0.02).abs() < 1e-6);
     assert_eq!(Adjustment::NONE.in_force(&watched), (calibration, Uncertainty::NONE));
 }
+/// A day at rest on one heading, without rates: nothing can be told apart there, and nothing wanders off.
+#[test]
+fn a_day_at_rest_tells_nothing() {
+    let mut random = Random(15);
+    let flight = Flight::new(15);
+    let mut watch = Watch::new(Config::DEFAULT);
+    let attitude = Attitude::from_deg(2.0, 5.0);
+    let body = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
+    for i in 0..864_000_u32 {
+        let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
+        let at = Timestamp::from_us(u64::from(i) * 100_000);
+        let sample = Sample { field: Field::new(field), attitude, time: at.wrapping_millis() };
+        let watched =
+            Watched { calibration: &flight.calibration, uncertainty: &flight.uncertainty, readings_per_sample: 1 };
+        watch.see(&watched, at, &sample, None);
+        assert_eq!(watch.adjustment().verdict, Ok(()), "{i}");
+    }
+    // One percent of the field and of a radian: the sigmas that hard iron may wander within.
+    assert!(watch.state.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", watch.state.mean());
+}
