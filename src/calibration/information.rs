@@ -6,8 +6,10 @@ use super::Samples;
 use super::bank_scale::{BankEvidence, BankScale, Clusters};
 use super::constancy::Scan;
 use super::correlation::Correlation;
-use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Matrix13, Vector12, Vector13, d, w};
-use super::likelihood::{Equation, Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
+use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, d, w};
+use super::likelihood::{
+    Equation, Equations, Likelihood, Measured, Parameters, Quantity, Squares, System, for_each_prior,
+};
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
 use crate::frames::Attitude;
@@ -68,8 +70,8 @@ pub(super) fn uncertainty(
 #[derive(Clone, Debug)]
 pub(super) struct Information {
     pub system: System,
-    /// The part of the information that comes from dips: the lower triangle.
-    dip: Matrix13,
+    /// The part of the information that comes from dips.
+    dip: Squares,
     /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
     effects: [Vector13; 3],
     bank: BankEvidence,
@@ -84,7 +86,7 @@ impl Information {
     pub fn new(system: &System) -> Self {
         Self {
             system: system.clone(),
-            dip: Matrix13::zeros(),
+            dip: Squares::none(),
             effects: [Vector13::zeros(); 3],
             bank: BankEvidence::default(),
             correlation: Correlation::default(),
@@ -124,20 +126,20 @@ impl Information {
 
     fn add_dip(&mut self, equations: &Equations) {
         let Some(dip) = &equations.dip else { return };
-        self.dip.syger(dip.weight, &dip.row, &dip.row, 1.0);
+        self.dip.add(&dip.row, dip.weight);
         for (sum, effect) in self.effects.iter_mut().zip(equations.attitude_effects) {
-            sum.axpy(dip.weight * effect, &dip.row, 1.0);
+            dip.row.add_to(sum, dip.weight * effect);
         }
         self.bank.add(dip, equations.attitude_effects);
     }
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right. Its residual is
-    /// nothing, which says nothing of the noise.
+    /// nothing, which says nothing of the noise, and leaves nothing to correct.
     pub fn suppose(&mut self, likelihood: &Likelihood, parameters: &Parameters, attitude: Attitude, heading_rad: f32) {
         let tilt = attitude.tilt();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
         let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
-        let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, true);
+        let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.system.add(&equations);
         self.add_dip(&equations);
     }
@@ -173,8 +175,7 @@ impl Information {
         covariance.fill(|i, j| {
             if j == 0 {
                 // The lower triangle is filled row by row.
-                doubted = units.row(i) * (1.0 + of_norm);
-                doubted.sygemv(of_dip - of_norm, &self.dip, &columns[i], 1.0);
+                doubted = units.row(i) * (1.0 + of_norm) + self.dip.times(&columns[i]) * (of_dip - of_norm);
             }
             doubted.dot(&columns[j])
         });
@@ -195,9 +196,7 @@ impl Information {
     /// taken for, if it is.
     pub fn dips_times(&self, vector: &Vector13, than: f32) -> Vector13 {
         let [_, of_dip] = self.correlation.excess();
-        let mut product = Vector13::zeros();
-        product.sygemv((1.0 + of_dip - than).max(0.0), &self.dip, vector, 0.0);
-        product
+        self.dip.times(vector) * (1.0 + of_dip - than).max(0.0)
     }
 
     /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
@@ -325,8 +324,8 @@ impl Units {
 mod tests {
     use nalgebra::SMatrix;
 
-    use super::super::likelihood::unknowns::UNKNOWNS;
-    use super::super::likelihood::{Config, Noise, Prior};
+    use super::super::likelihood::unknowns::{Matrix13, UNKNOWNS};
+    use super::super::likelihood::{Config, Noise, Prior, Row};
     use super::super::tests::derivatives::assert_derivative;
     use super::super::{Calibration, Orientation};
     use super::*;
@@ -385,20 +384,9 @@ mod tests {
     fn informed(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
         let mut information = of_priors(likelihood, unknowns);
         for i in 0..UNKNOWNS {
-            information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1.0 / weight));
+            information.system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
         }
         information
-    }
-
-    fn only_norm(row: Vector13, residual: f32, variance: f32) -> Equations {
-        let parameters = parameters();
-        let tilt = Attitude::default().tilt();
-        let measured = Measured { x: Vector3::zeros(), tilt, roll_rad: 0.0, heading_rad: None };
-        let noise = Noise::INITIAL;
-        let equations = Equations::new(&parameters, &measured, &noise, &Config::NO_ATTITUDE, false);
-        let mut norm = equations.norm.clone();
-        (norm.row, norm.residual, norm.weight) = (row, residual, 1.0 / variance);
-        Equations { norm, ..equations }
     }
 
     /// A covariance as a matrix, by the variances of pairs: `cov(a, b) = (var(a + b) - var(a) - var(b)) / 2`.
@@ -418,12 +406,13 @@ mod tests {
         let at = parameters().unknowns().unwrap();
         let mut information = informed(&likelihood, &at, 1e4);
         let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
-        information.system.add(&only_norm(row, 0.05, 1e-4));
+        information.system.add_row(&row, 0.05, 1e4);
         // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2. The
         // norm's rho is a third: what is neither dip nor prior is doubted by 1.
-        let dip_row = Vector13::from_fn(|i, _| (i as f32 * 1.3).cos());
-        information.system.add(&only_norm(dip_row, 0.0, 1.0 / 3e3));
-        information.dip.syger(3e3, &dip_row, &dip_row, 1.0);
+        let dip = Row { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
+        let dip_row = dip.dense();
+        information.system.add_row(&dip_row, 0.0, 3e3);
+        information.dip.add(&dip, 3e3);
         for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
             information.correlation.add(0, residuals);
         }
@@ -477,14 +466,17 @@ mod tests {
             let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
             let equations = Equations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
             let of_dip = equations.dip.as_ref().unwrap();
-            dip += of_dip.row * of_dip.row.transpose() * of_dip.weight;
+            let row = of_dip.row.dense();
+            dip += row * row.transpose() * of_dip.weight;
             for (sum, effect) in effects.iter_mut().zip(equations.attitude_effects) {
-                *sum += of_dip.row * (of_dip.weight * effect);
+                *sum += row * (of_dip.weight * effect);
             }
             information.add_dip(&equations);
         }
-        let found = information.dip.lower_triangle();
-        assert!((found - dip.lower_triangle()).norm() < 1e-4 * dip.norm());
+        for i in 0..UNKNOWNS {
+            let found = information.dip.times(&Vector13::ith(i, 1.0));
+            assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
+        }
         for (found, expected) in information.effects.iter().zip(effects) {
             assert!((found - expected).norm() < 1e-4 * expected.norm());
         }
@@ -502,9 +494,9 @@ mod tests {
             let variance =
                 likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
             for i in 0..INCLINATION {
-                information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
+                information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
             }
-            information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, variance));
+            information.system.add_row(&Vector13::ith(INCLINATION, 1.0), 0.0, 1.0 / variance);
             let found: Vec<Quantity> = information.left_to_priors(&likelihood, &at).unwrap().collect();
             assert_eq!(found, if left { vec![Quantity::Inclination] } else { vec![] }, "{times}");
         }
@@ -562,7 +554,7 @@ mod tests {
         let mut information = of_priors(&likelihood, &at);
         // The one thing that priors leave open.
         let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
-        information.system.add(&only_norm(scale, 0.0, 1e-4));
+        information.system.add_row(&scale, 0.0, 1e4);
         let of = |information: &Information| full(information, &likelihood, &at, Consider::NOTHING);
         let before = of(&information);
         for residual in [1.0, 1.0, 0.0] {
@@ -591,9 +583,9 @@ mod tests {
                 let at = Parameters { inclination_rad, ..parameters() }.unknowns().unwrap();
                 let mut information = of_priors(&likelihood, &at);
                 for i in 0..INCLINATION {
-                    information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
+                    information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
                 }
-                information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, sigma * sigma));
+                information.system.add_row(&Vector13::ith(INCLINATION, 1.0), 0.0, 1.0 / (sigma * sigma));
                 // Correlated with rho of one half, and with a bank error of one worth 2e3 in the gradient.
                 for residual in [1.0, 1.0, 0.0] {
                     // Of norms or of dips, whichever is more.
@@ -618,7 +610,8 @@ mod tests {
     #[test]
     fn a_misread_bank_is_considered_beside_the_rest() {
         let mut evidence = BankEvidence::default();
-        let steep = Equation::new(Vector13::zeros(), -0.1, 1e-4, 1e6);
+        let row = Row { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        let steep = Equation::new(row, -0.1, 1e-4, 1e6);
         evidence.add(&steep, [0.0, 0.0, 1.0]);
         // Of an information of 1e4 it is 0.1, with a variance of 1e-4.
         let found = evidence.scale(0.0, 0.0, 0.0, 1.0).unwrap();

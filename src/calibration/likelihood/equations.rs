@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::noise::{Covariance, Noise};
-use super::unknowns::Vector13;
+use super::unknowns::Row;
 use super::{Config, Parameters, Prediction};
 use crate::frames::{Tilt, wrap_pi};
 
@@ -11,7 +11,7 @@ use crate::frames::{Tilt, wrap_pi};
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct Equation {
     /// Derivative of the residual by the unknowns.
-    pub row: Vector13,
+    pub row: Row,
     pub residual: f32,
     /// Weight of the squared residual: the inverse variance, times Huber's weight.
     pub weight: f32,
@@ -30,7 +30,7 @@ pub(super) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl Equation {
     /// Of a residual with its derivative and variance; `huber` is where the loss becomes linear, in sigmas.
-    pub fn new(row: Vector13, residual: f32, variance: f32, huber: f32) -> Self {
+    pub fn new(row: Row, residual: f32, variance: f32, huber: f32) -> Self {
         let information = 1.0 / variance;
         let square = residual * residual * information;
         let (weight, loss) = if square <= huber * huber {
@@ -99,13 +99,21 @@ impl Equations {
         let norm_row = prediction.norm_row();
         Self {
             dip: config.uses_attitude.then(|| {
-                let row = prediction.dip_row() - norm_row * covariance.slope;
+                let mut row = prediction.dip_row();
+                row.by_field -= norm_row.by_field * covariance.slope;
                 Equation::new(row, dip - norm * covariance.slope, covariance.dip, config.huber)
             }),
             heading: measured.heading_rad.map(|given_rad| heading(measured, noise, config, &prediction, given_rad)),
             norm: Equation::new(norm_row, norm, covariance.norm, config.huber),
             attitude_effects: [by_attitude[0], by_attitude[1], by_attitude[0] * measured.roll_rad],
         }
+    }
+}
+
+impl Equations {
+    /// Those that there are.
+    pub fn all(&self) -> impl Iterator<Item = &Equation> {
+        core::iter::once(&self.norm).chain(&self.dip).chain(&self.heading)
     }
 }
 
@@ -170,6 +178,7 @@ mod tests {
 
     use nalgebra::Matrix3;
 
+    use super::super::unknowns::Vector13;
     use super::*;
     use crate::frames::Attitude;
 
@@ -179,7 +188,8 @@ mod tests {
 
     /// Of so many sigmas, as the module weighs it.
     fn equation(sigmas: f32) -> Equation {
-        Equation::new(Vector13::zeros(), sigmas * 0.1, 0.01, Config::DEFAULT.huber)
+        let row = Row { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        Equation::new(row, sigmas * 0.1, 0.01, Config::DEFAULT.huber)
     }
 
     /// Least squares up to two sigmas: a twentieth of what is normal lies beyond. From there each more sigma costs as
@@ -253,8 +263,9 @@ mod tests {
                 let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
                 let equations = Equations::new(&parameters, &measured, &noise, &Config::DEFAULT, refined);
                 for equation in [Some(&equations.norm), equations.dip.as_ref()].into_iter().flatten() {
-                    gradient += equation.row * (equation.weight * equation.residual / 6.0);
-                    information += equation.row.component_mul(&equation.row) * (equation.weight / 6.0);
+                    let row = equation.row.dense();
+                    gradient += row * (equation.weight * equation.residual / 6.0);
+                    information += row.component_mul(&row) * (equation.weight / 6.0);
                 }
             }
         }

@@ -23,6 +23,7 @@
 //! | `noise.rs` | how wrong measurements are |
 //! | `equations.rs` | what one sample says, linear in the unknowns |
 //! | `priors.rs` | what is known before any sample |
+//! | `squares.rs` | sums of squares of what samples say |
 //! | `system.rs` | what all samples and the priors say together |
 
 mod equations;
@@ -30,6 +31,7 @@ mod noise;
 mod parameters;
 mod prediction;
 mod priors;
+mod squares;
 mod system;
 pub(super) mod unknowns;
 
@@ -38,7 +40,10 @@ pub(super) use noise::Noise;
 pub(super) use parameters::Parameters;
 pub(super) use prediction::{Prediction, heading_by_field, horizontal_squared};
 pub(super) use priors::{Quantity, for_each_prior};
+pub(super) use squares::Squares;
 pub(super) use system::System;
+#[cfg(test)]
+pub(super) use unknowns::Row;
 pub(super) use unknowns::Vector13;
 
 use equations::CLIPPED_MEAN_SQUARE;
@@ -146,9 +151,11 @@ pub(super) struct Likelihood {
     pub refined: bool,
     /// Every so many samples one is looked at: while a bad start is left behind, a part of many will do.
     pub stride: usize,
+    /// Whether equations are summed up instead of rotated into a triangle: while many samples are sought through.
+    pub sums_up: bool,
 }
 
-/// Samples that are enough to leave a bad start behind.
+/// Samples that are enough to leave a bad start behind. As few are rotated into the triangle at once.
 const ENOUGH_TO_START: usize = 128;
 
 impl Likelihood {
@@ -156,17 +163,18 @@ impl Likelihood {
     pub fn new(prior: &Prior, config: Config, samples: Samples<'_>, unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
         let sum_ut = samples.all().map(|s| s.field.ut).sum::<Vector3<f32>>();
-        let number = samples.all().count().max(1) as f32;
+        let number = samples.all().count();
         Self {
             config,
             known_inclination_rad: prior.inclination_rad,
             readings_per_sample: prior.readings_per_sample,
             rotation,
             unit_ut,
-            mean: rotation * sum_ut / (number * unit_ut),
+            mean: rotation * sum_ut / (number.max(1) as f32 * unit_ut),
             noise: Noise::INITIAL,
             refined: false,
-            stride: (samples.all().count() / ENOUGH_TO_START).max(1),
+            stride: (number / ENOUGH_TO_START).max(1),
+            sums_up: number > ENOUGH_TO_START,
         }
     }
 
@@ -203,9 +211,7 @@ impl Likelihood {
 
     /// One pass over the samples.
     pub fn linearise(&self, samples: Samples<'_>, unknowns: &Vector13) -> System {
-        let mut system = System::of_priors(self, unknowns);
-        self.for_each_sample(samples, &Parameters::new(unknowns), &mut |equations| system.add(equations));
-        system
+        System::of(self, samples, unknowns)
     }
 
     /// New sigmas from the residuals.

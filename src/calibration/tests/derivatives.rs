@@ -99,7 +99,7 @@ fn cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case> {
 #[test]
 fn the_norm_s_row() {
     for case in cases(Case::random) {
-        let row = case.predict(&case.unknowns).norm_row();
+        let row = case.predict(&case.unknowns).norm_row().dense();
         assert_row(&row, &case.unknowns, |u| case.predict(u).total - 1.0, "norm");
     }
 }
@@ -107,7 +107,7 @@ fn the_norm_s_row() {
 #[test]
 fn the_dip_s_row() {
     for case in cases(Case::random) {
-        let row = case.predict(&case.unknowns).dip_row();
+        let row = case.predict(&case.unknowns).dip_row().dense();
         let residual = |u: &Vector13| case.predict(u).dip_rad - Parameters::new(u).inclination_rad;
         assert_row(&row, &case.unknowns, residual, "dip");
     }
@@ -118,7 +118,7 @@ fn the_heading_s_row() {
     for case in cases(Case::random) {
         let here = case.predict(&case.unknowns);
         let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - here.heading_rad());
-        assert_row(&here.heading_row(&case.attitude.tilt()), &case.unknowns, residual, "heading");
+        assert_row(&here.heading_row(&case.attitude.tilt()).dense(), &case.unknowns, residual, "heading");
     }
 }
 
@@ -183,13 +183,13 @@ fn the_equations_rows() {
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
         for refined in [false, true] {
             let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
-            let row = of(&at).norm.row;
+            let row = of(&at).norm.row.dense();
             assert_row(&row, &at, |u| of(&slightly(u)).norm.residual * 10.0, "equation of the norm");
-            let row = of(&at).dip.unwrap().row;
+            let row = of(&at).dip.unwrap().row.dense();
             assert_row(&row, &at, |u| of(&slightly(u)).dip.unwrap().residual * 10.0, "equation of the dip");
         }
         let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading.unwrap();
-        assert_row(&of(&at).row, &at, |u| of(u).residual, "equation of the heading");
+        assert_row(&of(&at).row.dense(), &at, |u| of(u).residual, "equation of the heading");
     }
 }
 
@@ -208,8 +208,8 @@ fn norm_and_dip_are_made_independent_and_weighed_by_what_is_left() {
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let dip = equations.dip.unwrap();
-        let expected = here.dip_row() - here.norm_row() * slope;
-        assert!((dip.row - expected).norm() < 1e-4 * expected.norm());
+        let expected = here.dip_row().dense() - here.norm_row().dense() * slope;
+        assert!((dip.row.dense() - expected).norm() < 1e-4 * expected.norm());
         let norm_variance = norm_by_x.norm_squared() * 0.01_f32.powi(2);
         assert!((equations.norm.weight * norm_variance - 1.0).abs() < 1e-4);
         // Far residuals are weighed down: Huber's part, tested with the equation.
@@ -333,7 +333,7 @@ fn a_field_without_heading_has_finite_equations() {
         let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), x };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);
         for equation in [Some(equations.norm), equations.dip, equations.heading].into_iter().flatten() {
-            assert!(equation.row.iter().all(|r| r.is_finite()) && equation.residual.is_finite());
+            assert!(equation.row.dense().iter().all(|r| r.is_finite()) && equation.residual.is_finite());
             assert!(equation.weight > 0.0 && equation.weight.is_finite());
         }
     }
