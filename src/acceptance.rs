@@ -282,6 +282,7 @@ mod tests {
             norm_residual: 0.004,
             dip_residual_deg: 0.4,
             samples: 300,
+            latency: None,
         }
     }
 
@@ -316,6 +317,7 @@ mod tests {
             b_ut: [9.0, 0.0, 0.0],
             inclination_rad: 0.0,
             total_ut: 0.0,
+            latency_s: 0.0,
         },
         quality: None,
     };

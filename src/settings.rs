@@ -24,6 +24,34 @@ pub struct Settings {
     pub mount: Orientation,
     /// What the attitude source is allowed to be off, alike in all samples of a flight.
     pub attitude_error: AttitudeError,
+    /// Which heading is sent.
+    pub stream_heading: HeadingKind,
+}
+
+/// One of the two headings of an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum HeadingKind {
+    /// By the field and the attitude of that instant alone: for an autopilot that has a filter of its own.
+    Raw,
+    /// Smoothed by the attitude source's body rates; the raw one where there are none, or where they contradict it.
+    Smooth,
+}
+
+impl HeadingKind {
+    /// The word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Raw => "raw",
+            Self::Smooth => "smooth",
+        }
+    }
+
+    /// The one of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Raw, Self::Smooth].into_iter().find(|kind| kind.name() == name)
+    }
 }
 
 /// Errors of an attitude source that are alike in all samples of a flight, 1 sigma. No turn shows them; the expected
@@ -73,6 +101,7 @@ impl Settings {
         stream_rate_hz: 10,
         mount: Orientation::NONE,
         attitude_error: AttitudeError::DEFAULT,
+        stream_heading: HeadingKind::Smooth,
     };
 
     /// Rates that can be chosen: up to one heading for every measurement.
@@ -99,6 +128,8 @@ pub enum Setting {
     StreamOn(bool),
     /// Heading sentences a second.
     StreamRateHz(u8),
+    /// Which heading they tell.
+    StreamHeading(HeadingKind),
     /// Variation (declination) for the sentences, degrees, east positive; none: left out.
     Declination(Option<f32>),
     /// Inclination of the Earth field here, degrees, positive down; none: found from the samples.
@@ -119,7 +150,7 @@ impl Setting {
     pub const fn is_used_by_solves(self) -> bool {
         match self {
             Self::Inclination(_) | Self::Mount(_) | Self::AttitudeError(_) => true,
-            Self::StreamOn(_) | Self::StreamRateHz(_) | Self::Declination(_) => false,
+            Self::StreamOn(_) | Self::StreamRateHz(_) | Self::StreamHeading(_) | Self::Declination(_) => false,
         }
     }
 
@@ -127,6 +158,7 @@ impl Setting {
         match self {
             Self::StreamOn(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
+            Self::StreamHeading(_) => "a heading is raw or smooth",
             Self::Declination(_) => "a declination is -180 to 180 degrees",
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
@@ -146,6 +178,7 @@ impl Settings {
         match setting {
             Setting::StreamOn(on) => changed.stream_on = on,
             Setting::StreamRateHz(hz) => changed.stream_rate_hz = hz,
+            Setting::StreamHeading(kind) => changed.stream_heading = kind,
             Setting::Declination(deg) => changed.declination_deg = deg,
             Setting::Inclination(deg) => changed.inclination_deg = deg,
             Setting::Mount(mount) => changed.mount = mount,
@@ -230,12 +263,22 @@ mod tests {
     }
 
     #[test]
+    fn a_heading_s_kind_has_a_word() {
+        for (kind, name) in [(HeadingKind::Raw, "raw"), (HeadingKind::Smooth, "smooth")] {
+            assert_eq!((kind.name(), HeadingKind::from_name(name)), (name, Some(kind)));
+        }
+        assert_eq!(HeadingKind::from_name("smoothed"), None);
+        assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);
+    }
+
+    #[test]
     fn a_setting_changes_itself_and_nothing_else() {
         let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
         let mount = Orientation::from_name("yaw90").unwrap();
         for (setting, after) in [
             (Setting::StreamOn(false), Settings { stream_on: false, ..before }),
             (Setting::StreamRateHz(5), Settings { stream_rate_hz: 5, ..before }),
+            (Setting::StreamHeading(HeadingKind::Raw), Settings { stream_heading: HeadingKind::Raw, ..before }),
             (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
             (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
             (Setting::Mount(mount), Settings { mount, ..before }),
@@ -266,6 +309,7 @@ mod tests {
             (Setting::Declination(None), false),
             (Setting::StreamOn(true), false),
             (Setting::StreamRateHz(1), false),
+            (Setting::StreamHeading(HeadingKind::Raw), false),
         ] {
             assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
         }

@@ -256,6 +256,7 @@ fn record(serial: u32) -> Record {
         norm_residual: 0.004,
         dip_residual_deg: 0.4,
         samples: u16::MAX,
+        latency: None,
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     Record { calibration, quality, uncertainty: Uncertainty::NONE, sensor, mount: Orientation::NONE, serial }
@@ -289,13 +290,13 @@ fn power_cuts_anywhere_leave_old_or_new() {
     let mut start = StoreFlash::new(STORE_PAGES);
     let mut old = Generations::default();
     for saves in 0..11 {
-        for (first, first_cut) in cuts(&start) {
+        for (first, first_cut) in cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
             let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
-            for (second, second_cut) in cuts(&once) {
+            for (second, second_cut) in cuts(&once, saves + 2) {
                 let mut flash = once.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save(&mut flash, saves + 2).unwrap_err();
@@ -319,9 +320,9 @@ fn one_of(flash: &mut StoreFlash, allowed: &[Generations], case: &str) -> Genera
     found
 }
 
-/// Where and how power fails in the next save.
-fn cuts(flash: &StoreFlash) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
+/// Where and how power fails in the save of these.
+fn cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
     let mut complete = flash.power_on();
-    save(&mut complete, 500).unwrap();
+    save(&mut complete, serial).unwrap();
     Cut::in_operations(complete.operations)
 }

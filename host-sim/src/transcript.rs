@@ -71,6 +71,7 @@ pub fn shown(reply: &str) -> Option<Shown> {
         b_ut: numbers(line("b: ")?)?,
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
+        latency_s: 0.0,
     };
     Some(Shown {
         method,

@@ -96,6 +96,7 @@ impl Judgement<'_> {
             norm_residual: self.likelihood.noise.norm,
             dip_residual_deg: self.likelihood.noise.dip_rad.to_degrees(),
             samples: information.system.samples,
+            latency: None,
         };
         let Self { likelihood, unknowns, calibration, .. } = self;
         let advice = advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope());

@@ -230,6 +230,9 @@ pub struct Calibration {
     pub inclination_rad: f32,
     /// Total intensity of the corrected field in the scale of `w`, microtesla.
     pub total_ut: f32,
+    /// How much older the attitude is than the attitude source's own latency says, seconds, as far as it is used: the
+    /// attitude of a field is that of so much later. Nothing where it is not used.
+    pub latency_s: f32,
 }
 
 impl Calibration {
@@ -237,7 +240,7 @@ impl Calibration {
     #[must_use]
     pub fn uncalibrated(mount: Orientation) -> Self {
         let rotation = mount.body_from_sensor();
-        Self { w: rows(&rotation), b_ut: [0.0; 3], inclination_rad: 0.0, total_ut: 0.0 }
+        Self { w: rows(&rotation), b_ut: [0.0; 3], inclination_rad: 0.0, total_ut: 0.0, latency_s: 0.0 }
     }
 
     /// `W` as a matrix.
@@ -274,8 +277,7 @@ impl Calibration {
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.w.as_flattened().iter().chain(&self.b_ut).all(|c| c.is_finite())
-            && self.inclination_rad.is_finite()
-            && self.total_ut.is_finite()
+            && [self.inclination_rad, self.total_ut, self.latency_s].iter().all(|number| number.is_finite())
     }
 }
 
@@ -366,6 +368,18 @@ pub struct Quality {
     pub dip_residual_deg: f32,
     /// Samples of the fit.
     pub samples: u16,
+    /// How old the samples show the attitude to be; none where they say nothing of it.
+    pub latency: Option<Latency>,
+}
+
+/// How much older the attitude is than the attitude source's own latency says, as samples show it. Negative: it is
+/// younger, or the field older.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// The most likely one, seconds.
+    pub found_s: f32,
+    /// Its standard deviation, seconds.
+    pub sigma_s: f32,
 }
 
 impl Quality {

@@ -6,7 +6,7 @@ use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, r
 use crate::calibration::{Calibration, Orientation, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
-use crate::settings::{AttitudeError, Setting};
+use crate::settings::{AttitudeError, HeadingKind, Setting};
 use crate::store::tests::record;
 
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
@@ -210,7 +210,12 @@ fn a_solve_makes_busy_what_it_rests_on() {
         assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
     }
     // What a solve does not rest on is changed and written meanwhile, and the solve goes on.
-    for setting in [Setting::StreamOn(false), Setting::StreamRateHz(5), Setting::Declination(Some(3.0))] {
+    for setting in [
+        Setting::StreamOn(false),
+        Setting::StreamRateHz(5),
+        Setting::StreamHeading(HeadingKind::Raw),
+        Setting::Declination(Some(3.0)),
+    ] {
         assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(State::Solving))), "{setting:?}");
     }
     assert_eq!(bed.report().state, State::Solving);
@@ -276,6 +281,7 @@ fn nothing_else_is_hindered_while_armed() {
     for setting in [
         Setting::StreamOn(false),
         Setting::StreamRateHz(5),
+        Setting::StreamHeading(HeadingKind::Raw),
         Setting::Declination(Some(3.0)),
         Setting::Inclination(None),
         Setting::AttitudeError(AttitudeError::DEFAULT),

@@ -3,17 +3,17 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::{StoreError, v2, v3};
-use crate::calibration::{Calibration, Orientation, Quality, Uncertainty};
+use super::{StoreError, v2, v3, v4};
+use crate::calibration::{Calibration, Latency, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
-/// into a module of its own, as `v3` did.
-pub(super) const VERSION: u8 = 4;
-/// Room for version, contents and CRC. The contents take at most 698 bytes: 333 for each record, 30 for settings and
+/// into a module of its own, as `v4` did.
+pub(super) const VERSION: u8 = 5;
+/// Room for version, contents and CRC. The contents take at most 725 bytes: 346 for each record, 31 for settings and
 /// the count of saves, and the tags of the options.
-pub(super) const VALUE_SIZE: usize = 704;
+pub(super) const VALUE_SIZE: usize = 736;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
@@ -40,10 +40,14 @@ impl Record {
     /// Whether every number is finite and the mounting one of the 24.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        let Quality { expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, .. } = self.quality;
+        let Quality { expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, latency, .. } =
+            self.quality;
+        let Latency { found_s, sigma_s } = latency.unwrap_or(Latency { found_s: 0.0, sigma_s: 0.0 });
         self.calibration.is_finite()
             && self.uncertainty.is_finite()
-            && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg].iter().all(|n| n.is_finite())
+            && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, found_s, sigma_s]
+                .iter()
+                .all(|number| number.is_finite())
             && self.mount.is_valid()
     }
 }
@@ -162,14 +166,13 @@ impl Contents {
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
             VERSION => postcard::from_bytes(payload).ok(),
-            before @ (v2::VERSION | v3::VERSION) => {
-                postcard::from_bytes(payload).ok().and_then(|mut contents: v3::Contents| {
-                    if before == v2::VERSION {
-                        v2::convert(&mut contents);
-                    }
-                    contents.convert()
-                })
-            }
+            v4::VERSION => v4::read(payload),
+            before @ (v2::VERSION | v3::VERSION) => v3::Contents::read(payload).and_then(|mut contents| {
+                if before == v2::VERSION {
+                    v2::convert(&mut contents);
+                }
+                contents.convert()
+            }),
             _ => return Err(StoreError::UnknownVersion(version)),
         };
         contents.filter(|contents: &Self| contents.stored.is_valid()).ok_or(StoreError::Corrupt)
@@ -181,7 +184,7 @@ mod tests {
     use super::*;
     use crate::calibration::{Envelope, Method};
     use crate::magnetometer::Model;
-    use crate::settings::AttitudeError;
+    use crate::settings::{AttitudeError, HeadingKind};
     use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {
@@ -200,15 +203,15 @@ mod tests {
         assert_eq!(Contents::decode(&value), Ok(contents()));
         assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 698 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 725 + 1 + CRC_SIZE);
     }
 
-    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v3` is.
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v4` is.
     #[test]
     fn the_bytes_of_this_version_stay_what_they_are() {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
-        assert_eq!((version, value.len(), crc), (4, 703, &[94, 164, 210, 31][..]));
+        assert_eq!((version, value.len(), crc), (5, 730, &[235, 42, 226, 151][..]));
     }
 
     /// A variant that is put between others moves those behind it, which no record with the first of them shows.
@@ -221,6 +224,7 @@ mod tests {
         }
         assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc]);
         assert_numbers(&[Envelope::Banked, Envelope::Level]);
+        assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
         assert_numbers(&[
             Method::Level,
             Method::FourEllipse,
@@ -265,7 +269,7 @@ mod tests {
 
     #[test]
     fn another_version_is_named() {
-        for version in [0, 1, 5, 9, 255] {
+        for version in [0, 1, 6, 9, 255] {
             let value = sealed(vec![version, 1, 2, 3]);
             assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
         }
@@ -328,11 +332,14 @@ mod tests {
 
     #[test]
     fn records_are_kept_if_every_number_is_finite() {
-        let numbers: [(&str, Set); 11] = [
+        let numbers: [(&str, Set); 14] = [
             ("w", |record, n| record.calibration.w[2][1] = n),
             ("b", |record, n| record.calibration.b_ut[1] = n),
             ("inclination", |record, n| record.calibration.inclination_rad = n),
             ("total", |record, n| record.calibration.total_ut = n),
+            ("latency", |record, n| record.calibration.latency_s = n),
+            ("latency found", |record, n| record.quality.latency = Some(Latency { found_s: n, sigma_s: 0.01 })),
+            ("its sigma", |record, n| record.quality.latency = Some(Latency { found_s: 0.01, sigma_s: n })),
             ("expected", |record, n| record.quality.expected_rms_deg = n),
             ("worst", |record, n| record.quality.expected_worst_deg = n),
             ("norm", |record, n| record.quality.norm_residual = n),

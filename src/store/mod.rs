@@ -28,6 +28,7 @@ mod contents;
 pub(crate) mod tests;
 mod v2;
 mod v3;
+mod v4;
 
 use core::ops::Range;
 

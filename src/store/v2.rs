@@ -13,7 +13,8 @@ const SINGLE_OVER_AVERAGE: f32 = 2.0 * core::f32::consts::SQRT_2;
 
 /// Makes what was read as version 3 mean what it does there.
 pub(super) fn convert(contents: &mut v3::Contents) {
-    for calibrated in [&mut contents.current, &mut contents.previous].into_iter().flatten() {
+    let v3::Generations { current, previous } = &mut contents.generations;
+    for calibrated in [current, previous].into_iter().flatten() {
         calibrated.sensor_sigma *= SINGLE_OVER_AVERAGE;
     }
 }

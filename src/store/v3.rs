@@ -1,7 +1,8 @@
-//! Version 3 of the format, as firmware before version 4 wrote it, and the bytes of [version 2](super::v2).
+//! Version 3 of the format, as firmware before version 4 wrote it, the bytes of [version 2](super::v2), and most of
+//! those of [version 4](super::v4).
 //!
 //! Everything it contains is spelled out here and nothing of it is shared with the present contents, so that no later
-//! change of those changes how it is read. Its settings say nothing of the attitude source's error: that is the default.
+//! change of those changes how it is read. What its settings and calibrations do not say is the default.
 
 use serde::Deserialize;
 #[cfg(test)]
@@ -18,8 +19,20 @@ pub(super) const VERSION: u8 = 3;
 #[derive(Clone, Copy, Deserialize)]
 #[cfg_attr(test, derive(Serialize))]
 pub(super) struct Contents {
+    pub head: Head,
+    pub generations: Generations,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(Serialize))]
+pub(super) struct Head {
     pub saves: u32,
     pub settings: Settings,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(Serialize))]
+pub(super) struct Generations {
     pub current: Option<Calibrated>,
     pub previous: Option<Calibrated>,
 }
@@ -90,15 +103,28 @@ pub(super) enum Model {
 }
 
 impl Contents {
+    /// Reads the bytes of this version; none if they are not of it.
+    pub fn read(payload: &[u8]) -> Option<Self> {
+        let (head, rest) = postcard::take_from_bytes(payload).ok()?;
+        Self::behind(head, rest)
+    }
+
+    /// With the calibrations behind the head. Not inlined, so that two versions share the code that reads them.
+    #[inline(never)]
+    pub fn behind(head: Head, rest: &[u8]) -> Option<Self> {
+        Some(Self { head, generations: postcard::from_bytes(rest).ok()? })
+    }
+
     /// The same in the present version's types; none if a mounting is not one of the 24. Other values are not checked.
     pub fn convert(&self) -> Option<contents::Contents> {
         let record = |calibrated: &Option<Calibrated>| match calibrated {
             Some(calibrated) => calibrated.convert().map(Some),
             None => Some(None),
         };
-        let generations = contents::Generations { current: record(&self.current)?, previous: record(&self.previous)? };
-        let stored = Stored { settings: self.settings.convert()?, generations };
-        Some(contents::Contents { saves: self.saves, stored })
+        let Self { head: Head { saves, settings }, generations: Generations { current, previous } } = self;
+        let generations = contents::Generations { current: record(current)?, previous: record(previous)? };
+        let stored = Stored { settings: settings.convert()?, generations };
+        Some(contents::Contents { saves: *saves, stored })
     }
 }
 
@@ -111,7 +137,7 @@ impl Settings {
             stream_on: self.stream_on,
             stream_rate_hz: self.stream_rate_hz,
             mount: self.mount.convert()?,
-            attitude_error: settings::AttitudeError::DEFAULT,
+            ..settings::Settings::DEFAULT
         })
     }
 }
@@ -130,6 +156,7 @@ impl Calibrated {
                 b_ut: self.b_ut,
                 inclination_rad: self.inclination_rad,
                 total_ut: self.total_ut,
+                latency_s: 0.0,
             },
             quality: calibration::Quality {
                 method: self.method.convert(),
@@ -139,6 +166,7 @@ impl Calibrated {
                 norm_residual: self.norm_residual,
                 dip_residual_deg: self.dip_residual_deg,
                 samples: self.samples,
+                latency: None,
             },
             uncertainty: calibration::Uncertainty {
                 products: self.products,

@@ -131,7 +131,8 @@ struct Speed {
 ///
 /// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes
 /// forward, right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare
-/// with. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
+/// with. Columns p_dps, q_dps and r_dps are the body rates, deg/s, each the mean since the row before; where a line
+/// leaves all three empty they are not known. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
 #[derive(Args)]
 struct Replay {
     /// The recording

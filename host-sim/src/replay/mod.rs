@@ -1,5 +1,6 @@
 //! A recorded flight through the module's own instrument, collection, solver and acceptance.
 
+mod rates;
 pub mod recording;
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
@@ -116,9 +117,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
 fn config_of(rows: &[Row]) -> Config {
-    let mut steps_s: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    steps_s.sort_by(f64::total_cmp);
-    let median_s = steps_s.get(steps_s.len() / 2).copied().unwrap_or(0.1);
+    let median_s = rates::median_step_s(rows).unwrap_or(0.1);
     let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
     Config { attitude, ..Config::new((median_s * 1e6).round() as u32) }
 }
@@ -128,10 +127,9 @@ fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
     let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
     // A recording has no clock but its own: reports are stamped by their arrival.
     let sender_time = WrappingMillis::default();
-    instrument.on_attitude(
-        at,
-        Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s: [0.0; 3] },
-    );
+    let rates_rad_s = row.rates_rad_s.unwrap_or_default();
+    let report = Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s };
+    instrument.on_attitude(at, report);
     instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
 }
 

@@ -5,6 +5,8 @@ use std::path::Path;
 
 use autoswing::frames::{Attitude, Field, Sensor};
 
+use super::rates;
+
 /// The unit of the field's columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
@@ -32,6 +34,8 @@ pub struct Row {
     pub field: Field<Sensor>,
     /// The attitude as the autopilot logged it.
     pub attitude: Attitude,
+    /// Body rates p, q, r at that instant, rad/s, where there are any.
+    pub rates_rad_s: Option<[f32; 3]>,
     /// Whether the row may be fitted to.
     pub usable: bool,
     /// A reference heading in degrees, from any north, where there is one.
@@ -45,6 +49,8 @@ pub enum RecordingError {
     File(String),
     /// A column is missing; its name.
     NoColumn(&'static str),
+    /// A column of the rates is missing, though another is there; its name.
+    NoRate(&'static str),
     /// A line does not hold what it must.
     BadLine {
         /// Its number, the header being 1.
@@ -70,6 +76,7 @@ impl fmt::Display for RecordingError {
             Self::NoColumn(name) => {
                 write!(f, "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg, named in the first line")
             }
+            Self::NoRate(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
             Self::BadLine { line, column, found } => write!(f, "line {line}, {column}: {found:?} is not a number"),
             Self::TimeGoesBack { line } => write!(f, "line {line}: t_s is not later than in the line before"),
             Self::Empty => f.write_str("there are no rows"),
@@ -79,8 +86,9 @@ impl fmt::Display for RecordingError {
 
 impl std::error::Error for RecordingError {}
 
-/// Reads a recording: columns `t_s,mx,my,mz,roll_deg,pitch_deg`, optional `use` (0: not to be fitted to) and
-/// `yaw_ref_deg`; others are passed over.
+/// Reads a recording: columns `t_s,mx,my,mz,roll_deg,pitch_deg`, optional `use` (0: not to be fitted to), `yaw_ref_deg`,
+/// and `p_dps,q_dps,r_dps`, the mean body rates since the row before; others are passed over. A reference or rates that
+/// are left empty on a line are not known there.
 ///
 /// # Errors
 ///
@@ -108,6 +116,7 @@ pub fn parse(source: impl std::io::Read, unit: Unit) -> Result<Vec<Row>, Recordi
         }
         rows.push(row);
     }
+    rates::at_the_rows(&mut rows);
     if rows.is_empty() { Err(RecordingError::Empty) } else { Ok(rows) }
 }
 
@@ -118,6 +127,7 @@ fn line_of(record: &csv::StringRecord) -> u64 {
 /// Where the columns stand.
 struct Columns {
     needed: [(&'static str, usize); 6],
+    rates: Option<[(&'static str, usize); 3]>,
     usable: Option<usize>,
     reference: Option<usize>,
 }
@@ -129,7 +139,7 @@ impl Columns {
         for (name, index) in &mut needed {
             *index = find(name).ok_or(RecordingError::NoColumn(name))?;
         }
-        Ok(Self { needed, usable: find("use"), reference: find("yaw_ref_deg") })
+        Ok(Self { needed, rates: rates_in(header)?, usable: find("use"), reference: find("yaw_ref_deg") })
     }
 
     fn row(&self, record: &csv::StringRecord, unit: Unit) -> Result<Row, RecordingError> {
@@ -144,14 +154,37 @@ impl Columns {
         }
         let [t_s, x, y, z, roll_deg, pitch_deg] = values;
         let [x, y, z] = [x, y, z].map(|value| (value * unit.microtesla()) as f32);
-        let reference = self.reference.filter(|&index| record.get(index).is_some_and(|text| !text.is_empty()));
+        let is_given = |index: usize| record.get(index).is_some_and(|text| !text.is_empty());
+        let rates = match self.rates.filter(|rates| rates.iter().any(|&(_, index)| is_given(index))) {
+            Some([p, q, r]) => Some([number(p.0, p.1)?, number(q.0, q.1)?, number(r.0, r.1)?]),
+            None => None,
+        };
+        let reference = self.reference.filter(|&index| is_given(index));
         Ok(Row {
             t_s,
             field: Field::from_ut(x, y, z),
             attitude: Attitude::from_deg(roll_deg as f32, pitch_deg as f32),
+            rates_rad_s: rates.map(|rates| rates.map(|dps| dps.to_radians() as f32)),
             usable: self.usable.map_or(Ok(1.0), |index| number("use", index))? != 0.0,
             reference_deg: reference.map(|index| number("yaw_ref_deg", index)).transpose()?,
         })
+    }
+}
+
+/// Where the columns of the rates stand: all three or none.
+fn rates_in(header: &csv::StringRecord) -> Result<Option<[(&'static str, usize); 3]>, RecordingError> {
+    let names = ["p_dps", "q_dps", "r_dps"];
+    let found = names.map(|name| header.iter().position(|column| column == name));
+    match found {
+        [Some(p), Some(q), Some(r)] => Ok(Some([(names[0], p), (names[1], q), (names[2], r)])),
+        [None, None, None] => Ok(None),
+        [p, q, _] => Err(RecordingError::NoRate(if p.is_none() {
+            names[0]
+        } else if q.is_none() {
+            names[1]
+        } else {
+            names[2]
+        })),
     }
 }
 
@@ -171,6 +204,37 @@ mod tests {
         assert!(rows[0].usable && !rows[1].usable && rows[0].reference_deg.is_none());
         let in_ut = parse(GOOD.as_bytes(), Unit::Microtesla).unwrap();
         assert_eq!(in_ut[0].field, Field::from_ut(100.0, -200.0, 400.0));
+    }
+
+    /// Means since the row before, in degrees a second; on the last line they are not known.
+    #[test]
+    fn rates_are_of_their_row_s_instant() {
+        let text = "t_s,mx,my,mz,roll_deg,pitch_deg,r_dps,p_dps,q_dps\n\
+                    0,1,2,3,4,5,30,10,20\n1,1,2,3,4,5,30,10,20\n2,1,2,3,4,5,60,30,10\n3,1,2,3,4,5,,,\n";
+        let rows = parse(text.as_bytes(), Unit::Milligauss).unwrap();
+        let expected = [Some([10.0, 20.0, 30.0]), Some([20.0, 15.0, 45.0]), Some([30.0, 10.0, 60.0]), None];
+        assert_eq!(rows.len(), expected.len());
+        for (row, expected) in rows.iter().zip(expected) {
+            assert_eq!(row.rates_rad_s.map(|rates| rates.map(|rate| rate.to_degrees().round())), expected);
+        }
+        assert!(parse(GOOD.as_bytes(), Unit::Milligauss).unwrap().iter().all(|row| row.rates_rad_s.is_none()));
+    }
+
+    #[test]
+    fn rates_are_known_all_three_or_none() {
+        for (columns, missing) in
+            [("q_dps,r_dps", "p_dps"), ("p_dps,r_dps", "q_dps"), ("q_dps,p_dps", "r_dps"), ("r_dps", "p_dps")]
+        {
+            let text = format!("t_s,mx,my,mz,roll_deg,pitch_deg,{columns}\n");
+            let error = parse(text.as_bytes(), Unit::Milligauss).unwrap_err();
+            assert_eq!(error, RecordingError::NoRate(missing));
+            assert!(error.to_string().starts_with(&format!("no column {missing};")), "{error}");
+        }
+        for (rates, column, found) in [(",2,3", "p_dps", ""), ("1,,3", "q_dps", ""), ("1,2,inf", "r_dps", "inf")] {
+            let text = format!("t_s,mx,my,mz,roll_deg,pitch_deg,p_dps,q_dps,r_dps\n0,1,2,3,4,5,{rates}\n");
+            let error = RecordingError::BadLine { line: 2, column, found: found.to_owned() };
+            assert_eq!(parse(text.as_bytes(), Unit::Milligauss), Err(error));
+        }
     }
 
     #[test]

@@ -96,6 +96,7 @@ impl Airframe {
             b_ut: self.b_ut.cast().into(),
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
+            latency_s: 0.0,
         })
     }
 }

@@ -255,6 +255,7 @@ impl Likelihood {
             b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
             inclination_rad: parameters.inclination_rad,
             total_ut: self.unit_ut * per_unit,
+            latency_s: 0.0,
         })
     }
 }

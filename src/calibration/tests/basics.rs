@@ -33,6 +33,7 @@ fn calibration() -> Calibration {
         b_ut: [10.0, -20.0, 30.0],
         inclination_rad: 1.0,
         total_ut: 50.0,
+        latency_s: -0.02,
     }
 }
 
@@ -71,6 +72,7 @@ fn a_coefficient_that_is_no_number_is_found() {
         }
         assert!(!Calibration { inclination_rad: bad, ..calibration() }.is_finite());
         assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
+        assert!(!Calibration { latency_s: bad, ..calibration() }.is_finite());
     }
 }
 
@@ -99,6 +101,7 @@ fn only_what_banked_with_a_known_attitude_knows_everything() {
         norm_residual: 0.004,
         dip_residual_deg: 0.3,
         samples: 300,
+        latency: None,
     };
     assert!(quality(Method::MaximumLikelihood, Envelope::Banked).is_of_everything());
     assert!(quality(Method::CompassSwing, Envelope::Banked).is_of_everything());

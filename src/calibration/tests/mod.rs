@@ -56,8 +56,8 @@ fn two_planes_are_exact_on_perfect_turns() {
         }
         let planes = two_plane::solve(recorded.turns(), &Matrix3::identity()).unwrap();
         let w = planes.a_ut.try_inverse().unwrap().cast::<f32>();
-        let calibration =
-            Calibration { w: rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), inclination_rad: 0.0, total_ut: 1.0 };
+        let none = Calibration::uncalibrated(Orientation::NONE);
+        let calibration = Calibration { w: rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
         let error = largest(&airframe.errors_deg(&calibration));
         assert!(error < 0.05, "seed {seed}: {error} deg");
     }
@@ -193,6 +193,7 @@ fn verification_prefers_the_truth() {
         b_ut: airframe.b_ut.into(),
         inclination_rad: airframe.inclination_rad,
         total_ut: airframe.total_ut,
+        latency_s: 0.0,
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     // 2 uT of hard iron is about 4 deg of heading in this field.

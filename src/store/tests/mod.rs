@@ -10,9 +10,9 @@ use serde::Serialize;
 use testkit::flash::RamFlash;
 
 use super::*;
-use crate::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
+use crate::calibration::{Calibration, Envelope, Latency, Method, Orientation, Quality, Uncertainty};
 use crate::magnetometer::{Identity, Model};
-use crate::settings::Settings;
+use crate::settings::{HeadingKind, Settings};
 
 const PAGE: usize = 2048;
 /// As on the board.
@@ -27,6 +27,7 @@ pub(crate) fn record(serial: u32) -> Record {
         b_ut: [serial as f32, 2.0, 3.0],
         inclination_rad: 1.0,
         total_ut: 48.0,
+        latency_s: -0.04,
         ..Calibration::uncalibrated(Orientation::NONE)
     };
     let quality = Quality {
@@ -37,6 +38,7 @@ pub(crate) fn record(serial: u32) -> Record {
         norm_residual: 0.004,
         dip_residual_deg: 0.4,
         samples: u16::MAX,
+        latency: Some(Latency { found_s: -0.042, sigma_s: 0.006 }),
     };
     let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
     let mut uncertainty = Uncertainty::NONE;
@@ -54,7 +56,8 @@ fn change(generations: &Generations) -> Change<'_> {
 
 /// Settings that are not the default ones.
 pub(super) fn settings() -> Settings {
-    Settings { declination_deg: Some(12.5), stream_on: false, ..Settings::default() }
+    let stream_heading = HeadingKind::Raw;
+    Settings { declination_deg: Some(12.5), stream_on: false, stream_heading, ..Settings::default() }
 }
 
 /// The bytes of a version: its number, the contents in postcard's format, and the CRC-32 of both.

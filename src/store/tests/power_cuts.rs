@@ -19,13 +19,13 @@ fn power_cuts_anywhere_leave_old_or_new() {
     for saves in 0..11 {
         let start = flash_after(saves);
         let old = if saves == 0 { Generations::default() } else { generations(saves) };
-        for (first, first_cut) in cuts(&start) {
+        for (first, first_cut) in cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
             let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
-            let all: Vec<_> = cuts(&once).collect();
+            let all: Vec<_> = cuts(&once, saves + 2).collect();
             for _ in 0..SECOND_CUTS {
                 let (second, second_cut) = all[random.bits() as usize % all.len()];
                 let mut flash = once.cut_at(second, second_cut);
@@ -50,9 +50,9 @@ fn one_of(flash: &mut Flash, allowed: &[Generations], case: &str) -> Generations
     found
 }
 
-/// Where and how power fails in the next save.
-fn cuts(flash: &Flash) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
+/// Where and how power fails in the save of these.
+fn cuts(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
     let mut complete = flash.power_on();
-    save(&mut complete, 500).unwrap();
+    save(&mut complete, serial).unwrap();
     Cut::in_operations(complete.operations)
 }

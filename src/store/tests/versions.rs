@@ -10,7 +10,8 @@
 //! loaded.
 //!
 //! `v3-first-half.bin` and `v3-second-half.bin` are the same of the last firmware of version 3, after the same flights and
-//! commands.
+//! commands; `v4-first-half.bin` and `v4-second-half.bin` of the last one of version 4, which was given
+//! `set attitude-error 0.5 2` before the magnet.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -18,8 +19,8 @@ use std::format;
 use testkit::flash::Cut;
 
 use super::*;
-use crate::settings::AttitudeError;
-use crate::store::{v2, v3};
+use crate::settings::{AttitudeError, HeadingKind};
+use crate::store::{v2, v3, v4};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
@@ -43,6 +44,11 @@ fn flash_of_v3() -> Flash {
     flash_of([include_bytes!("../testdata/v3-first-half.bin"), include_bytes!("../testdata/v3-second-half.bin")])
 }
 
+/// The flash as the last firmware of version 4 left it.
+fn flash_of_v4() -> Flash {
+    flash_of([include_bytes!("../testdata/v4-first-half.bin"), include_bytes!("../testdata/v4-second-half.bin")])
+}
+
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
 #[expect(clippy::too_many_lines, reason = "two records, number by number")]
 fn stored_by_v2() -> Stored {
@@ -54,6 +60,7 @@ fn stored_by_v2() -> Stored {
         stream_rate_hz: 25,
         mount: Orientation::from_name("roll180-yaw90").unwrap(),
         attitude_error: AttitudeError::DEFAULT,
+        stream_heading: HeadingKind::Smooth,
     };
     let current = Record {
         calibration: Calibration {
@@ -65,6 +72,7 @@ fn stored_by_v2() -> Stored {
             b_ut: [15.568_871_5, -4.780_499, 2.300_167_3],
             inclination_rad: 0.945_756_7,
             total_ut: 51.482_952,
+            latency_s: 0.0,
         },
         quality: Quality {
             method: Method::MaximumLikelihood,
@@ -74,6 +82,7 @@ fn stored_by_v2() -> Stored {
             norm_residual: 0.002_788_063_1,
             dip_residual_deg: 0.318_224_82,
             samples: 324,
+            latency: None,
         },
         uncertainty: Uncertainty {
             products: [
@@ -167,6 +176,7 @@ fn stored_by_v2() -> Stored {
             b_ut: [9.656_52, -0.705_684_36, -0.806_943_66],
             inclination_rad: 0.946_622_7,
             total_ut: 51.541_1,
+            latency_s: 0.0,
         },
         quality: Quality {
             method: Method::MaximumLikelihood,
@@ -176,6 +186,7 @@ fn stored_by_v2() -> Stored {
             norm_residual: 0.002_683_459_8,
             dip_residual_deg: 0.346_578_24,
             samples: 324,
+            latency: None,
         },
         uncertainty: Uncertainty {
             products: [
@@ -279,26 +290,76 @@ fn what_version_2_stored_is_kept_to_the_last_digit() {
     assert_eq!(found, converted());
 }
 
-/// Its calibrations are stored as now, byte by byte; its settings lack the attitude source's error.
-#[test]
-fn what_version_3_stored_is_kept_to_the_last_digit() {
-    let mut flash = flash_of_v3();
+/// The bytes of a record before version 5: what is in one now, without what it says of the attitude's latency.
+fn without_latency(record: &Record) -> Vec<u8> {
+    let Record { calibration, quality, uncertainty, sensor, mount, serial } = record;
+    let coefficients = (calibration.w, calibration.b_ut, calibration.inclination_rad, calibration.total_ut);
+    let expected = (quality.method, quality.envelope, quality.expected_rms_deg, quality.expected_worst_deg);
+    let fit = (quality.norm_residual, quality.dip_residual_deg, quality.samples);
+    let all = (coefficients, expected, fit, uncertainty, (sensor, mount, serial));
+    postcard::to_slice(&all, &mut [0; VALUE_SIZE]).unwrap().to_vec()
+}
+
+/// What a flash of this version gives: its calibrations are those of its bytes, one by one, and say nothing of the
+/// attitude's latency.
+fn kept_of(mut flash: Flash, version: u8) -> (Settings, [Record; 2]) {
     let found = load(&mut flash).unwrap();
-    let expected = stored_by_v2().settings;
-    assert_eq!(found.settings, expected);
-    assert_eq!(found.settings.attitude_error, AttitudeError { bias_deg: 0.2, bank_percent: 1.0 });
     let Generations { current: Some(current), previous: Some(previous) } = found.generations else {
         panic!("{found:?}")
     };
+    let generations = [&[1], &without_latency(&current)[..], &[1], &without_latency(&previous)].concat();
+    for half in [0, 1] {
+        let value = get(&mut flash, half).unwrap();
+        let (found, contents) = value[..value.len() - 4].split_first().unwrap();
+        assert_eq!(*found, version);
+        assert!(contents.ends_with(&generations), "half {half}");
+    }
+    for record in [&current, &previous] {
+        assert_eq!((record.calibration.latency_s, record.quality.latency), (0.0, None));
+    }
+    (found.settings, [current, previous])
+}
+
+/// Its settings lack the attitude source's error.
+#[test]
+fn what_version_3_stored_is_kept_to_the_last_digit() {
+    let (settings, [current, previous]) = kept_of(flash_of_v3(), 3);
+    assert_eq!(settings, stored_by_v2().settings);
+    assert_eq!(settings.attitude_error, AttitudeError { bias_deg: 0.2, bank_percent: 1.0 });
     // As its console showed it.
     assert_eq!((current.serial, previous.serial, current.quality.samples), (2, 1, 214));
     assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_730, -4_712, 1_885]);
-    let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
-    for half in [0, 1] {
-        let value = get(&mut flash, half).unwrap();
-        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
-        assert_eq!(*version, 3);
-        assert!(contents.ends_with(&generations), "half {half}");
+}
+
+/// Its settings lack which heading is sent.
+#[test]
+fn what_version_4_stored_is_kept_to_the_last_digit() {
+    let (settings, [current, previous]) = kept_of(flash_of_v4(), 4);
+    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
+    assert_eq!(settings, Settings { attitude_error, ..stored_by_v2().settings });
+    assert_eq!(settings.stream_heading, HeadingKind::Smooth);
+    // As its console showed it.
+    assert_eq!((current.serial, previous.serial, current.quality.samples), (2, 1, 216));
+    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_526, -4_689, 2_232]);
+}
+
+/// The attitude source's error is checked as now, and what ends within it is not believed.
+#[test]
+fn values_out_of_range_are_refused_in_version_4_too() {
+    let v3::Contents { head, generations } =
+        contents_of_v3(5, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
+    let value =
+        |bias_deg| value_of(v4::VERSION, &(head, v4::AttitudeError { bias_deg, bank_percent: 3.0 }, generations));
+    let found = Contents::decode(&value(5.0)).unwrap().stored;
+    assert_eq!(found.settings.attitude_error, AttitudeError { bias_deg: 5.0, bank_percent: 3.0 });
+    assert_eq!(found.generations.current.unwrap().mount.name(), "roll180-yaw90");
+    for bias_deg in [5.1, f32::NAN] {
+        assert_eq!(Contents::decode(&value(bias_deg)), Err(StoreError::Corrupt), "{bias_deg}");
+    }
+    for length in [1, 20, 25, 200] {
+        let mut cut_short = value(5.0);
+        cut_short.truncate(length);
+        assert_eq!(Contents::decode(&sealed(cut_short)), Err(StoreError::Corrupt), "{length}");
     }
 }
 
@@ -342,10 +403,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 4], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 5], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([4, 4], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([5, 5], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -402,7 +463,8 @@ fn contents_of_v3(mount: u8, method: v3::Method, envelope: v3::Envelope, model: 
         stream_rate_hz: 80,
         mount: v3::Mount(0),
     };
-    v3::Contents { saves: 1, settings, current: Some(current), previous: None }
+    let generations = v3::Generations { current: Some(current), previous: None };
+    v3::Contents { head: v3::Head { saves: 1, settings }, generations }
 }
 
 fn decoded(version: u8, contents: &v3::Contents) -> Result<Stored, StoreError> {
@@ -452,7 +514,7 @@ fn a_module_of_version_2_that_was_calibrated_once_keeps_it() {
     assert_eq!(found.generations.previous, None);
     let current = found.generations.current.unwrap();
     assert_eq!((current.serial, current.mount.name(), current.quality.samples), (70_000, "roll180-yaw90", 300));
-    let none = v3::Contents { current: None, ..contents };
+    let none = v3::Contents { generations: v3::Generations { current: None, previous: None }, ..contents };
     assert_eq!(decoded_v2(&none).unwrap().generations, Generations::default());
 }
 
@@ -463,13 +525,13 @@ fn values_out_of_range_are_refused_in_version_2_too() {
     assert!(decoded_v2(&good).is_ok());
     let no_mount = contents_of_v3(24, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
     let mut previous = good;
-    previous.previous = no_mount.current;
+    previous.generations.previous = no_mount.generations.current;
     let mut mount = good;
-    mount.settings.mount = v3::Mount(24);
+    mount.head.settings.mount = v3::Mount(24);
     let mut rate = good;
-    rate.settings.stream_rate_hz = 81;
+    rate.head.settings.stream_rate_hz = 81;
     let mut not_a_number = good;
-    not_a_number.current.as_mut().unwrap().sensor_sigma = f32::NAN;
+    not_a_number.generations.current.as_mut().unwrap().sensor_sigma = f32::NAN;
     for (what, bad) in
         [("record", no_mount), ("before", previous), ("mount", mount), ("rate", rate), ("sigma", not_a_number)]
     {
@@ -492,11 +554,13 @@ fn later(version: u8) -> Vec<u8> {
 fn flashes_of_later() -> Vec<(String, Flash)> {
     let present = Contents { saves: 7, stored: Stored { settings: settings(), generations: generations(4) } };
     let before = contents_of_v3(0, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
+    let error = v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 };
     let others = [
         ("nothing", None),
         ("this version", Some(value_of(VERSION, &present))),
         ("version 2", Some(value_of(v2::VERSION, &before))),
         ("version 3", Some(value_of(v3::VERSION, &before))),
+        ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),
