@@ -63,8 +63,8 @@ pub struct BankError {
 }
 
 impl BankEvidence {
-    /// Adds a dip with its derivatives by roll bias, by pitch bias and by the relative error of bank.
-    pub fn add(&mut self, dip: &Equation, [by_roll, _, by_bank]: [f32; 3]) {
+    /// Adds a dip with its derivatives by roll bias, by pitch bias, by the relative error of bank, and by a latency.
+    pub fn add(&mut self, dip: &Equation, [by_roll, _, by_bank, _]: [f32; 4]) {
         self.information += dip.weight * by_bank * by_bank;
         self.gradient -= dip.weight * by_bank * dip.residual;
         self.of_noise += dip.weight * by_roll * by_roll;
@@ -104,7 +104,7 @@ impl Clusters {
     /// Adds what the next sample of a part contributes to `U`, where `column` is `H^-1` times what an error of bank
     /// does to the gradient of the other unknowns.
     pub fn add(&mut self, part: usize, equations: &Equations, column: &Vector13) {
-        let [_, _, by_bank] = equations.attitude_effects;
+        let [_, _, by_bank, _] = equations.attitude_effects;
         let of = |equation: &Equation, by_bank: f32| {
             equation.weight * equation.residual * (by_bank - equation.row.dot(column))
         };
@@ -187,8 +187,8 @@ mod tests {
     #[test]
     fn the_estimate_is_that_of_its_parts() {
         let mut evidence = BankEvidence::default();
-        evidence.add(&dip(100.0, -0.3, NOWHERE), [0.5, 9.0, 2.0]);
-        evidence.add(&dip(50.0, 0.2, NOWHERE), [-1.0, 9.0, -3.0]);
+        evidence.add(&dip(100.0, -0.3, NOWHERE), [0.5, 9.0, 2.0, 9.0]);
+        evidence.add(&dip(50.0, 0.2, NOWHERE), [-1.0, 9.0, -3.0, 9.0]);
         let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
         let noise = (100.0 * 0.25 + 50.0) * 0.04;
         let found = evidence.scale(150.0, 7.0, 0.2, 1.5).unwrap();
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn noise_alone_says_nothing() {
         let mut evidence = BankEvidence::default();
-        evidence.add(&dip(1e6, 0.0, NOWHERE), [1.0, 0.0, 1.0]);
+        evidence.add(&dip(1e6, 0.0, NOWHERE), [1.0, 0.0, 1.0, 0.0]);
         assert!(evidence.scale(0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
         assert!(evidence.scale(0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
         assert!(evidence.scale(f32::NAN, 0.0, 0.1, 1.0).is_none());
@@ -246,7 +246,7 @@ mod tests {
         for (part, contribution) in contributions {
             let norm = dip(1.0, 5.0, NOWHERE);
             let dip = Some(dip(1.0, contribution, NOWHERE));
-            let equations = Equations { norm, dip, heading: None, attitude_effects: [7.0, 7.0, 1.0] };
+            let equations = Equations { norm, dip, heading: None, attitude_effects: [7.0, 7.0, 1.0, 7.0] };
             clusters.add(part, &equations, &column);
         }
         clusters
@@ -287,7 +287,7 @@ mod tests {
             norm: dip(10.0, 0.1, row),
             dip: Some(dip(4.0, -0.2, row)),
             heading: None,
-            attitude_effects: [0.0, 0.0, 2.0],
+            attitude_effects: [0.0, 0.0, 2.0, 0.0],
         };
         let mut clusters = Clusters::default();
         clusters.add(0, &equations, &column);

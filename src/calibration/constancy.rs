@@ -371,6 +371,7 @@ mod tests {
     use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
     use super::super::{Sample, response};
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::Field;
 
     /// An ordinary flight with iron that was more by `beta_ut` before an instant; its likelihood, whose noise is known,
@@ -617,6 +618,7 @@ mod tests {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: crate::frames::Attitude::default(),
             time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
         };
         let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
         let of = |left, right, level| Span::of(Samples { left, right, level, marks: &[] });

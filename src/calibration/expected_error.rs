@@ -196,6 +196,7 @@ mod tests {
     use super::super::tests::synthetic::{largest, mean, rms};
     use super::super::{Orientation, rows};
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -288,6 +289,7 @@ mod tests {
             field: Field::from_ut(1.0, 0.0, 0.0),
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
+            rates: Rates::NONE,
         };
         let of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();

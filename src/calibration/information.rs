@@ -2,16 +2,17 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Samples;
 use super::bank_scale::{BankEvidence, BankScale, Clusters};
 use super::constancy::Scan;
 use super::correlation::Correlation;
+use super::latency::LatencyEvidence;
 use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, d, w};
 use super::likelihood::{
     Equation, Equations, Likelihood, Measured, Parameters, Quantity, Squares, System, for_each_prior,
 };
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
+use super::{Latency, Rates, Samples};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -32,9 +33,9 @@ impl Consider {
     /// A source without faults of its own.
     pub const NOTHING: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
 
-    /// Of roll bias, pitch bias, and the relative error of bank.
-    const fn sigmas(self) -> [f32; 3] {
-        [self.bias_rad, self.bias_rad, self.bank_scale]
+    /// Of roll bias, pitch bias, the relative error of bank, and of a latency.
+    const fn sigmas(self, latency_s: f32) -> [f32; 4] {
+        [self.bias_rad, self.bias_rad, self.bank_scale, latency_s]
     }
 
     /// The same, and as much of a bank error as samples show beyond it.
@@ -72,9 +73,12 @@ pub(super) struct Information {
     pub system: System,
     /// The part of the information that comes from dips.
     dip: Squares,
-    /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
-    effects: [Vector13; 3],
+    /// What one radian of roll bias, pitch bias, a relative bank error of one, and a second of latency do to the gradient.
+    effects: [Vector13; 4],
     bank: BankEvidence,
+    latency: LatencyEvidence,
+    /// Sigma of the latency, seconds: what is not known of it is not known of the coefficients.
+    latency_sigma_s: f32,
     correlation: Correlation,
     /// What a change of the iron in mid-flight did to the gradient; nothing, unless the samples show one.
     pub changed: Vector13,
@@ -87,8 +91,10 @@ impl Information {
         Self {
             system: system.clone(),
             dip: Squares::none(),
-            effects: [Vector13::zeros(); 3],
+            effects: [Vector13::zeros(); 4],
             bank: BankEvidence::default(),
+            latency: LatencyEvidence::default(),
+            latency_sigma_s: 0.0,
             correlation: Correlation::default(),
             changed: Vector13::zeros(),
         }
@@ -108,6 +114,10 @@ impl Information {
         for (part, sample) in InTime::new(samples) {
             let equations = likelihood.equations(sample, None, &parameters);
             self.add_dip(&equations);
+            if let Some(dip) = &equations.dip {
+                let [.., by_latency] = equations.attitude_effects;
+                self.latency.add(part, dip, by_latency);
+            }
             let dip = equations.dip.as_ref().map_or(0.0, Equation::clipped);
             // Whoever stands at a heading that he gives wrong makes norms there that are alike, and that is in the
             // sigma of what he gives.
@@ -138,7 +148,7 @@ impl Information {
     pub fn suppose(&mut self, likelihood: &Likelihood, parameters: &Parameters, attitude: Attitude, heading_rad: f32) {
         let tilt = attitude.tilt();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
-        let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
+        let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates: Rates::NONE, heading_rad: None };
         let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.system.add(&equations);
         self.add_dip(&equations);
@@ -183,7 +193,7 @@ impl Information {
         for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
             covariance.add_square(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
         });
-        for (effect, sigma) in self.effects.iter().zip(consider.sigmas()) {
+        for (effect, sigma) in self.effects.iter().zip(consider.sigmas(self.latency_sigma_s)) {
             covariance.add_square(&along(effect), sigma * sigma);
         }
         covariance.add_square(&along(&self.changed), 1.0);
@@ -197,6 +207,18 @@ impl Information {
     pub fn dips_times(&self, vector: &Vector13, than: f32) -> Vector13 {
         let [_, of_dip] = self.correlation.excess();
         self.dip.times(vector) * (1.0 + of_dip - than).max(0.0)
+    }
+
+    /// The latency that the samples show, and how the unknowns follow a second of it: see [`latency`](super::latency).
+    /// From then on what is not known of it counts. `None` where they have no rates.
+    #[inline(never)]
+    pub fn latency(&mut self, used_s: f32) -> Option<(Latency, Vector13)> {
+        let [.., effect] = &self.effects;
+        let follows = -self.system.covariance_times(effect)?;
+        let (known, pulled) = (-follows.dot(effect), effect.dot(&self.system.change()?));
+        let latency = self.latency.latency(used_s, known, pulled)?;
+        self.latency_sigma_s = latency.sigma_s;
+        Some((latency, follows))
     }
 
     /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
@@ -215,7 +237,7 @@ impl Information {
         unknowns: &Vector13,
         allowance: f32,
     ) -> Option<BankScale> {
-        let [_, _, effect] = &self.effects;
+        let [_, _, effect, _] = &self.effects;
         let column = self.system.covariance_times(effect)?;
         let (known, pulled) = (column.dot(effect), effect.dot(&self.system.change()?));
         let found = self.bank.scale(known, pulled, likelihood.noise.attitude_sigma_rad(), self.inflation())?;
@@ -252,7 +274,11 @@ impl Information {
                 (share, known_rad + (found_rad - known_rad) / share)
             }
         };
-        let shifts = self.effects.iter().zip(consider.sigmas()).map(|(effect, sigma)| column.dot(effect) * sigma);
+        let shifts = self
+            .effects
+            .iter()
+            .zip(consider.sigmas(self.latency_sigma_s))
+            .map(|(effect, sigma)| column.dot(effect) * sigma);
         let shifted = shifts.map(|shift| shift * shift).sum::<f32>() / (share * share);
         let variance = of_all / share * self.inflation() + shifted;
         (own_rad + variance).is_finite().then_some([own_rad, variance])
@@ -417,8 +443,9 @@ mod tests {
             information.correlation.add(0, residuals);
         }
         information.changed = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+        information.latency_sigma_s = 0.01;
         information.effects =
-            [0.4, 1.9, 2.8].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
+            [0.4, 1.9, 2.8, 3.7].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
         let units = Units::new(&likelihood, &at).unwrap();
         let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.row(i)[k]);
         let mut inverse = Matrix13::zeros();
@@ -434,7 +461,7 @@ mod tests {
         let shift = g * information.changed;
         expected += shift * shift.transpose();
         expected += change * change.transpose();
-        for (effect, sigma) in information.effects.iter().zip([0.003, 0.003, 0.02]) {
+        for (effect, sigma) in information.effects.iter().zip([0.003, 0.003, 0.02, 0.01]) {
             let shift = g * effect * sigma;
             expected += shift * shift.transpose();
         }
@@ -458,12 +485,13 @@ mod tests {
         let parameters = parameters();
         let mut information = of_priors(&likelihood, &parameters.unknowns().unwrap());
         let mut dip = Matrix13::zeros();
-        let mut effects = [Vector13::zeros(); 3];
+        let mut effects = [Vector13::zeros(); 4];
         for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
             let attitude = Attitude::from_deg(bank_deg, 3.0);
             let tilt = attitude.tilt();
             let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-            let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
+            let rates = Rates::from_rad_s(0.3, -0.2);
+            let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates, heading_rad: None };
             let equations = Equations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
             let of_dip = equations.dip.as_ref().unwrap();
             let row = of_dip.row.dense();
@@ -612,7 +640,7 @@ mod tests {
         let mut evidence = BankEvidence::default();
         let row = Row { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
         let steep = Equation::new(row, -0.1, 1e-4, 1e6);
-        evidence.add(&steep, [0.0, 0.0, 1.0]);
+        evidence.add(&steep, [0.0, 0.0, 1.0, 0.0]);
         // Of an information of 1e4 it is 0.1, with a variance of 1e-4.
         let found = evidence.scale(0.0, 0.0, 0.0, 1.0).unwrap();
         let considered = Consider::DEFAULT.with(&found);

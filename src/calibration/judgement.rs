@@ -7,7 +7,7 @@ use super::expected_error::{self, Envelope, Expected};
 use super::information::{self, Consider, Information};
 use super::likelihood::{Likelihood, Vector13};
 use super::uncertainty::{Covariance, Uncertainty};
-use super::{Calibration, Method, Quality, Samples, SolveError};
+use super::{Calibration, Latency, Method, Quality, Samples, SolveError};
 
 /// What came out.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +65,7 @@ impl Judgement<'_> {
         &self,
         information: &mut Information,
         change: Option<Change>,
+        latency: Option<Latency>,
         consider: Consider,
     ) -> Result<Solution, SolveError> {
         let mut covariance = Covariance::EXACT;
@@ -96,7 +97,7 @@ impl Judgement<'_> {
             norm_residual: self.likelihood.noise.norm,
             dip_residual_deg: self.likelihood.noise.dip_rad.to_degrees(),
             samples: information.system.samples,
-            latency: None,
+            latency,
         };
         let Self { likelihood, unknowns, calibration, .. } = self;
         let advice = advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope());

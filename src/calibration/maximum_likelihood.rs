@@ -119,6 +119,18 @@ impl Refinement {
         &self.system
     }
 
+    /// Seeks again with samples whose attitudes are too old by so much, from unknowns that have been moved as they follow
+    /// that. The noise, which was more for it, is estimated once more.
+    #[inline(never)]
+    pub fn with_latency(&mut self, samples: Samples<'_>, latency_s: f32, follows: &Vector13) {
+        self.likelihood.latency_s = latency_s;
+        self.unknowns += follows;
+        self.rounds = ROUNDS - 1;
+        self.steps = 0;
+        self.damping.value = Damping::REWEIGHTED;
+        self.system = self.likelihood.linearise(samples, &self.unknowns);
+    }
+
     /// One pass over the samples, which must be those it began with. Not inlined, which bounds the solver's stack.
     #[inline(never)]
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
@@ -176,6 +188,7 @@ mod tests {
     use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
     use super::super::{Sample, response};
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -220,6 +233,7 @@ mod tests {
             field: Field::from_ut(50.0, 0.0, 0.0),
             attitude: Attitude::default(),
             time: WrappingMillis::default(),
+            rates: Rates::NONE,
         };
         let samples = Samples { left: &[sample], ..Samples::default() };
         let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
@@ -235,6 +249,7 @@ mod tests {
             field: Field::from_ut(50.0, 0.0, 0.0),
             attitude: Attitude::default(),
             time: WrappingMillis::default(),
+            rates: Rates::NONE,
         };
         refinement.system.cost += higher;
         refinement.descend(Samples { left: &[sample], ..Samples::default() })

@@ -2,14 +2,15 @@
 
 use nalgebra::Matrix3;
 
+use super::constancy::Change;
 use super::expected_error::Envelope;
 use super::information::{Consider, Information};
 use super::judgement::{Judgement, Solution};
-use super::likelihood::{Config, Likelihood, Prior};
+use super::likelihood::{Config, Likelihood, Prior, Vector13};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
 use super::turns::{MIN_SAMPLES, progress_rad};
-use super::{Axis, Calibration, Method, Orientation, Part, Sample, Samples, Side, SolveError};
+use super::{Axis, Calibration, Latency, Method, Orientation, Part, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 use crate::frames::Attitude;
 
@@ -37,6 +38,8 @@ pub struct Solver {
     /// An inclination that was told, radians, while it is tried without; and what was wrong with it, if it was more
     /// than useless.
     told: Option<(f32, Option<SolveError>)>,
+    /// How often another latency was taken since the start.
+    latencies: u8,
 }
 
 /// A result to come back to.
@@ -94,7 +97,7 @@ impl Solver {
         check(method, samples)?;
         let (start, from_sphere) = first_start(method, samples, prior)?;
         let refinement = begin(method, prior, samples, &start)?;
-        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None })
+        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None, latencies: 0 })
     }
 
     /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
@@ -103,7 +106,10 @@ impl Solver {
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         let end = match self.refinement.step(samples) {
             Refining::Continue => return Progress::Continue,
-            Refining::Settled => self.finish(samples),
+            Refining::Settled => match self.finish(samples) {
+                Some(end) => end,
+                None => return Progress::Continue,
+            },
             Refining::Failed => Err(SolveError::NotConverged),
         };
         if self.method == Method::MaximumLikelihood
@@ -129,8 +135,8 @@ impl Solver {
     /// when those that do explain them cannot be right ([`SolveError::TurnsReversed`],
     /// [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        // Ends, because a refinement takes a bounded number of steps, and there are at most six: from two starts and
-        // back to the first, with what was told of the inclination and without.
+        // Ends, because a refinement takes a bounded number of steps, and there are at most 24: from two starts and back
+        // to the first, with what was told of the inclination and without, each with up to four latencies.
         loop {
             if let Progress::Finished(end) = self.step(samples) {
                 return end;
@@ -176,6 +182,7 @@ impl Solver {
     fn begin(&mut self, samples: Samples<'_>, start: &Start) -> bool {
         let Ok(refinement) = begin(self.method, &self.prior, samples, start) else { return false };
         self.refinement = refinement;
+        self.latencies = 0;
         true
     }
 
@@ -192,30 +199,65 @@ impl Solver {
         noise.norm * solution.calibration.total_ut * noise.dip_rad
     }
 
-    /// Checks what was found, puts it into the module's units, and judges it.
+    /// Looks at what was found with all that the samples say; `None` where it is to be sought again with another latency.
     #[inline(never)]
-    fn finish(&self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        let unknowns = &self.refinement.unknowns;
+    fn finish(&mut self, samples: Samples<'_>) -> Option<Result<Solution, SolveError>> {
         // What was only taken for known while refining is not known.
         let likelihood =
             &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
-        let calibration = likelihood.calibration(unknowns)?;
+        let unknowns = &self.refinement.unknowns.clone();
+        let calibration = match likelihood.calibration(unknowns) {
+            Ok(calibration) => calibration,
+            Err(error) => return Some(Err(error)),
+        };
         let mut information = self.information(likelihood, samples);
         let judgement = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
         let change = judgement.look(&mut information);
+        let latency = if self.method == Method::MaximumLikelihood {
+            let found = information.latency(likelihood.latency_s);
+            if self.takes_latency(samples, found.as_ref()) {
+                return None;
+            }
+            found.map(|(latency, _)| latency)
+        } else {
+            None
+        };
+        Some(self.judge(&judgement, information, change, latency))
+    }
+
+    /// Whether the samples show another latency than they were looked at with, which is taken from now on.
+    fn takes_latency(&mut self, samples: Samples<'_>, found: Option<&(Latency, Vector13)>) -> bool {
+        let used_s = self.refinement.likelihood.latency_s;
+        let Some((latency, follows)) = found else { return false };
+        let Some(latency_s) = latency.next(used_s, self.latencies) else { return false };
+        self.latencies += 1;
+        self.refinement.with_latency(samples, latency_s, &(follows * (latency_s - used_s)));
+        true
+    }
+
+    /// Checks what was found, puts it into the module's units, and judges it.
+    #[inline(never)]
+    fn judge(
+        &self,
+        judgement: &Judgement<'_>,
+        mut information: Information,
+        change: Option<Change>,
+        latency: Option<Latency>,
+    ) -> Result<Solution, SolveError> {
+        let &Judgement { likelihood, unknowns, calibration, samples, .. } = judgement;
         let sound =
-            if likelihood.explains() { self.plausible(samples, &calibration) } else { Err(SolveError::NotConverged) };
+            if likelihood.explains() { self.plausible(samples, calibration) } else { Err(SolveError::NotConverged) };
         // What is wrong for such a reason is not wrong for another.
         sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::IronChanged(change.iron)))?;
         if self.method == Method::MaximumLikelihood {
             self.contradicted(&information, likelihood)?;
         }
         if self.method == Method::Ellipsoid
-            && !ellipsoid::is_determined(samples, &calibration, &information, likelihood, unknowns)
+            && !ellipsoid::is_determined(samples, calibration, &information, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
-        judgement.pass(&mut information, change, self.consider)
+        judgement.pass(&mut information, change, latency, self.consider)
     }
 
     /// What the samples say near the result, as far as their equations say it: what the refinement ended with, unless
@@ -251,7 +293,7 @@ impl Solver {
     /// Headings must run with the turns, and the mounting must be the configured one.
     #[inline(never)]
     fn plausible(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
-        let heading = |s: &Sample| s.attitude.level(calibration.apply(s.field)).heading_rad();
+        let heading = |s: &Sample| calibration.level(s).heading_rad();
         let progress = [(Side::Left, samples.left), (Side::Right, samples.right)]
             .map(|(side, samples)| progress_rad(samples, side, heading));
         if self.method != Method::Ellipsoid && progress.iter().sum::<f32>() < AGAINST_RAD {
@@ -379,6 +421,7 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
     use crate::calibration::{Course, IronChange, Mark};
     use crate::frames::Field;
@@ -387,7 +430,12 @@ mod tests {
     /// Fields that run up and down all three axes.
     fn varied(number: u8) -> Vec<Sample> {
         let field = |i: u8| Field::from_ut(f32::from(i), 100.0 - f32::from(i), 3.0 * f32::from(i % 10));
-        let sample = |i| Sample { field: field(i), attitude: Attitude::default(), time: WrappingMillis::default() };
+        let sample = |i| Sample {
+            field: field(i),
+            attitude: Attitude::default(),
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+        };
         (0..number).map(sample).collect()
     }
 

@@ -48,7 +48,7 @@ mod sensor;
 #[cfg(test)]
 mod tests;
 
-use crate::attitude::{self, Doubted, Lookup, Report, Track};
+use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track};
 use crate::calibration::{Calibration, Sample, Uncertainty};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
@@ -277,8 +277,13 @@ impl Instrument {
     /// after every reading and every report, for one report can complete several.
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.correction.sample_attitude {
-            SampleAttitude::Interpolated => self.pairing.next(|at| self.track.at(at)),
-            SampleAttitude::Unknown => self.pairing.next(|_| Lookup::Interpolated(Attitude::default())),
+            SampleAttitude::Interpolated => {
+                let motion_at = |at| self.track.turning_at(at).map_or_else(Motion::default, |turning| turning.motion);
+                self.pairing.next(|at| self.track.at(at), motion_at)
+            }
+            SampleAttitude::Unknown => {
+                self.pairing.next(|_| Lookup::Interpolated(Attitude::default()), |_| Motion::default())
+            }
         }
     }
 
@@ -304,8 +309,12 @@ impl Instrument {
         *counter = counter.wrapping_add(1);
     }
 
+    /// The attitude of a reading at an instant: with the calibration in use that of a report which says it later, if its
+    /// samples showed the reports to be older than they were taken for.
     fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
-        match self.track.at(at) {
+        let latency_s = self.correction.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
+        // The cast saturates, and takes what is no number to nothing.
+        match self.track.at(at.shifted_us((latency_s * 1e6) as i32)) {
             Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Ok(attitude),
             Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
             Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),

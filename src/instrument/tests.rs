@@ -3,6 +3,7 @@
 use super::*;
 use crate::attitude::Source;
 use crate::calibration::Orientation;
+use crate::calibration::Rates;
 use crate::frames::Sensor;
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -319,7 +320,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
         instrument.on_attitude(at(us), report);
         let estimate = instrument.on_reading(at(us), reading(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
-        let sample = Sample { field, attitude, time: at(us).wrapping_millis() };
+        let sample = Sample { field, attitude, time: at(us).wrapping_millis(), rates: Rates::NONE };
         assert_eq!(samples(&mut instrument), [sample], "row {row}");
     }
 }

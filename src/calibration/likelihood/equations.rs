@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::noise::{Covariance, Noise};
 use super::unknowns::Row;
 use super::{Config, Parameters, Prediction};
+use crate::calibration::Rates;
 use crate::frames::{Tilt, wrap_pi};
 
 /// One equation: `row . change = -residual`.
@@ -68,8 +69,9 @@ pub(in crate::calibration) struct Equations {
     pub dip: Option<Equation>,
     /// The heading is the given one: `e_heading`.
     pub heading: Option<Equation>,
-    /// Change of the dip by a radian of roll bias, of pitch bias, and by a relative bank error of one.
-    pub attitude_effects: [f32; 3],
+    /// Change of the dip by a radian of roll bias, of pitch bias, by a relative bank error of one, and by a second that the
+    /// attitude is too old.
+    pub attitude_effects: [f32; 4],
 }
 
 /// A sample, ready to be looked at.
@@ -79,6 +81,8 @@ pub(in crate::calibration) struct Measured {
     /// The rotation of its attitude.
     pub tilt: Tilt,
     pub roll_rad: f32,
+    /// How fast that and pitch change.
+    pub rates: Rates,
     /// The heading, where it was given.
     pub heading_rad: Option<f32>,
 }
@@ -105,9 +109,15 @@ impl Equations {
             }),
             heading: measured.heading_rad.map(|given_rad| heading(measured, noise, config, &prediction, given_rad)),
             norm: Equation::new(norm_row, norm, covariance.norm, config.huber),
-            attitude_effects: [by_attitude[0], by_attitude[1], by_attitude[0] * measured.roll_rad],
+            attitude_effects: attitude_effects(measured, by_attitude),
         }
     }
+}
+
+/// Of the derivatives of the dip by roll and by pitch, those by what can be wrong with an attitude source.
+fn attitude_effects(measured: &Measured, [by_roll, by_pitch]: [f32; 2]) -> [f32; 4] {
+    let by_latency = by_roll * measured.rates.roll_rad_s() + by_pitch * measured.rates.pitch_rad_s();
+    [by_roll, by_pitch, by_roll * measured.roll_rad, by_latency]
 }
 
 impl Equations {
@@ -233,7 +243,8 @@ mod tests {
     fn without_attitude_there_is_no_dip() {
         let parameters = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
         let tilt = Attitude::from_deg(20.0, 0.0).tilt();
-        let measured = Measured { x: Vector3::new(0.6, 0.0, 0.8), tilt, roll_rad: 0.0, heading_rad: None };
+        let measured =
+            Measured { x: Vector3::new(0.6, 0.0, 0.8), tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: None };
         let equations = |config| Equations::new(&parameters, &measured, &Noise::INITIAL, &config, true);
         assert!(equations(Config::DEFAULT).dip.is_some() && equations(Config::ALIGNED).dip.is_some());
         assert!(equations(Config::NO_ATTITUDE).dip.is_none());
@@ -260,7 +271,7 @@ mod tests {
             let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
             for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
                 let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
-                let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
+                let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates: Rates::NONE, heading_rad: None };
                 let equations = Equations::new(&parameters, &measured, &noise, &Config::DEFAULT, refined);
                 for equation in [Some(&equations.norm), equations.dip.as_ref()].into_iter().flatten() {
                     let row = equation.row.dense();
@@ -293,6 +304,7 @@ mod tests {
             x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
             tilt,
             roll_rad: 0.4,
+            rates: Rates::NONE,
             heading_rad: None,
         };
         let moved_by = |parameters: &Parameters| {
@@ -330,7 +342,7 @@ mod tests {
         let parameters = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
         let tilt = Attitude::from_deg(10.0, 0.0).tilt();
         let x = parameters.expected_field(&tilt, 0.7).unwrap();
-        let measured = Measured { x, tilt, roll_rad: 0.0, heading_rad: Some(0.69) };
+        let measured = Measured { x, tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: Some(0.69) };
         for noise in [Noise::new(1e-6, 1e-6, Matrix3::identity()), Noise::new(0.01, 0.02, Matrix3::identity())] {
             let prediction = parameters.predict(x, &tilt);
             let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);

@@ -149,6 +149,8 @@ pub(super) struct Likelihood {
     pub noise: Noise,
     /// Whether the noise has been estimated: see [`Equations::new`].
     pub refined: bool,
+    /// By how much the samples' attitudes are too old, seconds.
+    pub latency_s: f32,
     /// Every so many samples one is looked at: while a bad start is left behind, a part of many will do.
     pub stride: usize,
     /// Whether equations are summed up instead of rotated into a triangle: while many samples are sought through.
@@ -173,6 +175,7 @@ impl Likelihood {
             mean: rotation * sum_ut / (number.max(1) as f32 * unit_ut),
             noise: Noise::INITIAL,
             refined: false,
+            latency_s: 0.0,
             stride: (number / ENOUGH_TO_START).max(1),
             sums_up: number > ENOUGH_TO_START,
         }
@@ -188,10 +191,12 @@ impl Likelihood {
 
     /// The equations of a sample, and of its heading in radians where that was given.
     pub fn equations(&self, sample: &Sample, heading_rad: Option<f32>, parameters: &Parameters) -> Equations {
+        let attitude = sample.attitude_after(self.latency_s);
         let measured = Measured {
             x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
-            tilt: sample.attitude.tilt(),
-            roll_rad: sample.attitude.roll_rad,
+            tilt: attitude.tilt(),
+            roll_rad: attitude.roll_rad,
+            rates: sample.rates,
             heading_rad,
         };
         Equations::new(parameters, &measured, &self.noise, &self.config, self.refined)
@@ -255,7 +260,7 @@ impl Likelihood {
             b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
             inclination_rad: parameters.inclination_rad,
             total_ut: self.unit_ut * per_unit,
-            latency_s: 0.0,
+            latency_s: self.latency_s,
         })
     }
 }

@@ -1,5 +1,6 @@
 //! The values that calibration takes and gives.
 
+use crate::calibration::Rates;
 use crate::calibration::{
     Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Sample, Samples, Side, rows,
 };
@@ -7,13 +8,18 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
 fn sample(x_ut: f32) -> Sample {
-    Sample { field: Field::from_ut(x_ut, 0.0, 0.0), attitude: Attitude::default(), time: WrappingMillis::default() }
+    Sample {
+        field: Field::from_ut(x_ut, 0.0, 0.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    }
 }
 
 /// 1,024 samples of a flight are kept in memory.
 #[test]
 fn samples_are_small() {
-    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (24, 28));
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (28, 32));
 }
 
 #[test]

@@ -5,12 +5,13 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
-use crate::calibration::Samples;
 use crate::calibration::likelihood::unknowns::{UNKNOWNS, Vector13};
 use crate::calibration::likelihood::{
     Config, Equations, Likelihood, Measured, Noise, Parameters, Prediction, Prior, Quantity, for_each_prior,
 };
+use crate::calibration::{Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
+use crate::time::WrappingMillis;
 
 /// Step of the differences. What is differentiated is of size one and bends on a scale of 0.4 or more, so that the
 /// fourth-order rule is good to 1e-5; the seven digits of `f32` leave 1e-7 / 0.02.
@@ -155,15 +156,31 @@ fn the_dip_by_attitude() {
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
-        let [roll_bias, pitch_bias, bank_scale] = equations.attitude_effects;
+        let [roll_bias, pitch_bias, bank_scale, latency] = equations.attitude_effects;
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
         assert_derivative(bank_scale, scaled, "dip by bank scale");
+        let later = |step: f32| {
+            let sample = Sample { rates: rates(), ..at(case.attitude) };
+            dip_rad(sample.attitude_after(step))
+        };
+        assert_derivative(latency, later, "dip by latency");
     }
 }
 
+/// How fast attitudes change here: each derivative by it is of size one.
+fn rates() -> Rates {
+    Rates::from_rad_s(0.8, -0.6)
+}
+
+/// A sample at an attitude, whatever it measured.
+fn at(attitude: Attitude) -> Sample {
+    Sample { field: Field::from_ut(0.0, 0.0, 0.0), attitude, rates: Rates::NONE, time: WrappingMillis::default() }
+}
+
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> Equations {
-    let measured = Measured { x: case.x, tilt: case.attitude.tilt(), roll_rad: case.attitude.roll_rad, heading_rad };
+    let Attitude { roll_rad, .. } = case.attitude;
+    let measured = Measured { x: case.x, tilt: case.attitude.tilt(), roll_rad, rates: rates(), heading_rad };
     // The sensor's noise skewed by another W, so that it is in norm and dip both.
     let noise = Noise::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     Equations::new(&Parameters::new(unknowns), &measured, &noise, &Config::DEFAULT, refined)
