@@ -67,6 +67,7 @@ impl Judgement<'_> {
         change: Option<Change>,
         latency: Option<Latency>,
         consider: Consider,
+        is_asked_for_advice: impl Fn(&Quality) -> bool,
     ) -> Result<Solution, SolveError> {
         let mut covariance = Covariance::EXACT;
         let mut expected = self.expected(information, consider, &mut covariance)?;
@@ -100,7 +101,9 @@ impl Judgement<'_> {
             latency,
         };
         let Self { likelihood, unknowns, calibration, .. } = self;
-        let advice = advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope());
+        let advice = is_asked_for_advice(&quality)
+            .then(|| advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope()))
+            .flatten();
         Ok(Solution { calibration: *self.calibration, quality, uncertainty, advice, iron, bank })
     }
 

@@ -57,21 +57,29 @@ fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -
 #[test]
 fn probe() {
     for wander_deg in [1.0, 3.0] {
-    for late_s in [0.0, 0.02, 0.1] {
-        let (mut found, mut sigmas, mut z, mut used, mut ratio) = (Vec::new(), Vec::new(), Vec::new(), 0, Vec::new());
-        for seed in 0..60 {
-            let mut random = Random(9000 + seed);
-            let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
-            let recorded = fly(&airframe, wander_deg, late_s, &mut random);
-            let solution = solved(&recorded).unwrap();
-            let Latency { found_s, sigma_s } = solution.quality.latency.unwrap();
-            found.push(found_s * 1e3);
-            sigmas.push(sigma_s * 1e3);
-            z.push((found_s - late_s) / sigma_s);
-            used += i32::from(solution.calibration.uses_latency());
-            ratio.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
+        for late_s in [0.0, 0.02, 0.1] {
+            let (mut found, mut sigmas, mut z, mut used, mut ratio) =
+                (Vec::new(), Vec::new(), Vec::new(), 0, Vec::new());
+            for seed in 0..60 {
+                let mut random = Random(9000 + seed);
+                let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
+                let recorded = fly(&airframe, wander_deg, late_s, &mut random);
+                let solution = solved(&recorded).unwrap();
+                let Latency { found_s, sigma_s } = solution.quality.latency.unwrap();
+                found.push(found_s * 1e3);
+                sigmas.push(sigma_s * 1e3);
+                z.push((found_s - late_s) / sigma_s);
+                used += i32::from(solution.calibration.uses_latency());
+                ratio.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
+            }
+            println!(
+                "wander {wander_deg} late {late_s}: found {:.1} sigma {:.1} z mean {:.2} rms {:.2} used {used} ratio rms {:.2}",
+                mean(&found),
+                mean(&sigmas),
+                mean(&z),
+                rms(&z),
+                rms(&ratio)
+            );
         }
-        println!("wander {wander_deg} late {late_s}: found {:.1} sigma {:.1} z mean {:.2} rms {:.2} used {used} ratio rms {:.2}", mean(&found), mean(&sigmas), mean(&z), rms(&z), rms(&ratio));
-    }
     }
 }
