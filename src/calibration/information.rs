@@ -10,6 +10,7 @@ use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector
 use super::likelihood::{
     Equation, Equations, Likelihood, Measured, Parameters, Quantity, Squares, System, for_each_prior,
 };
+use super::roughness::Roughness;
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
 use super::{Latency, Rates, Samples};
@@ -52,18 +53,29 @@ const MIN_OWN_SHARE: f32 = 0.05;
 /// Noise of an attitude source that no sample has shown, radians: 0.5 deg.
 const UNSEEN_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
 
-/// What a covariance of these unknowns means for headings, with the noise that the samples showed.
+/// What a covariance of these unknowns means for headings, with the noise that the samples showed: of the norms'
+/// variance this share is white.
+///
+/// The dip's own robust scale is that of the attitude and of the sensor's white noise together, which is the sensor's
+/// share of a reading's; what is left is the attitude's, and what is slow in the field does as much to a heading. It is
+/// Huber's proposal 2, the mean of `min(e^2, (2 s)^2) / 0.92` that is `s^2` itself: a buffer that a median would need is
+/// not there, and where tails are long it is the larger of the two.
 pub(super) fn uncertainty(
     likelihood: &Likelihood,
     unknowns: &Vector13,
     covariance: &Covariance,
+    white_share: f32,
 ) -> Option<Uncertainty> {
     let noise = &likelihood.noise;
-    let attitude_sigma_rad =
-        if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
+    let white = noise.norm * noise.norm * white_share;
+    let attitude_sigma_rad = if likelihood.config.uses_attitude {
+        libm::sqrtf((noise.dip_rad * noise.dip_rad - white).max(0.0))
+    } else {
+        UNSEEN_ATTITUDE_SIGMA_RAD
+    };
     // The mean of so many readings scatters less than one of them.
-    let of_a_reading = libm::sqrtf(f32::from(likelihood.readings_per_sample.max(1)));
-    let sensor_sigma = noise.norm * of_a_reading / Units::new(likelihood, unknowns)?.per_unit;
+    let of_a_reading = libm::sqrtf(white * f32::from(likelihood.readings_per_sample.max(1)));
+    let sensor_sigma = of_a_reading / Units::new(likelihood, unknowns)?.per_unit;
     Some(Uncertainty::new(covariance, sensor_sigma, attitude_sigma_rad)).filter(Uncertainty::is_finite)
 }
 
@@ -80,6 +92,7 @@ pub(super) struct Information {
     /// Sigma of the latency, seconds: what is not known of it is not known of the coefficients.
     latency_sigma_s: f32,
     correlation: Correlation,
+    roughness: Roughness,
     /// What a change of the iron in mid-flight did to the gradient; nothing, unless the samples show one.
     pub changed: Vector13,
 }
@@ -96,6 +109,7 @@ impl Information {
             latency: LatencyEvidence::default(),
             latency_sigma_s: 0.0,
             correlation: Correlation::default(),
+            roughness: Roughness::default(),
             changed: Vector13::zeros(),
         }
     }
@@ -123,6 +137,7 @@ impl Information {
             // sigma of what he gives.
             let norm = if scan.is_some() { equations.norm.clipped() } else { 0.0 };
             self.correlation.add(part, [norm, dip]);
+            self.roughness.add(part, sample.time, equations.norm.clipped());
             if let Some(scan) = &mut scan {
                 scan.add(&self.system, sample.time, &equations);
             }
@@ -219,6 +234,11 @@ impl Information {
         let latency = self.latency.latency(used_s, known, pulled)?;
         self.latency_sigma_s = latency.sigma_s;
         Some((latency, follows))
+    }
+
+    /// How much of the norms' variance is white.
+    pub fn white_share(&self) -> f32 {
+        self.roughness.white_share()
     }
 
     /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
@@ -539,7 +559,7 @@ mod tests {
         for (readings_per_sample, factor) in [(1, 1.0), (8, 8_f32.sqrt()), (0, 1.0)] {
             let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, Config::DEFAULT);
             likelihood.noise = Noise::new(0.003, 0.005, TRUTH);
-            let found = uncertainty(&likelihood, &at, &Covariance::EXACT).unwrap();
+            let found = uncertainty(&likelihood, &at, &Covariance::EXACT, 1.0).unwrap();
             let expected = 0.003 * factor * per_unit;
             assert!(
                 (found.sensor_sigma / expected - 1.0).abs() < 1e-5,
@@ -555,7 +575,7 @@ mod tests {
     #[test]
     fn attitude_noise_that_was_not_seen_is_half_a_degree() {
         let likelihood = likelihood(&Prior::default(), Config::NO_ATTITUDE);
-        let found = uncertainty(&likelihood, &parameters().unknowns().unwrap(), &Covariance::EXACT).unwrap();
+        let found = uncertainty(&likelihood, &parameters().unknowns().unwrap(), &Covariance::EXACT, 1.0).unwrap();
         assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);
     }
 
@@ -571,7 +591,7 @@ mod tests {
             assert!(open.covariance(&likelihood, unknowns, Consider::NOTHING, &mut covariance).is_none());
         }
         assert!(open.left_to_priors(&likelihood, &at).is_none());
-        assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT).is_none());
+        assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT, 1.0).is_none());
     }
 
     /// What is known of airframes has no neighbours: where norms are alike, only what they say is doubted.

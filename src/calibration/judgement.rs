@@ -89,7 +89,8 @@ impl Judgement<'_> {
             iron = Some(Doubt::new(change.iron, expected.rms_deg, without_deg));
         }
         let uncertainty =
-            information::uncertainty(self.likelihood, self.unknowns, &covariance).ok_or(SolveError::NotConverged)?;
+            information::uncertainty(self.likelihood, self.unknowns, &covariance, information.white_share())
+                .ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: self.method,
             envelope: self.envelope(),

@@ -27,7 +27,7 @@ pub(in crate::calibration) struct Equation {
 const CLIP: f32 = 2.0;
 /// The mean of the clipped square of a normal variable: Huber's proposal 2, which one sample in twenty may spoil
 /// without harm.
-pub(super) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
+pub(in crate::calibration) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl Equation {
     /// Of a residual with its derivative and variance; `huber` is where the loss becomes linear, in sigmas.

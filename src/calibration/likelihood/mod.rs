@@ -46,7 +46,7 @@ pub(super) use system::System;
 pub(super) use unknowns::Row;
 pub(super) use unknowns::Vector13;
 
-use equations::CLIPPED_MEAN_SQUARE;
+pub(super) use equations::CLIPPED_MEAN_SQUARE;
 use nalgebra::{Matrix3, Vector3};
 use unknowns::UNKNOWNS;
 
