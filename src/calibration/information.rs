@@ -530,6 +530,22 @@ mod tests {
         }
     }
 
+    /// What a latency leaves open is considered from when it was looked for; without rates nothing is.
+    #[test]
+    fn what_is_not_known_of_a_latency_is_considered() {
+        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        let mut information = informed(&likelihood, &parameters().unknowns().unwrap(), 1e4);
+        assert!(information.latency(0.0).is_none() && information.latency_sigma_s == 0.0);
+        let row = Row { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
+        information.latency.add(0, &Equation::new(row, 0.01, 1e-4, 1e6), 0.5);
+        information.effects[3] = Vector13::ith(2, 40.0);
+        let (latency, follows) = information.latency(0.0).unwrap();
+        // 0.25 of 1e4, less what unknown 2, of which 1e4 is known, explains; and the prior's 100.
+        assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
+        assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
+        assert_eq!(information.latency_sigma_s.to_bits(), latency.sigma_s.to_bits());
+    }
+
     /// A prior is what a quantity rests on when more than half of its sigma is left: three times the prior's own
     /// information is the border.
     #[test]
@@ -550,23 +566,27 @@ mod tests {
         }
     }
 
-    /// The samples' noise in units of the total field, that of one reading: the mean of eight scatters by a third of
-    /// it.
+    /// The samples' white noise in units of the total field, that of one reading: the mean of eight scatters by a third of
+    /// it. What is not white is the same in all eight, and in the dips.
     #[test]
     fn the_sensor_s_noise_is_that_of_a_single_reading() {
         let at = parameters().unknowns().unwrap();
         let per_unit = TRUTH.determinant().cbrt();
-        for (readings_per_sample, factor) in [(1, 1.0), (8, 8_f32.sqrt()), (0, 1.0)] {
+        for (readings_per_sample, white, factor) in
+            [(1, 1.0, 1.0), (8, 1.0, 8_f32.sqrt()), (0, 1.0, 1.0), (8, 0.25, 2_f32.sqrt()), (1, 0.0, 0.0)]
+        {
             let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, Config::DEFAULT);
             likelihood.noise = Noise::new(0.003, 0.005, TRUTH);
-            let found = uncertainty(&likelihood, &at, &Covariance::EXACT, 1.0).unwrap();
+            let found = uncertainty(&likelihood, &at, &Covariance::EXACT, white).unwrap();
             let expected = 0.003 * factor * per_unit;
             assert!(
-                (found.sensor_sigma / expected - 1.0).abs() < 1e-5,
+                (found.sensor_sigma - expected).abs() < 1e-5 * 0.003,
                 "{readings_per_sample}: {}",
                 found.sensor_sigma
             );
-            assert!((found.attitude_sigma_rad - 0.004).abs() < 1e-6);
+            // 0.005 are the attitude's and what is white of the sensor's together.
+            let attitude_sigma_rad = f32::sqrt(0.005 * 0.005 - white * 0.003 * 0.003);
+            assert!((found.attitude_sigma_rad - attitude_sigma_rad).abs() < 1e-6);
         }
         assert_eq!(Prior::default().readings_per_sample, 1);
     }
