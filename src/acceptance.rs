@@ -267,6 +267,7 @@ impl fmt::Display for Rejection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::{Course, Envelope, Method, Sample, Uncertainty};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -330,7 +331,7 @@ mod tests {
                 let attitude = Attitude::from_deg(roll_deg, 0.0);
                 let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
                 let field = Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut);
-                Sample { field, attitude, time: WrappingMillis::new(u32::from(i) * 400) }
+                Sample { field, attitude, time: WrappingMillis::new(u32::from(i) * 400), rates: Rates::NONE }
             })
             .collect()
     }

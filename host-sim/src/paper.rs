@@ -1,6 +1,7 @@
 //! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either
 //! side, and every method on the same samples.
 
+use autoswing::calibration::Rates;
 use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
@@ -103,7 +104,12 @@ impl Table {
         let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
         let field = self.airframe.measure(&self.earth.body_field_ut(truth));
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
-        Sample { field: Field::new(field.ut + noise_ut.cast()), attitude, time: WrappingMillis::default() }
+        Sample {
+            field: Field::new(field.ut + noise_ut.cast()),
+            attitude,
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+        }
     }
 
     /// Left and right, each turned the way it would fly.

@@ -71,7 +71,7 @@ pub fn shown(reply: &str) -> Option<Shown> {
         b_ut: numbers(line("b: ")?)?,
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
-        latency_s: 0.0,
+        latency_s: latency_s(line("latency: ")?)?,
     };
     Some(Shown {
         method,
@@ -79,6 +79,12 @@ pub fn shown(reply: &str) -> Option<Shown> {
         expected_rms_deg: f64::from(expected[0]),
         expected_worst_deg: f64::from(expected[1]),
     })
+}
+
+/// The latency in use, seconds, of what is said about it.
+fn latency_s(said: &str) -> Option<f32> {
+    let used = said.strip_suffix(", used").map(numbers::<2>);
+    used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
 /// The words of a line that are numbers; `None` unless there are just as many as asked for.

@@ -94,12 +94,11 @@ pub(super) fn advise(
     calibration: &Calibration,
     envelope: Envelope,
 ) -> Option<Advice> {
-    let expected = |information: &Information| {
+    let covariance = |information: &Information| {
         let mut covariance = Covariance::EXACT;
-        information.covariance(likelihood, unknowns, consider, &mut covariance)?;
-        expected_error::expected(calibration, &covariance, envelope)
+        information.covariance(likelihood, unknowns, consider, &mut covariance).map(|()| covariance)
     };
-    let now = expected(information)?;
+    let now = expected_error::expected(calibration, &covariance(information)?, envelope)?;
     let parameters = Parameters::new(unknowns);
     let (manoeuvre, with_it_deg) = Manoeuvre::ALL
         .into_iter()
@@ -109,7 +108,8 @@ pub(super) fn advise(
             for heading_rad in headings_rad() {
                 supposed.suppose(likelihood, &parameters, attitude, heading_rad);
             }
-            Some((manoeuvre, expected(&supposed)?.rms_deg))
+            let rms_deg = expected_error::expected_rms_deg(calibration, &covariance(&supposed)?, envelope)?;
+            Some((manoeuvre, rms_deg))
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Advice {

@@ -63,8 +63,8 @@ pub struct BankError {
 }
 
 impl BankEvidence {
-    /// Adds a dip with its derivatives by roll bias, by pitch bias and by the relative error of bank.
-    pub fn add(&mut self, dip: &Equation, [by_roll, _, by_bank]: [f32; 3]) {
+    /// Adds a dip with its derivatives by roll bias, by pitch bias, by the relative error of bank, and by a latency.
+    pub fn add(&mut self, dip: &Equation, [by_roll, _, by_bank, _]: [f32; 4]) {
         self.information += dip.weight * by_bank * by_bank;
         self.gradient -= dip.weight * by_bank * dip.residual;
         self.of_noise += dip.weight * by_roll * by_roll;
@@ -104,7 +104,7 @@ impl Clusters {
     /// Adds what the next sample of a part contributes to `U`, where `column` is `H^-1` times what an error of bank
     /// does to the gradient of the other unknowns.
     pub fn add(&mut self, part: usize, equations: &Equations, column: &Vector13) {
-        let [_, _, by_bank] = equations.attitude_effects;
+        let [_, _, by_bank, _] = equations.attitude_effects;
         let of = |equation: &Equation, by_bank: f32| {
             equation.weight * equation.residual * (by_bank - equation.row.dot(column))
         };
@@ -165,13 +165,19 @@ impl BankScale {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::likelihood::Row;
     use super::*;
 
     fn close(found: f32, expected: f32) -> bool {
         (found - expected).abs() <= 1e-4 * expected.abs()
     }
 
-    fn dip(weight: f32, residual: f32, row: Vector13) -> Equation {
+    const NOWHERE: Row =
+        Row { by_field: Vector3::new(0.0, 0.0, 0.0), x: Vector3::new(0.0, 0.0, 0.0), by_inclination: 0.0 };
+
+    fn dip(weight: f32, residual: f32, row: Row) -> Equation {
         let equation = Equation::new(row, residual, 1.0 / weight, 1e6);
         assert!(close(equation.weight, weight));
         equation
@@ -181,8 +187,8 @@ mod tests {
     #[test]
     fn the_estimate_is_that_of_its_parts() {
         let mut evidence = BankEvidence::default();
-        evidence.add(&dip(100.0, -0.3, Vector13::zeros()), [0.5, 9.0, 2.0]);
-        evidence.add(&dip(50.0, 0.2, Vector13::zeros()), [-1.0, 9.0, -3.0]);
+        evidence.add(&dip(100.0, -0.3, NOWHERE), [0.5, 9.0, 2.0, 9.0]);
+        evidence.add(&dip(50.0, 0.2, NOWHERE), [-1.0, 9.0, -3.0, 9.0]);
         let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
         let noise = (100.0 * 0.25 + 50.0) * 0.04;
         let found = evidence.scale(150.0, 7.0, 0.2, 1.5).unwrap();
@@ -196,7 +202,7 @@ mod tests {
     #[test]
     fn noise_alone_says_nothing() {
         let mut evidence = BankEvidence::default();
-        evidence.add(&dip(1e6, 0.0, Vector13::zeros()), [1.0, 0.0, 1.0]);
+        evidence.add(&dip(1e6, 0.0, NOWHERE), [1.0, 0.0, 1.0, 0.0]);
         assert!(evidence.scale(0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
         assert!(evidence.scale(0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
         assert!(evidence.scale(f32::NAN, 0.0, 0.1, 1.0).is_none());
@@ -238,9 +244,9 @@ mod tests {
         let mut clusters = Clusters::default();
         let column = Vector13::zeros();
         for (part, contribution) in contributions {
-            let norm = dip(1.0, 5.0, Vector13::zeros());
-            let dip = Some(dip(1.0, contribution, Vector13::zeros()));
-            let equations = Equations { norm, dip, heading: None, attitude_effects: [7.0, 7.0, 1.0] };
+            let norm = dip(1.0, 5.0, NOWHERE);
+            let dip = Some(dip(1.0, contribution, NOWHERE));
+            let equations = Equations { norm, dip, heading: None, attitude_effects: [7.0, 7.0, 1.0, 7.0] };
             clusters.add(part, &equations, &column);
         }
         clusters
@@ -275,12 +281,13 @@ mod tests {
     /// What all other unknowns explain is no contribution; the norm contributes by these alone.
     #[test]
     fn a_contribution_is_what_is_left_of_it() {
-        let (row, column) = (Vector13::ith(2, 3.0), Vector13::ith(2, 0.5));
+        let row = Row { by_field: Vector3::x() * 3.0, x: Vector3::z(), ..NOWHERE };
+        let column = Vector13::ith(2, 0.5);
         let equations = Equations {
             norm: dip(10.0, 0.1, row),
             dip: Some(dip(4.0, -0.2, row)),
             heading: None,
-            attitude_effects: [0.0, 0.0, 2.0],
+            attitude_effects: [0.0, 0.0, 2.0, 0.0],
         };
         let mut clusters = Clusters::default();
         clusters.add(0, &equations, &column);

@@ -86,6 +86,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::Sample;
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
@@ -104,7 +105,10 @@ mod tests {
             let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
             let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
             let field = Field::new(a() * attitude.body(level).ut + B_UT);
-            Mark { sample: Sample { field, attitude, time: WrappingMillis::default() }, heading_rad }
+            Mark {
+                sample: Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE },
+                heading_rad,
+            }
         };
         (0..12).map(mark).collect()
     }
@@ -183,7 +187,12 @@ mod tests {
             let mark = |i: u8| {
                 let heading_rad = f32::from(i) / 12.0 * TAU;
                 let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
-                let sample = Sample { field, attitude: Attitude::default(), time: WrappingMillis::default() };
+                let sample = Sample {
+                    field,
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                };
                 Mark { sample, heading_rad }
             };
             (0..12).map(mark).collect()

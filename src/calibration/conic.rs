@@ -88,6 +88,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -103,7 +104,7 @@ mod tests {
         (0..24_u8)
             .map(|i| {
                 let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
-                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default() }
+                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
             })
             .collect()
     }

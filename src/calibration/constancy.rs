@@ -33,7 +33,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::Samples;
 use super::correlation::Correlation;
 use super::information::Information;
-use super::likelihood::unknowns::{Vector13, d};
+use super::likelihood::unknowns::Vector13;
 use super::likelihood::{Equation, Equations, Likelihood, Parameters, System};
 use super::time_order::InTime;
 use crate::time::WrappingMillis;
@@ -148,7 +148,7 @@ impl Sums {
     fn add(&mut self, equation: &Equation, by_beta: &Vector3<f32>, share: f32) {
         let weighted = by_beta * (equation.weight * share);
         for (sum, of_axis) in self.with_unknowns.iter_mut().zip(&weighted) {
-            sum.axpy(*of_axis, &equation.row, 1.0);
+            equation.row.add_to(sum, *of_axis);
         }
         self.information.ger(share, &weighted, by_beta, 1.0);
         self.gradient.axpy(-equation.residual, &weighted, 1.0);
@@ -358,7 +358,7 @@ fn kinds(equations: &Equations) -> impl Iterator<Item = &Equation> {
 /// Derivative of a residual by what the hard iron was more: the corrected field was less by `W beta`, and `d` is added
 /// to the corrected field.
 fn by_beta(w: &Matrix3<f32>, equation: &Equation) -> Vector3<f32> {
-    -w.tr_mul(&equation.row.fixed_rows::<3>(d(0)))
+    -w.tr_mul(&equation.row.by_field)
 }
 
 #[cfg(test)]
@@ -366,11 +366,12 @@ mod tests {
     use nalgebra::{Matrix3, SVector};
 
     use super::super::least_squares::LeastSquares;
-    use super::super::likelihood::{Config, Noise, Prior};
+    use super::super::likelihood::{Config, Noise, Prior, Row};
     use super::super::tests::derivatives::assert_derivative;
     use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
     use super::super::{Sample, response};
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::Field;
 
     /// An ordinary flight with iron that was more by `beta_ut` before an instant; its likelihood, whose noise is known,
@@ -408,7 +409,7 @@ mod tests {
 
         fn system(&self) -> System {
             let mut likelihood = self.likelihood.clone();
-            likelihood.stride = 1;
+            (likelihood.stride, likelihood.sums_up) = (1, false);
             likelihood.linearise(self.recorded.turns(), &self.unknowns)
         }
 
@@ -472,7 +473,8 @@ mod tests {
             let mut joint = LeastSquares::<16, 1>::new();
             let mut sums = Sums::none();
             for (equation, by_beta, _) in case.equations(form) {
-                let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row[i] } else { by_beta[i - 13] });
+                let row =
+                    SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row.dense()[i] } else { by_beta[i - 13] });
                 joint.add(&row, [-equation.residual], equation.weight);
                 sums.add(&equation, &by_beta, 1.0);
             }
@@ -539,7 +541,7 @@ mod tests {
         let scan = case.scanned().0;
         let found = scan.found.unwrap();
         let effect = case.equations(found.form).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
-            sum + equation.row * (equation.weight * by_beta.dot(&found.beta))
+            sum + equation.row.dense() * (equation.weight * by_beta.dot(&found.beta))
         });
         assert!((scan.effect - effect).norm() < 1e-3 * effect.norm());
     }
@@ -559,10 +561,10 @@ mod tests {
         let to_likeliest = information.system.change().unwrap();
         let columns = sums.with_unknowns.map(|with| information.system.covariance_times(&with).unwrap());
         // Of the same norms less what follows of them, of dips only that.
-        let left = |row: &Vector13, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| columns[axis].dot(row));
+        let left = |row: &Row, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
         // The dips' own inflation, from what it makes of the information that they have of the inclination.
         let of_inclination = |(equation, _, is_norm): (Equation, Vector3<f32>, bool)| {
-            if is_norm { 0.0 } else { equation.weight * equation.row[12] * equation.row[12] }
+            if is_norm { 0.0 } else { equation.weight * equation.row.by_inclination.powi(2) }
         };
         let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
         let of_dip = information.dips_times(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
@@ -616,6 +618,7 @@ mod tests {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: crate::frames::Attitude::default(),
             time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
         };
         let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
         let of = |left, right, level| Span::of(Samples { left, right, level, marks: &[] });

@@ -50,6 +50,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::{Method, Part, Prior, Quality, Sample, SolveError, solve};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -80,7 +81,12 @@ mod tests {
             .filter(|field| direction(field) >= missing)
             .take(300)
             .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
-            .map(|ut| Sample { field: Field::new(ut), attitude: Attitude::default(), time: WrappingMillis::default() })
+            .map(|ut| Sample {
+                field: Field::new(ut),
+                attitude: Attitude::default(),
+                time: WrappingMillis::default(),
+                rates: Rates::NONE,
+            })
             .collect();
         solve(Method::Ellipsoid, Samples { level: &samples, ..Samples::default() }, &Prior::default())
             .map(|s| s.quality)

@@ -6,6 +6,7 @@
 use core::f32::consts::FRAC_PI_6;
 use core::fmt;
 
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use super::likelihood::heading_by_field;
@@ -104,32 +105,61 @@ impl fmt::Display for Deviation {
 
 /// The heading error to expect of a calibration over an envelope.
 pub(super) fn expected(calibration: &Calibration, covariance: &Covariance, envelope: Envelope) -> Option<Expected> {
-    let field_from_body = calibration.w_matrix().try_inverse()?;
-    let row = |bank_deg: f32, step: u8| {
-        let attitude = Attitude::from_deg(bank_deg, 0.0);
-        let level = Field::<Level>::earth(1.0, calibration.inclination_rad, f32::from(step) * FRAC_PI_6);
-        let tilt = attitude.tilt();
-        let x = field_from_body * tilt.body(level).ut;
-        coefficients_row(&heading_by_field(&tilt, &level.ut), &x)
-    };
-    let mut sum = 0.0;
-    let mut worst: f32 = 0.0;
-    for &bank_deg in envelope.banks_deg() {
-        for step in 0..HEADINGS {
-            let variance = covariance.variance(&row(bank_deg, step));
-            sum += variance;
-            worst = worst.max(variance);
-        }
-    }
-    let mean = sum / (usize::from(HEADINGS) * envelope.banks_deg().len()) as f32;
-    let degrees = |variance: f32| libm::sqrtf(variance).to_degrees();
-    let size = |part: Deviation| degrees(part_variance(part, covariance, &row));
+    let at = Attitudes::new(calibration)?;
+    let (rms_deg, worst_deg) = at.rms_and_worst_deg(covariance, envelope)?;
+    let size = |part: Deviation| degrees(part_variance(part, covariance, &|bank_deg, step| at.row(bank_deg, step)));
     let weakest = Deviation::ALL
         .into_iter()
         .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
         .map(|part| (part, size(part)))
         .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
-    mean.is_finite().then(|| Expected { rms_deg: degrees(mean), worst_deg: degrees(worst), weakest })
+    Some(Expected { rms_deg, worst_deg, weakest })
+}
+
+/// Its RMS alone, degrees.
+pub(super) fn expected_rms_deg(calibration: &Calibration, covariance: &Covariance, envelope: Envelope) -> Option<f32> {
+    Attitudes::new(calibration)?.rms_and_worst_deg(covariance, envelope).map(|(rms_deg, _)| rms_deg)
+}
+
+/// What a calibration measures at the attitudes of an envelope.
+struct Attitudes {
+    field_from_body: Matrix3<f32>,
+    inclination_rad: f32,
+}
+
+impl Attitudes {
+    /// `None` if the calibration has no inverse.
+    fn new(calibration: &Calibration) -> Option<Self> {
+        let field_from_body = calibration.w_matrix().try_inverse()?;
+        Some(Self { field_from_body, inclination_rad: calibration.inclination_rad })
+    }
+
+    /// Derivative of the heading by the coefficients, at a bank and a twelfth of the circle.
+    fn row(&self, bank_deg: f32, step: u8) -> Vector12 {
+        let tilt = Attitude::from_deg(bank_deg, 0.0).tilt();
+        let level = Field::<Level>::earth(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let x = self.field_from_body * tilt.body(level).ut;
+        coefficients_row(&heading_by_field(&tilt, &level.ut), &x)
+    }
+
+    fn rms_and_worst_deg(&self, covariance: &Covariance, envelope: Envelope) -> Option<(f32, f32)> {
+        let mut sum = 0.0;
+        let mut worst: f32 = 0.0;
+        for &bank_deg in envelope.banks_deg() {
+            for step in 0..HEADINGS {
+                let variance = covariance.variance(&self.row(bank_deg, step));
+                sum += variance;
+                worst = worst.max(variance);
+            }
+        }
+        let mean = sum / (usize::from(HEADINGS) * envelope.banks_deg().len()) as f32;
+        mean.is_finite().then(|| (degrees(mean), degrees(worst)))
+    }
+}
+
+/// A variance in square radians as a standard deviation in degrees.
+fn degrees(variance: f32) -> f32 {
+    libm::sqrtf(variance).to_degrees()
 }
 
 /// Mean square of a part of the deviation.
@@ -166,6 +196,7 @@ mod tests {
     use super::super::tests::synthetic::{largest, mean, rms};
     use super::super::{Orientation, rows};
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::wrap_pi;
     use crate::time::WrappingMillis;
 
@@ -258,6 +289,7 @@ mod tests {
             field: Field::from_ut(1.0, 0.0, 0.0),
             attitude: Attitude::from_deg(roll_deg, 0.0),
             time: WrappingMillis::default(),
+            rates: Rates::NONE,
         };
         let of = |method, rolls_deg: &[f32]| {
             let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();

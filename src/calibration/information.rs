@@ -2,14 +2,18 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Samples;
 use super::bank_scale::{BankEvidence, BankScale, Clusters};
 use super::constancy::Scan;
 use super::correlation::Correlation;
-use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Matrix13, Vector12, Vector13, d, w};
-use super::likelihood::{Equation, Equations, Likelihood, Measured, Parameters, Quantity, System, for_each_prior};
+use super::latency::LatencyEvidence;
+use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, d, w};
+use super::likelihood::{
+    Equation, Equations, Likelihood, Measured, Parameters, Quantity, Squares, System, for_each_prior,
+};
+use super::roughness::Roughness;
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
+use super::{Latency, Rates, Samples};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -30,9 +34,9 @@ impl Consider {
     /// A source without faults of its own.
     pub const NOTHING: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
 
-    /// Of roll bias, pitch bias, and the relative error of bank.
-    const fn sigmas(self) -> [f32; 3] {
-        [self.bias_rad, self.bias_rad, self.bank_scale]
+    /// Of roll bias, pitch bias, the relative error of bank, and of a latency.
+    const fn sigmas(self, latency_s: f32) -> [f32; 4] {
+        [self.bias_rad, self.bias_rad, self.bank_scale, latency_s]
     }
 
     /// The same, and as much of a bank error as samples show beyond it.
@@ -49,18 +53,29 @@ const MIN_OWN_SHARE: f32 = 0.05;
 /// Noise of an attitude source that no sample has shown, radians: 0.5 deg.
 const UNSEEN_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
 
-/// What a covariance of these unknowns means for headings, with the noise that the samples showed.
+/// What a covariance of these unknowns means for headings, with the noise that the samples showed: of the norms'
+/// variance this share is white.
+///
+/// The dip's own robust scale is that of the attitude and of the sensor's white noise together, which is the sensor's
+/// share of a reading's; what is left is the attitude's, and what is slow in the field does as much to a heading. It is
+/// Huber's proposal 2, the mean of `min(e^2, (2 s)^2) / 0.92` that is `s^2` itself: a buffer that a median would need is
+/// not there, and where tails are long it is the larger of the two.
 pub(super) fn uncertainty(
     likelihood: &Likelihood,
     unknowns: &Vector13,
     covariance: &Covariance,
+    white_share: f32,
 ) -> Option<Uncertainty> {
     let noise = &likelihood.noise;
-    let attitude_sigma_rad =
-        if likelihood.config.uses_attitude { noise.attitude_sigma_rad() } else { UNSEEN_ATTITUDE_SIGMA_RAD };
+    let white = noise.norm * noise.norm * white_share;
+    let attitude_sigma_rad = if likelihood.config.uses_attitude {
+        libm::sqrtf((noise.dip_rad * noise.dip_rad - white).max(0.0))
+    } else {
+        UNSEEN_ATTITUDE_SIGMA_RAD
+    };
     // The mean of so many readings scatters less than one of them.
-    let of_a_reading = libm::sqrtf(f32::from(likelihood.readings_per_sample.max(1)));
-    let sensor_sigma = noise.norm * of_a_reading / Units::new(likelihood, unknowns)?.per_unit;
+    let of_a_reading = libm::sqrtf(white * f32::from(likelihood.readings_per_sample.max(1)));
+    let sensor_sigma = of_a_reading / Units::new(likelihood, unknowns)?.per_unit;
     Some(Uncertainty::new(covariance, sensor_sigma, attitude_sigma_rad)).filter(Uncertainty::is_finite)
 }
 
@@ -68,12 +83,16 @@ pub(super) fn uncertainty(
 #[derive(Clone, Debug)]
 pub(super) struct Information {
     pub system: System,
-    /// The part of the information that comes from dips: the lower triangle.
-    dip: Matrix13,
-    /// What one radian of roll bias, pitch bias, and a relative bank error of one do to the gradient.
-    effects: [Vector13; 3],
+    /// The part of the information that comes from dips.
+    dip: Squares,
+    /// What one radian of roll bias, pitch bias, a relative bank error of one, and a second of latency do to the gradient.
+    effects: [Vector13; 4],
     bank: BankEvidence,
+    latency: LatencyEvidence,
+    /// Sigma of the latency, seconds: what is not known of it is not known of the coefficients.
+    latency_sigma_s: f32,
     correlation: Correlation,
+    roughness: Roughness,
     /// What a change of the iron in mid-flight did to the gradient; nothing, unless the samples show one.
     pub changed: Vector13,
 }
@@ -84,10 +103,13 @@ impl Information {
     pub fn new(system: &System) -> Self {
         Self {
             system: system.clone(),
-            dip: Matrix13::zeros(),
-            effects: [Vector13::zeros(); 3],
+            dip: Squares::none(),
+            effects: [Vector13::zeros(); 4],
             bank: BankEvidence::default(),
+            latency: LatencyEvidence::default(),
+            latency_sigma_s: 0.0,
             correlation: Correlation::default(),
+            roughness: Roughness::default(),
             changed: Vector13::zeros(),
         }
     }
@@ -106,11 +128,16 @@ impl Information {
         for (part, sample) in InTime::new(samples) {
             let equations = likelihood.equations(sample, None, &parameters);
             self.add_dip(&equations);
+            if let Some(dip) = &equations.dip {
+                let [.., by_latency] = equations.attitude_effects;
+                self.latency.add(part, dip, by_latency);
+            }
             let dip = equations.dip.as_ref().map_or(0.0, Equation::clipped);
             // Whoever stands at a heading that he gives wrong makes norms there that are alike, and that is in the
             // sigma of what he gives.
             let norm = if scan.is_some() { equations.norm.clipped() } else { 0.0 };
             self.correlation.add(part, [norm, dip]);
+            self.roughness.add(part, sample.time, equations.norm.clipped());
             if let Some(scan) = &mut scan {
                 scan.add(&self.system, sample.time, &equations);
             }
@@ -124,20 +151,20 @@ impl Information {
 
     fn add_dip(&mut self, equations: &Equations) {
         let Some(dip) = &equations.dip else { return };
-        self.dip.syger(dip.weight, &dip.row, &dip.row, 1.0);
+        self.dip.add(&dip.row, dip.weight);
         for (sum, effect) in self.effects.iter_mut().zip(equations.attitude_effects) {
-            sum.axpy(dip.weight * effect, &dip.row, 1.0);
+            dip.row.add_to(sum, dip.weight * effect);
         }
         self.bank.add(dip, equations.attitude_effects);
     }
 
     /// Adds a sample that would be measured at an attitude and heading if the coefficients were right. Its residual is
-    /// nothing, which says nothing of the noise.
+    /// nothing, which says nothing of the noise, and leaves nothing to correct.
     pub fn suppose(&mut self, likelihood: &Likelihood, parameters: &Parameters, attitude: Attitude, heading_rad: f32) {
         let tilt = attitude.tilt();
         let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
-        let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
-        let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, true);
+        let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates: Rates::NONE, heading_rad: None };
+        let equations = Equations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
         self.system.add(&equations);
         self.add_dip(&equations);
     }
@@ -173,8 +200,7 @@ impl Information {
         covariance.fill(|i, j| {
             if j == 0 {
                 // The lower triangle is filled row by row.
-                doubted = units.row(i) * (1.0 + of_norm);
-                doubted.sygemv(of_dip - of_norm, &self.dip, &columns[i], 1.0);
+                doubted = units.row(i) * (1.0 + of_norm) + self.dip.times(&columns[i]) * (of_dip - of_norm);
             }
             doubted.dot(&columns[j])
         });
@@ -182,7 +208,7 @@ impl Information {
         for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
             covariance.add_square(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
         });
-        for (effect, sigma) in self.effects.iter().zip(consider.sigmas()) {
+        for (effect, sigma) in self.effects.iter().zip(consider.sigmas(self.latency_sigma_s)) {
             covariance.add_square(&along(effect), sigma * sigma);
         }
         covariance.add_square(&along(&self.changed), 1.0);
@@ -195,9 +221,24 @@ impl Information {
     /// taken for, if it is.
     pub fn dips_times(&self, vector: &Vector13, than: f32) -> Vector13 {
         let [_, of_dip] = self.correlation.excess();
-        let mut product = Vector13::zeros();
-        product.sygemv((1.0 + of_dip - than).max(0.0), &self.dip, vector, 0.0);
-        product
+        self.dip.times(vector) * (1.0 + of_dip - than).max(0.0)
+    }
+
+    /// The latency that the samples show, and how the unknowns follow a second of it: see [`latency`](super::latency).
+    /// From then on what is not known of it counts. `None` where they have no rates.
+    #[inline(never)]
+    pub fn latency(&mut self, used_s: f32) -> Option<(Latency, Vector13)> {
+        let [.., effect] = &self.effects;
+        let follows = -self.system.covariance_times(effect)?;
+        let (known, pulled) = (-follows.dot(effect), effect.dot(&self.system.change()?));
+        let latency = self.latency.latency(used_s, known, pulled)?;
+        self.latency_sigma_s = latency.sigma_s;
+        Some((latency, follows))
+    }
+
+    /// How much of the norms' variance is white.
+    pub fn white_share(&self) -> f32 {
+        self.roughness.white_share()
     }
 
     /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
@@ -216,7 +257,7 @@ impl Information {
         unknowns: &Vector13,
         allowance: f32,
     ) -> Option<BankScale> {
-        let [_, _, effect] = &self.effects;
+        let [_, _, effect, _] = &self.effects;
         let column = self.system.covariance_times(effect)?;
         let (known, pulled) = (column.dot(effect), effect.dot(&self.system.change()?));
         let found = self.bank.scale(known, pulled, likelihood.noise.attitude_sigma_rad(), self.inflation())?;
@@ -253,7 +294,11 @@ impl Information {
                 (share, known_rad + (found_rad - known_rad) / share)
             }
         };
-        let shifts = self.effects.iter().zip(consider.sigmas()).map(|(effect, sigma)| column.dot(effect) * sigma);
+        let shifts = self
+            .effects
+            .iter()
+            .zip(consider.sigmas(self.latency_sigma_s))
+            .map(|(effect, sigma)| column.dot(effect) * sigma);
         let shifted = shifts.map(|shift| shift * shift).sum::<f32>() / (share * share);
         let variance = of_all / share * self.inflation() + shifted;
         (own_rad + variance).is_finite().then_some([own_rad, variance])
@@ -325,8 +370,8 @@ impl Units {
 mod tests {
     use nalgebra::SMatrix;
 
-    use super::super::likelihood::unknowns::UNKNOWNS;
-    use super::super::likelihood::{Config, Noise, Prior};
+    use super::super::likelihood::unknowns::{Matrix13, UNKNOWNS};
+    use super::super::likelihood::{Config, Noise, Prior, Row};
     use super::super::tests::derivatives::assert_derivative;
     use super::super::{Calibration, Orientation};
     use super::*;
@@ -385,20 +430,9 @@ mod tests {
     fn informed(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
         let mut information = of_priors(likelihood, unknowns);
         for i in 0..UNKNOWNS {
-            information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1.0 / weight));
+            information.system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
         }
         information
-    }
-
-    fn only_norm(row: Vector13, residual: f32, variance: f32) -> Equations {
-        let parameters = parameters();
-        let tilt = Attitude::default().tilt();
-        let measured = Measured { x: Vector3::zeros(), tilt, roll_rad: 0.0, heading_rad: None };
-        let noise = Noise::INITIAL;
-        let equations = Equations::new(&parameters, &measured, &noise, &Config::NO_ATTITUDE, false);
-        let mut norm = equations.norm.clone();
-        (norm.row, norm.residual, norm.weight) = (row, residual, 1.0 / variance);
-        Equations { norm, ..equations }
     }
 
     /// A covariance as a matrix, by the variances of pairs: `cov(a, b) = (var(a + b) - var(a) - var(b)) / 2`.
@@ -418,18 +452,20 @@ mod tests {
         let at = parameters().unknowns().unwrap();
         let mut information = informed(&likelihood, &at, 1e4);
         let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
-        information.system.add(&only_norm(row, 0.05, 1e-4));
+        information.system.add_row(&row, 0.05, 1e4);
         // A dip's information, whose noise is correlated with rho one half: doubted by 2 rho / (1 - rho) = 2. The
         // norm's rho is a third: what is neither dip nor prior is doubted by 1.
-        let dip_row = Vector13::from_fn(|i, _| (i as f32 * 1.3).cos());
-        information.system.add(&only_norm(dip_row, 0.0, 1.0 / 3e3));
-        information.dip.syger(3e3, &dip_row, &dip_row, 1.0);
+        let dip = Row { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
+        let dip_row = dip.dense();
+        information.system.add_row(&dip_row, 0.0, 3e3);
+        information.dip.add(&dip, 3e3);
         for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
             information.correlation.add(0, residuals);
         }
         information.changed = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+        information.latency_sigma_s = 0.01;
         information.effects =
-            [0.4, 1.9, 2.8].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
+            [0.4, 1.9, 2.8, 3.7].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
         let units = Units::new(&likelihood, &at).unwrap();
         let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.row(i)[k]);
         let mut inverse = Matrix13::zeros();
@@ -445,7 +481,7 @@ mod tests {
         let shift = g * information.changed;
         expected += shift * shift.transpose();
         expected += change * change.transpose();
-        for (effect, sigma) in information.effects.iter().zip([0.003, 0.003, 0.02]) {
+        for (effect, sigma) in information.effects.iter().zip([0.003, 0.003, 0.02, 0.01]) {
             let shift = g * effect * sigma;
             expected += shift * shift.transpose();
         }
@@ -469,25 +505,45 @@ mod tests {
         let parameters = parameters();
         let mut information = of_priors(&likelihood, &parameters.unknowns().unwrap());
         let mut dip = Matrix13::zeros();
-        let mut effects = [Vector13::zeros(); 3];
+        let mut effects = [Vector13::zeros(); 4];
         for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
             let attitude = Attitude::from_deg(bank_deg, 3.0);
             let tilt = attitude.tilt();
             let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-            let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
+            let rates = Rates::from_rad_s(0.3, -0.2);
+            let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates, heading_rad: None };
             let equations = Equations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
             let of_dip = equations.dip.as_ref().unwrap();
-            dip += of_dip.row * of_dip.row.transpose() * of_dip.weight;
+            let row = of_dip.row.dense();
+            dip += row * row.transpose() * of_dip.weight;
             for (sum, effect) in effects.iter_mut().zip(equations.attitude_effects) {
-                *sum += of_dip.row * (of_dip.weight * effect);
+                *sum += row * (of_dip.weight * effect);
             }
             information.add_dip(&equations);
         }
-        let found = information.dip.lower_triangle();
-        assert!((found - dip.lower_triangle()).norm() < 1e-4 * dip.norm());
+        for i in 0..UNKNOWNS {
+            let found = information.dip.times(&Vector13::ith(i, 1.0));
+            assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
+        }
         for (found, expected) in information.effects.iter().zip(effects) {
             assert!((found - expected).norm() < 1e-4 * expected.norm());
         }
+    }
+
+    /// What a latency leaves open is considered from when it was looked for; without rates nothing is.
+    #[test]
+    fn what_is_not_known_of_a_latency_is_considered() {
+        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        let mut information = informed(&likelihood, &parameters().unknowns().unwrap(), 1e4);
+        assert!(information.latency(0.0).is_none() && information.latency_sigma_s == 0.0);
+        let row = Row { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
+        information.latency.add(0, &Equation::new(row, 0.01, 1e-4, 1e6), 0.5);
+        information.effects[3] = Vector13::ith(2, 40.0);
+        let (latency, follows) = information.latency(0.0).unwrap();
+        // 0.25 of 1e4, less what unknown 2, of which 1e4 is known, explains; and the prior's 100.
+        assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
+        assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
+        assert_eq!(information.latency_sigma_s.to_bits(), latency.sigma_s.to_bits());
     }
 
     /// A prior is what a quantity rests on when more than half of its sigma is left: three times the prior's own
@@ -502,31 +558,35 @@ mod tests {
             let variance =
                 likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
             for i in 0..INCLINATION {
-                information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
+                information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
             }
-            information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, variance));
+            information.system.add_row(&Vector13::ith(INCLINATION, 1.0), 0.0, 1.0 / variance);
             let found: Vec<Quantity> = information.left_to_priors(&likelihood, &at).unwrap().collect();
             assert_eq!(found, if left { vec![Quantity::Inclination] } else { vec![] }, "{times}");
         }
     }
 
-    /// The samples' noise in units of the total field, that of one reading: the mean of eight scatters by a third of
-    /// it.
+    /// The samples' white noise in units of the total field, that of one reading: the mean of eight scatters by a third of
+    /// it. What is not white is the same in all eight, and in the dips.
     #[test]
     fn the_sensor_s_noise_is_that_of_a_single_reading() {
         let at = parameters().unknowns().unwrap();
         let per_unit = TRUTH.determinant().cbrt();
-        for (readings_per_sample, factor) in [(1, 1.0), (8, 8_f32.sqrt()), (0, 1.0)] {
+        for (readings_per_sample, white, factor) in
+            [(1, 1.0, 1.0), (8, 1.0, 8_f32.sqrt()), (0, 1.0, 1.0), (8, 0.25, 2_f32.sqrt()), (1, 0.0, 0.0)]
+        {
             let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, Config::DEFAULT);
             likelihood.noise = Noise::new(0.003, 0.005, TRUTH);
-            let found = uncertainty(&likelihood, &at, &Covariance::EXACT).unwrap();
+            let found = uncertainty(&likelihood, &at, &Covariance::EXACT, white).unwrap();
             let expected = 0.003 * factor * per_unit;
             assert!(
-                (found.sensor_sigma / expected - 1.0).abs() < 1e-5,
+                (found.sensor_sigma - expected).abs() < 1e-5 * 0.003,
                 "{readings_per_sample}: {}",
                 found.sensor_sigma
             );
-            assert!((found.attitude_sigma_rad - 0.004).abs() < 1e-6);
+            // 0.005 are the attitude's and what is white of the sensor's together.
+            let attitude_sigma_rad = f32::sqrt(0.005 * 0.005 - white * 0.003 * 0.003);
+            assert!((found.attitude_sigma_rad - attitude_sigma_rad).abs() < 1e-6);
         }
         assert_eq!(Prior::default().readings_per_sample, 1);
     }
@@ -535,7 +595,7 @@ mod tests {
     #[test]
     fn attitude_noise_that_was_not_seen_is_half_a_degree() {
         let likelihood = likelihood(&Prior::default(), Config::NO_ATTITUDE);
-        let found = uncertainty(&likelihood, &parameters().unknowns().unwrap(), &Covariance::EXACT).unwrap();
+        let found = uncertainty(&likelihood, &parameters().unknowns().unwrap(), &Covariance::EXACT, 1.0).unwrap();
         assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);
     }
 
@@ -551,7 +611,7 @@ mod tests {
             assert!(open.covariance(&likelihood, unknowns, Consider::NOTHING, &mut covariance).is_none());
         }
         assert!(open.left_to_priors(&likelihood, &at).is_none());
-        assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT).is_none());
+        assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT, 1.0).is_none());
     }
 
     /// What is known of airframes has no neighbours: where norms are alike, only what they say is doubted.
@@ -562,7 +622,7 @@ mod tests {
         let mut information = of_priors(&likelihood, &at);
         // The one thing that priors leave open.
         let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
-        information.system.add(&only_norm(scale, 0.0, 1e-4));
+        information.system.add_row(&scale, 0.0, 1e4);
         let of = |information: &Information| full(information, &likelihood, &at, Consider::NOTHING);
         let before = of(&information);
         for residual in [1.0, 1.0, 0.0] {
@@ -591,9 +651,9 @@ mod tests {
                 let at = Parameters { inclination_rad, ..parameters() }.unknowns().unwrap();
                 let mut information = of_priors(&likelihood, &at);
                 for i in 0..INCLINATION {
-                    information.system.add(&only_norm(Vector13::ith(i, 1.0), 0.0, 1e-6));
+                    information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
                 }
-                information.system.add(&only_norm(Vector13::ith(INCLINATION, 1.0), 0.0, sigma * sigma));
+                information.system.add_row(&Vector13::ith(INCLINATION, 1.0), 0.0, 1.0 / (sigma * sigma));
                 // Correlated with rho of one half, and with a bank error of one worth 2e3 in the gradient.
                 for residual in [1.0, 1.0, 0.0] {
                     // Of norms or of dips, whichever is more.
@@ -618,8 +678,9 @@ mod tests {
     #[test]
     fn a_misread_bank_is_considered_beside_the_rest() {
         let mut evidence = BankEvidence::default();
-        let steep = Equation::new(Vector13::zeros(), -0.1, 1e-4, 1e6);
-        evidence.add(&steep, [0.0, 0.0, 1.0]);
+        let row = Row { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        let steep = Equation::new(row, -0.1, 1e-4, 1e6);
+        evidence.add(&steep, [0.0, 0.0, 1.0, 0.0]);
         // Of an information of 1e4 it is 0.1, with a variance of 1e-4.
         let found = evidence.scale(0.0, 0.0, 0.0, 1.0).unwrap();
         let considered = Consider::DEFAULT.with(&found);

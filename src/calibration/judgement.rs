@@ -7,7 +7,7 @@ use super::expected_error::{self, Envelope, Expected};
 use super::information::{self, Consider, Information};
 use super::likelihood::{Likelihood, Vector13};
 use super::uncertainty::{Covariance, Uncertainty};
-use super::{Calibration, Method, Quality, Samples, SolveError};
+use super::{Calibration, Latency, Method, Quality, Samples, SolveError};
 
 /// What came out.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +65,9 @@ impl Judgement<'_> {
         &self,
         information: &mut Information,
         change: Option<Change>,
+        latency: Option<Latency>,
         consider: Consider,
+        is_asked_for_advice: impl Fn(&Quality) -> bool,
     ) -> Result<Solution, SolveError> {
         let mut covariance = Covariance::EXACT;
         let mut expected = self.expected(information, consider, &mut covariance)?;
@@ -87,7 +89,8 @@ impl Judgement<'_> {
             iron = Some(Doubt::new(change.iron, expected.rms_deg, without_deg));
         }
         let uncertainty =
-            information::uncertainty(self.likelihood, self.unknowns, &covariance).ok_or(SolveError::NotConverged)?;
+            information::uncertainty(self.likelihood, self.unknowns, &covariance, information.white_share())
+                .ok_or(SolveError::NotConverged)?;
         let quality = Quality {
             method: self.method,
             envelope: self.envelope(),
@@ -96,10 +99,12 @@ impl Judgement<'_> {
             norm_residual: self.likelihood.noise.norm,
             dip_residual_deg: self.likelihood.noise.dip_rad.to_degrees(),
             samples: information.system.samples,
-            latency: None,
+            latency,
         };
         let Self { likelihood, unknowns, calibration, .. } = self;
-        let advice = advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope());
+        let advice = is_asked_for_advice(&quality)
+            .then(|| advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope()))
+            .flatten();
         Ok(Solution { calibration: *self.calibration, quality, uncertainty, advice, iron, bank })
     }
 

@@ -109,6 +109,7 @@ mod tests {
 
     use super::*;
     use crate::calibration::Mark;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 
@@ -117,7 +118,12 @@ mod tests {
         (0..number)
             .map(|i| {
                 let field = Field::<Level>::earth(50.0, 1.0, TAU * i as f32 / number as f32);
-                Sample { field: Field::new(field.ut), attitude: Attitude::default(), time: WrappingMillis::default() }
+                Sample {
+                    field: Field::new(field.ut),
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                }
             })
             .collect()
     }

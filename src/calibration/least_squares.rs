@@ -24,6 +24,42 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         Self { d: [0.0; N], u: [[0.0; N]; N], t: [[0.0; M]; N] }
     }
 
+    /// Of normal equations: the upper triangle of their information, whose rows begin on the diagonal, and the right-hand
+    /// sides. A direction of which they say no more than `f32` can tell from nothing is left open, for what is added
+    /// thereafter.
+    pub fn of_normal_equations(information: [[f32; N]; N], right: [[f32; M]; N]) -> Self {
+        /// Of an element of the diagonal, what rounding leaves of nothing: some units of its last digit.
+        const DIGITS: f32 = 2e-6;
+        let mut system = Self { d: [0.0; N], u: information, t: right };
+        for k in 0..N {
+            let pivot = system.u[k][k];
+            // What came before has been taken out, so that the pivot is what is known of this one beyond that.
+            if pivot.is_nan() || pivot <= DIGITS * information[k][k] {
+                system.u[k] = [0.0; N];
+                system.t[k] = [0.0; M];
+                continue;
+            }
+            system.d[k] = pivot;
+            for column in k + 1..N {
+                system.u[k][column] /= pivot;
+            }
+            system.t[k] = system.t[k].map(|t| t / pivot);
+            let (above, below) = system.u.split_at_mut(k + 1);
+            let row = &above[k];
+            for (j, rest) in below.iter_mut().enumerate() {
+                let j = k + 1 + j;
+                let share = row[j] * pivot;
+                for (element, u) in rest[j..].iter_mut().zip(&row[j..]) {
+                    *element -= share * u;
+                }
+                for m in 0..M {
+                    system.t[j][m] -= share * system.t[k][m];
+                }
+            }
+        }
+        system
+    }
+
     /// Adds the equation `row . x = value` with a weight, the inverse of its variance.
     pub fn add(&mut self, row: &SVector<f32, N>, mut values: [f32; M], mut weight: f32) {
         let mut row: [f32; N] = (*row).into();
@@ -118,6 +154,11 @@ impl<const N: usize> LeastSquares<N, 1> {
         }
     }
 
+    /// As if the unknowns were counted from the solution: nothing is left to change.
+    pub const fn settle(&mut self) {
+        self.t = [[0.0; 1]; N];
+    }
+
     /// By how much a change of the unknowns from nothing would lower half the sum of weighted squares, to first order.
     pub fn gain(&self, change: &SVector<f32, N>) -> f32 {
         let of = |k: usize| {
@@ -170,6 +211,36 @@ mod tests {
         assert!((system.diagonal() - information.diagonal()).norm() < 1e-5);
         let change = Vector3::new(0.1, -0.2, 0.3);
         assert!((system.gain(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
+    }
+
+    /// Summed up or rotated, the triangle is the same; a column that is a multiple of another is left open until
+    /// something else is said of it.
+    #[test]
+    fn normal_equations_make_the_same_triangle() {
+        let rows = [[1.0, 0.5, 0.2], [0.0, 2.0, -1.0], [0.3, 0.1, 1.5], [1.0, 0.0, 1.0]].map(Vector3::from);
+        for (third, is_open) in [(1.0, false), (0.0, true)] {
+            let mut rotated = LeastSquares::<3, 1>::new();
+            let (mut information, mut right) = ([[0.0; 3]; 3], [[0.0; 1]; 3]);
+            for (row, value) in rows.iter().zip([1.0, -2.0, 0.5, 0.7]) {
+                let row = Vector3::new(row.x, row.y, third * row.z + 0.7 * row.x);
+                rotated.add(&row, [value], 3.0);
+                for i in 0..3 {
+                    right[i][0] += 3.0 * row[i] * value;
+                    for j in i..3 {
+                        information[i][j] += 3.0 * row[i] * row[j];
+                    }
+                }
+            }
+            let mut summed = LeastSquares::of_normal_equations(information, right);
+            assert_eq!(summed.solve().is_none(), is_open);
+            let last = Vector3::new(0.0, 0.0, 1.0);
+            rotated.add(&last, [2.0], 0.1);
+            summed.add(&last, [2.0], 0.1);
+            let (found, expected) = (summed.solve().unwrap(), rotated.solve().unwrap());
+            assert!((found - expected).norm() < 1e-4, "{found} {expected}");
+            summed.settle();
+            assert_eq!(summed.solve().unwrap(), Vector3::zeros());
+        }
     }
 
     #[test]

@@ -127,6 +127,7 @@ impl Vertical {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::{Mark, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
@@ -146,7 +147,7 @@ mod tests {
                 let (sin, cos) = heading_deg.to_radians().sin_cos();
                 let flat = (map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
                 let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
-                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default() }
+                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
             })
             .collect()
     }

@@ -8,7 +8,7 @@
 //! ```
 //! use std::f32::consts::TAU;
 //!
-//! use autoswing::calibration::{Method, Prior, Sample, Samples, solve};
+//! use autoswing::calibration::{Method, Prior, Rates, Sample, Samples, solve};
 //! use autoswing::frames::{Attitude, Field, wrap_pi};
 //! use autoswing::time::WrappingMillis;
 //!
@@ -29,7 +29,8 @@
 //!         .map(|i| {
 //!             let attitude = Attitude::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
-//!             Sample { field: measure(attitude, heading_rad), attitude, time: WrappingMillis::new(i * 500) }
+//!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
+//!             Sample { field, attitude, rates: Rates::NONE, time }
 //!         })
 //!         .collect()
 //! };
@@ -68,8 +69,11 @@
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `correlation.rs` | how alike the errors of neighbouring samples are |
+//! | `roughness.rs` | how much of the norms' scatter is white |
 //! | `constancy.rs` | whether the iron stayed what it was: `time_order.rs` merges the parts of a flight for it |
 //! | `bank_scale.rs` | whether the attitude source reads all of the bank |
+//! | `latency.rs` | how old the attitude is |
+//! | `rates.rs` | how fast a sample's attitude changes |
 //! | `judgement.rs` | what a result is worth, by all of these |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
 //! | `advice.rs` | what to fly to make it smaller |
@@ -89,13 +93,16 @@ mod four_ellipse;
 mod information;
 mod judgement;
 pub mod ladder;
+mod latency;
 mod least_squares;
 mod level;
 mod likelihood;
 mod maximum_likelihood;
 mod orientation;
 mod plane;
+mod rates;
 mod response;
+mod roughness;
 mod solver;
 mod time_order;
 mod turns;
@@ -112,6 +119,7 @@ pub use information::Consider;
 pub use judgement::{Doubt, Solution};
 pub use likelihood::Prior;
 pub use orientation::Orientation;
+pub use rates::Rates;
 pub use solver::{Progress, Solver, solve};
 pub use uncertainty::Uncertainty;
 pub(crate) use {least_squares::LeastSquares, likelihood::Prediction, plane::Plane};
@@ -121,18 +129,33 @@ use core::fmt::Debug;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::frames::{Attitude, Body, Field, Sensor};
+use crate::frames::{Attitude, Body, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-/// One measurement paired with the attitude at its instant: what calibration works on. 24 bytes.
+/// One measurement paired with the attitude at its instant: what calibration works on. 28 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Raw field in the chip's axes, microtesla.
     pub field: Field<Sensor>,
     /// Attitude interpolated to the instant of the measurement.
     pub attitude: Attitude,
+    /// How fast that changes.
+    pub rates: Rates,
     /// When it was measured. Only the order and differences within one turn are used.
     pub time: WrappingMillis,
+}
+
+impl Sample {
+    /// The attitude so many seconds later: that at the instant of the measurement, if the source's is so much older than
+    /// it was taken for.
+    #[must_use]
+    pub fn attitude_after(&self, latency_s: f32) -> Attitude {
+        let Attitude { roll_rad, pitch_rad } = self.attitude;
+        Attitude {
+            roll_rad: wrap_pi(roll_rad + latency_s * self.rates.roll_rad_s()),
+            pitch_rad: pitch_rad + latency_s * self.rates.pitch_rad_s(),
+        }
+    }
 }
 
 /// Which way a turn goes.
@@ -168,7 +191,7 @@ pub struct Samples<'a> {
     pub marks: &'a [Mark],
 }
 
-/// A sample at a heading that somebody knows (compass swing). 28 bytes.
+/// A sample at a heading that somebody knows (compass swing). 32 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// The sample.
@@ -262,6 +285,13 @@ impl Calibration {
         // Row by row, which a small processor's compiler makes straight code of.
         let [x, y, z] = self.w.map(|[wx, wy, wz]| wx * from_b.x + wy * from_b.y + wz * from_b.z);
         Field::from_ut(x, y, z)
+    }
+
+    /// The corrected field of a sample in the level frame, microtesla: by its attitude as it is with this calibration's
+    /// latency.
+    #[must_use]
+    pub fn level(&self, sample: &Sample) -> Field<Level> {
+        sample.attitude_after(self.latency_s).level(self.apply(sample.field))
     }
 
     /// Whether the inclination is known: tumbling without one that was told leaves it at nothing, which is what a solver

@@ -47,13 +47,18 @@ impl Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::Sample;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
     fn samples(fields_ut: &[Vector3<f32>]) -> Vec<Sample> {
-        let sample =
-            |&ut| Sample { field: Field::new(ut), attitude: Attitude::default(), time: WrappingMillis::default() };
+        let sample = |&ut| Sample {
+            field: Field::new(ut),
+            attitude: Attitude::default(),
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+        };
         fields_ut.iter().map(sample).collect()
     }
 

@@ -93,6 +93,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::{Mark, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
@@ -137,7 +138,7 @@ mod tests {
             (0..24_u8).map(move |i| {
                 let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
                 let field = Field::new(attitude.body(level).ut + b_ut);
-                Sample { field, attitude, time: WrappingMillis::default() }
+                Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE }
             })
         };
         banks_deg.iter().flat_map(fly).collect()

@@ -2,14 +2,15 @@
 
 use nalgebra::Matrix3;
 
+use super::constancy::Change;
 use super::expected_error::Envelope;
 use super::information::{Consider, Information};
 use super::judgement::{Judgement, Solution};
-use super::likelihood::{Config, Likelihood, Prior};
+use super::likelihood::{Config, Likelihood, Prior, Vector13};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
 use super::turns::{MIN_SAMPLES, progress_rad};
-use super::{Axis, Calibration, Method, Orientation, Part, Sample, Samples, Side, SolveError};
+use super::{Axis, Calibration, Latency, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 use crate::frames::Attitude;
 
@@ -37,6 +38,8 @@ pub struct Solver {
     /// An inclination that was told, radians, while it is tried without; and what was wrong with it, if it was more
     /// than useless.
     told: Option<(f32, Option<SolveError>)>,
+    /// How often another latency was taken since the start.
+    latencies: u8,
 }
 
 /// A result to come back to.
@@ -44,6 +47,8 @@ pub struct Solver {
 struct Kept {
     start: Start,
     misfit: f32,
+    /// The latency that was in use, seconds.
+    latency_s: f32,
 }
 
 /// A field of more than this, microtesla, is no measurement: ten thousand times the Earth's.
@@ -93,8 +98,8 @@ impl Solver {
     ) -> Result<Self, SolveError> {
         check(method, samples)?;
         let (start, from_sphere) = first_start(method, samples, prior)?;
-        let refinement = begin(method, prior, samples, &start)?;
-        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None })
+        let refinement = begin(method, prior, samples, &start, 0.0)?;
+        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None, latencies: 0 })
     }
 
     /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
@@ -103,7 +108,10 @@ impl Solver {
     pub fn step(&mut self, samples: Samples<'_>) -> Progress {
         let end = match self.refinement.step(samples) {
             Refining::Continue => return Progress::Continue,
-            Refining::Settled => self.finish(samples),
+            Refining::Settled => match self.finish(samples) {
+                Some(end) => end,
+                None => return Progress::Continue,
+            },
             Refining::Failed => Err(SolveError::NotConverged),
         };
         if self.method == Method::MaximumLikelihood
@@ -129,8 +137,8 @@ impl Solver {
     /// when those that do explain them cannot be right ([`SolveError::TurnsReversed`],
     /// [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        // Ends, because a refinement takes a bounded number of steps, and there are at most six: from two starts and
-        // back to the first, with what was told of the inclination and without.
+        // Ends, because a refinement takes a bounded number of steps, and there are at most 24: from two starts and back
+        // to the first, with what was told of the inclination and without, each with up to four latencies.
         loop {
             if let Progress::Finished(end) = self.step(samples) {
                 return end;
@@ -142,17 +150,17 @@ impl Solver {
     /// another to try. Of two results the one that fits better is taken, and sought again.
     #[inline(never)]
     fn tries_other(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        if let Some(Kept { start, misfit }) = self.kept.take() {
+        if let Some(Kept { start, misfit, latency_s }) = self.kept.take() {
             // Not a number is no better either.
-            let is_better = end.as_ref().is_ok_and(|solution| self.misfit(solution) < misfit);
-            return !is_better && self.begin(samples, &start);
+            let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
+            return !is_better && self.begin(samples, &start, latency_s);
         }
         if self.from_sphere || !is_doubtful(end) {
             return false;
         }
         let start = response::sphere(samples, &self.prior.mount.body_from_sensor());
         let kept = end.as_ref().ok().and_then(|solution| self.keep(solution));
-        self.from_sphere = start.is_some_and(|start| self.begin(samples, &start));
+        self.from_sphere = start.is_some_and(|start| self.begin(samples, &start, 0.0));
         self.kept = kept.filter(|_| self.from_sphere);
         self.from_sphere
     }
@@ -161,7 +169,7 @@ impl Solver {
     #[inline(never)]
     fn tries_untold(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
         let error = match end {
-            Ok(solution) if is_accurate(solution) => return false,
+            Ok(solution) if is_accurate(&solution.quality) => return false,
             Ok(_) => None,
             Err(error) => Some(*error),
         };
@@ -169,53 +177,98 @@ impl Solver {
         self.told = Some((told_rad, error));
         let Ok((start, from_sphere)) = first_start(self.method, samples, &self.prior) else { return false };
         self.from_sphere = from_sphere;
-        self.begin(samples, &start)
+        self.begin(samples, &start, 0.0)
     }
 
-    /// Begins again; whether that is possible.
-    fn begin(&mut self, samples: Samples<'_>, start: &Start) -> bool {
-        let Ok(refinement) = begin(self.method, &self.prior, samples, start) else { return false };
+    /// Begins again, with a latency that had been in use, seconds; whether that is possible.
+    fn begin(&mut self, samples: Samples<'_>, start: &Start, latency_s: f32) -> bool {
+        let Ok(refinement) = begin(self.method, &self.prior, samples, start, latency_s) else { return false };
         self.refinement = refinement;
+        self.latencies = u8::from(latency_s != 0.0);
         true
     }
 
     /// A result as a start.
     fn keep(&self, solution: &Solution) -> Option<Kept> {
         let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
-        Some(Kept { start: likelihood.start(unknowns)?, misfit: self.misfit(solution) })
+        let misfit = self.misfit(&solution.calibration);
+        Some(Kept { start: likelihood.start(unknowns)?, misfit, latency_s: likelihood.latency_s })
     }
 
     /// What is less of the more likely of two results: of `N` samples the likelihood is `-N ln` of this, the product of
     /// both residuals' sigmas, and in microtesla, so that a larger field does not look like a better fit.
-    fn misfit(&self, solution: &Solution) -> f32 {
+    fn misfit(&self, calibration: &Calibration) -> f32 {
         let noise = &self.refinement.likelihood.noise;
-        noise.norm * solution.calibration.total_ut * noise.dip_rad
+        noise.norm * calibration.total_ut * noise.dip_rad
+    }
+
+    /// Looks at what was found with all that the samples say; `None` where it is to be sought again with another latency.
+    #[inline(never)]
+    fn finish(&mut self, samples: Samples<'_>) -> Option<Result<Solution, SolveError>> {
+        // What was only taken for known while refining is not known.
+        let likelihood =
+            &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
+        let unknowns = &self.refinement.unknowns.clone();
+        let calibration = match likelihood.calibration(unknowns) {
+            Ok(calibration) => calibration,
+            Err(error) => return Some(Err(error)),
+        };
+        // What fits worse than what is kept is not taken, whatever else is wrong with it.
+        if self.kept.as_ref().is_some_and(|kept| self.misfit(&calibration) >= kept.misfit) {
+            return Some(Err(SolveError::NotConverged));
+        }
+        let mut information = self.information(likelihood, samples);
+        let judgement = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let change = judgement.look(&mut information);
+        let latency = if self.method == Method::MaximumLikelihood {
+            let found = information.latency(likelihood.latency_s);
+            if self.takes_latency(samples, found.as_ref()) {
+                return None;
+            }
+            found.map(|(latency, _)| latency)
+        } else {
+            None
+        };
+        Some(self.judge(&judgement, information, change, latency))
+    }
+
+    /// Whether the samples show another latency than they were looked at with, which is taken from now on.
+    fn takes_latency(&mut self, samples: Samples<'_>, found: Option<&(Latency, Vector13)>) -> bool {
+        let used_s = self.refinement.likelihood.latency_s;
+        let Some((latency, follows)) = found else { return false };
+        let Some(latency_s) = latency.next(used_s, self.latencies) else { return false };
+        self.latencies += 1;
+        self.refinement.with_latency(samples, latency_s, &(follows * (latency_s - used_s)));
+        true
     }
 
     /// Checks what was found, puts it into the module's units, and judges it.
     #[inline(never)]
-    fn finish(&self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        let unknowns = &self.refinement.unknowns;
-        // What was only taken for known while refining is not known.
-        let likelihood =
-            &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
-        let calibration = likelihood.calibration(unknowns)?;
-        let mut information = self.information(likelihood, samples);
-        let judgement = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
-        let change = judgement.look(&mut information);
+    fn judge(
+        &self,
+        judgement: &Judgement<'_>,
+        mut information: Information,
+        change: Option<Change>,
+        latency: Option<Latency>,
+    ) -> Result<Solution, SolveError> {
+        let &Judgement { likelihood, unknowns, calibration, samples, .. } = judgement;
         let sound =
-            if likelihood.explains() { self.plausible(samples, &calibration) } else { Err(SolveError::NotConverged) };
+            if likelihood.explains() { self.plausible(samples, calibration) } else { Err(SolveError::NotConverged) };
         // What is wrong for such a reason is not wrong for another.
         sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::IronChanged(change.iron)))?;
         if self.method == Method::MaximumLikelihood {
             self.contradicted(&information, likelihood)?;
         }
         if self.method == Method::Ellipsoid
-            && !ellipsoid::is_determined(samples, &calibration, &information, likelihood, unknowns)
+            && !ellipsoid::is_determined(samples, calibration, &information, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
-        judgement.pass(&mut information, change, self.consider)
+        // What is doubtful is tried from another start first.
+        let is_asked = |quality: &Quality| {
+            self.from_sphere || self.method != Method::MaximumLikelihood || is_good(quality, calibration)
+        };
+        judgement.pass(&mut information, change, latency, self.consider, is_asked)
     }
 
     /// What the samples say near the result, as far as their equations say it: what the refinement ended with, unless
@@ -251,7 +304,7 @@ impl Solver {
     /// Headings must run with the turns, and the mounting must be the configured one.
     #[inline(never)]
     fn plausible(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
-        let heading = |s: &Sample| s.attitude.level(calibration.apply(s.field)).heading_rad();
+        let heading = |s: &Sample| calibration.level(s).heading_rad();
         let progress = [(Side::Left, samples.left), (Side::Right, samples.right)]
             .map(|(side, samples)| progress_rad(samples, side, heading));
         if self.method != Method::Ellipsoid && progress.iter().sum::<f32>() < AGAINST_RAD {
@@ -268,19 +321,19 @@ impl Solver {
 /// Whether another start may lead to a better result.
 fn is_doubtful(end: &Result<Solution, SolveError>) -> bool {
     match end {
-        Ok(solution) => {
-            // What is not a number is doubtful, too.
-            let is_good = is_accurate(solution) && solution.calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT;
-            !is_good
-        }
+        Ok(solution) => !is_good(&solution.quality, &solution.calibration),
         Err(SolveError::NotConverged | SolveError::IronChanged(_)) => true,
         Err(_) => false,
     }
 }
 
-/// What is not a number is not accurate either.
-fn is_accurate(solution: &Solution) -> bool {
-    solution.quality.expected_rms_deg <= DOUBTFUL_RMS_DEG
+/// What is not a number is not good either.
+fn is_good(quality: &Quality, calibration: &Calibration) -> bool {
+    is_accurate(quality) && calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT
+}
+
+fn is_accurate(quality: &Quality) -> bool {
+    quality.expected_rms_deg <= DOUBTFUL_RMS_DEG
 }
 
 /// Solves samples by a method, from the first check to the last judgement. On a device that has other things to do
@@ -329,13 +382,19 @@ fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(S
 }
 
 /// A refinement, or only an estimate of the noise, from a start.
-fn begin(method: Method, prior: &Prior, samples: Samples<'_>, start: &Start) -> Result<Refinement, SolveError> {
+fn begin(
+    method: Method,
+    prior: &Prior,
+    samples: Samples<'_>,
+    start: &Start,
+    latency_s: f32,
+) -> Result<Refinement, SolveError> {
     let config = match method {
         Method::Level => Config::ALIGNED,
         Method::Ellipsoid => Config::NO_ATTITUDE,
         Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => Config::DEFAULT,
     };
-    let mut likelihood = Likelihood::new(prior, config, samples, start.unit_ut);
+    let mut likelihood = Likelihood { latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
     if method == Method::CompassSwing && Envelope::of(method, samples) == Envelope::Level {
         // On level ground the vertical stays open; while the rest is refined, it is what the start took it for.
         likelihood.known_inclination_rad = Some(start.inclination_rad);
@@ -379,6 +438,7 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
     use crate::calibration::{Course, IronChange, Mark};
     use crate::frames::Field;
@@ -387,7 +447,12 @@ mod tests {
     /// Fields that run up and down all three axes.
     fn varied(number: u8) -> Vec<Sample> {
         let field = |i: u8| Field::from_ut(f32::from(i), 100.0 - f32::from(i), 3.0 * f32::from(i % 10));
-        let sample = |i| Sample { field: field(i), attitude: Attitude::default(), time: WrappingMillis::default() };
+        let sample = |i| Sample {
+            field: field(i),
+            attitude: Attitude::default(),
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+        };
         (0..number).map(sample).collect()
     }
 
@@ -538,8 +603,8 @@ mod tests {
             while !matches!(solver.refinement.step(samples), Refining::Settled) {}
             let Kept { start, .. } = solver.keep(&plain).unwrap();
             let sphere = response::sphere(samples, &Matrix3::identity()).unwrap();
-            assert!(solver.begin(samples, &sphere));
-            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit }));
+            assert!(solver.begin(samples, &sphere, 0.0));
+            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit, latency_s: 0.0 }));
             let (again, began) = run(solver, samples);
             assert_eq!(began, if is_found_again { 2 } else { 1 });
             let again = again.unwrap();
@@ -553,11 +618,11 @@ mod tests {
         let (_, recorded) = flown();
         let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
         let mut solution = found(0.5, 0.0);
-        let misfit = solver.misfit(&solution);
+        let misfit = solver.misfit(&solution.calibration);
         let noise = &solver.refinement.likelihood.noise;
         assert!((misfit / (noise.norm * noise.dip_rad * solution.calibration.total_ut) - 1.0).abs() < 1e-5);
         solution.calibration.total_ut *= 2.0;
-        assert!((solver.misfit(&solution) / misfit - 2.0).abs() < 1e-5);
+        assert!((solver.misfit(&solution.calibration) / misfit - 2.0).abs() < 1e-5);
     }
 
     /// What is kept is a start that has the very unknowns.

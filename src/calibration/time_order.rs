@@ -42,6 +42,7 @@ impl<'a> Iterator for InTime<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -50,6 +51,7 @@ mod tests {
             field: Field::from_ut(0.0, 0.0, 0.0),
             attitude: Attitude::default(),
             time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
         };
         millis.iter().map(sample).collect()
     }

@@ -91,12 +91,18 @@ pub(super) fn progress_rad(samples: &[Sample], side: Side, angle_rad: impl Fn(&S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
     fn sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
         let field = Field::from_ut(x_ut, 0.0, 0.0);
-        Sample { field, attitude: Attitude::from_deg(roll_deg, 3.0), time: WrappingMillis::new(millis) }
+        Sample {
+            field,
+            attitude: Attitude::from_deg(roll_deg, 3.0),
+            time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
+        }
     }
 
     #[test]

@@ -87,6 +87,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
+    use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -102,6 +103,7 @@ mod tests {
                     field: Field::from_ut(x, y * cos, -y * sin),
                     attitude: Attitude::from_deg(bank_deg, 0.0),
                     time: WrappingMillis::new(u32::from(i) * 500),
+                    rates: Rates::NONE,
                 }
             })
             .collect()

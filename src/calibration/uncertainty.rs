@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::Calibration;
-use super::likelihood::unknowns::{COEFFICIENTS, Vector12, beta, w};
+use super::likelihood::unknowns::{COEFFICIENTS, PAIRS_OF_3, PAIRS_OF_4, Vector12, beta, w};
 use super::likelihood::{heading_by_field, horizontal_squared};
 use crate::frames::{Field, Level, Sensor, Tilt};
 
@@ -61,11 +61,6 @@ impl Covariance {
         sum.max(0.0)
     }
 }
-
-/// Pairs `(a, b)` with `a <= b` of four numbers, and of three.
-const PAIRS_OF_4: [(usize, usize); 10] =
-    [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
-const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 /// What is left unknown of the coefficients, as far as headings show it, and the noise that the samples showed. 248
 /// bytes.

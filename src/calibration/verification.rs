@@ -39,7 +39,7 @@ pub fn verify(
 fn score(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) -> f32 {
     let dip_weight = if knows_attitude { 1.0 / DIP_SCALE_RAD } else { 0.0 };
     let observe = |s: &Sample| {
-        let level = s.attitude.level(calibration.apply(s.field));
+        let level = calibration.level(s);
         [level.total_ut(), level.inclination_rad()]
     };
     let observations = || samples.iter().map(observe);
@@ -55,6 +55,7 @@ fn score(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Rates;
     use crate::calibration::{Mark, Orientation};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
@@ -69,7 +70,12 @@ mod tests {
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
                 let inclination_rad = 1.0 + dip * dip_scales * 0.005;
                 let field = Field::<Level>::earth(total_ut, inclination_rad, f32::from(i));
-                Sample { field: Field::new(field.ut), attitude: Attitude::default(), time: WrappingMillis::default() }
+                Sample {
+                    field: Field::new(field.ut),
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                }
             })
             .collect()
     }

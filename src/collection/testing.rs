@@ -1,5 +1,6 @@
 //! Samples for the tests of this folder.
 
+use crate::calibration::Rates;
 use nalgebra::Vector3;
 
 use crate::calibration::Sample;
@@ -17,6 +18,7 @@ pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {
         field: Field::from_ut(field_ut[0], field_ut[1], field_ut[2]),
         attitude: Attitude::default(),
         time: WrappingMillis::new(time_ms),
+        rates: Rates::NONE,
     }
 }
 
@@ -38,6 +40,11 @@ pub fn turn(roll_deg: f32, from_s: u16, to_s: u16, rate_deg_s: f32) -> impl Iter
         let t_s = f32::from(i) / 10.0;
         let attitude = Attitude::from_deg(roll_deg + (t_s * 4.2).sin(), 2.0);
         let body = attitude.body(Field::<Level>::earth(49.2, 1.152, (rate_deg_s * t_s).to_radians()));
-        Sample { field: Field::new(body.ut + HARD_IRON_UT), attitude, time: WrappingMillis::new(u32::from(i) * 100) }
+        Sample {
+            field: Field::new(body.ut + HARD_IRON_UT),
+            attitude,
+            time: WrappingMillis::new(u32::from(i) * 100),
+            rates: Rates::NONE,
+        }
     })
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::acceptance::Rejection;
+use crate::calibration::Rates;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
 use crate::calibration::{Calibration, Orientation, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
@@ -72,7 +73,8 @@ impl Bed {
     }
 
     fn sample(&mut self, field: Field<Sensor>, attitude: Attitude) -> Effect {
-        let effect = self.compass.step(Event::Sample(Sample { field, attitude, time: self.time() }));
+        let effect =
+            self.compass.step(Event::Sample(Sample { field, attitude, time: self.time(), rates: Rates::NONE }));
         self.now = self.now.wrapping_add(STEP_MS);
         effect
     }
@@ -80,7 +82,12 @@ impl Bed {
     /// Stands still for so many samples, a tenth of a second apart.
     fn stand(&mut self, field: Field<Sensor>, samples: u32) {
         for _ in 0..samples {
-            self.compass.step(Event::Sample(Sample { field, attitude: Attitude::default(), time: self.time() }));
+            self.compass.step(Event::Sample(Sample {
+                field,
+                attitude: Attitude::default(),
+                time: self.time(),
+                rates: Rates::NONE,
+            }));
             self.now = self.now.wrapping_add(100);
         }
     }

@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Write};
 
 use super::LineError;
 use crate::calibration::ladder::Procedure;
-use crate::calibration::{Advice, Envelope, Quality};
+use crate::calibration::{Advice, Calibration, Envelope, Latency, Quality};
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Outcome, Refusal, Reply, Report, Summary, Verdict};
@@ -151,7 +151,10 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
     progress(out, &report.progress)?;
     match &report.current {
-        Some(record) => writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?,
+        Some(record) => {
+            writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?;
+            latency(out, &record.calibration, record.quality.latency)?;
+        }
         None => writeln!(out, "calibration: none")?,
     }
     match &report.last {
@@ -289,6 +292,7 @@ fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
         Decimal::<2>(quality.norm_residual * 100.0),
         Decimal::<2>(quality.dip_residual_deg)
     )?;
+    latency(out, calibration, quality.latency)?;
     writeln!(
         out,
         "sensor: {} at {:02x}, mount {}",
@@ -296,6 +300,15 @@ fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
         record.sensor.address,
         record.mount.name()
     )
+}
+
+/// How much older the attitude is than the source's own latency says: what is used of it, or else what was found.
+fn latency(out: &mut impl Write, calibration: &Calibration, found: Option<Latency>) -> fmt::Result {
+    let Some(Latency { found_s, sigma_s }) = found else { return writeln!(out, "latency: not known") };
+    let (shown_s, used) =
+        if calibration.uses_latency() { (calibration.latency_s, "used") } else { (found_s, "not used") };
+    let [shown_ms, sigma_ms] = [shown_s, sigma_s].map(|seconds| Decimal::<0>(seconds * 1e3));
+    writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {used}")
 }
 
 struct Expected<'a>(&'a Quality);
@@ -344,5 +357,28 @@ impl Display for Reset<'_> {
             ResetCause::Watchdog => f.write_str("watchdog"),
             ResetCause::Panic(words) => write!(f, "panic: {words}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Orientation;
+
+    /// What is used is said to be, with the number in use; what was only found is not used; and without rates nothing is
+    /// known.
+    #[test]
+    fn a_latency_is_said_to_be_used_or_not() {
+        let said = |latency_s: f32, found: Option<Latency>| {
+            let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::NONE) };
+            let mut out = heapless::String::<64>::new();
+            latency(&mut out, &calibration, found).unwrap();
+            out
+        };
+        let found = |found_s: f32| Some(Latency { found_s, sigma_s: 0.0031 });
+        assert_eq!(said(0.0412, found(0.0424)), "latency: 41 ms, sigma 3 ms, used\n");
+        assert_eq!(said(-0.066, found(-0.066)), "latency: -66 ms, sigma 3 ms, used\n");
+        assert_eq!(said(0.0, found(0.0084)), "latency: 8 ms, sigma 3 ms, not used\n");
+        assert_eq!(said(0.0, None), "latency: not known\n");
     }
 }

@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use crate::calibration::Sample;
+use crate::attitude::Motion;
+use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
@@ -27,6 +28,8 @@ struct Run {
     /// Roll less the first one's, so that a roll through 180 deg averages right.
     roll_rad: f32,
     pitch_rad: f32,
+    roll_rad_s: f32,
+    pitch_rad_s: f32,
 }
 
 impl Averager {
@@ -40,8 +43,9 @@ impl Averager {
         self.run = None;
     }
 
-    /// Takes a reading with the attitude at its instant; gives a sample when it is the last of a run.
-    pub fn push(&mut self, at: Timestamp, field: Field<Sensor>, attitude: Attitude) -> Option<Sample> {
+    /// Takes a reading with the attitude at its instant and how fast that changes; gives a sample when it is the last of
+    /// a run.
+    pub fn push(&mut self, at: Timestamp, field: Field<Sensor>, attitude: Attitude, motion: Motion) -> Option<Sample> {
         let fits = |run: &Run| at >= run.last && at.us_since(run.last) <= self.max_step_us;
         let mut run = self.run.take().filter(fits).unwrap_or_else(|| Run::starting(at, attitude));
         run.count += 1;
@@ -49,6 +53,8 @@ impl Averager {
         run.field_ut += field.ut;
         run.roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
         run.pitch_rad += attitude.pitch_rad;
+        run.roll_rad_s += motion.roll_rad_s;
+        run.pitch_rad_s += motion.pitch_rad_s;
         if run.count >= self.readings {
             return Some(run.mean());
         }
@@ -67,6 +73,8 @@ impl Run {
             first_roll_rad: attitude.roll_rad,
             roll_rad: 0.0,
             pitch_rad: 0.0,
+            roll_rad_s: 0.0,
+            pitch_rad_s: 0.0,
         }
     }
 
@@ -79,6 +87,7 @@ impl Run {
                 roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / count),
                 pitch_rad: self.pitch_rad / count,
             },
+            rates: Rates::from_rad_s(self.roll_rad_s / count, self.pitch_rad_s / count),
             time: middle.wrapping_millis(),
         }
     }
@@ -103,13 +112,15 @@ mod tests {
             .filter_map(|i| {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x))
+                let motion = Motion { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 9.0 };
+                averager.push(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
             })
             .collect();
         assert_eq!(samples.len(), 2);
         assert_eq!(samples[1].field, Field::from_ut(11.5, 0.0, -11.5));
         assert!((samples[1].attitude.roll_rad.to_degrees() - 11.5).abs() < 1e-4);
         assert!((samples[1].attitude.pitch_rad.to_degrees() + 11.5).abs() < 1e-4);
+        assert_eq!(samples[1].rates, Rates::from_rad_s(1.15, -2.3));
         assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 
@@ -121,7 +132,7 @@ mod tests {
             .find_map(|i| {
                 let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push(at, Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0))
+                averager.push(at, Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0), Motion::default())
             })
             .unwrap();
         assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
@@ -130,7 +141,8 @@ mod tests {
     /// How many samples readings at these instants make.
     fn samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
-        let mut push = |us| averager.push(Timestamp::from_us(us), Field::from_ut(1.0, 0.0, 0.0), Attitude::default());
+        let field = Field::from_ut(1.0, 0.0, 0.0);
+        let mut push = |us| averager.push(Timestamp::from_us(us), field, Attitude::default(), Motion::default());
         instants_us.into_iter().filter_map(&mut push).collect()
     }
 

@@ -296,12 +296,14 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let (at, sample) = self.pairing.next(|at| self.track.at(at))?;
+                let motion_at = |at| self.track.turning_at(at).map_or_else(Motion::default, |turning| turning.motion);
+                let (at, sample) = self.pairing.next(|at| self.track.at(at), motion_at)?;
                 self.unwatched = Some((at, sample));
                 Some(sample)
             }
             SampleAttitude::Unknown => {
-                let (_, sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()))?;
+                let at_rest = |_| Motion::default();
+                let (_, sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()), at_rest)?;
                 Some(sample)
             }
         }
@@ -324,7 +326,7 @@ impl Instrument {
         }
         // The sample is of the middle between its readings.
         let ahead_s = at.wrapping_millis().difference(sample.time) as f32 * 1e-3;
-        let turning = self.track.turning_at(at).map(|turning| turning.before(ahead_s));
+        let turning = self.track.turning_at(self.told_at(at)).map(|turning| turning.before(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let watched = Watched { calibration, uncertainty, readings_per_sample };
         self.watch.see(&watched, at, &sample, turning);
@@ -359,8 +361,16 @@ impl Instrument {
         *counter = counter.wrapping_add(1);
     }
 
+    /// When the attitude of an instant is told: later with a calibration whose samples showed the reports to be older
+    /// than they are taken for.
+    fn told_at(&self, at: Timestamp) -> Timestamp {
+        let latency_s = self.correction.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
+        // The cast saturates, and takes what is no number to nothing.
+        at.shifted_us((latency_s * 1e6) as i32)
+    }
+
     fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
-        match self.track.at(at) {
+        match self.track.at(self.told_at(at)) {
             Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Ok(attitude),
             Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
             Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),
@@ -375,7 +385,7 @@ impl Instrument {
     ) -> Result<Heading, NoHeading> {
         let (calibration, uncertainty) = self.in_force.as_ref().ok_or(NoHeading::Uncalibrated)?;
         let adjustment = self.watch.adjustment();
-        let turning = self.track.turning_at(at);
+        let turning = self.track.turning_at(self.told_at(at));
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
         let attitude = adjustment.attitude(attitude?, &motion);
         adjustment.verdict?;

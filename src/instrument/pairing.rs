@@ -1,7 +1,7 @@
 //! Readings that wait for the attitude after them, so that it can be interpolated to their instant.
 
 use super::averager::Averager;
-use crate::attitude::{self, Lookup};
+use crate::attitude::{self, Lookup, Motion};
 use crate::calibration::Sample;
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
@@ -69,7 +69,11 @@ impl Pairing {
     }
 
     /// Pairs what has waited long enough, until there is a sample; also the instant of its last reading.
-    pub fn next(&mut self, attitude_at: impl Fn(Timestamp) -> Lookup) -> Option<(Timestamp, Sample)> {
+    pub fn next(
+        &mut self,
+        attitude_at: impl Fn(Timestamp) -> Lookup,
+        motion_at: impl Fn(Timestamp) -> Motion,
+    ) -> Option<(Timestamp, Sample)> {
         while let Some(&(at, field)) = self.waiting.front() {
             let attitude = match attitude_at(at) {
                 Lookup::Interpolated(attitude) => Some(attitude),
@@ -83,7 +87,7 @@ impl Pairing {
                 self.count_unpaired();
                 continue;
             };
-            if let Some(sample) = self.averager.push(at, field, attitude) {
+            if let Some(sample) = self.averager.push(at, field, attitude, motion_at(at)) {
                 return Some((at, sample));
             }
         }

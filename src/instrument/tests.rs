@@ -3,6 +3,7 @@
 use super::*;
 use crate::attitude::Source;
 use crate::calibration::Orientation;
+use crate::calibration::Rates;
 use crate::frames::Sensor;
 use crate::time::WrappingMillis;
 use testkit::random::Random;
@@ -93,6 +94,41 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     assert_eq!(estimate.at, at(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
     assert_eq!(estimate.body, Some(calibration().apply(sensed(2.0, attitude))));
+}
+
+/// A source that is 40 ms later than it is known for, in an aircraft that rolls by 1 rad/s: with a calibration that knows
+/// it, the heading is by the attitude as it was, 0.04 rad further; and a source that is early the other way. A sample
+/// keeps the attitude as the source has it, with its rates, for whoever looks at it with another calibration.
+#[test]
+fn a_calibration_s_latency_is_that_of_the_stream_and_not_of_the_samples() {
+    for latency_s in [0.04, -0.04, 0.0] {
+        let mut instrument = instrument();
+        let calibration = Calibration { latency_s, ..calibration() };
+        instrument.correct_with(Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE });
+        let rolled = |us: u64| Attitude { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
+        let mut found = Vec::new();
+        for us in (0..400_000).step_by(PERIOD_US as usize) {
+            if us % 50_000 == 0 {
+                let (source, sender_time) = (Source::default(), WrappingMillis::default());
+                let report = Report { source, sender_time, attitude: rolled(us), rates_rad_s: [1.0, 0.0, 0.0] };
+                instrument.on_attitude(at(us + LATENCY_US), report);
+            }
+            let estimate = instrument.on_reading(at(us), reading(sensed(1.0, rolled(us))));
+            if us >= 100_000 {
+                let roll_rad = estimate.attitude.unwrap().roll_rad;
+                assert!((roll_rad - rolled(us).roll_rad - latency_s).abs() < 1e-3, "{latency_s} {us}: {roll_rad}");
+            }
+            found.extend(samples(&mut instrument));
+        }
+        assert!(found.len() >= 3);
+        for sample in found {
+            let us = u64::from(sample.time.count()) * 1000 - BEGIN_US;
+            // To the millisecond of a sample's time.
+            assert!((sample.attitude.roll_rad - rolled(us).roll_rad).abs() < 2e-3, "{sample:?}");
+            assert_eq!(sample.rates, Rates::from_rad_s(1.0, 0.0));
+            assert!((sample.attitude_after(0.04).roll_rad - sample.attitude.roll_rad - 0.04).abs() < 1e-5);
+        }
+    }
 }
 
 /// 0.3 rad is 17.2 deg; alignment turns the heading and leaves the field of the body.
@@ -319,7 +355,7 @@ fn a_recording_at_10_hz_passes_unchanged() {
         instrument.on_attitude(at(us), report);
         let estimate = instrument.on_reading(at(us), reading(field));
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
-        let sample = Sample { field, attitude, time: at(us).wrapping_millis() };
+        let sample = Sample { field, attitude, time: at(us).wrapping_millis(), rates: Rates::NONE };
         assert_eq!(samples(&mut instrument), [sample], "row {row}");
     }
 }

@@ -1,5 +1,6 @@
 //! One random airframe, the turns it flies, and what its module would record.
 
+use autoswing::calibration::Rates;
 use autoswing::calibration::{Calibration, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
@@ -211,6 +212,7 @@ impl Trial {
             field: Field::new((sensed * TOTAL_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
+            rates: Rates::NONE,
         }
     }
 

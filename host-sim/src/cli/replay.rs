@@ -4,6 +4,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
+use autoswing::calibration::{Latency, Solution};
 use autoswing::heading::NoHeading;
 use comfy_table::{Table, presets};
 use host_sim::replay::recording::{self, Row};
@@ -56,6 +57,9 @@ fn summary(rows: &[Row], replayed: &Replayed) -> Value {
         "expected_rms_deg": solution.map(|s| shortest(s.quality.expected_rms_deg)),
         "iron_changed_ut": solution.and_then(|s| s.iron).map(|doubt| shortest(doubt.of.ut)),
         "bank_read": solution.and_then(|s| s.bank).map(|doubt| shortest(doubt.of.read)),
+        "latency_ms": solution.map(|s| rounded(f64::from(s.calibration.latency_s) * 1e3, 1)),
+        "latency_found_ms": latency(solution).map(|l| rounded(f64::from(l.found_s) * 1e3, 1)),
+        "latency_sigma_ms": latency(solution).map(|l| rounded(f64::from(l.sigma_s) * 1e3, 1)),
         "rows": rows.len(),
         "samples": replayed.samples,
         "heading_rms_deg": rms(&replayed.score),
@@ -64,6 +68,11 @@ fn summary(rows: &[Row], replayed: &Replayed) -> Value {
         "within_two_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[1], 1)),
         "uncorrected_rms_deg": rms(&replayed.uncorrected),
     })
+}
+
+/// What the samples showed of the attitude's latency.
+fn latency(solution: Option<&Solution>) -> Option<Latency> {
+    solution.and_then(|solution| solution.quality.latency)
 }
 
 fn show(rows: &[Row], replayed: &Replayed) {
@@ -80,6 +89,10 @@ fn show(rows: &[Row], replayed: &Replayed) {
         solution.quality.expected_worst_deg,
         solution.calibration.inclination_rad.to_degrees(),
     );
+    if let Some(Latency { found_s, sigma_s }) = solution.quality.latency {
+        let used = if solution.calibration.uses_latency() { "used" } else { "not used" };
+        println!("latency of the attitude: {:.0} ms, sigma {:.0} ms, {used}", found_s * 1e3, sigma_s * 1e3);
+    }
     if let Some(doubt) = &solution.iron {
         println!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of);
     }

@@ -4,9 +4,11 @@ mod rates;
 pub mod recording;
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
-use autoswing::attitude::{self, Report, Source};
+use autoswing::attitude::{self, Motion, Report, Source};
 use autoswing::calibration::ladder::{self, Procedure, Selection};
-use autoswing::calibration::{Calibration, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve};
+use autoswing::calibration::{
+    Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+};
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector};
 use autoswing::heading::{self, NoHeading};
@@ -125,12 +127,14 @@ fn config_of(rows: &[Row]) -> Config {
 /// What the instrument makes of a row, its instant counted from a start.
 fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
     let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
-    // A recording has no clock but its own: reports are stamped by their arrival.
-    let sender_time = WrappingMillis::default();
-    let rates_rad_s = row.rates_rad_s.unwrap_or_default();
-    let report = Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s };
-    instrument.on_attitude(at, report);
+    instrument.on_attitude(at, report(row));
     instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
+}
+
+/// What the attitude source would have sent. A recording has no clock but its own: reports are stamped by their arrival.
+fn report(row: &Row) -> Report {
+    let (sender_time, rates_rad_s) = (WrappingMillis::default(), row.rates_rad_s.unwrap_or_default());
+    Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s }
 }
 
 /// The samples that may be fitted to.
@@ -210,7 +214,10 @@ fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> R
 }
 
 fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
-    f64::from(row.attitude.level(calibration.apply(row.field)).heading_rad().to_degrees())
+    let Motion { roll_rad_s, pitch_rad_s, .. } = Motion::of(&report(row)).unwrap_or_default();
+    let rates = Rates::from_rad_s(roll_rad_s, pitch_rad_s);
+    let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
+    f64::from(calibration.level(&sample).heading_rad().to_degrees())
 }
 
 /// What the module would have shown for every row.

@@ -177,11 +177,24 @@ impl Turns {
     }
 }
 
-/// The `i`-th sample of a turn to a side, in an aircraft of some iron; bank and pitch wander by some degrees.
+/// Times in a turn that bank and pitch go to and fro, as fast as in light weather.
+const WANDERS: [f32; 2] = [29.0, 23.0];
+
+/// Milliseconds from sample to sample.
+const SPACING_MS: u32 = 400;
+
+/// The `i`-th sample of a turn to a side, in an aircraft of some iron; bank and pitch wander by some degrees, and the
+/// attitude source is late.
 fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     let part = i as f32 / SAMPLES as f32;
-    let attitude =
-        Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(7.0 * TAU * part), 3.0 + 1.5 * libm::cosf(5.0 * TAU * part));
+    let [roll, pitch] = WANDERS.map(|times| times * TAU * part);
+    let attitude = Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
+    let turn_s = (SAMPLES as u32 * SPACING_MS) as f32 * 1e-3;
+    let [by_roll, by_pitch] = WANDERS.map(|times| times * TAU / turn_s);
+    let rates = Rates::from_rad_s(
+        2_f32.to_radians() * by_roll * libm::cosf(roll),
+        -1.5_f32.to_radians() * by_pitch * libm::sinf(pitch),
+    );
     let field = sensed(attitude, side * part * TAU);
     let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
     let reported = Attitude {

@@ -3,15 +3,16 @@
 use nalgebra::Vector3;
 
 use super::noise::{Covariance, Noise};
-use super::unknowns::Vector13;
+use super::unknowns::Row;
 use super::{Config, Parameters, Prediction};
+use crate::calibration::Rates;
 use crate::frames::{Tilt, wrap_pi};
 
 /// One equation: `row . change = -residual`.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct Equation {
     /// Derivative of the residual by the unknowns.
-    pub row: Vector13,
+    pub row: Row,
     pub residual: f32,
     /// Weight of the squared residual: the inverse variance, times Huber's weight.
     pub weight: f32,
@@ -26,11 +27,11 @@ pub(in crate::calibration) struct Equation {
 const CLIP: f32 = 2.0;
 /// The mean of the clipped square of a normal variable: Huber's proposal 2, which one sample in twenty may spoil
 /// without harm.
-pub(super) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
+pub(in crate::calibration) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
 
 impl Equation {
     /// Of a residual with its derivative and variance; `huber` is where the loss becomes linear, in sigmas.
-    pub fn new(row: Vector13, residual: f32, variance: f32, huber: f32) -> Self {
+    pub fn new(row: Row, residual: f32, variance: f32, huber: f32) -> Self {
         let information = 1.0 / variance;
         let square = residual * residual * information;
         let (weight, loss) = if square <= huber * huber {
@@ -68,8 +69,9 @@ pub(in crate::calibration) struct Equations {
     pub dip: Option<Equation>,
     /// The heading is the given one: `e_heading`.
     pub heading: Option<Equation>,
-    /// Change of the dip by a radian of roll bias, of pitch bias, and by a relative bank error of one.
-    pub attitude_effects: [f32; 3],
+    /// Change of the dip by a radian of roll bias, of pitch bias, by a relative bank error of one, and by a second that the
+    /// attitude is too old.
+    pub attitude_effects: [f32; 4],
 }
 
 /// A sample, ready to be looked at.
@@ -79,6 +81,8 @@ pub(in crate::calibration) struct Measured {
     /// The rotation of its attitude.
     pub tilt: Tilt,
     pub roll_rad: f32,
+    /// How fast that and pitch change.
+    pub rates: Rates,
     /// The heading, where it was given.
     pub heading_rad: Option<f32>,
 }
@@ -99,13 +103,27 @@ impl Equations {
         let norm_row = prediction.norm_row();
         Self {
             dip: config.uses_attitude.then(|| {
-                let row = prediction.dip_row() - norm_row * covariance.slope;
+                let mut row = prediction.dip_row();
+                row.by_field -= norm_row.by_field * covariance.slope;
                 Equation::new(row, dip - norm * covariance.slope, covariance.dip, config.huber)
             }),
             heading: measured.heading_rad.map(|given_rad| heading(measured, noise, config, &prediction, given_rad)),
             norm: Equation::new(norm_row, norm, covariance.norm, config.huber),
-            attitude_effects: [by_attitude[0], by_attitude[1], by_attitude[0] * measured.roll_rad],
+            attitude_effects: attitude_effects(measured, by_attitude),
         }
+    }
+}
+
+/// Of the derivatives of the dip by roll and by pitch, those by what can be wrong with an attitude source.
+fn attitude_effects(measured: &Measured, [by_roll, by_pitch]: [f32; 2]) -> [f32; 4] {
+    let by_latency = by_roll * measured.rates.roll_rad_s() + by_pitch * measured.rates.pitch_rad_s();
+    [by_roll, by_pitch, by_roll * measured.roll_rad, by_latency]
+}
+
+impl Equations {
+    /// Those that there are.
+    pub fn all(&self) -> impl Iterator<Item = &Equation> {
+        core::iter::once(&self.norm).chain(&self.dip).chain(&self.heading)
     }
 }
 
@@ -170,6 +188,7 @@ mod tests {
 
     use nalgebra::Matrix3;
 
+    use super::super::unknowns::Vector13;
     use super::*;
     use crate::frames::Attitude;
 
@@ -179,7 +198,8 @@ mod tests {
 
     /// Of so many sigmas, as the module weighs it.
     fn equation(sigmas: f32) -> Equation {
-        Equation::new(Vector13::zeros(), sigmas * 0.1, 0.01, Config::DEFAULT.huber)
+        let row = Row { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        Equation::new(row, sigmas * 0.1, 0.01, Config::DEFAULT.huber)
     }
 
     /// Least squares up to two sigmas: a twentieth of what is normal lies beyond. From there each more sigma costs as
@@ -223,7 +243,8 @@ mod tests {
     fn without_attitude_there_is_no_dip() {
         let parameters = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
         let tilt = Attitude::from_deg(20.0, 0.0).tilt();
-        let measured = Measured { x: Vector3::new(0.6, 0.0, 0.8), tilt, roll_rad: 0.0, heading_rad: None };
+        let measured =
+            Measured { x: Vector3::new(0.6, 0.0, 0.8), tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: None };
         let equations = |config| Equations::new(&parameters, &measured, &Noise::INITIAL, &config, true);
         assert!(equations(Config::DEFAULT).dip.is_some() && equations(Config::ALIGNED).dip.is_some());
         assert!(equations(Config::NO_ATTITUDE).dip.is_none());
@@ -250,11 +271,12 @@ mod tests {
             let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
             for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
                 let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
-                let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, heading_rad: None };
+                let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates: Rates::NONE, heading_rad: None };
                 let equations = Equations::new(&parameters, &measured, &noise, &Config::DEFAULT, refined);
                 for equation in [Some(&equations.norm), equations.dip.as_ref()].into_iter().flatten() {
-                    gradient += equation.row * (equation.weight * equation.residual / 6.0);
-                    information += equation.row.component_mul(&equation.row) * (equation.weight / 6.0);
+                    let row = equation.row.dense();
+                    gradient += row * (equation.weight * equation.residual / 6.0);
+                    information += row.component_mul(&row) * (equation.weight / 6.0);
                 }
             }
         }
@@ -282,6 +304,7 @@ mod tests {
             x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
             tilt,
             roll_rad: 0.4,
+            rates: Rates::NONE,
             heading_rad: None,
         };
         let moved_by = |parameters: &Parameters| {
@@ -319,7 +342,7 @@ mod tests {
         let parameters = Parameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
         let tilt = Attitude::from_deg(10.0, 0.0).tilt();
         let x = parameters.expected_field(&tilt, 0.7).unwrap();
-        let measured = Measured { x, tilt, roll_rad: 0.0, heading_rad: Some(0.69) };
+        let measured = Measured { x, tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: Some(0.69) };
         for noise in [Noise::new(1e-6, 1e-6, Matrix3::identity()), Noise::new(0.01, 0.02, Matrix3::identity())] {
             let prediction = parameters.predict(x, &tilt);
             let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);

@@ -23,6 +23,7 @@
 //! | `noise.rs` | how wrong measurements are |
 //! | `equations.rs` | what one sample says, linear in the unknowns |
 //! | `priors.rs` | what is known before any sample |
+//! | `squares.rs` | sums of squares of what samples say |
 //! | `system.rs` | what all samples and the priors say together |
 
 mod equations;
@@ -30,6 +31,7 @@ mod noise;
 mod parameters;
 mod prediction;
 mod priors;
+mod squares;
 mod system;
 pub(super) mod unknowns;
 
@@ -39,10 +41,13 @@ pub(super) use parameters::Parameters;
 pub(crate) use prediction::Prediction;
 pub(super) use prediction::{heading_by_field, horizontal_squared};
 pub(super) use priors::{Quantity, for_each_prior};
+pub(super) use squares::Squares;
 pub(super) use system::System;
+#[cfg(test)]
+pub(super) use unknowns::Row;
 pub(super) use unknowns::Vector13;
 
-use equations::CLIPPED_MEAN_SQUARE;
+pub(super) use equations::CLIPPED_MEAN_SQUARE;
 use nalgebra::{Matrix3, Vector3};
 use unknowns::UNKNOWNS;
 
@@ -145,11 +150,15 @@ pub(super) struct Likelihood {
     pub noise: Noise,
     /// Whether the noise has been estimated: see [`Equations::new`].
     pub refined: bool,
+    /// By how much the samples' attitudes are too old, seconds.
+    pub latency_s: f32,
     /// Every so many samples one is looked at: while a bad start is left behind, a part of many will do.
     pub stride: usize,
+    /// Whether equations are summed up instead of rotated into a triangle: while many samples are sought through.
+    pub sums_up: bool,
 }
 
-/// Samples that are enough to leave a bad start behind.
+/// Samples that are enough to leave a bad start behind. As few are rotated into the triangle at once.
 const ENOUGH_TO_START: usize = 128;
 
 impl Likelihood {
@@ -157,17 +166,19 @@ impl Likelihood {
     pub fn new(prior: &Prior, config: Config, samples: Samples<'_>, unit_ut: f32) -> Self {
         let rotation = prior.mount.body_from_sensor();
         let sum_ut = samples.all().map(|s| s.field.ut).sum::<Vector3<f32>>();
-        let number = samples.all().count().max(1) as f32;
+        let number = samples.all().count();
         Self {
             config,
             known_inclination_rad: prior.inclination_rad,
             readings_per_sample: prior.readings_per_sample,
             rotation,
             unit_ut,
-            mean: rotation * sum_ut / (number * unit_ut),
+            mean: rotation * sum_ut / (number.max(1) as f32 * unit_ut),
             noise: Noise::INITIAL,
             refined: false,
-            stride: (samples.all().count() / ENOUGH_TO_START).max(1),
+            latency_s: 0.0,
+            stride: (number / ENOUGH_TO_START).max(1),
+            sums_up: number > ENOUGH_TO_START,
         }
     }
 
@@ -181,10 +192,12 @@ impl Likelihood {
 
     /// The equations of a sample, and of its heading in radians where that was given.
     pub fn equations(&self, sample: &Sample, heading_rad: Option<f32>, parameters: &Parameters) -> Equations {
+        let attitude = sample.attitude_after(self.latency_s);
         let measured = Measured {
             x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
-            tilt: sample.attitude.tilt(),
-            roll_rad: sample.attitude.roll_rad,
+            tilt: attitude.tilt(),
+            roll_rad: attitude.roll_rad,
+            rates: sample.rates,
             heading_rad,
         };
         Equations::new(parameters, &measured, &self.noise, &self.config, self.refined)
@@ -204,9 +217,7 @@ impl Likelihood {
 
     /// One pass over the samples.
     pub fn linearise(&self, samples: Samples<'_>, unknowns: &Vector13) -> System {
-        let mut system = System::of_priors(self, unknowns);
-        self.for_each_sample(samples, &Parameters::new(unknowns), &mut |equations| system.add(equations));
-        system
+        System::of(self, samples, unknowns)
     }
 
     /// New sigmas from the residuals.
@@ -250,7 +261,7 @@ impl Likelihood {
             b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
             inclination_rad: parameters.inclination_rad,
             total_ut: self.unit_ut * per_unit,
-            latency_s: 0.0,
+            latency_s: self.latency_s,
         })
     }
 }

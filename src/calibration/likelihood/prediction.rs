@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::unknowns::{INCLINATION, Vector13, unknowns_row};
+use super::unknowns::Row;
 use crate::frames::{Field, Tilt};
 
 /// A field of zero has no direction; the floor keeps its residual finite and large.
@@ -54,22 +54,20 @@ impl Prediction {
     }
 
     /// Derivative by the unknowns of `e_norm = |W x + d| - 1`: `n x^T` by `W`, `n` by `d`, none by `I`.
-    pub fn norm_row(&self) -> Vector13 {
-        unknowns_row(&self.direction, &self.x)
+    pub(in crate::calibration) fn norm_row(&self) -> Row {
+        Row { by_field: self.direction, x: self.x, by_inclination: 0.0 }
     }
 
     /// Derivative by the unknowns of `e_dip = dip - I`: with `t` for [`towards_down`](Self::towards_down), `t x^T` by
     /// `W`, `t` by `d`, -1 by `I`.
-    pub fn dip_row(&self) -> Vector13 {
-        let mut row = unknowns_row(&self.towards_down, &self.x);
-        row[INCLINATION] = -1.0;
-        row
+    pub(in crate::calibration) fn dip_row(&self) -> Row {
+        Row { by_field: self.towards_down, x: self.x, by_inclination: -1.0 }
     }
 
     /// Derivative by the unknowns of `e_heading = atan2(-l_y, l_x) - given`: with `g` for
     /// [`heading_by_field`](Self::heading_by_field), `g x^T` by `W`, `g` by `d`, none by `I`.
-    pub fn heading_row(&self, tilt: &Tilt) -> Vector13 {
-        unknowns_row(&self.heading_by_field(tilt), &self.x)
+    pub(in crate::calibration) fn heading_row(&self, tilt: &Tilt) -> Row {
+        Row { by_field: self.heading_by_field(tilt), x: self.x, by_inclination: 0.0 }
     }
 
     /// Magnetic heading, radians (Liu 2007 eq. 3).

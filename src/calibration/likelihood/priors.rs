@@ -4,7 +4,7 @@
 //! standard deviations of [`Config`](super::Config). Liu 2007 has no priors; these are chosen for the airframes of
 //! UAVs.
 
-use super::unknowns::{INCLINATION, Vector13, d, unknowns_row, w};
+use super::unknowns::{INCLINATION, Row, Vector13, d, w};
 use super::{Likelihood, Parameters};
 
 /// What is known beforehand, as an equation: `row . change` is `-residual`, give or take `sigma`.
@@ -86,7 +86,7 @@ fn hard_iron(likelihood: &Likelihood, parameters: &Parameters, each: &mut dyn Fn
     let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.unit_ut;
     for i in 0..3 {
         let k = field_from_body.row(i).transpose();
-        let mut row = unknowns_row(&k, &from_b);
+        let mut row = Row { by_field: k, x: from_b, by_inclination: 0.0 }.dense();
         for axis in 0..3 {
             row[d(axis)] = -k[axis];
         }

@@ -11,14 +11,15 @@
 //! | 9 to 11 | `d` | `beta` |
 //! | 12 | `I`, the inclination | |
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 
 /// Number of unknowns.
 pub(in crate::calibration) const UNKNOWNS: usize = 13;
 /// A value or a derivative for each unknown.
 pub(in crate::calibration) type Vector13 = SVector<f32, UNKNOWNS>;
 /// A value for each two unknowns.
-pub(in crate::calibration) type Matrix13 = SMatrix<f32, UNKNOWNS, UNKNOWNS>;
+#[cfg(test)]
+pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWNS, UNKNOWNS>;
 
 /// Number of coefficients.
 pub(in crate::calibration) const COEFFICIENTS: usize = 12;
@@ -64,12 +65,61 @@ impl Coefficient {
     }
 }
 
-/// The derivative by the unknowns of `k . (W x + d)`: `k x^T` by `W`, `k` by `d`, none by `I`.
-pub(in crate::calibration) fn unknowns_row(k: &Vector3<f32>, x: &Vector3<f32>) -> Vector13 {
-    // Written out, for this is done twice for each sample and pass.
-    let [a, b, c] = [k.x, k.y, k.z];
-    let [x, y, z] = [x.x, x.y, x.z];
-    Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, 0.0])
+/// Pairs `(i, j)` with `i <= j` of three axes, and of the four components of `(x, 1)`: the rows of a triangle.
+pub(in crate::calibration) const PAIRS_OF_3: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+pub(in crate::calibration) const PAIRS_OF_4: [(usize, usize); 10] =
+    [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+
+/// Index in the unknowns of what multiplies the `k`-th axis and the `a`-th component of `(x, 1)`.
+pub(in crate::calibration) const fn of_product(k: usize, a: usize) -> usize {
+    if a < 3 { w(k, a) } else { d(k) }
+}
+
+/// The derivative by the unknowns of what depends on one measurement: of `k . (W x + d)` and a multiple of `I`. It is
+/// `k x^T` by `W`, `k` by `d`: seven numbers that make thirteen, of whose squares sixty are different.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibration) struct Row {
+    /// `k`, the derivative by the corrected field.
+    pub by_field: Vector3<f32>,
+    /// The measurement less the mean.
+    pub x: Vector3<f32>,
+    /// By `I`.
+    pub by_inclination: f32,
+}
+
+impl Row {
+    /// All thirteen.
+    pub fn dense(&self) -> Vector13 {
+        // Written out, for this is done twice for each sample and pass.
+        let [a, b, c] = [self.by_field.x, self.by_field.y, self.by_field.z];
+        let [x, y, z] = [self.x.x, self.x.y, self.x.z];
+        let i = self.by_inclination;
+        Vector13::from([a * x, a * y, a * z, b * x, b * y, b * z, c * x, c * y, c * z, a, b, c, i])
+    }
+
+    /// Adds `weight` times it to a sum.
+    pub fn add_to(&self, sum: &mut Vector13, weight: f32) {
+        let k = self.by_field * weight;
+        for (axis, k) in [k.x, k.y, k.z].into_iter().enumerate() {
+            sum[w(axis, 0)] += k * self.x.x;
+            sum[w(axis, 1)] += k * self.x.y;
+            sum[w(axis, 2)] += k * self.x.z;
+            sum[d(axis)] += k;
+        }
+        sum[INCLINATION] += weight * self.by_inclination;
+    }
+
+    /// Its product with a change of the unknowns.
+    pub fn dot(&self, change: &Vector13) -> f32 {
+        let of = |axis: usize| {
+            change[w(axis, 0)] * self.x.x
+                + change[w(axis, 1)] * self.x.y
+                + change[w(axis, 2)] * self.x.z
+                + change[d(axis)]
+        };
+        let [a, b, c] = [self.by_field.x, self.by_field.y, self.by_field.z];
+        a * of(0) + b * of(1) + c * of(2) + self.by_inclination * change[INCLINATION]
+    }
 }
 
 /// The derivative by the coefficients of `k . (W x - beta)`: `k x^T` by `W`, `-k` by `beta`.
@@ -122,8 +172,13 @@ mod tests {
         }
         unknowns[INCLINATION] = 23.0;
         let coefficients = Vector12::from_fn(|i, _| unknowns[i]);
-        let of_unknowns = unknowns_row(&k, &x).dot(&unknowns) - k.dot(&(matrix * x + vector));
+        let row = Row { by_field: k, x, by_inclination: -2.0 };
+        let expected = k.dot(&(matrix * x + vector)) - 2.0 * 23.0;
+        assert!((row.dense().dot(&unknowns) - expected).abs() < 1e-6 && (row.dot(&unknowns) - expected).abs() < 1e-6);
+        let mut sum = Vector13::repeat(1.0);
+        row.add_to(&mut sum, 3.0);
+        assert_eq!(sum, Vector13::repeat(1.0) + row.dense() * 3.0);
         let of_coefficients = coefficients_row(&k, &x).dot(&coefficients) - k.dot(&(matrix * x - vector));
-        assert!(of_unknowns.abs() < 1e-6 && of_coefficients.abs() < 1e-6, "{of_unknowns} {of_coefficients}");
+        assert!(of_coefficients.abs() < 1e-6, "{of_coefficients}");
     }
 }

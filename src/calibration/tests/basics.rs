@@ -1,5 +1,6 @@
 //! The values that calibration takes and gives.
 
+use crate::calibration::Rates;
 use crate::calibration::{
     Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Sample, Samples, Side, rows,
 };
@@ -7,13 +8,34 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
 fn sample(x_ut: f32) -> Sample {
-    Sample { field: Field::from_ut(x_ut, 0.0, 0.0), attitude: Attitude::default(), time: WrappingMillis::default() }
+    Sample {
+        field: Field::from_ut(x_ut, 0.0, 0.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    }
 }
 
 /// 1,024 samples of a flight are kept in memory.
 #[test]
 fn samples_are_small() {
-    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (24, 28));
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (28, 32));
+}
+
+/// Roll goes on through 180 deg, pitch with its own sign; nothing changes without rates or time.
+#[test]
+fn an_attitude_goes_on_with_its_rates() {
+    let attitude = Attitude { roll_rad: 3.1, pitch_rad: 0.2 };
+    let turning = Sample { attitude, rates: Rates::from_rad_s(1.0, -0.5), ..sample(1.0) };
+    let later = turning.attitude_after(0.1);
+    assert!((later.roll_rad - (3.2 - core::f32::consts::TAU)).abs() < 1e-5 && (later.pitch_rad - 0.15).abs() < 1e-6);
+    let earlier = turning.attitude_after(-0.1);
+    assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
+    assert_eq!(turning.attitude_after(0.0), attitude);
+    assert_eq!(Sample { rates: Rates::NONE, ..turning }.attitude_after(1.0), attitude);
+    // And a calibration levels by it.
+    let calibration = Calibration { latency_s: 0.1, ..calibration() };
+    assert_eq!(calibration.level(&turning), later.level(calibration.apply(turning.field)));
 }
 
 #[test]

@@ -5,12 +5,13 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
-use crate::calibration::Samples;
 use crate::calibration::likelihood::unknowns::{UNKNOWNS, Vector13};
 use crate::calibration::likelihood::{
     Config, Equations, Likelihood, Measured, Noise, Parameters, Prediction, Prior, Quantity, for_each_prior,
 };
+use crate::calibration::{Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
+use crate::time::WrappingMillis;
 
 /// Step of the differences. What is differentiated is of size one and bends on a scale of 0.4 or more, so that the
 /// fourth-order rule is good to 1e-5; the seven digits of `f32` leave 1e-7 / 0.02.
@@ -99,7 +100,7 @@ fn cases(make: impl Fn(&mut Random) -> Case) -> impl Iterator<Item = Case> {
 #[test]
 fn the_norm_s_row() {
     for case in cases(Case::random) {
-        let row = case.predict(&case.unknowns).norm_row();
+        let row = case.predict(&case.unknowns).norm_row().dense();
         assert_row(&row, &case.unknowns, |u| case.predict(u).total - 1.0, "norm");
     }
 }
@@ -107,7 +108,7 @@ fn the_norm_s_row() {
 #[test]
 fn the_dip_s_row() {
     for case in cases(Case::random) {
-        let row = case.predict(&case.unknowns).dip_row();
+        let row = case.predict(&case.unknowns).dip_row().dense();
         let residual = |u: &Vector13| case.predict(u).dip_rad - Parameters::new(u).inclination_rad;
         assert_row(&row, &case.unknowns, residual, "dip");
     }
@@ -118,7 +119,7 @@ fn the_heading_s_row() {
     for case in cases(Case::random) {
         let here = case.predict(&case.unknowns);
         let residual = |u: &Vector13| wrap_pi(case.predict(u).heading_rad() - here.heading_rad());
-        assert_row(&here.heading_row(&case.attitude.tilt()), &case.unknowns, residual, "heading");
+        assert_row(&here.heading_row(&case.attitude.tilt()).dense(), &case.unknowns, residual, "heading");
     }
 }
 
@@ -155,15 +156,31 @@ fn the_dip_by_attitude() {
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
-        let [roll_bias, pitch_bias, bank_scale] = equations.attitude_effects;
+        let [roll_bias, pitch_bias, bank_scale, latency] = equations.attitude_effects;
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
         assert_derivative(bank_scale, scaled, "dip by bank scale");
+        let later = |step: f32| {
+            let sample = Sample { rates: rates(), ..at(case.attitude) };
+            dip_rad(sample.attitude_after(step))
+        };
+        assert_derivative(latency, later, "dip by latency");
     }
 }
 
+/// How fast attitudes change here: each derivative by it is of size one.
+fn rates() -> Rates {
+    Rates::from_rad_s(0.8, -0.6)
+}
+
+/// A sample at an attitude, whatever it measured.
+fn at(attitude: Attitude) -> Sample {
+    Sample { field: Field::from_ut(0.0, 0.0, 0.0), attitude, rates: Rates::NONE, time: WrappingMillis::default() }
+}
+
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> Equations {
-    let measured = Measured { x: case.x, tilt: case.attitude.tilt(), roll_rad: case.attitude.roll_rad, heading_rad };
+    let Attitude { roll_rad, .. } = case.attitude;
+    let measured = Measured { x: case.x, tilt: case.attitude.tilt(), roll_rad, rates: rates(), heading_rad };
     // The sensor's noise skewed by another W, so that it is in norm and dip both.
     let noise = Noise::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     Equations::new(&Parameters::new(unknowns), &measured, &noise, &Config::DEFAULT, refined)
@@ -183,13 +200,13 @@ fn the_equations_rows() {
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
         for refined in [false, true] {
             let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
-            let row = of(&at).norm.row;
+            let row = of(&at).norm.row.dense();
             assert_row(&row, &at, |u| of(&slightly(u)).norm.residual * 10.0, "equation of the norm");
-            let row = of(&at).dip.unwrap().row;
+            let row = of(&at).dip.unwrap().row.dense();
             assert_row(&row, &at, |u| of(&slightly(u)).dip.unwrap().residual * 10.0, "equation of the dip");
         }
         let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading.unwrap();
-        assert_row(&of(&at).row, &at, |u| of(u).residual, "equation of the heading");
+        assert_row(&of(&at).row.dense(), &at, |u| of(u).residual, "equation of the heading");
     }
 }
 
@@ -208,8 +225,8 @@ fn norm_and_dip_are_made_independent_and_weighed_by_what_is_left() {
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
         let dip = equations.dip.unwrap();
-        let expected = here.dip_row() - here.norm_row() * slope;
-        assert!((dip.row - expected).norm() < 1e-4 * expected.norm());
+        let expected = here.dip_row().dense() - here.norm_row().dense() * slope;
+        assert!((dip.row.dense() - expected).norm() < 1e-4 * expected.norm());
         let norm_variance = norm_by_x.norm_squared() * 0.01_f32.powi(2);
         assert!((equations.norm.weight * norm_variance - 1.0).abs() < 1e-4);
         // Far residuals are weighed down: Huber's part, tested with the equation.
@@ -333,7 +350,7 @@ fn a_field_without_heading_has_finite_equations() {
         let case = Case { unknowns: straight.unknowns().unwrap(), attitude: Attitude::default(), x };
         let equations = equations(&case, &case.unknowns, Some(0.0), true);
         for equation in [Some(equations.norm), equations.dip, equations.heading].into_iter().flatten() {
-            assert!(equation.row.iter().all(|r| r.is_finite()) && equation.residual.is_finite());
+            assert!(equation.row.dense().iter().all(|r| r.is_finite()) && equation.residual.is_finite());
             assert!(equation.weight > 0.0 && equation.weight.is_finite());
         }
     }

@@ -1,5 +1,6 @@
 //! The model: what it takes from samples, how it learns its noise, and what it makes of its unknowns.
 
+use crate::calibration::Rates;
 use nalgebra::{Matrix3, Vector3};
 
 use super::NO_PRIOR;
@@ -11,7 +12,12 @@ use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
 fn sample(ut: [f32; 3]) -> Sample {
-    Sample { field: Field::new(ut.into()), attitude: Attitude::default(), time: WrappingMillis::default() }
+    Sample {
+        field: Field::new(ut.into()),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    }
 }
 
 fn straight() -> Vector13 {

@@ -8,6 +8,7 @@ mod constancy;
 pub(crate) mod derivatives;
 mod forecast;
 mod guidance;
+mod latency;
 mod likelihood;
 mod methods;
 mod refusals;

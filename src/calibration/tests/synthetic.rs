@@ -1,5 +1,6 @@
 //! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
 
+use crate::calibration::Rates;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
@@ -90,6 +91,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
         field: Field::new(airframe.field(attitude, heading_rad).ut + noise),
         attitude,
         time: WrappingMillis::default(),
+        rates: Rates::NONE,
     }
 }
 
@@ -179,6 +181,7 @@ impl Flight {
                         pitch_rad: told.pitch_rad + bias.pitch_rad,
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
+                    rates: Rates::NONE,
                 }
             })
             .collect()

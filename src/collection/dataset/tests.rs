@@ -1,6 +1,7 @@
 use super::super::circle::Circle;
 use super::super::testing::{sample, turn};
 use super::*;
+use crate::calibration::Rates;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -189,6 +190,7 @@ fn nothing_a_sensor_could_say_panics() {
         field: Field::from_ut(values[i as usize % 6], values[i as usize / 6 % 6], values[i as usize / 36 % 6]),
         attitude: Attitude::from_deg(25.0, 0.0),
         time: WrappingMillis::new(i * 400),
+        rates: Rates::NONE,
     });
     assert!(coverage(samples).samples > 0);
 }

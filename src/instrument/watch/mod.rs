@@ -237,7 +237,7 @@ impl Watch {
         let Watched { calibration, .. } = watched;
         let field = calibration.apply(sample.field).ut / calibration.total_ut;
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
-        let seen = Seen { field, attitude: sample.attitude, motion };
+        let seen = Seen { field, attitude: sample.attitude_after(calibration.latency_s), motion };
         if !seen.is_finite() || turning.is_some_and(|turning| !turning.turned_rad.is_finite()) {
             return;
         }

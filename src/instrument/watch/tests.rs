@@ -5,7 +5,7 @@ use core::f32::consts::PI;
 use testkit::random::Random;
 
 use super::*;
-use crate::calibration::Orientation;
+use crate::calibration::{Orientation, Rates};
 use crate::frames::Field;
 use crate::time::WrappingMillis;
 
@@ -136,7 +136,8 @@ impl Flight {
         self.gyro_rad = wrap_pi(self.gyro_rad + drift_rad_s * STEP_S);
         let turning = Turning { motion, turned_rad: wrap_pi(told_heading_rad + self.gyro_rad), run: 0 };
         let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
-        let sample = Sample { field: Field::new(field), attitude: told, time: at.wrapping_millis() };
+        let sample =
+            Sample { field: Field::new(field), attitude: told, rates: Rates::NONE, time: at.wrapping_millis() };
         let watched =
             Watched { calibration: &self.calibration, uncertainty: &self.uncertainty, readings_per_sample: 1 };
         self.watch.see(&watched, at, &sample, Some(turning));
@@ -353,7 +354,7 @@ fn a_source_without_rates_is_watched_as_far_as_it_goes() {
         let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
         let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample { field: Field::new(field), attitude, time: at.wrapping_millis() };
+        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
         let watched =
             Watched { calibration: &flight.calibration, uncertainty: &flight.uncertainty, readings_per_sample: 1 };
         watch.see(&watched, at, &sample, None);
@@ -376,6 +377,7 @@ fn what_is_no_number_is_left_away() {
     let good = Sample {
         field: Field::from_ut(20.0, 3.0, 40.0),
         attitude: Attitude::default(),
+        rates: Rates::NONE,
         time: WrappingMillis::default(),
     };
     let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
@@ -447,7 +449,7 @@ fn a_day_at_rest_tells_nothing() {
     for i in 0..864_000_u32 {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
-        let sample = Sample { field: Field::new(field), attitude, time: at.wrapping_millis() };
+        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
         let watched =
             Watched { calibration: &flight.calibration, uncertainty: &flight.uncertainty, readings_per_sample: 1 };
         watch.see(&watched, at, &sample, None);
