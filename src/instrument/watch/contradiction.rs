@@ -3,7 +3,7 @@
 //! ```text
 //!                    deviation beyond 4 sigma twice in a row,
 //!                    or beyond 2 sigma six times in a row
-//!   quiet ---------------------------------------------------> silent for 5 s <--+
+//!   quiet ---------------------------------------------------> silent for 4 s <--+
 //!     ^                                                          |  |  again     |
 //!     +----------------------------------------------------------+  +------------+
 //! ```
@@ -68,7 +68,7 @@ impl Config {
         odd_in_a_row: 6,
         gross: 0.2,
         gross_in_a_row: 13,
-        silence_s: 5.0,
+        silence_s: 4.0,
     };
 }
 
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn five_seconds_of_silence_follow_the_last_contradiction() {
+    fn four_seconds_of_silence_follow_the_last_contradiction() {
         let mut contradiction = Contradiction::NONE;
         for _ in 0..7 {
             contradiction.see(&CONFIG, sigmas([5.0, 0.0, 0.0]), 0.1);
@@ -212,7 +212,7 @@ mod tests {
             contradiction.is_silent()
         });
         // To a sample, for a tenth is none in binary.
-        assert!((49..=51).contains(&silent.count()));
+        assert!((39..=41).contains(&silent.count()));
     }
 
     /// A fifth of the field, or 11 deg of dip: nothing is told meanwhile, nothing is learnt, and when it is over nothing

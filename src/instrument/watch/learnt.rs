@@ -46,7 +46,7 @@ impl Learnt {
         let mixed = |recent: f32, own: f32| own + config.recent * (recent - own);
         Variances {
             strength: mixed(self.recent.strength, own.strength),
-            tilt_rad2: mixed(self.recent.tilt_rad2, own.tilt_rad2),
+            tilt_rad2: mixed(self.recent.tilt_rad2.max(0.0), own.tilt_rad2),
         }
     }
 
@@ -60,10 +60,12 @@ impl Learnt {
         follow(&mut self.recent.strength, (second * second / 6.0).min(most), step_s / config.time_s);
     }
 
-    /// Takes the residual of the dip, radians, of a sample `step_s` after the one before.
+    /// Takes the residual of the dip, radians, of a sample `step_s` after the one before. The sensor's noise is in it,
+    /// too, and is taken out.
     pub fn see_dip(&mut self, config: &Config, own: Variances, residual_rad: f32, step_s: f32) {
         let most = config.max_tilt_sigmas * config.max_tilt_sigmas * own.tilt_rad2;
-        follow(&mut self.recent.tilt_rad2, (residual_rad * residual_rad).min(most), step_s / config.time_s);
+        let of_tilt = (residual_rad * residual_rad).min(most) - self.recent.strength;
+        follow(&mut self.recent.tilt_rad2, of_tilt, step_s / config.time_s);
     }
 }
 
@@ -88,7 +90,8 @@ mod tests {
         for i in 0..10 * seconds {
             let strength = 1.0 + 1e-4 * f32::from(i) + 0.01 * sigmas * random.normal();
             learnt.see_strength(&Config::DEFAULT, OWN, strength, 0.1);
-            learnt.see_dip(&Config::DEFAULT, OWN, 0.02 * sigmas * random.normal(), 0.1);
+            let of_sensor = 0.01 * sigmas * random.normal();
+            learnt.see_dip(&Config::DEFAULT, OWN, 0.02 * sigmas * random.normal() + of_sensor, 0.1);
         }
         learnt.variances(&Config::DEFAULT, OWN)
     }
@@ -109,7 +112,8 @@ mod tests {
     fn ten_seconds_are_remembered() {
         let mut learnt = Learnt::new(OWN, 1.0);
         for _ in 0..100 {
-            learnt.see_dip(&Config::DEFAULT, OWN, 0.04, 0.1);
+            // (0.04 rad)^2, and the sensor's.
+            learnt.see_dip(&Config::DEFAULT, OWN, 0.041_23, 0.1);
         }
         let recent = learnt.recent.tilt_rad2 / OWN.tilt_rad2;
         assert!((recent - (1.0 + 3.0 * 0.632)).abs() < 0.02, "{recent}");
@@ -120,18 +124,33 @@ mod tests {
     fn what_is_no_noise_is_clipped() {
         let mut learnt = Learnt::new(OWN, 1.0);
         for i in 0..2000_u16 {
-            learnt.see_dip(&Config::DEFAULT, OWN, 1.0, 0.1);
             learnt.see_strength(&Config::DEFAULT, OWN, f32::from(i % 2), 0.1);
         }
-        assert!((learnt.recent.tilt_rad2 / OWN.tilt_rad2 - 16.0).abs() < 0.01, "{learnt:?}");
         assert!((learnt.recent.strength / OWN.strength - 36.0).abs() < 0.01, "{learnt:?}");
+        let mut learnt = Learnt::new(OWN, 1.0);
+        for _ in 0..2000 {
+            learnt.see_dip(&Config::DEFAULT, OWN, 1.0, 0.1);
+        }
+        // Less the sensor's, a quarter of one.
+        assert!((learnt.recent.tilt_rad2 / OWN.tilt_rad2 - 15.75).abs() < 0.01, "{learnt:?}");
+    }
+
+    /// A dip that scatters by less than the sensor alone makes it leaves no less than nothing to the attitude.
+    #[test]
+    fn no_variance_is_negative() {
+        let mut learnt = Learnt::new(OWN, 1.0);
+        for _ in 0..2000 {
+            learnt.see_dip(&Config::DEFAULT, OWN, 0.0, 0.1);
+        }
+        let found = learnt.variances(&Config::DEFAULT, OWN);
+        assert!((found.tilt_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
     }
 
     /// A gap of minutes forgets, and no more.
     #[test]
     fn a_long_gap_replaces() {
         let mut learnt = Learnt::new(OWN, 1.0);
-        learnt.see_dip(&Config::DEFAULT, OWN, 0.01, 1000.0);
-        assert!((learnt.recent.tilt_rad2 - 1e-4).abs() < 1e-9, "{learnt:?}");
+        learnt.see_dip(&Config::DEFAULT, OWN, 0.014_142, 1000.0);
+        assert!((learnt.recent.tilt_rad2 - 1e-4).abs() < 1e-8, "{learnt:?}");
     }
 }

@@ -51,6 +51,10 @@ pub struct Config {
     /// By how much its variance grows a second, as long as it is below that of the beginning: what wanders does so
     /// about where it is. The gyro's offset grows on.
     pub wander: Unknowns,
+    /// Hard iron of less than this fades, parts of the total field: a calibration is taken to hold...
+    pub max_fading: f32,
+    /// ... by `1 - 1/e` in this time, seconds.
+    pub fading_s: f32,
     /// Variances of the three measurements, per kind: so many times that of a sample, for the errors of neighbouring
     /// samples are alike, ...
     pub alike: PerKind<f32>,
@@ -88,7 +92,9 @@ impl Config {
     /// Measured in the simulator, and tried on recorded flights.
     pub const DEFAULT: Self = Self {
         sigmas: [0.01, 0.01, 0.01, 0.06, 0.1, 10.0, 0.0026, 0.004, 0.004, 0.02, 0.1],
-        wander: [1e-6, 1e-6, 1e-6, 1e-8, 1e-8, 1e-6, 1e-9, 3e-7, 3e-7, 1e-7, 3e-5],
+        wander: [7e-7, 7e-7, 7e-7, 1e-7, 1e-7, 1e-6, 1e-9, 3e-7, 3e-7, 1e-7, 3e-5],
+        max_fading: 0.03,
+        fading_s: 1000.0,
         alike: [2.0, 8.0, 6.0],
         floor: [9e-6, 9e-6, 1.44e-4],
         coefficients_alike: 8.0,
@@ -263,6 +269,15 @@ impl Watch {
             }
         }
         self.state.carry(OFFSET, DRIFT, step_s);
+        // Where nothing tells hard iron from the rest, a day of noise must not add up to some; iron that has moved stays
+        // where it is.
+        if model::beta(self.state.mean()).norm() < self.config.max_fading {
+            let kept = (1.0 - step_s / self.config.fading_s).max(0.0);
+            for axis in BETA..STRENGTH {
+                let faded = kept * self.state.mean()[axis];
+                self.state.set_mean(axis, faded);
+            }
+        }
     }
 
     /// Finds the gyro's offset anew where its count has begun anew, or after a gap.
