@@ -26,7 +26,7 @@
 //! keeps the digits.
 
 use super::Samples;
-use super::likelihood::{Likelihood, System, Vector13};
+use super::likelihood::{Likelihood, Noise, System, Vector13};
 
 /// Steps between two rounds; turns to both sides take three. Thin data can make a long, bent valley of unknowns that
 /// hardly matter to the heading: then this ends it, and what is left of the way is carried as uncertainty.
@@ -119,12 +119,24 @@ impl Refinement {
         &self.system
     }
 
-    /// Seeks again with samples whose attitudes are too old by so much, from unknowns that have been moved as they follow
-    /// that. The noise, which was more for it, is estimated once more.
+    /// Seeks again with samples whose attitudes are too old by so much, seconds, from unknowns that have been moved as they
+    /// follow that.
     #[inline(never)]
     pub fn with_latency(&mut self, samples: Samples<'_>, latency_s: f32, follows: &Vector13) {
         self.likelihood.latency_s = latency_s;
         self.unknowns += follows;
+        self.seek_nearby(samples);
+    }
+
+    /// Seeks again from a start that had settled with this noise.
+    #[inline(never)]
+    pub fn with_noise(&mut self, samples: Samples<'_>, noise: Noise) {
+        self.likelihood = Likelihood { noise, refined: true, stride: 1, ..self.likelihood.clone() };
+        self.seek_nearby(samples);
+    }
+
+    /// Unknowns and noise are nearly what they will be: the noise is estimated once more.
+    fn seek_nearby(&mut self, samples: Samples<'_>) {
         self.rounds = ROUNDS - 1;
         self.steps = 0;
         self.damping.value = Damping::REWEIGHTED;
@@ -184,7 +196,7 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
 
     use super::super::likelihood::unknowns::INCLINATION;
-    use super::super::likelihood::{Config, Noise, Parameters, Prior};
+    use super::super::likelihood::{Config, Parameters, Prior};
     use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
     use super::super::{Sample, response};
     use super::*;
@@ -380,6 +392,33 @@ mod tests {
         }
         assert_eq!((estimates.len(), refinement.rounds), (3, 3));
         assert!((estimates[2] / estimates[1] - 1.0).abs() < 0.01, "{estimates:?}");
+    }
+
+    /// From where it had settled, with the noise of then, it is there again after one round; and a latency that it is to
+    /// have is that of all its passes.
+    #[test]
+    fn what_had_settled_is_soon_found_again() {
+        let (_, recorded) = flight(4);
+        let settled = || {
+            let mut refinement = refinement(&recorded, true);
+            while refinement.step(recorded.turns()) == Progress::Continue {}
+            refinement
+        };
+        let (there, mut again) = (settled(), refinement(&recorded, true));
+        again.unknowns = there.unknowns;
+        again.with_noise(recorded.turns(), there.likelihood.noise.clone());
+        assert_eq!(
+            (again.step(recorded.turns()), again.step(recorded.turns())),
+            (Progress::Continue, Progress::Settled)
+        );
+        let moved = (again.unknowns - there.unknowns).norm();
+        assert!(moved < 1e-3 * there.unknowns.norm(), "{moved}");
+        assert!((again.likelihood.noise.dip_rad / there.likelihood.noise.dip_rad - 1.0).abs() < 0.01);
+        let mut late = settled();
+        late.with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
+        assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
+        assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+        assert_eq!((late.rounds, late.steps), (ROUNDS - 1, 0));
     }
 
     /// A closed form's unknowns stay; only the noise around them is found.
