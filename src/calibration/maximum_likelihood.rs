@@ -8,19 +8,24 @@
 //!
 //! # Numbers
 //!
-//! All in `f32`, with the equations rotated into a triangle instead of summed up
-//! ([`least_squares`](super::least_squares)). What else was tried:
+//! All in `f32`. Many samples are sought through by normal equations, which are summed up in a third of the instructions;
+//! the last pass, with the noise known, rotates each equation into a triangle ([`least_squares`](super::least_squares)),
+//! and so have all passes over few samples. What else was tried:
 //!
 //! | | error over the bound | thin data |
 //! |---|---|---|
 //! | normal equations summed in `f32`, solved in `f64` | 1.00 | as here |
 //! | normal equations in `f32` | 1.00 | not positive definite in some compass swings |
-//! | triangle in `f32` (in use) | 1.00 | as with `f64` |
+//! | triangle in `f32` | 1.00 | as with `f64` |
+//! | sums for the search, triangle for the last pass (in use) | 1.00 | as with `f64` |
 //!
 //! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller
-//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms
-//! on a PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim
-//! bench budget`), and with all that is beneath it 12 KB of stack.
+//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 17
+//! million instructions on the chip; 26 where the attitude's [latency](super::latency) is found and used; 35, or 44 with a
+//! latency, where another start is tried and does no better (`host-sim bench budget`).
+//!
+//! A step that promises little is taken without another look at the samples: eight passes make a solve, two over a quarter
+//! of them, two over half, two over all that are summed up, and two that are rotated.
 //!
 //! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what
 //! keeps the digits.

@@ -444,9 +444,8 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
     use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-    use crate::calibration::{Course, IronChange, Mark};
+    use crate::calibration::{Course, IronChange, Mark, Rates};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 

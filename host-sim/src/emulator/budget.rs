@@ -29,9 +29,9 @@ impl Budget {
 
 /// What the bench image prints, and the limits.
 ///
-/// Of the solve's 18 M instructions 4 M rotate equations into the triangle in the last two passes of eight, 4 M look at
-/// the samples and 3 M are for advice. One whose latency is used is looked at again with it. All is done below everything
-/// that is urgent, in a third of a second on the reference board.
+/// Of the solve's 17 M instructions 8 M are for eight passes over the samples, 4 M look at what they say besides, and 3 M
+/// are for advice. Where a latency is used, all is looked at again with it. It is done below everything that is urgent, in
+/// a third of a second on the reference board.
 const COUNTED_WITHIN: [(&str, &str, u64); 5] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_200),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_000),
