@@ -267,8 +267,7 @@ impl fmt::Display for Rejection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::{Course, Envelope, Method, Sample, Uncertainty};
+    use crate::calibration::{Course, Envelope, Method, Rates, Sample, Uncertainty};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 

@@ -1,8 +1,9 @@
 //! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either
 //! side, and every method on the same samples.
 
-use autoswing::calibration::Rates;
-use autoswing::calibration::{Calibration, Mark, Method, Orientation, Prior, Sample, Samples, SolveError, solve};
+use autoswing::calibration::{
+    Calibration, Mark, Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve,
+};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::readings_per_sample;
 use autoswing::time::WrappingMillis;

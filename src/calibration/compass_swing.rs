@@ -86,8 +86,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::Sample;
+    use crate::calibration::{Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 

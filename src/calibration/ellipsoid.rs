@@ -50,8 +50,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::{Method, Part, Prior, Quality, Sample, SolveError, solve};
+    use crate::calibration::{Method, Part, Prior, Quality, Rates, Sample, SolveError, solve};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 

@@ -108,8 +108,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Mark;
-    use crate::calibration::Rates;
+    use crate::calibration::{Mark, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 

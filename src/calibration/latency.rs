@@ -72,17 +72,17 @@ impl LatencyEvidence {
 
 impl Latency {
     /// Whether it is known well enough, and is enough, to be used.
-    fn is_of_use(&self) -> bool {
+    const fn is_of_use(self) -> bool {
         self.sigma_s < MAX_SIGMA_S && self.is_certain()
     }
 
-    fn is_certain(&self) -> bool {
+    const fn is_certain(self) -> bool {
         self.found_s.abs() > MIN_SIGMAS * self.sigma_s
     }
 
     /// What samples are to be looked at with next, seconds, after so many others and now `used_s`; none: all is well.
     /// What looks as if it could be of use is tried, and left again if it then is not.
-    pub(super) fn next(&self, used_s: f32, tried: u8) -> Option<f32> {
+    pub(super) fn next(self, used_s: f32, tried: u8) -> Option<f32> {
         if tried == 0 {
             return (self.sigma_s < MAX_SIGMA_AT_FIRST_S && self.is_certain()).then_some(self.found_s);
         }

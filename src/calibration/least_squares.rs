@@ -5,6 +5,7 @@
 //! instructions for each product in it. Here each equation is rotated into a triangle instead (square-root-free Givens
 //! rotations, W. M. Gentleman, "Least squares computations by Givens transformations without square roots", J. Inst.
 //! Maths Applics 12, 1973), which keeps the digits that the equations have. nalgebra factorises whole matrices only.
+//! Where digits do not matter, a triangle can be made of normal equations as well.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -127,8 +127,7 @@ impl Vertical {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::{Mark, Sample};
+    use crate::calibration::{Mark, Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 

@@ -8,25 +8,30 @@
 //!
 //! # Numbers
 //!
-//! All in `f32`, with the equations rotated into a triangle instead of summed up
-//! ([`least_squares`](super::least_squares)). What else was tried:
+//! All in `f32`. Many samples are sought through by normal equations, which are summed up in a third of the instructions;
+//! the last pass, with the noise known, rotates each equation into a triangle ([`least_squares`](super::least_squares)),
+//! and so have all passes over few samples. What else was tried:
 //!
 //! | | error over the bound | thin data |
 //! |---|---|---|
 //! | normal equations summed in `f32`, solved in `f64` | 1.00 | as here |
 //! | normal equations in `f32` | 1.00 | not positive definite in some compass swings |
-//! | triangle in `f32` (in use) | 1.00 | as with `f64` |
+//! | triangle in `f32` | 1.00 | as with `f64` |
+//! | sums for the search, triangle for the last pass (in use) | 1.00 | as with `f64` |
 //!
 //! The closed forms, too, give the same to four digits in `f32`, and without them in `f64` the image is 33 KB smaller
-//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 2.5 ms
-//! on a PC (`host-sim bench speed`), 33 million instructions on the chip, of which 11 million are rotations (`host-sim
-//! bench budget`), and with all that is beneath it 12 KB of stack.
+//! (of 233 KB). A product in `f64` takes a hundred instructions on a Cortex-M4. A solve of 2 x 256 samples takes 17
+//! million instructions on the chip; 26 where the attitude's [latency](super::latency) is found and used; 35, or 44 with a
+//! latency, where another start is tried and does no better (`host-sim bench budget`).
+//!
+//! A step that promises little is taken without another look at the samples: eight passes make a solve, two over a quarter
+//! of them, two over half, two over all that are summed up, and two that are rotated.
 //!
 //! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what
 //! keeps the digits.
 
 use super::Samples;
-use super::likelihood::{Likelihood, System, Vector13};
+use super::likelihood::{Likelihood, Noise, System, Vector13};
 
 /// Steps between two rounds; turns to both sides take three. Thin data can make a long, bent valley of unknowns that
 /// hardly matter to the heading: then this ends it, and what is left of the way is carried as uncertainty.
@@ -119,12 +124,24 @@ impl Refinement {
         &self.system
     }
 
-    /// Seeks again with samples whose attitudes are too old by so much, from unknowns that have been moved as they follow
-    /// that. The noise, which was more for it, is estimated once more.
+    /// Seeks again with samples whose attitudes are too old by so much, seconds, from unknowns that have been moved as they
+    /// follow that.
     #[inline(never)]
     pub fn with_latency(&mut self, samples: Samples<'_>, latency_s: f32, follows: &Vector13) {
         self.likelihood.latency_s = latency_s;
         self.unknowns += follows;
+        self.seek_nearby(samples);
+    }
+
+    /// Seeks again from a start that had settled with this noise.
+    #[inline(never)]
+    pub fn with_noise(&mut self, samples: Samples<'_>, noise: Noise) {
+        self.likelihood = Likelihood { noise, refined: true, stride: 1, ..self.likelihood.clone() };
+        self.seek_nearby(samples);
+    }
+
+    /// Unknowns and noise are nearly what they will be: the noise is estimated once more.
+    fn seek_nearby(&mut self, samples: Samples<'_>) {
         self.rounds = ROUNDS - 1;
         self.steps = 0;
         self.damping.value = Damping::REWEIGHTED;
@@ -184,7 +201,7 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
 
     use super::super::likelihood::unknowns::INCLINATION;
-    use super::super::likelihood::{Config, Noise, Parameters, Prior};
+    use super::super::likelihood::{Config, Parameters, Prior};
     use super::super::tests::synthetic::{Airframe, Flight, Random, Recorded};
     use super::super::{Sample, response};
     use super::*;
@@ -380,6 +397,33 @@ mod tests {
         }
         assert_eq!((estimates.len(), refinement.rounds), (3, 3));
         assert!((estimates[2] / estimates[1] - 1.0).abs() < 0.01, "{estimates:?}");
+    }
+
+    /// From where it had settled, with the noise of then, it is there again after one round; and a latency that it is to
+    /// have is that of all its passes.
+    #[test]
+    fn what_had_settled_is_soon_found_again() {
+        let (_, recorded) = flight(4);
+        let settled = || {
+            let mut refinement = refinement(&recorded, true);
+            while refinement.step(recorded.turns()) == Progress::Continue {}
+            refinement
+        };
+        let (there, mut again) = (settled(), refinement(&recorded, true));
+        again.unknowns = there.unknowns;
+        again.with_noise(recorded.turns(), there.likelihood.noise.clone());
+        assert_eq!(
+            (again.step(recorded.turns()), again.step(recorded.turns())),
+            (Progress::Continue, Progress::Settled)
+        );
+        let moved = (again.unknowns - there.unknowns).norm();
+        assert!(moved < 1e-3 * there.unknowns.norm(), "{moved}");
+        assert!((again.likelihood.noise.dip_rad / there.likelihood.noise.dip_rad - 1.0).abs() < 0.01);
+        let mut late = settled();
+        late.with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
+        assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
+        assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+        assert_eq!((late.rounds, late.steps), (ROUNDS - 1, 0));
     }
 
     /// A closed form's unknowns stay; only the noise around them is found.

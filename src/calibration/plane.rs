@@ -47,8 +47,7 @@ impl Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::Sample;
+    use crate::calibration::{Rates, Sample};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 

@@ -93,8 +93,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::{Mark, Sample};
+    use crate::calibration::{Mark, Rates, Sample};
     use crate::frames::{Attitude, Level};
     use crate::time::WrappingMillis;
 

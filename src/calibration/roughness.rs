@@ -39,12 +39,13 @@ impl Roughness {
         *slot = Some((near.map(|(_, second, _)| second), residual, time));
     }
 
-    /// The white part of the residuals' variance, as a share of all; all of it where samples do not tell.
+    /// The white part of the residuals' variance, as a share of all; all of it where samples do not tell. By chance it is
+    /// some per cent more than all: to cut that off would make it too small on the average.
     pub fn white_share(&self) -> f32 {
         if self.number < MIN_NUMBER {
             return 1.0;
         }
-        (self.squares / (6.0 * CLIPPED_MEAN_SQUARE * self.number)).min(1.0)
+        self.squares / (6.0 * CLIPPED_MEAN_SQUARE * self.number)
     }
 }
 
@@ -68,7 +69,7 @@ mod tests {
     fn the_white_part_is_found() {
         let mut random = Random(4);
         let all = share(2000, 400, |_| random.normal().clamp(-2.0, 2.0));
-        assert!((0.9..=1.0).contains(&all), "{all}");
+        assert!((0.9..1.1).contains(&all), "{all}");
         assert!(share(100, 400, |i| 0.01 * i) < 1e-6);
         assert!(share(100, 400, |i| (i * 0.21).sin()) < 1e-3);
         let part = share(2000, 400, |i| 0.5 * random.normal() + (i * 0.21).sin());
@@ -91,14 +92,16 @@ mod tests {
         for (part, ms, residual) in [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)] {
             roughness.add(part, WrappingMillis::new(ms), residual);
         }
-        assert_eq!((roughness.number, roughness.squares), (1.0, 0.25));
+        let sums = |roughness: &Roughness| [roughness.number, roughness.squares].map(f32::to_bits);
+        let are = |number: f32, squares: f32| [number, squares].map(f32::to_bits);
+        assert_eq!(sums(&roughness), are(1.0, 0.25));
         for (ms, residual) in [(5000, 0.0), (5400, 0.0)] {
             roughness.add(0, WrappingMillis::new(ms), residual);
         }
-        assert_eq!(roughness.number, 1.0);
+        assert_eq!(sums(&roughness), are(1.0, 0.25));
         roughness.add(0, WrappingMillis::new(5800), 2.0);
-        assert_eq!((roughness.number, roughness.squares), (2.0, 4.25));
+        assert_eq!(sums(&roughness), are(2.0, 4.25));
         roughness.add(7, WrappingMillis::new(5900), 2.0);
-        assert_eq!(roughness.number, 2.0);
+        assert_eq!(sums(&roughness), are(2.0, 4.25));
     }
 }

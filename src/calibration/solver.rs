@@ -6,7 +6,7 @@ use super::constancy::Change;
 use super::expected_error::Envelope;
 use super::information::{Consider, Information};
 use super::judgement::{Judgement, Solution};
-use super::likelihood::{Config, Likelihood, Prior, Vector13};
+use super::likelihood::{Config, Likelihood, Noise, Prior, Vector13};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
 use super::turns::{MIN_SAMPLES, progress_rad};
@@ -49,6 +49,7 @@ struct Kept {
     misfit: f32,
     /// The latency that was in use, seconds.
     latency_s: f32,
+    noise: Noise,
 }
 
 /// A field of more than this, microtesla, is no measurement: ten thousand times the Earth's.
@@ -150,10 +151,14 @@ impl Solver {
     /// another to try. Of two results the one that fits better is taken, and sought again.
     #[inline(never)]
     fn tries_other(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        if let Some(Kept { start, misfit, latency_s }) = self.kept.take() {
+        if let Some(Kept { start, misfit, latency_s, noise }) = self.kept.take() {
             // Not a number is no better either.
             let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
-            return !is_better && self.begin(samples, &start, latency_s);
+            let goes_back = !is_better && self.begin(samples, &start, latency_s);
+            if goes_back {
+                self.refinement.with_noise(samples, noise);
+            }
+            return goes_back;
         }
         if self.from_sphere || !is_doubtful(end) {
             return false;
@@ -192,7 +197,8 @@ impl Solver {
     fn keep(&self, solution: &Solution) -> Option<Kept> {
         let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
         let misfit = self.misfit(&solution.calibration);
-        Some(Kept { start: likelihood.start(unknowns)?, misfit, latency_s: likelihood.latency_s })
+        let Likelihood { latency_s, ref noise, .. } = *likelihood;
+        Some(Kept { start: likelihood.start(unknowns)?, misfit, latency_s, noise: noise.clone() })
     }
 
     /// What is less of the more likely of two results: of `N` samples the likelihood is `-N ln` of this, the product of
@@ -438,9 +444,8 @@ fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
     use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-    use crate::calibration::{Course, IronChange, Mark};
+    use crate::calibration::{Course, IronChange, Mark, Rates};
     use crate::frames::Field;
     use crate::time::WrappingMillis;
 
@@ -601,10 +606,10 @@ mod tests {
         for (misfit, is_found_again) in [(f32::INFINITY, false), (0.0, true)] {
             let mut solver = new();
             while !matches!(solver.refinement.step(samples), Refining::Settled) {}
-            let Kept { start, .. } = solver.keep(&plain).unwrap();
+            let Kept { start, noise, .. } = solver.keep(&plain).unwrap();
             let sphere = response::sphere(samples, &Matrix3::identity()).unwrap();
             assert!(solver.begin(samples, &sphere, 0.0));
-            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit, latency_s: 0.0 }));
+            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit, latency_s: 0.0, noise }));
             let (again, began) = run(solver, samples);
             assert_eq!(began, if is_found_again { 2 } else { 1 });
             let again = again.unwrap();

@@ -72,9 +72,12 @@ impl Covariance {
 pub struct Uncertainty {
     /// By products of `f`'s components, then by products of `y`'s; pairs in the order of the rows of a triangle.
     pub(crate) products: [[f32; 10]; 6],
-    /// Noise of a single reading on each axis, in units of the total field.
+    /// White noise of a single reading on each axis, in units of the total field: what shrinks with averaging. That of a
+    /// mean of `n` readings is its `sqrt(n)`-th part.
     pub sensor_sigma: f32,
-    /// Noise of roll and of pitch, radians.
+    /// Noise of roll and of pitch, radians: what the dips of all samples of the fit scattered by, in a robust mean, less
+    /// what is white of the sensor's. What is slow in the field is in it, which does as much to a heading. It does not
+    /// shrink with averaging.
     pub attitude_sigma_rad: f32,
 }
 

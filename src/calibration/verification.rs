@@ -55,8 +55,7 @@ fn score(samples: Samples<'_>, knows_attitude: bool, calibration: &Calibration) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Rates;
-    use crate::calibration::{Mark, Orientation};
+    use crate::calibration::{Mark, Orientation, Rates};
     use crate::frames::{Attitude, Field, Level};
     use crate::time::WrappingMillis;
 

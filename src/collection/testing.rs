@@ -1,9 +1,8 @@
 //! Samples for the tests of this folder.
 
-use crate::calibration::Rates;
 use nalgebra::Vector3;
 
-use crate::calibration::Sample;
+use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
 

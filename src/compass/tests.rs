@@ -2,9 +2,8 @@
 
 use super::*;
 use crate::acceptance::Rejection;
-use crate::calibration::Rates;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-use crate::calibration::{Calibration, Orientation, SolveError};
+use crate::calibration::{Calibration, Orientation, Rates, SolveError};
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
 use crate::settings::{AttitudeError, HeadingKind, Setting};

@@ -2,8 +2,7 @@
 
 use super::*;
 use crate::attitude::Source;
-use crate::calibration::Orientation;
-use crate::calibration::Rates;
+use crate::calibration::{Orientation, Rates};
 use crate::frames::Sensor;
 use crate::time::WrappingMillis;
 use testkit::random::Random;

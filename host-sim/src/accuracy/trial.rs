@@ -1,7 +1,6 @@
 //! One random airframe, the turns it flies, and what its module would record.
 
-use autoswing::calibration::Rates;
-use autoswing::calibration::{Calibration, Sample, Samples, Solution};
+use autoswing::calibration::{Calibration, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;

@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use core::fmt::{self, Write as _};
 use core::hint::black_box;
 
-use autoswing::calibration::{Method, Prior, Progress, Sample, Samples, Solution, Solver};
+use autoswing::calibration::{Method, Prior, Progress, Rates, Sample, Samples, Solution, Solver};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
 use autoswing::time::WrappingMillis;
@@ -21,6 +21,9 @@ use super::uart::UartTx;
 
 /// Samples of a turn to one side.
 const SAMPLES: usize = 256;
+
+/// What an attitude source is late by that is late, seconds.
+const LATE_S: f32 = 0.06;
 
 /// An instruction takes 64 ns (`-icount shift=6`), a tick 40 ns.
 const INSTRUCTION_NS: u64 = 64;
@@ -51,11 +54,11 @@ pub fn ask(number: u8) {
 
 /// Waits for tests to be asked for and runs them. Those that end badly end the run.
 pub async fn run(mut tx: UartTx) -> ! {
-    let turns = Turns::fly();
+    let mut turns = Turns::fly();
     loop {
         let mut results = Results::new();
         let written = match ASKED.wait().await {
-            Test::Budgets => budgets(&turns, &mut results),
+            Test::Budgets => budgets(&mut turns, &mut results),
             Test::Fault => cortex_m::asm::udf(),
             Test::Overflow => {
                 fill_stack(black_box(0));
@@ -82,8 +85,11 @@ fn fill_stack(depth: u32) -> u32 {
 }
 
 /// A line each, after the one that the console's prompt stands on: a name and the instructions it takes.
-fn budgets(turns: &Turns, out: &mut Results) -> fmt::Result {
-    let mut solve = 0;
+fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
+    let (mut solve, mut late) = (0, 0);
+    turns.delay(LATE_S);
+    let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
+    turns.delay(-LATE_S);
     let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = sensed(attitude, 1.0);
@@ -116,6 +122,7 @@ fn budgets(turns: &Turns, out: &mut Results) -> fmt::Result {
         ("heading", to_heading, found.is_ok()),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
         ("mavlink", to_report, reports == 1),
+        ("late", late, is_latency_found),
         ("solve", solve, true),
     ] {
         writeln!(out, "{name}: {count}{}", if done { "" } else { " failed" })?;
@@ -144,8 +151,8 @@ fn instructions(f: impl FnOnce()) -> u64 {
 
 /// A left and a right turn.
 struct Turns {
-    left: &'static [Sample],
-    right: &'static [Sample],
+    left: &'static mut [Sample],
+    right: &'static mut [Sample],
 }
 
 impl Turns {
@@ -159,9 +166,16 @@ impl Turns {
         Self { left, right }
     }
 
+    /// Makes the attitude source later by so much.
+    fn delay(&mut self, late_s: f32) {
+        for sample in self.left.iter_mut().chain(&mut *self.right) {
+            sample.attitude = sample.attitude_after(-late_s);
+        }
+    }
+
     /// Solves by maximum likelihood, counting instructions.
     fn solve(&self, count: &mut u64) -> Option<Solution> {
-        let samples = Samples { left: self.left, right: self.right, level: &[], marks: &[] };
+        let samples = Samples { left: &*self.left, right: &*self.right, level: &[], marks: &[] };
         let mut solver = None;
         *count += instructions(|| {
             solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).ok();
@@ -183,8 +197,7 @@ const WANDERS: [f32; 2] = [29.0, 23.0];
 /// Milliseconds from sample to sample.
 const SPACING_MS: u32 = 400;
 
-/// The `i`-th sample of a turn to a side, in an aircraft of some iron; bank and pitch wander by some degrees, and the
-/// attitude source is late.
+/// The `i`-th sample of a turn to a side, in an aircraft of some iron; bank and pitch wander by some degrees.
 fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     let part = i as f32 / SAMPLES as f32;
     let [roll, pitch] = WANDERS.map(|times| times * TAU * part);
@@ -201,7 +214,7 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
         roll_rad: attitude.roll_rad + 0.005 * noise.next(),
         pitch_rad: attitude.pitch_rad + 0.005 * noise.next(),
     };
-    Sample { field: Field::new(noisy), attitude: reported, time: WrappingMillis::new(400 * i as u32) }
+    Sample { field: Field::new(noisy), attitude: reported, rates, time: WrappingMillis::new(SPACING_MS * i as u32) }
 }
 
 /// What the sensor measures.

@@ -1,8 +1,7 @@
 //! The values that calibration takes and gives.
 
-use crate::calibration::Rates;
 use crate::calibration::{
-    Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Sample, Samples, Side, rows,
+    Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Rates, Sample, Samples, Side, rows,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;

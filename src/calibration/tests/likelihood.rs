@@ -1,13 +1,12 @@
 //! The model: what it takes from samples, how it learns its noise, and what it makes of its unknowns.
 
-use crate::calibration::Rates;
 use nalgebra::{Matrix3, Vector3};
 
 use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random};
 use crate::calibration::likelihood::{Config, Likelihood, Noise, Parameters, Prior, System, Vector13};
 use crate::calibration::response::Start;
-use crate::calibration::{Mark, Orientation, Sample, Samples, SolveError};
+use crate::calibration::{Mark, Orientation, Rates, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 

@@ -1,10 +1,9 @@
 //! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
 
-use crate::calibration::Rates;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
-use crate::calibration::{Calibration, Orientation, Sample, Samples, Side};
+use crate::calibration::{Calibration, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
