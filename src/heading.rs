@@ -14,6 +14,8 @@ pub struct Heading {
     /// Its standard deviation, radians: what is left unknown of the coefficients, and the noise of sensor and attitude
     /// at this attitude and in this field.
     pub sigma_rad: f32,
+    /// The coefficients' share of its variance, radians squared: it is the same from one reading to the next.
+    pub coefficients_variance: f32,
 }
 
 impl Heading {
@@ -122,8 +124,12 @@ pub fn heading(
     if is_disturbed(config, calibration, &of_total) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad = uncertainty.heading_sigma_rad(calibration, field, &tilt, level);
-    Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
+    let variance = uncertainty.heading_variance(calibration, field, &tilt, level);
+    Ok(Heading {
+        magnetic_rad: level.heading_rad(),
+        sigma_rad: variance.sigma_rad(),
+        coefficients_variance: variance.coefficients,
+    })
 }
 
 /// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as
@@ -263,11 +269,12 @@ mod tests {
 
     #[test]
     fn a_heading_turns_round_the_circle_with_its_sigma() {
-        let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01 };
+        let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01, coefficients_variance: 5e-5 };
         for (by_deg, to_deg) in [(20.0, 10.0), (-20.0, 330.0), (0.0, 350.0), (-355.0, 355.0)] {
             let turned = heading.turned_by(by_deg);
             assert!((turned.magnetic_deg() - to_deg).abs() < 1e-3, "{by_deg}: {turned:?}");
             assert!((turned.sigma_deg() - 0.572_96).abs() < 1e-4);
+            assert_eq!(turned.coefficients_variance.to_bits(), 5e-5_f32.to_bits());
         }
     }
 

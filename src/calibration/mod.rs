@@ -113,7 +113,7 @@ pub use judgement::{Doubt, Solution};
 pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use solver::{Progress, Solver, solve};
-pub use uncertainty::Uncertainty;
+pub use uncertainty::{HeadingVariance, Uncertainty};
 pub(crate) use {least_squares::LeastSquares, plane::Plane};
 
 use core::fmt::Debug;

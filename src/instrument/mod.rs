@@ -45,6 +45,7 @@
 mod averager;
 mod pairing;
 mod sensor;
+mod smoother;
 #[cfg(test)]
 mod tests;
 
@@ -56,6 +57,7 @@ use crate::magnetometer::Reading;
 use crate::time::Timestamp;
 use pairing::Pairing;
 use sensor::{Fault, SensorCheck};
+use smoother::Smoother;
 
 /// Fixed numbers of an instrument.
 #[derive(Clone, Copy, Debug)]
@@ -167,6 +169,9 @@ pub struct Estimate {
     pub body: Option<Field<Body>>,
     /// The heading, alignment included, or why there is none.
     pub heading: Result<Heading, NoHeading>,
+    /// The same smoothed by the attitude source's body rates; none without a heading, and while the rates are not there,
+    /// have not been for long, or contradict it.
+    pub smooth: Option<Heading>,
     /// The attitude at that instant, if the source's reports reach it.
     pub attitude: Option<Attitude>,
 }
@@ -174,7 +179,7 @@ pub struct Estimate {
 impl Estimate {
     /// Before the first reading.
     pub const NOTHING: Self =
-        Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), attitude: None };
+        Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), smooth: None, attitude: None };
 }
 
 /// What was not believed so far, and why; each wraps.
@@ -207,6 +212,7 @@ pub struct Instrument {
     track: Track,
     sensor: SensorCheck,
     pairing: Pairing,
+    smoother: Smoother,
     counts: Counts,
 }
 
@@ -220,6 +226,7 @@ impl Instrument {
             track: Track::new(config.attitude),
             sensor: SensorCheck::new(&config),
             pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
+            smoother: Smoother::new(),
             counts: Counts::NONE,
         }
     }
@@ -229,6 +236,9 @@ impl Instrument {
         if correction.sample_attitude != self.correction.sample_attitude {
             // A sample is made of readings of one kind.
             self.pairing.reset();
+        }
+        if correction != self.correction {
+            self.smoother.reset();
         }
         self.correction = correction;
     }
@@ -264,7 +274,8 @@ impl Instrument {
         }
         let attitude = self.attitude_at(at);
         let heading = fault.map_or_else(|| self.heading(reading.field, attitude), |fault| Err(fault.into()));
-        Estimate { at, body, heading, attitude: attitude.ok() }
+        let smooth = self.smoother.smooth(at, heading.as_ref().ok(), self.track.turning_at(at));
+        Estimate { at, body, heading, smooth, attitude: attitude.ok() }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
