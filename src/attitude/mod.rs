@@ -3,6 +3,7 @@
 mod clock;
 mod motion;
 mod plausibility;
+mod rates;
 mod senders;
 
 use core::f32::consts::FRAC_PI_2;
@@ -13,6 +14,7 @@ use clock::SenderClock;
 use motion::Integral;
 pub use motion::{Motion, Turning};
 use plausibility::{Freeze, Spikes};
+use rates::RatesCheck;
 pub use senders::{Heartbeat, Senders, Source};
 
 /// Fixed numbers of this module.
@@ -119,6 +121,7 @@ pub struct Track {
     clock: SenderClock,
     spikes: Spikes,
     freeze: Freeze,
+    rates: RatesCheck,
     doubted: Doubted,
 }
 
@@ -132,12 +135,13 @@ impl Track {
             clock: SenderClock::new(),
             spikes: Spikes::new(),
             freeze: Freeze::new(),
+            rates: RatesCheck::new(),
             doubted: Doubted::NONE,
         }
     }
 
     /// Takes a report whose last byte arrived at `arrival`.
-    pub fn push(&mut self, arrival: Timestamp, report: Report) {
+    pub fn push(&mut self, arrival: Timestamp, mut report: Report) {
         if self.reports.back().is_some_and(|last| last.report.source != report.source) {
             // Another sender has another clock and another attitude: nothing leads from one to the other.
             *self = Self { doubted: self.doubted, ..Self::new(self.config) };
@@ -146,6 +150,9 @@ impl Track {
         // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
         if self.reports.back().is_some_and(|last| last.at >= at) {
             return;
+        }
+        if !self.rates.see(at, &report, self.config.max_gap_us) {
+            report.rates_rad_s = [0.0; 3];
         }
         self.freeze.see(at, &report);
         if self.freeze.frozen_at().is_some() {

@@ -81,18 +81,19 @@ impl Smoother {
         let raw = raw?;
         let variance = (square(raw.sigma_rad) - raw.coefficients_variance).max(LEAST_VARIANCE);
         let step = self.state.as_mut().and_then(|state| state.predict(at, &turning));
-        let (Some(state), Some(step_s)) = (&mut self.state, step) else {
+        let (Some(state), Some(step)) = (&mut self.state, step) else {
             self.agreement.begin();
             self.state = Some(State::starting(at, raw.magnetic_rad, variance, &turning));
             return None;
         };
         let off_rad = wrap_pi(raw.magnetic_rad - state.heading_rad);
-        let agreed = self.agreement.see(off_rad, state.variance() + variance, step_s);
-        if agreed == Agreed::Contradicted {
+        let agreed = self.agreement.see(off_rad, state.variance() + variance, step);
+        if agreed == Agreed::Lost {
+            self.agreement.begin();
             *state = State::starting(at, raw.magnetic_rad, variance, &turning);
             return None;
         }
-        state.measure(off_rad, variance, step_s);
+        state.measure(off_rad, variance, step.step_s);
         (agreed == Agreed::Yes).then(|| Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
             sigma_rad: libm::sqrtf(state.variance() + raw.coefficients_variance),
@@ -119,6 +120,14 @@ struct State {
     known_bias_variance: f32,
 }
 
+/// From one raw heading to the next.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    step_s: f32,
+    /// By the gyro.
+    turned_rad: f32,
+}
+
 impl State {
     fn starting(at: Timestamp, heading_rad: f32, variance: f32, turning: &Turning) -> Self {
         Self {
@@ -138,9 +147,9 @@ impl State {
         self.known_bias_variance + square(self.by_bias_s) * self.bias_variance
     }
 
-    /// Carries it on to an instant by what the gyro has turned since; gives the seconds. None where that is not known:
-    /// after a gap, or with another run of the gyro.
-    fn predict(&mut self, at: Timestamp, turning: &Turning) -> Option<f32> {
+    /// Carries it on to an instant by what the gyro has turned since. None where that is not known: after a gap, or with
+    /// another run of the gyro.
+    fn predict(&mut self, at: Timestamp, turning: &Turning) -> Option<Step> {
         let step_us = at.us_since(self.at);
         if turning.run != self.run || step_us > MAX_GAP_US {
             return None;
@@ -158,7 +167,7 @@ impl State {
         self.known_bias_variance += square(self.by_bias_s) * self.bias_variance * walk / walked;
         self.by_bias_s *= self.bias_variance / walked;
         self.bias_variance = walked;
-        Some(step_s)
+        Some(Step { step_s, turned_rad })
     }
 
     /// Takes a raw heading that is off by so much, with its variance; `step_s` after the one before.
@@ -187,25 +196,32 @@ impl State {
 enum Agreed {
     /// They have said the same for long enough.
     Yes,
-    /// So far they say the same.
+    /// They have not, or not for long.
     NotYet,
-    /// They do not: one of them is wrong.
-    Contradicted,
+    /// They have not for so long that the filter is lost.
+    Lost,
 }
 
 /// Whether raw and smooth heading say the same: the mean of their difference over two seconds within three of their
-/// joint sigmas. A gyro that is quickly wrong shows sooner, in two differences one after the other of four sigmas, or
-/// of four times what they have been of late where the raw heading is noisier than it says. A single one is nothing.
+/// joint sigmas. A gyro that is quickly wrong shows sooner, in two differences one after the other of four sigmas; or of
+/// four times what they scatter from one to the next, where the raw heading is noisier than it says. A single one is
+/// nothing.
 #[derive(Clone, Debug)]
 struct Agreement {
     /// Mean of the difference, radians.
     mean_rad: f32,
-    /// Of its square.
-    mean_square: f32,
-    /// The one before was too large, and to this side.
+    /// The difference before.
+    last_rad: f32,
+    /// What the differences scatter from one to the next: the mean of half the square of that step.
+    scatter: f32,
+    /// The difference before was too large, and to this side.
     beyond: Option<bool>,
-    /// For how long they have agreed, less for how long they have to, seconds.
+    /// For how long they have agreed, up to how long they have to, seconds.
     agreed_s: f32,
+    /// What they have yet to turn in agreement, radians.
+    owed_rad: f32,
+    /// For how long they have not, seconds.
+    against_s: f32,
 }
 
 impl Agreement {
@@ -218,31 +234,44 @@ impl Agreement {
     /// A single one.
     const SINGLE_SIGMAS: f32 = 4.0;
 
-    /// So long they have to agree at the beginning, and after a contradiction, seconds.
-    const AT_FIRST_S: f32 = 2.0;
-    const AFTER_CONTRADICTION_S: f32 = 10.0;
+    /// So long they have to agree, seconds.
+    const SETTLED_S: f32 = 2.0;
 
-    const NEW: Self = Self { mean_rad: 0.0, mean_square: 0.0, beyond: None, agreed_s: -Self::AT_FIRST_S };
+    /// After a contradiction they have to agree in a turn, or in as much to and fro, radians: a gyro that is wrong agrees
+    /// as long as nothing turns.
+    const PROOF_RAD: f32 = 45.0 * DEG;
+
+    /// After so long the filter is lost, seconds.
+    const LOST_AFTER_S: f32 = 5.0;
+
+    const NEW: Self =
+        Self { mean_rad: 0.0, last_rad: 0.0, scatter: 0.0, beyond: None, agreed_s: 0.0, owed_rad: 0.0, against_s: 0.0 };
 
     /// The filter begins anew, and what was owed before is still owed.
     fn begin(&mut self) {
-        *self = Self { agreed_s: self.agreed_s.min(Self::NEW.agreed_s), ..Self::NEW };
+        *self = Self { owed_rad: self.owed_rad, ..Self::NEW };
     }
 
-    /// Takes the difference of an instant with the variance that it should have.
-    fn see(&mut self, off_rad: f32, variance: f32, step_s: f32) -> Agreed {
-        let usual = square(Self::SINGLE_SIGMAS) * variance.max(self.mean_square);
+    /// Takes the difference of an instant with the variance that it should have, and what the gyro has turned since the
+    /// one before.
+    fn see(&mut self, off_rad: f32, variance: f32, step: Step) -> Agreed {
+        let Step { step_s, turned_rad } = step;
+        let part = step_s / (Self::MEAN_AGE_S + step_s);
+        self.mean_rad += part * (off_rad - self.mean_rad);
+        let usual = square(Self::SINGLE_SIGMAS) * variance.max(self.scatter);
+        self.scatter += part * (0.5 * square(off_rad - self.last_rad) - self.scatter);
+        self.last_rad = off_rad;
         let beyond = (square(off_rad) > usual).then_some(off_rad > 0.0);
         let is_quick = beyond.is_some() && beyond == self.beyond;
         self.beyond = beyond;
-        let part = step_s / (Self::MEAN_AGE_S + step_s);
-        self.mean_rad += part * (off_rad - self.mean_rad);
-        self.mean_square += part * (square(off_rad) - self.mean_square);
         if is_quick || square(self.mean_rad) > square(Self::MEAN_SIGMAS) * variance {
-            *self = Self { agreed_s: -Self::AFTER_CONTRADICTION_S, ..Self::NEW };
-            return Agreed::Contradicted;
+            (self.agreed_s, self.owed_rad) = (0.0, Self::PROOF_RAD);
+            self.against_s += step_s;
+            return if self.against_s > Self::LOST_AFTER_S { Agreed::Lost } else { Agreed::NotYet };
         }
-        self.agreed_s = (self.agreed_s + step_s).min(0.0);
-        if self.agreed_s < 0.0 { Agreed::NotYet } else { Agreed::Yes }
+        self.against_s = 0.0;
+        self.agreed_s = (self.agreed_s + step_s).min(Self::SETTLED_S);
+        self.owed_rad = (self.owed_rad - turned_rad.abs()).max(0.0);
+        if self.agreed_s >= Self::SETTLED_S && self.owed_rad <= 0.0 { Agreed::Yes } else { Agreed::NotYet }
     }
 }
