@@ -31,7 +31,7 @@ const MAX_GAP_US: u64 = 3_000_000;
 const MAX_TURNING_RAD_S: f32 = core::f32::consts::TAU;
 
 /// Of the heading by the gyro, radians squared a second: a random walk of 0.1 deg in a second.
-const HEADING_WALK: f32 = square(0.1 * DEG);
+const HEADING_WALK: f32 = square(0.2 * DEG);
 
 /// The same of the gyro's bias, (rad/s)^2 a second: 0.002 deg/s.
 const BIAS_WALK: f32 = square(0.002 * DEG);
@@ -40,7 +40,7 @@ const BIAS_WALK: f32 = square(0.002 * DEG);
 const BIAS_VARIANCE: f32 = square(0.1 * DEG);
 
 /// What a gyro and the angles it is turned by leave of a turn: 1 % of each tenth of a second, seconds.
-const SCALE_WALK_S: f32 = square(0.01) * 0.1;
+const SCALE_WALK_S: f32 = square(0.03) * 0.1;
 
 /// No raw heading is better, radians squared: 0.05 deg.
 const LEAST_VARIANCE: f32 = square(0.05 * DEG);
@@ -59,12 +59,13 @@ const fn square(x: f32) -> f32 {
 pub(super) struct Smoother {
     state: Option<State>,
     agreement: Agreement,
+    lasting: Lasting,
 }
 
 impl Smoother {
     /// Before any heading.
     pub const fn new() -> Self {
-        Self { state: None, agreement: Agreement::NEW }
+        Self { state: None, agreement: Agreement::NEW, lasting: Lasting::NEW }
     }
 
     /// Forgets everything: what a heading is made with has changed.
@@ -87,6 +88,7 @@ impl Smoother {
             return None;
         };
         let off_rad = wrap_pi(raw.magnetic_rad - state.heading_rad);
+        self.lasting.see(off_rad, state.variance() + variance, step.step_s);
         let agreed = self.agreement.see(off_rad, state.variance() + variance, step);
         if agreed == Agreed::Lost {
             self.agreement.begin();
@@ -96,7 +98,7 @@ impl Smoother {
         state.measure(off_rad, variance, step.step_s);
         (agreed == Agreed::Yes).then(|| Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
-            sigma_rad: libm::sqrtf(state.variance() + raw.coefficients_variance),
+            sigma_rad: libm::sqrtf(self.lasting.share * variance + raw.coefficients_variance),
             coefficients_variance: raw.coefficients_variance,
         })
     }
@@ -188,6 +190,38 @@ impl State {
         self.bias_variance *= (known + noise) / sum;
         self.by_bias_s *= rest;
         self.known_bias_variance *= rest;
+    }
+}
+
+/// How much of the raw heading's noise lasts, and is not smoothed away: the filter cannot tell it from the truth. A mean
+/// over ten seconds of noise that lasts for half a second has a twentieth of its variance, of noise that lasts as long as
+/// a turn most of it.
+#[derive(Clone, Debug)]
+struct Lasting {
+    /// Mean of the difference between raw and smooth heading, radians.
+    mean_rad: f32,
+    /// Its mean square, over the variance of the difference.
+    share: f32,
+    /// For how long it has been learnt, seconds.
+    learnt_s: f32,
+}
+
+impl Lasting {
+    /// Mean age of what the mean is of, seconds.
+    const MEAN_AGE_S: f32 = 10.0;
+
+    /// The same of the share, and what the first guess counts for, seconds.
+    const MEMORY_S: f32 = 120.0;
+    const GUESS_S: f32 = 10.0;
+
+    const NEW: Self = Self { mean_rad: 0.0, share: 0.3, learnt_s: Self::GUESS_S };
+
+    /// Takes the difference of an instant with the variance that it should have.
+    fn see(&mut self, off_rad: f32, variance: f32, step_s: f32) {
+        self.mean_rad += (off_rad - self.mean_rad) * step_s / (Self::MEAN_AGE_S + step_s);
+        self.learnt_s = (self.learnt_s + step_s).min(Self::MEMORY_S);
+        let share = (square(self.mean_rad) / variance).min(1.0);
+        self.share += (share - self.share) * step_s / (self.learnt_s + step_s);
     }
 }
 
