@@ -14,6 +14,8 @@ pub struct Heading {
     /// Its standard deviation, radians: what is left unknown of the coefficients, and the noise of sensor and attitude
     /// at this attitude and in this field.
     pub sigma_rad: f32,
+    /// The share of its variance that is the same from one reading to the next, square radians: that of the coefficients.
+    pub systematic_rad2: f32,
 }
 
 impl Heading {
@@ -29,10 +31,16 @@ impl Heading {
         Self { magnetic_rad: wrap_two_pi(self.magnetic_rad + degrees.to_radians()), ..self }
     }
 
-    /// The heading with so much more variance, square radians.
+    /// The heading with this variance of what stays the same from one reading to the next, square radians, if that is more
+    /// than the coefficients': both are accounts of the same errors, so the larger one counts.
     #[must_use]
-    pub fn less_certain(self, variance_rad2: f32) -> Self {
-        Self { sigma_rad: libm::sqrtf(self.sigma_rad * self.sigma_rad + variance_rad2), ..self }
+    pub fn with_systematic(self, variance_rad2: f32) -> Self {
+        let more_rad2 = (variance_rad2 - self.systematic_rad2).max(0.0);
+        Self {
+            sigma_rad: libm::sqrtf(self.sigma_rad * self.sigma_rad + more_rad2),
+            systematic_rad2: self.systematic_rad2 + more_rad2,
+            ..self
+        }
     }
 
     /// Its standard deviation in degrees.
@@ -134,8 +142,12 @@ pub fn heading(
     if is_disturbed(config, calibration, &of_total) {
         return Err(NoHeading::FieldDisturbed);
     }
-    let sigma_rad = uncertainty.heading_sigma_rad(calibration, field, &tilt, level);
-    Ok(Heading { magnetic_rad: level.heading_rad(), sigma_rad })
+    let variance = uncertainty.heading_variance(calibration, field, &tilt, level);
+    Ok(Heading {
+        magnetic_rad: level.heading_rad(),
+        sigma_rad: variance.sigma_rad(),
+        systematic_rad2: variance.coefficients,
+    })
 }
 
 /// Whether the level field, in units of the total field, is not that of the calibration; what is not finite counts as
@@ -275,11 +287,12 @@ mod tests {
 
     #[test]
     fn a_heading_turns_round_the_circle_with_its_sigma() {
-        let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01 };
+        let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01, systematic_rad2: 5e-5 };
         for (by_deg, to_deg) in [(20.0, 10.0), (-20.0, 330.0), (0.0, 350.0), (-355.0, 355.0)] {
             let turned = heading.turned_by(by_deg);
             assert!((turned.magnetic_deg() - to_deg).abs() < 1e-3, "{by_deg}: {turned:?}");
             assert!((turned.sigma_deg() - 0.572_96).abs() < 1e-4);
+            assert_eq!(turned.systematic_rad2.to_bits(), 5e-5_f32.to_bits());
         }
     }
 

@@ -14,6 +14,8 @@ pub struct Received {
     pub sigma_deg: Option<f64>,
     /// `ok`, or why there is no heading: a sentence `PASWH` says it.
     pub status: Option<String>,
+    /// `smooth` or `raw`: a sentence `PASWH` with a heading says it.
+    pub told: Option<String>,
 }
 
 /// Collects bytes into sentences.
@@ -49,14 +51,15 @@ fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
     let kind = fields.next()?.to_owned();
     let heading = fields.next()?;
     let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
-    let (sigma_deg, status) = if kind == "PASWH" {
+    let (sigma_deg, status, told) = if kind == "PASWH" {
         let sigma = fields.next()?;
         let sigma_deg = if heading_deg.is_some() { Some(sigma.parse().ok()?) } else { None };
-        (sigma_deg, Some(fields.next()?.to_owned()))
+        let (status, told) = (fields.next()?.to_owned(), fields.next()?);
+        (sigma_deg, Some(status), (!told.is_empty()).then(|| told.to_owned()))
     } else {
-        (None, None)
+        (None, None, None)
     };
-    Some(Received { at_us, kind, heading_deg, sigma_deg, status })
+    Some(Received { at_us, kind, heading_deg, sigma_deg, status, told })
 }
 
 #[cfg(test)]

@@ -65,11 +65,16 @@ pub struct Report {
 }
 
 impl Report {
-    /// Whether its source gives rates: those of what moves are never all nothing.
+    /// Whether its source gives rates: those of what moves are never all nothing, and no gyro reads more than
+    /// [`MAX_RATE_RAD_S`].
     fn has_rates(&self) -> bool {
         self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
+            && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_RATE_RAD_S)
     }
 }
+
+/// 2,000 deg/s, where the gyros of autopilots end, and a little.
+const MAX_RATE_RAD_S: f32 = 36.0;
 
 /// A report with the instant at which it was sent, and the integral of its rates up to there.
 #[derive(Clone, Copy, Debug)]

@@ -121,7 +121,7 @@ pub use likelihood::Prior;
 pub use orientation::Orientation;
 pub use rates::Rates;
 pub use solver::{Progress, Solver, solve};
-pub use uncertainty::Uncertainty;
+pub use uncertainty::{HeadingVariance, Uncertainty};
 pub(crate) use {least_squares::LeastSquares, likelihood::Prediction, plane::Plane};
 
 use core::fmt::Debug;

@@ -81,6 +81,23 @@ pub struct Uncertainty {
     pub attitude_sigma_rad: f32,
 }
 
+/// Variance of a heading, radians squared, in its two shares.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingVariance {
+    /// Of what is left unknown of the coefficients: the same in all readings at an attitude and a heading.
+    pub coefficients: f32,
+    /// Of the noise of sensor and attitude.
+    pub noise: f32,
+}
+
+impl HeadingVariance {
+    /// Standard deviation by both, radians.
+    #[must_use]
+    pub fn sigma_rad(&self) -> f32 {
+        libm::sqrtf(self.coefficients + self.noise)
+    }
+}
+
 impl Uncertainty {
     /// Everything known exactly.
     pub const NONE: Self = Self { products: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
@@ -108,17 +125,17 @@ impl Uncertainty {
             && self.attitude_sigma_rad.is_finite()
     }
 
-    /// Standard deviation of a heading, radians: from the coefficients' errors, and from the noise of attitude and of a
-    /// single reading of the sensor at this very attitude. `level` is the reading corrected by the calibration and
+    /// Variance of a heading: from the coefficients' errors, and from the noise of attitude and of a single reading of the
+    /// sensor at this very attitude. `level` is the reading corrected by the calibration and
     /// levelled by the tilt.
     #[must_use]
-    pub fn heading_sigma_rad(
+    pub fn heading_variance(
         &self,
         calibration: &Calibration,
         sensor: Field<Sensor>,
         tilt: &Tilt,
         level: Field<Level>,
-    ) -> f32 {
+    ) -> HeadingVariance {
         let per_total = 1.0 / calibration.total_ut;
         let level = level.ut * per_total;
         let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
@@ -132,7 +149,7 @@ impl Uncertainty {
         // A tilt of the level frame turns the heading by `tan(dip)` times the tilt towards the field.
         let tan_squared = level.z * level.z / horizontal_squared(&level);
         let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
-        libm::sqrtf(self.coefficients_variance(&by_field, &x) + sensor + attitude)
+        HeadingVariance { coefficients: self.coefficients_variance(&by_field, &x), noise: sensor + attitude }
     }
 
     /// Variance that the coefficients' errors make of something with this derivative by the corrected field, at
@@ -211,7 +228,7 @@ mod tests {
         fn sigma_rad(&self, uncertainty: &Uncertainty) -> f32 {
             let tilt = self.attitude.tilt();
             let level = tilt.level(self.calibration.apply(self.reading));
-            uncertainty.heading_sigma_rad(&self.calibration, self.reading, &tilt, level)
+            uncertainty.heading_variance(&self.calibration, self.reading, &tilt, level).sigma_rad()
         }
 
         /// The calibration with its coefficients moved: `W` by elements, and `b` so that the corrected field is less by
@@ -305,8 +322,9 @@ mod tests {
         let uncertainty = Uncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..Uncertainty::NONE };
         let sensor = Field::from_ut(0.0, 0.0, 50.0);
         let tilt = Attitude::default().tilt();
-        let sigma_rad =
-            uncertainty.heading_sigma_rad(&calibration, sensor, &tilt, tilt.level(calibration.apply(sensor)));
+        let sigma_rad = uncertainty
+            .heading_variance(&calibration, sensor, &tilt, tilt.level(calibration.apply(sensor)))
+            .sigma_rad();
         assert!(sigma_rad.is_finite() && sigma_rad > 3.0, "{sigma_rad}");
     }
 

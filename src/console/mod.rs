@@ -17,7 +17,7 @@ use session::MINUS;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass;
-use crate::settings::{AttitudeError, Setting};
+use crate::settings::{AttitudeError, HeadingKind, Setting};
 use crate::wire::decimal;
 
 /// What a line asks for.
@@ -92,7 +92,7 @@ enum Line<'a> {
         #[command(subcommand)]
         command: Cal<'a>,
     },
-    /// Heading sentences: on, off, rate HZ
+    /// Heading sentences: on, off, rate HZ, heading raw or smooth
     Stream {
         #[command(subcommand)]
         command: Stream,
@@ -150,6 +150,11 @@ enum Stream {
     Rate {
         /// 1 to 80
         hz: u8,
+    },
+    /// Choose which heading they tell
+    Heading {
+        /// smooth (the default): with the body rates; raw: for an autopilot with a filter of its own
+        kind: HeadingKind,
     },
 }
 
@@ -237,6 +242,12 @@ impl<'a> FromArgument<'a> for Method {
     }
 }
 
+impl<'a> FromArgument<'a> for HeadingKind {
+    fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
+        Self::from_name(text).ok_or(FromArgumentError { value: text, expected: "raw or smooth" })
+    }
+}
+
 impl<'a> FromArgument<'a> for Orientation {
     fn from_arg(text: &'a str) -> Result<Self, FromArgumentError<'a>> {
         Self::from_name(text).ok_or(FromArgumentError {
@@ -253,7 +264,7 @@ impl Line<'_> {
             Line::Version | Line::Status | Line::Reboot => 0,
             Line::Set { command: Set::AttitudeError { deg: Chosen(Some(_)), .. } } => 3,
             Line::Cal { command: Cal::Clear { .. } | Cal::Start { .. } | Cal::Mark { .. } | Cal::Solve { .. } }
-            | Line::Stream { command: Stream::Rate { .. } }
+            | Line::Stream { command: Stream::Rate { .. } | Stream::Heading { .. } }
             | Line::Set { .. } => 2,
             Line::Cal { .. } | Line::Stream { .. } => 1,
         }
@@ -281,6 +292,7 @@ impl Line<'_> {
                 Stream::On => Command::Set(Setting::StreamOn(true)),
                 Stream::Off => Command::Set(Setting::StreamOn(false)),
                 Stream::Rate { hz } => Command::Set(Setting::StreamRateHz(hz)),
+                Stream::Heading { kind } => Command::Set(Setting::StreamHeading(kind)),
             },
             Line::Set { command } => match command {
                 Set::Declination { deg } => Command::Set(Setting::Declination(deg.0)),

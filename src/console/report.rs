@@ -164,7 +164,7 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     }
     let settings = &report.settings;
     let stream = if settings.stream_on { "on" } else { "off" };
-    writeln!(out, "stream: {stream}, {} Hz", settings.stream_rate_hz)?;
+    writeln!(out, "stream: {stream}, {} Hz, {} heading", settings.stream_rate_hz, settings.stream_heading.name())?;
     match settings.declination_deg {
         Some(deg) => writeln!(out, "declination: {} deg", Decimal::<1>(deg))?,
         None => writeln!(out, "declination: not set")?,

@@ -45,11 +45,12 @@
 mod averager;
 mod pairing;
 mod sensor;
+mod smoother;
 #[cfg(test)]
 mod tests;
 mod watch;
 
-use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track};
+use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track, Turning};
 use crate::calibration::{Calibration, Sample, Uncertainty};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
@@ -57,6 +58,7 @@ use crate::magnetometer::Reading;
 use crate::time::Timestamp;
 use pairing::Pairing;
 use sensor::{Fault, SensorCheck};
+use smoother::Smoother;
 pub use watch::{Iron, IronNews};
 use watch::{Watch, Watched};
 
@@ -170,6 +172,9 @@ pub struct Estimate {
     pub body: Option<Field<Body>>,
     /// The heading, alignment included, or why there is none.
     pub heading: Result<Heading, NoHeading>,
+    /// The same smoothed by the attitude source's body rates; none without a heading, and while the rates are not there,
+    /// have not been for long, or contradict it.
+    pub smooth: Option<Heading>,
     /// The attitude at that instant, if the source's reports reach it.
     pub attitude: Option<Attitude>,
     /// Hard iron that has moved since the calibration, once it is sure.
@@ -178,8 +183,14 @@ pub struct Estimate {
 
 impl Estimate {
     /// Before the first reading.
-    pub const NOTHING: Self =
-        Self { at: Timestamp::START, body: None, heading: Err(NoHeading::SensorSilent), attitude: None, iron: None };
+    pub const NOTHING: Self = Self {
+        at: Timestamp::START,
+        body: None,
+        heading: Err(NoHeading::SensorSilent),
+        smooth: None,
+        attitude: None,
+        iron: None,
+    };
 }
 
 /// What was not believed so far, and why; each wraps.
@@ -212,6 +223,7 @@ pub struct Instrument {
     track: Track,
     sensor: SensorCheck,
     pairing: Pairing,
+    smoother: Smoother,
     counts: Counts,
     watch: Watch,
     /// What the watch has not seen yet: a sample with the instant of its last reading.
@@ -230,6 +242,7 @@ impl Instrument {
             track: Track::new(config.attitude),
             sensor: SensorCheck::new(&config),
             pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
+            smoother: Smoother::new(),
             counts: Counts::NONE,
             watch: Watch::new(watch::Config::DEFAULT),
             unwatched: None,
@@ -247,6 +260,9 @@ impl Instrument {
             self.watch = Watch::new(watch::Config::DEFAULT);
             self.unwatched = None;
             self.in_force = correction.calibration;
+        }
+        if correction != self.correction {
+            self.smoother.reset();
         }
         self.correction = correction;
     }
@@ -281,8 +297,11 @@ impl Instrument {
             self.track.see_field(body);
         }
         let attitude = self.attitude_at(at);
-        let heading = fault.map_or_else(|| self.heading(at, reading.field, attitude), |fault| Err(fault.into()));
-        Estimate { at, body, heading, attitude: attitude.ok(), iron: self.iron() }
+        let turning = self.track.turning_at(self.told_at(at));
+        let heading =
+            fault.map_or_else(|| self.heading(reading.field, attitude, turning.as_ref()), |fault| Err(fault.into()));
+        let smooth = self.smoother.smooth(at, heading.as_ref().ok(), turning);
+        Estimate { at, body, heading, smooth, attitude: attitude.ok(), iron: self.iron() }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
@@ -379,21 +398,20 @@ impl Instrument {
 
     fn heading(
         &self,
-        at: Timestamp,
         field: Field<Sensor>,
         attitude: Result<Attitude, NoHeading>,
+        turning: Option<&Turning>,
     ) -> Result<Heading, NoHeading> {
         let (calibration, uncertainty) = self.in_force.as_ref().ok_or(NoHeading::Uncalibrated)?;
         let adjustment = self.watch.adjustment();
-        let turning = self.track.turning_at(self.told_at(at));
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
         let attitude = adjustment.attitude(attitude?, &motion);
         adjustment.verdict?;
         let config = self.config.heading;
         let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
-        let heading =
-            heading::heading(config, calibration, uncertainty, field, attitude)?.less_certain(adjustment.variance_rad2);
-        if adjustment.agrees(self.watch.config(), heading, turning.as_ref()) {
+        let heading = heading::heading(config, calibration, uncertainty, field, attitude)?
+            .with_systematic(adjustment.variance_rad2);
+        if adjustment.agrees(self.watch.config(), heading, turning) {
             Ok(heading.turned_by(self.correction.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)

@@ -1,12 +1,12 @@
 //! NMEA 0183: heading, heading with variation, and the heading's quality.
 
 use super::{Message, Outlet};
-use crate::heading::Heading;
+use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::settings::Settings;
+use crate::settings::{HeadingKind, Settings};
 use crate::wire::nmea;
 
-/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`.
+/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`, with the heading of `stream heading`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NmeaOutlet;
 
@@ -16,9 +16,10 @@ impl Outlet for NmeaOutlet {
     }
 
     fn tell(&mut self, estimate: &Estimate, settings: &Settings, message: &mut Message) {
-        let heading_deg = estimate.heading.as_ref().ok().map(Heading::magnetic_deg);
+        let (heading, kind) = told(estimate, settings.stream_heading);
+        let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
         for sentence in
-            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&estimate.heading)]
+            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)]
         {
             // Three sentences always fit.
             let _ = message.extend_from_slice(sentence.as_bytes());
@@ -26,35 +27,63 @@ impl Outlet for NmeaOutlet {
     }
 }
 
+/// The heading that is told where this one is wanted, and which it is.
+fn told(estimate: &Estimate, wanted: HeadingKind) -> (Result<Heading, NoHeading>, HeadingKind) {
+    match (wanted, estimate.smooth) {
+        (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
+        _ => (estimate.heading, HeadingKind::Raw),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::heading::NoHeading;
 
-    fn told(estimate: &Estimate, settings: &Settings) -> String {
+    fn text(estimate: &Estimate, settings: &Settings) -> String {
         let mut message = Message::new();
         NmeaOutlet.tell(estimate, settings, &mut message);
         String::from_utf8(message.to_vec()).unwrap()
     }
 
+    const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_rad2: 0.0 };
+    const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_rad2: 0.0 };
+
     #[test]
     fn three_sentences_tell_a_heading() {
-        let heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6 };
-        let estimate = Estimate { heading: Ok(heading), ..Estimate::NOTHING };
+        let estimate = Estimate { heading: Ok(RAW), ..Estimate::NOTHING };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
-        let lines: Vec<String> = told(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
+        let lines: Vec<String> = text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
         assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
         assert!(lines[1].starts_with("$HCHDG,101.1,,,3.5,W*"), "{lines:?}");
-        assert!(lines[2].starts_with("$PASWH,101.1,0.6,ok*"), "{lines:?}");
+        assert!(lines[2].starts_with("$PASWH,101.1,0.6,ok,raw*"), "{lines:?}");
         assert_eq!(lines.len(), 3);
     }
 
     #[test]
     fn without_a_heading_the_fields_are_empty_and_the_reason_is_told() {
         let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::NOTHING };
-        let text = told(&estimate, &Settings::DEFAULT);
+        let text = text(&estimate, &Settings::DEFAULT);
         assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
-        assert!(text.contains("$PASWH,,,sensor-saturated*"), "{text}");
+        assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
+    }
+
+    /// All three sentences tell the same one.
+    #[test]
+    fn the_smooth_heading_is_told_where_there_is_one_and_it_is_wanted() {
+        let both = Estimate { heading: Ok(RAW), smooth: Some(SMOOTH), ..Estimate::NOTHING };
+        let only_raw = Estimate { smooth: None, ..both };
+        for (estimate, stream_heading, degrees, end) in [
+            (both, HeadingKind::Smooth, "102.2", "0.3,ok,smooth*"),
+            (both, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
+            (only_raw, HeadingKind::Smooth, "101.1", "0.6,ok,raw*"),
+            (only_raw, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
+        ] {
+            let text = text(&estimate, &Settings { stream_heading, ..Settings::DEFAULT });
+            for sentence in ["$HCHDM", "$HCHDG", "$PASWH"] {
+                assert!(text.contains(&format!("{sentence},{degrees},")), "{text}");
+            }
+            assert!(text.contains(end), "{text}");
+        }
     }
 
     #[test]

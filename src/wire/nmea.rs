@@ -3,6 +3,7 @@
 //! Written without `core::fmt`, which takes 2,000 instructions for such a sentence.
 
 use crate::heading::{Heading, NoHeading};
+use crate::settings::HeadingKind;
 
 /// A sentence with its checksum and line end; at most 82 characters by the standard.
 pub type Sentence = heapless::String<82>;
@@ -40,10 +41,10 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     })
 }
 
-/// `$PASWH,hhh.h,s.s,ok*cs`: magnetic heading, its standard deviation, degrees, and `ok`; or two empty fields and the
-/// code of why there is none.
+/// `$PASWH,hhh.h,s.s,ok,smooth*cs`: magnetic heading, its standard deviation, degrees, `ok`, and which heading it is,
+/// `smooth` or `raw`; or two empty fields, the code of why there is none, and an empty field.
 #[must_use]
-pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
+pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sentence {
     sentence(|body| {
         put(body, "PASWH,")?;
         match heading {
@@ -52,11 +53,13 @@ pub fn quality(heading: &Result<Heading, NoHeading>) -> Sentence {
                 put(body, ",")?;
                 // Beyond this the heading says nothing at all.
                 put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
-                put(body, ",ok")
+                put(body, ",ok,")?;
+                put(body, kind.name())
             }
             Err(why) => {
                 put(body, ",,")?;
-                put(body, why.code())
+                put(body, why.code())?;
+                put(body, ",")
             }
         }
     })
@@ -128,6 +131,10 @@ pub fn checksum(body: &str) -> u8 {
 mod tests {
     use super::*;
 
+    fn heading(magnetic_rad: f32, sigma_rad: f32) -> Heading {
+        Heading { magnetic_rad, sigma_rad, systematic_rad2: 0.0 }
+    }
+
     #[test]
     fn sentences_read_as_the_standard_says() {
         // Checksums from an independent exclusive or over the characters between $ and *.
@@ -139,11 +146,14 @@ mod tests {
 
     #[test]
     fn quality_shows_sigma_or_the_reason() {
-        let heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6 };
-        assert!(quality(&Ok(heading)).starts_with("$PASWH,101.1,0.6,ok*"), "{}", quality(&Ok(heading)));
-        assert!(quality(&Err(NoHeading::AttitudeStale)).starts_with("$PASWH,,,attitude-stale*"));
+        let heading = heading(1.765_2, 0.009_6);
+        for kind in [HeadingKind::Raw, HeadingKind::Smooth] {
+            let told = quality(&Ok(heading), kind);
+            assert!(told.starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{told}");
+            assert!(quality(&Err(NoHeading::AttitudeStale), kind).starts_with("$PASWH,,,attitude-stale,*"));
+        }
         let lost = Heading { sigma_rad: f32::NAN, ..heading };
-        assert!(quality(&Ok(lost)).starts_with("$PASWH,101.1,180.0,ok*"));
+        assert!(quality(&Ok(lost), HeadingKind::Raw).starts_with("$PASWH,101.1,180.0,ok,raw*"));
     }
 
     #[test]
@@ -228,10 +238,11 @@ mod tests {
             (180.1, "180.0"),
             (f32::INFINITY, "180.0"),
         ] {
-            let heading = Heading { magnetic_rad: 45.0_f32.to_radians(), sigma_rad: sigma_deg.to_radians() };
-            assert_eq!(body(&quality(&Ok(heading))), format!("PASWH,045.0,{text},ok"));
+            let heading = heading(45.0_f32.to_radians(), sigma_deg.to_radians());
+            assert_eq!(body(&quality(&Ok(heading), HeadingKind::Smooth)), format!("PASWH,045.0,{text},ok,smooth"));
         }
-        assert_eq!(body(&quality(&Err(NoHeading::AttitudeStale))), "PASWH,,,attitude-stale");
+        let none = quality(&Err(NoHeading::AttitudeStale), HeadingKind::Smooth);
+        assert_eq!(body(&none), "PASWH,,,attitude-stale,");
     }
 
     /// Nothing that can be given to them makes the sentences longer than the standard allows.
@@ -240,7 +251,7 @@ mod tests {
         for extreme in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, 1e7] {
             body(&hdm(Some(extreme)));
             body(&hdg(Some(extreme), Some(extreme)));
-            body(&quality(&Ok(Heading { magnetic_rad: extreme, sigma_rad: extreme })));
+            body(&quality(&Ok(heading(extreme, extreme)), HeadingKind::Smooth));
         }
         assert_eq!(body(&hdg(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));
     }

@@ -17,7 +17,7 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let cases = chosen(&options.cases)?;
     // The simulated autopilot speaks nothing else yet.
     let SourceArgument::Mavlink = options.source;
-    let plan = Plan { flights: options.flights, seed: options.seed };
+    let plan = Plan { flights: options.flights, seed: options.seed, heading: options.heading.into() };
     let bar = ProgressBar::new(integrity::flights(plan, &cases));
     if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
         bar.set_style(style);
@@ -64,6 +64,7 @@ fn show(rows: &[Row]) {
             "bad",
             "longest",
             "worst",
+            "smooth",
             "rms",
             "1/2/3 sigma",
             "empty",
@@ -83,6 +84,7 @@ fn show(rows: &[Row]) {
                 format!("{:.2} %", row.bad_percent),
                 format!("{:.1} s", row.longest_bad_s),
                 format!("{:.1}", row.worst_deg),
+                format!("{:.0} %", row.smooth_percent),
                 format!("{:.2}", row.rms_deg),
                 format!(
                     "{:.0}/{:.0}/{:.1}",

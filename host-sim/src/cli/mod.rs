@@ -108,9 +108,28 @@ struct Integrity {
     /// What the attitude comes by
     #[arg(long, value_enum, default_value = "mavlink", value_name = "mavlink")]
     source: SourceArgument,
+    /// Which heading is sent: the raw one, or the smooth one where there is one
+    #[arg(long, value_enum, default_value = "smooth", value_name = "raw|smooth")]
+    heading: HeadingArgument,
     /// Print a JSON list of one object a case instead of the table
     #[arg(long)]
     json: bool,
+}
+
+/// Which heading is sent.
+#[derive(Clone, Copy, ValueEnum)]
+enum HeadingArgument {
+    Raw,
+    Smooth,
+}
+
+impl From<HeadingArgument> for autoswing::settings::HeadingKind {
+    fn from(argument: HeadingArgument) -> Self {
+        match argument {
+            HeadingArgument::Raw => Self::Raw,
+            HeadingArgument::Smooth => Self::Smooth,
+        }
+    }
 }
 
 /// Protocols of attitude sources.
@@ -150,7 +169,8 @@ struct Replay {
     /// Fit only to rows before this time
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     fit_until: Option<f64>,
-    /// Write t_s,heading_deg,sigma_deg,status of every row
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row; the last two are empty where there
+    /// is no smooth heading
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print one JSON object instead of the table

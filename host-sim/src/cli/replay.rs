@@ -67,6 +67,12 @@ fn summary(rows: &[Row], replayed: &Replayed) -> Value {
         "within_one_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[0], 1)),
         "within_two_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[1], 1)),
         "uncorrected_rms_deg": rms(&replayed.uncorrected),
+        "smooth": replayed.smooth.map(|s| json!({
+            "heading_rms_deg": rounded(s.rms_deg, 3),
+            "heading_mean_deg": rounded(s.mean_deg, 3),
+            "within_one_sigma_percent": rounded(s.within_percent[0], 1),
+            "within_two_sigma_percent": rounded(s.within_percent[1], 1),
+        })),
     })
 }
 
@@ -114,15 +120,16 @@ fn show(rows: &[Row], replayed: &Replayed) {
             advice.with_it_deg
         );
     }
-    if let (Some(score), Some(uncorrected)) = (&replayed.score, &replayed.uncorrected) {
+    if let (Some(score), Some(smooth), Some(uncorrected)) = (&replayed.score, &replayed.smooth, &replayed.uncorrected) {
         let mut table = Table::new();
         table.load_style(presets::UTF8_FULL_CONDENSED);
         table.set_header(
             ["against yaw_ref_deg, deg", "rms less mean", "mean", "in 1 sigma", "in 2 sigma"].map(right_aligned),
         );
-        for (name, score) in [("uncorrected", uncorrected), ("corrected", score)] {
-            let [one, two] =
-                score.within_percent.map(|p| if name == "corrected" { format!("{p:.0} %") } else { String::new() });
+        for (name, score) in [("uncorrected", uncorrected), ("corrected, raw", score), ("corrected, smooth", smooth)] {
+            let [one, two] = score
+                .within_percent
+                .map(|p| if p.is_finite() && name != "uncorrected" { format!("{p:.0} %") } else { String::new() });
             let cells = [name.to_owned(), format!("{:.2}", score.rms_deg), format!("{:.2}", score.mean_deg), one, two];
             table.add_row(cells.map(right_aligned));
         }
@@ -133,10 +140,12 @@ fn show(rows: &[Row], replayed: &Replayed) {
 /// A heading for every row; the status says whether the module would have sent it.
 fn write(path: &Path, shown: &[Shown]) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::fs::File::create(path)?);
-    writeln!(out, "t_s,heading_deg,sigma_deg,status")?;
+    writeln!(out, "t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg")?;
     for row in shown {
         let status = row.status.map_or_else(NoHeading::code, |()| "ok");
-        writeln!(out, "{:.3},{:.2},{:.2},{status}", row.t_s, row.heading_deg, row.sigma_deg)?;
+        let smooth =
+            row.smooth_deg.map_or_else(|| ",".to_owned(), |[deg, sigma_deg]| format!("{deg:.2},{sigma_deg:.2}"));
+        writeln!(out, "{:.3},{:.2},{:.2},{status},{smooth}", row.t_s, row.heading_deg, row.sigma_deg)?;
     }
     out.flush()
 }

@@ -148,6 +148,24 @@ impl AttitudeFault for Late {
     fn tamper(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
 }
 
+/// Body rates that are not what they are taken for.
+pub struct Rates {
+    /// While they are not.
+    pub switch: Switch,
+    /// What is sent for each of what they are: 0 for nothing at all, -1 for the wrong side, 57.3 for degrees.
+    pub factor: f64,
+}
+
+impl AttitudeFault for Rates {
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        if self.switch.is_on(now_us) {
+            for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
+                *rate *= self.factor as f32;
+            }
+        }
+    }
+}
+
 /// Roll and pitch in steps, as of a source that sends tenths of a degree.
 pub struct Coarse {
     /// The step, degrees.

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 
-use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Spikes};
+use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, Spikes};
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
 use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
 use crate::faults::{Faults, Switch};
@@ -86,6 +86,7 @@ enum What {
     Lean(f64),
     CalibrationLean(f64),
     Late(u64),
+    Rates(f64),
     Moved(f64),
     CalibrationMoved(f64),
     Throttle(f64),
@@ -102,6 +103,9 @@ const USE_S: f64 = 185.0;
 /// Into level flight, and into a turn.
 pub(super) const LEVEL_AT_S: f64 = 25.0;
 pub(super) const TURNING_AT_S: f64 = 48.0;
+
+/// Degrees of a radian.
+const DEG: f64 = 360.0 / TAU;
 
 /// What needs no certain moment.
 const SOON_S: f64 = 10.0;
@@ -152,6 +156,10 @@ pub static CASES: &[Case] = &[
     case("late-200", What::Late(200), "attitude 200 ms later"),
     case("late-300", What::Late(300), "attitude 300 ms later"),
     case("late-500", What::Late(500), "attitude 500 ms later"),
+    case("rates-zero", What::Rates(0.0), "body rates are sent as nothing"),
+    case("rates-small", What::Rates(1.0 / DEG), "body rates in radians are sent as degrees, 57 times too slow"),
+    case("rates-degrees", What::Rates(DEG), "body rates are sent in degrees, 57 times too fast"),
+    case("rates-sign", What::Rates(-1.0), "body rates are sent with the wrong sign"),
     case("moved-2", What::Moved(2.0), "hard iron moved by 2 uT"),
     case("moved-3", What::Moved(3.0), "hard iron moved by 3 uT"),
     case("moved-5", What::Moved(5.0), "hard iron moved by 5 uT"),
@@ -217,7 +225,8 @@ impl Case {
             | What::Bias(_)
             | What::Lean(_)
             | What::CalibrationLean(_)
-            | What::Late(_) => self.attitude(&mut drawn, &mut random, seed),
+            | What::Late(_)
+            | What::Rates(_) => self.attitude(&mut drawn, &mut random, seed),
             _ => self.field(&mut drawn, &mut random, seed),
         }
         drawn
@@ -292,6 +301,7 @@ impl Case {
                 faults.attitude.push(Box::new(Bias { switch, bias_rad }));
             }
             What::Late(ms) => faults.attitude.push(Box::new(Late { switch, by_us: ms * 1000 })),
+            What::Rates(factor) => faults.attitude.push(Box::new(Rates { switch, factor })),
             What::Lean(told) => faults.attitude.push(Box::new(Lean { switch, told })),
             What::CalibrationLean(told) => {
                 drawn.onset = Onset::Always;

@@ -1,6 +1,7 @@
 //! One flight of a case: calibrate, then fly on and listen.
 
 use autoswing::calibration::Calibration;
+use autoswing::settings::HeadingKind;
 use nalgebra::Vector3;
 
 use super::case::{Case, Drawn, LEVEL_AT_S, Onset, TURNING_AT_S};
@@ -52,9 +53,9 @@ const SENTENCE_S: f64 = 0.1;
 /// From the end of the turns until the module must have said how its solve ended, seconds.
 const PATIENCE_S: f64 = 10.0;
 
-/// Flies the flight of a seed.
+/// Flies the flight of a seed; the pilot chooses which heading is sent.
 #[must_use]
-pub fn fly(case: &Case, seed: u64) -> Flown {
+pub fn fly(case: &Case, seed: u64, heading: HeadingKind) -> Flown {
     let Drawn { world, plan, faults, switch, onset, use_s } = case.draw(seed);
     let fields = faults.field.clone();
     let mut rig = Rig::with_faults(world, faults);
@@ -63,6 +64,7 @@ pub fn fly(case: &Case, seed: u64) -> Flown {
         switch.act(0, u64::MAX);
     }
     rig.run_for_s(2.0);
+    rig.type_line(&format!("stream heading {}", heading.name()));
     rig.type_line("cal start");
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
@@ -181,7 +183,10 @@ fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judg
 
 fn judged(received: Received, true_deg: f64) -> Judged {
     match (received.heading_deg, received.sigma_deg) {
-        (Some(sent_deg), Some(sigma_deg)) => Judged::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg },
+        (Some(sent_deg), Some(sigma_deg)) => {
+            let is_smooth = received.told.as_deref() == Some(HeadingKind::Smooth.name());
+            Judged::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
+        }
         _ => Judged::Empty(received.status.unwrap_or_default()),
     }
 }

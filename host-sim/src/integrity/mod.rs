@@ -8,6 +8,7 @@ pub mod case;
 pub mod flight;
 mod tally;
 
+use autoswing::settings::HeadingKind;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -23,6 +24,8 @@ pub struct Plan {
     pub flights: u64,
     /// Seed of the first flight; the others follow.
     pub seed: u64,
+    /// Which heading the pilot has sent.
+    pub heading: HeadingKind,
 }
 
 /// What came of all flights of a case.
@@ -47,6 +50,8 @@ pub struct Row {
     pub longest_bad_s: f64,
     /// Largest error of a heading sent as good, degrees.
     pub worst_deg: f64,
+    /// Smooth headings, of those sent as good.
+    pub smooth_percent: f64,
     /// RMS error of the headings sent as good, degrees.
     pub rms_deg: f64,
     /// Of them within one sigma.
@@ -76,7 +81,7 @@ pub fn run(plan: Plan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Ve
     let all: Vec<(usize, Flown)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
-            let one = (i, flight::fly(cases[i], seed));
+            let one = (i, flight::fly(cases[i], seed, plan.heading));
             flown();
             one
         })
@@ -108,6 +113,7 @@ fn row(case: &'static str, flown: &[&Flown]) -> Row {
         bad_percent: tally.bad_percent(),
         longest_bad_s: tally.longest_bad_s,
         worst_deg: tally.worst_deg,
+        smooth_percent: tally.smooth_percent(),
         rms_deg: tally.rms_deg(),
         within_one_sigma_percent: one,
         within_two_sigma_percent: two,

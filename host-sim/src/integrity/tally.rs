@@ -17,6 +17,8 @@ pub enum Judged {
         error_deg: f64,
         /// As sent.
         sigma_deg: f64,
+        /// Whether it is the smooth one, as sent.
+        is_smooth: bool,
     },
     /// None; why.
     Empty(String),
@@ -26,6 +28,7 @@ pub enum Judged {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     headings: u64,
+    smooth: u64,
     bad: u64,
     squares_deg: f64,
     within: [u64; 3],
@@ -60,7 +63,10 @@ impl Tally {
                 *self.empty.entry(why.clone()).or_insert(0) += 1;
                 self.bad_since_us = None;
             }
-            Judged::Heading { error_deg, sigma_deg } => self.heading(at_us, step_s, error_deg.abs(), *sigma_deg),
+            Judged::Heading { error_deg, sigma_deg, is_smooth } => {
+                self.smooth += u64::from(*is_smooth);
+                self.heading(at_us, step_s, error_deg.abs(), *sigma_deg);
+            }
         }
     }
 
@@ -84,6 +90,7 @@ impl Tally {
     #[must_use]
     pub fn and(mut self, other: &Self) -> Self {
         self.headings += other.headings;
+        self.smooth += other.smooth;
         self.bad += other.bad;
         self.squares_deg += other.squares_deg;
         for (sum, more) in self.within.iter_mut().zip(other.within) {
@@ -103,6 +110,12 @@ impl Tally {
     #[must_use]
     pub fn bad_percent(&self) -> f64 {
         percent(self.bad, self.headings)
+    }
+
+    /// Smooth headings, of those sent as good.
+    #[must_use]
+    pub fn smooth_percent(&self) -> f64 {
+        percent(self.smooth, self.headings)
     }
 
     /// Headings within one, two and three sigmas.
@@ -140,7 +153,7 @@ mod tests {
     use super::*;
 
     fn heading(error_deg: f64, sigma_deg: f64) -> Judged {
-        Judged::Heading { error_deg, sigma_deg }
+        Judged::Heading { error_deg, sigma_deg, is_smooth: sigma_deg > 1.5 }
     }
 
     fn empty() -> Judged {
@@ -177,6 +190,12 @@ mod tests {
         assert!((tally(&two, true).bad_percent() - 80.0).abs() < 1e-9);
     }
 
+    #[test]
+    fn smooth_headings_are_counted() {
+        let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty(), heading(0.1, 1.0), heading(0.1, 1.0)];
+        assert!((tally(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
+    }
+
     /// A period counts once, and only where it begins without a fault.
     #[test]
     fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
@@ -205,5 +224,6 @@ mod tests {
         assert_eq!(both.within_percent().map(|percent| percent as u8), [50, 75, 100]);
         assert!((both.rms_deg() - 3.0).abs() < 1e-9 && (both.worst_deg - 5.0).abs() < 1e-9);
         assert!((both.empty_percent() - 20.0).abs() < 1e-9);
+        assert!((both.smooth_percent() - 100.0).abs() < 1e-9);
     }
 }

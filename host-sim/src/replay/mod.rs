@@ -11,7 +11,7 @@ use autoswing::calibration::{
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector};
-use autoswing::heading::{self, NoHeading};
+use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
@@ -57,8 +57,24 @@ pub struct Shown {
     pub heading_deg: f64,
     /// Its standard deviation, degrees.
     pub sigma_deg: f64,
+    /// The smooth heading and its standard deviation, degrees, where there is one.
+    pub smooth_deg: Option<[f64; 2]>,
     /// Whether the module would have sent it, or why not.
     pub status: Result<(), NoHeading>,
+}
+
+impl Shown {
+    /// What an estimate shows, with the status of another: the heading is shown in any field.
+    fn of(t_s: f64, estimate: &Estimate, status: Result<(), NoHeading>) -> Self {
+        let degrees = |heading: Heading| [heading.magnetic_deg(), heading.sigma_deg()].map(f64::from);
+        let [heading_deg, sigma_deg] = estimate.heading.map_or([f64::NAN; 2], degrees);
+        Self { t_s, heading_deg, sigma_deg, smooth_deg: estimate.smooth.map(degrees), status }
+    }
+
+    /// The heading that the module would send of itself, and its standard deviation: the smooth one where there is one.
+    fn sent_deg(&self) -> [f64; 2] {
+        self.smooth_deg.unwrap_or([self.heading_deg, self.sigma_deg])
+    }
 }
 
 /// Heading against the reference over usable rows, degrees.
@@ -87,6 +103,8 @@ pub struct Replayed {
     pub shown: Vec<Shown>,
     /// Against the reference, where there is one.
     pub score: Option<Score>,
+    /// The same of the smooth heading, or the raw one where there is no smooth one, as the module sends it.
+    pub smooth: Option<Score>,
     /// The same of the field as it was measured.
     pub uncorrected: Option<Score>,
 }
@@ -112,9 +130,12 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, solution, config));
-    let mut each = shown.iter();
-    let score = solution.and_then(|_| score(rows, |_| each.next().map(|s| (s.heading_deg, s.sigma_deg))));
-    Replayed { solution, accepted, samples, shown, score, uncorrected }
+    let of = |heading: fn(&Shown) -> [f64; 2]| {
+        let mut each = shown.iter().map(heading);
+        score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
+    };
+    let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(Shown::sent_deg));
+    Replayed { solution, accepted, samples, shown, score: raw, smooth, uncorrected }
 }
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
@@ -232,13 +253,8 @@ fn show(rows: &[Row], solution: &Solution, config: Config) -> Vec<Shown> {
     rows.iter()
         .map(|row| {
             // The heading is shown in any field; whether it would have been sent is its status.
-            let sigma_deg = estimate(&mut any, row, start_s).heading.map_or(f64::NAN, |found| found.sigma_deg().into());
-            Shown {
-                t_s: row.t_s,
-                heading_deg: heading_deg(&solution.calibration, row),
-                sigma_deg,
-                status: estimate(&mut device, row, start_s).heading.map(|_| ()),
-            }
+            let status = estimate(&mut device, row, start_s).heading.map(|_| ());
+            Shown::of(row.t_s, &estimate(&mut any, row, start_s), status)
         })
         .collect()
 }

@@ -188,7 +188,7 @@ fn status_shows_the_module_s_health() {
         &bed.links.sensor,
         FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
-    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02 });
+    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_rad2: 0.0 });
     let attitude = Some(Attitude::from_deg(12.0, -3.0));
     bed.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::NOTHING });
     bed.ms(12_000);

@@ -246,7 +246,7 @@ fn stream(bed: &mut Bed, heading: Result<Heading, NoHeading>, ms: u64) {
     }
 }
 
-const NORTH: Result<Heading, NoHeading> = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01 });
+const NORTH: Result<Heading, NoHeading> = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_rad2: 0.0 });
 
 #[test]
 fn an_outlet_writes_at_its_rate_and_counts() {

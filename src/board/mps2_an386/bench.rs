@@ -8,6 +8,7 @@ use core::hint::black_box;
 use autoswing::calibration::{Method, Prior, Progress, Rates, Sample, Samples, Solution, Solver};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
+use autoswing::settings::HeadingKind;
 use autoswing::time::WrappingMillis;
 use autoswing::wire::mavlink::Receiver;
 use autoswing::wire::nmea;
@@ -93,7 +94,7 @@ fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
     let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = sensed(attitude, 1.0);
-    let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0 });
+    let mut found = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.0, systematic_rad2: 0.0 });
     let to_heading = instructions(|| {
         found = heading::heading(
             heading::Config::DEFAULT,
@@ -106,7 +107,7 @@ fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
     let sentences = [
         instructions(|| drop(black_box(nmea::hdm(black_box(Some(123.4)))))),
         instructions(|| drop(black_box(nmea::hdg(black_box(Some(123.4)), black_box(Some(-11.3)))))),
-        instructions(|| drop(black_box(nmea::quality(black_box(&found))))),
+        instructions(|| drop(black_box(nmea::quality(black_box(&found), black_box(HeadingKind::Smooth))))),
     ];
     let mut receiver = Receiver::new();
     let mut reports = 0;

@@ -280,7 +280,7 @@ fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
         let heading_rad = f32::from(heading_deg).to_radians();
         let level = Field::earth(calibration.total_ut, calibration.inclination_rad, heading_rad);
         let field = Field::new(field_from_body * attitude.body(level).ut + calibration.b_vector_ut());
-        quiet.heading_sigma_rad(calibration, field, &attitude.tilt(), level).to_degrees()
+        quiet.heading_variance(calibration, field, &attitude.tilt(), level).sigma_rad().to_degrees()
     };
     let headings = || (0..360).step_by(30);
     banks_deg.iter().flat_map(|&bank| headings().map(move |heading| sigma_deg(bank, heading))).collect()

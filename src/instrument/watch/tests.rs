@@ -152,7 +152,7 @@ impl Flight {
             sample.field,
             attitude,
         )?
-        .less_certain(adjustment.variance_rad2);
+        .with_systematic(adjustment.variance_rad2);
         Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
     }
 
@@ -405,7 +405,7 @@ fn a_reading_that_the_gyro_contradicts_is_not_told() {
     let sigma_rad = 0.02;
     let limit = 4.0 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
     let agrees = |off_rad: f32, turning: Option<&Turning>| {
-        let heading = Heading { magnetic_rad: by_gyro + off_rad, sigma_rad };
+        let heading = Heading { magnetic_rad: by_gyro + off_rad, sigma_rad, systematic_rad2: 0.0 };
         adjustment.agrees(&Config::DEFAULT, heading, turning)
     };
     for sign in [1.0, -1.0] {
