@@ -116,6 +116,12 @@ impl Config {
     /// Believes every field: for showing what is not sent.
     pub const ANY_FIELD: Self = Self { max_total_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1 };
 
+    /// Whether it is [`ANY_FIELD`](Self::ANY_FIELD).
+    #[must_use]
+    pub const fn believes_all(&self) -> bool {
+        self.max_total_deviation == f32::INFINITY
+    }
+
     /// The same for a calibration whose inclination is not known.
     #[must_use]
     pub const fn of_any_inclination(self) -> Self {

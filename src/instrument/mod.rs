@@ -406,12 +406,15 @@ impl Instrument {
         let adjustment = self.watch.adjustment();
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
         let attitude = adjustment.attitude(attitude?, &motion);
-        adjustment.verdict?;
         let config = self.config.heading;
+        let believes_all = config.believes_all();
         let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
+        if !believes_all {
+            adjustment.verdict?;
+        }
         let heading = heading::heading(config, calibration, uncertainty, field, attitude)?
             .with_systematic(adjustment.variance_rad2);
-        if adjustment.agrees(self.watch.config(), heading, turning) {
+        if believes_all || adjustment.agrees(self.watch.config(), heading, turning) {
             Ok(heading.turned_by(self.correction.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)

@@ -253,8 +253,13 @@ fn show(rows: &[Row], solution: &Solution, config: Config) -> Vec<Shown> {
     rows.iter()
         .map(|row| {
             // The heading is shown in any field; whether it would have been sent is its status.
-            let status = estimate(&mut device, row, start_s).heading.map(|_| ());
-            Shown::of(row.t_s, &estimate(&mut any, row, start_s), status)
+            let [sent, shown] = [&mut device, &mut any].map(|instrument| {
+                let estimate = estimate(instrument, row, start_s);
+                while instrument.next_sample().is_some() {}
+                instrument.watch();
+                estimate
+            });
+            Shown::of(row.t_s, &shown, sent.heading.map(|_| ()))
         })
         .collect()
 }
