@@ -235,7 +235,7 @@ impl Solver {
         } else {
             None
         };
-        Some(self.judge(&judgement, information, change, latency))
+        Some(self.judge(&judgement, &mut information, change, latency))
     }
 
     /// Whether the samples show another latency than they were looked at with, which is taken from now on.
@@ -253,7 +253,7 @@ impl Solver {
     fn judge(
         &self,
         judgement: &Judgement<'_>,
-        mut information: Information,
+        information: &mut Information,
         change: Option<Change>,
         latency: Option<Latency>,
     ) -> Result<Solution, SolveError> {
@@ -263,10 +263,10 @@ impl Solver {
         // What is wrong for such a reason is not wrong for another.
         sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::IronChanged(change.iron)))?;
         if self.method == Method::MaximumLikelihood {
-            self.contradicted(&information, likelihood)?;
+            self.contradicted(information, likelihood)?;
         }
         if self.method == Method::Ellipsoid
-            && !ellipsoid::is_determined(samples, calibration, &information, likelihood, unknowns)
+            && !ellipsoid::is_determined(samples, calibration, information, likelihood, unknowns)
         {
             return Err(SolveError::NotDetermined(Part::All));
         }
@@ -274,7 +274,7 @@ impl Solver {
         let is_asked = |quality: &Quality| {
             self.from_sphere || self.method != Method::MaximumLikelihood || is_good(quality, calibration)
         };
-        judgement.pass(&mut information, change, latency, self.consider, is_asked)
+        judgement.pass(information, change, latency, self.consider, is_asked)
     }
 
     /// What the samples say near the result, as far as their equations say it: what the refinement ended with, unless
