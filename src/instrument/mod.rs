@@ -402,16 +402,19 @@ impl Instrument {
         attitude: Result<Attitude, NoHeading>,
         turning: Option<&Turning>,
     ) -> Result<Heading, NoHeading> {
-        let (calibration, uncertainty) = self.in_force.as_ref().ok_or(NoHeading::Uncalibrated)?;
-        let adjustment = self.watch.adjustment();
+        let mut in_force = self.in_force.as_ref();
+        let mut adjustment = self.watch.adjustment();
+        if self.config.heading.believes_all() && adjustment.verdict.is_err() {
+            // What is shown in any field is, in doubt, as it was calibrated.
+            (in_force, adjustment) = (self.correction.calibration.as_ref(), &watch::Adjustment::NONE);
+        }
+        let (calibration, uncertainty) = in_force.ok_or(NoHeading::Uncalibrated)?;
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
         let attitude = adjustment.attitude(attitude?, &motion);
         let config = self.config.heading;
         let believes_all = config.believes_all();
         let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
-        if !believes_all {
-            adjustment.verdict?;
-        }
+        adjustment.verdict?;
         let heading = heading::heading(config, calibration, uncertainty, field, attitude)?
             .with_systematic(adjustment.variance_rad2);
         if believes_all || adjustment.agrees(self.watch.config(), heading, turning) {

@@ -269,7 +269,8 @@ fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> O
     let errors: Vec<(f64, f64)> = rows
         .iter()
         .filter_map(|row| {
-            let (heading_deg, sigma_deg) = heading(row)?;
+            // Before the first report, and in a gap, there is none.
+            let (heading_deg, sigma_deg) = heading(row).filter(|(heading_deg, _)| heading_deg.is_finite())?;
             let reference_deg = row.reference_deg.filter(|_| row.usable)?;
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })

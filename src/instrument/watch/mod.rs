@@ -51,13 +51,21 @@ pub struct Config {
     /// By how much its variance grows a second, as long as it is below that of the beginning: what wanders does so
     /// about where it is. The gyro's offset grows on.
     pub wander: Unknowns,
+    /// The same of hard iron for so many seconds after something has changed: what has moved may move again.
+    pub unsettled_s: f32,
+    /// See `unsettled_s`.
+    pub unsettled_sigma: f32,
+    /// See `unsettled_s`.
+    pub unsettled_wander: f32,
     /// Hard iron of less than this fades, parts of the total field: a calibration is taken to hold...
     pub max_fading: f32,
     /// ... by `1 - 1/e` in this time, seconds.
     pub fading_s: f32,
-    /// Variances of the three measurements, per kind: so many times that of a sample, for the errors of neighbouring
-    /// samples are alike, ...
-    pub alike: PerKind<f32>,
+    /// Variances of the three measurements, per kind: so many times that of a sample; of the dip and of the heading, whose
+    /// neighbouring errors are alike, times what is learnt of that, too, ...
+    pub of_sample: PerKind<f32>,
+    /// An attitude that changes is off by what it changes in this time besides, seconds.
+    pub jitter_s: f32,
     /// ... and so much more, for what no calibration models.
     pub floor: PerKind<f32>,
     /// The same of what is left unknown of the coefficients, which is alike in all samples of an attitude.
@@ -91,11 +99,15 @@ pub struct Config {
 impl Config {
     /// Measured in the simulator, and tried on recorded flights.
     pub const DEFAULT: Self = Self {
-        sigmas: [0.01, 0.01, 0.01, 0.06, 0.1, 10.0, 0.0026, 0.004, 0.004, 0.02, 0.1],
-        wander: [7e-7, 7e-7, 7e-7, 1e-7, 1e-7, 1e-6, 1e-9, 3e-7, 3e-7, 1e-7, 3e-5],
+        sigmas: [0.006, 0.006, 0.006, 0.06, 0.1, 10.0, 0.0026, 0.004, 0.004, 0.02, 0.1],
+        wander: [1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-6, 1e-9, 3e-7, 3e-7, 1e-7, 3e-5],
+        unsettled_s: 60.0,
+        unsettled_sigma: 0.01,
+        unsettled_wander: 1e-6,
         max_fading: 0.03,
         fading_s: 1000.0,
-        alike: [2.0, 8.0, 6.0],
+        of_sample: [4.0, 1.0, 0.75],
+        jitter_s: 0.01,
         floor: [9e-6, 9e-6, 1.44e-4],
         coefficients_alike: 8.0,
         max_jump: 0.5,
@@ -203,6 +215,8 @@ pub(super) struct Watch {
     contradiction: Contradiction,
     /// Whether the strength is among what contradicted since the silence began.
     field_contradicts: bool,
+    /// For so long hard iron may move again, seconds.
+    unsettled_s: f32,
     balance: Balance,
     moved: Moved,
     last: Option<Timestamp>,
@@ -220,6 +234,7 @@ impl Watch {
             learnt: None,
             contradiction: Contradiction::NONE,
             field_contradicts: false,
+            unsettled_s: 0.0,
             balance: Balance::NOTHING,
             moved: Moved::NOT,
             last: None,
@@ -262,7 +277,12 @@ impl Watch {
 
     /// Time passes.
     fn wander(&mut self, step_s: f32) {
-        let Config { wander, sigmas, .. } = self.config;
+        let Config { mut wander, mut sigmas, unsettled_sigma, unsettled_wander, .. } = self.config;
+        self.unsettled_s = (self.unsettled_s - step_s).max(0.0);
+        if self.unsettled_s > 0.0 {
+            wander[BETA..STRENGTH].fill(unsettled_wander);
+            sigmas[BETA..STRENGTH].fill(unsettled_sigma);
+        }
         for (i, (variance_per_s, sigma)) in wander.into_iter().zip(sigmas).enumerate() {
             if i == OFFSET || self.state.variance_of(i) < sigma * sigma {
                 self.state.loosen(i, variance_per_s * step_s);
@@ -302,18 +322,26 @@ impl Watch {
         let variances = self.scatter(watched, &predicted, step_s);
         let x = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let variance = |kind: usize, of_sample: f32, by_field: Vector3<f32>| {
-            let Config { alike, floor, coefficients_alike, .. } = self.config;
+            let Config { of_sample: times, floor, coefficients_alike, .. } = self.config;
             let coefficients = uncertainty.coefficients_variance(&by_field, &x);
-            alike[kind] * of_sample + floor[kind] + coefficients_alike * coefficients
+            times[kind] * of_sample + floor[kind] + coefficients_alike * coefficients
         };
+        let alike = self.learnt.as_ref().map_or(1.0, |learnt| learnt.alike(&self.config.learnt));
+        let strength = self.learnt.as_ref().map_or(0.0, Learnt::strength_squared);
+        let Motion { roll_rad_s, pitch_rad_s, .. } = seen.motion;
+        let late_rad = self.config.jitter_s * libm::hypotf(roll_rad_s, pitch_rad_s);
+        let tilt_rad2 = alike * (variances.tilt_rad2 + late_rad * late_rad);
         let tan_squared = predicted.tan_dip * predicted.tan_dip;
         let [by_strength, by_dip, by_heading] = predicted.by_field();
         let measurements = [
-            Some(predicted.strength(&expected, variance(0, variances.strength, by_strength))),
-            Some(predicted.inclination(&expected, variance(1, variances.tilt_rad2, by_dip))),
-            predicted.heading(&expected, seen, variance(2, variances.tilt_rad2 * tan_squared, by_heading)),
+            Some(predicted.strength(&expected, variance(0, strength, by_strength))),
+            Some(predicted.inclination(&expected, variance(1, tilt_rad2, by_dip))),
+            predicted.heading(&expected, seen, variance(2, tilt_rad2 * tan_squared, by_heading)),
         ];
         self.see_dip(watched, measurements[1].as_ref(), step_s);
+        if let (Some(learnt), Some(strength)) = (&mut self.learnt, &measurements[0]) {
+            learnt.see_off_strength(&self.config.learnt, strength.residual, step_s);
+        }
         let deviations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.deviation(m)));
         let verdict = self.contradiction.see(&self.config.contradiction, deviations, step_s);
         let learn = match verdict {
@@ -338,7 +366,7 @@ impl Watch {
     fn scatter(&mut self, watched: &Watched<'_>, predicted: &Predicted, step_s: f32) -> Variances {
         let own = watched.own();
         let config = &self.config.learnt;
-        let learnt = self.learnt.get_or_insert(Learnt::new(own, predicted.total));
+        let learnt = self.learnt.get_or_insert_with(|| Learnt::new(config, own, predicted.total));
         learnt.see_strength(config, own, predicted.total, step_s);
         learnt.variances(config, own)
     }
@@ -381,6 +409,7 @@ impl Watch {
         self.state.loosen(ROLL, tilt_rad * tilt_rad);
         self.state.loosen(PITCH, tilt_rad * tilt_rad);
         self.field_contradicts |= strength > 0.0;
+        self.unsettled_s = self.config.unsettled_s;
     }
 
     /// Says what it all means for headings from now on.
@@ -393,12 +422,14 @@ impl Watch {
         self.field_contradicts &= is_silent;
         let sigma = (0..3).map(|axis| libm::sqrtf(self.state.variance_of(BETA + axis))).fold(0.0, f32::max);
         let change = model::beta(&unknowns);
+        // As long as nothing has changed, all that is left unknown is the coefficients'.
+        let is_settled = self.unsettled_s <= 0.0 && change.norm() < self.config.max_fading;
         let is_sure = self.moved.see(&change, sigma, is_silent, step_s);
         let total_ut = watched.calibration.total_ut;
         let own = watched.own();
         self.adjustment = Adjustment {
             unknowns,
-            variance_rad2,
+            variance_rad2: if is_settled { 0.0 } else { variance_rad2 },
             variances: self.learnt.as_ref().map(|learnt| learnt.variances(&self.config.learnt, own)),
             gyro: self.run.map(|run| (run, self.state.variance_of(OFFSET))),
             verdict: self.verdict(&unknowns, seen, &row, variance_rad2),
