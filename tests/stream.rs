@@ -3,6 +3,7 @@
 use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::{Reader, Received};
 use host_sim::rig::Rig;
+use host_sim::score::wrap_180;
 use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
@@ -55,6 +56,25 @@ fn every_sentence_comes_at_the_rate_that_was_set() {
     }
     rig.type_line("stream off");
     assert!(listen(&mut rig, 2.0).is_empty());
+}
+
+/// The smooth one of itself, the raw one for who asks for it; the sentence says which, and the smooth one is steadier: on
+/// a straight leg its steps from sentence to sentence are less than half of the raw one's.
+#[test]
+fn the_pilot_chooses_which_heading_is_sent() {
+    let mut rig = calibrated();
+    let mut steps_deg = Vec::new();
+    for kind in ["smooth", "raw", "smooth"] {
+        rig.type_line(&format!("stream heading {kind}"));
+        rig.run_for_s(0.5);
+        let received = listen(&mut rig, 4.0);
+        let qualities: Vec<_> = received.iter().filter(|r| r.kind == "PASWH").collect();
+        assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.told.as_deref() == Some(kind)), "{kind}");
+        let headings: Vec<f64> = qualities.iter().filter_map(|r| r.heading_deg).collect();
+        let squares = headings.windows(2).map(|pair| wrap_180(pair[1] - pair[0]).powi(2)).sum::<f64>();
+        steps_deg.push((squares / headings.len() as f64).sqrt());
+    }
+    assert!(steps_deg[0] < 0.6 * steps_deg[1] && steps_deg[2] < 0.6 * steps_deg[1], "{steps_deg:?}");
 }
 
 #[test]
