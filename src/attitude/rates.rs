@@ -176,7 +176,8 @@ mod tests {
         }
     }
 
-    /// Standing still with a gyro that is off by a constant: its steps of 0.02 s within a second make 3.6 deg/s half a degree.
+    /// Standing still with a gyro that is off by a constant: its steps of 0.02 s within a second make 3.6 deg/s half a
+    /// degree.
     #[test]
     fn a_little_bias_is_no_contradiction() {
         for (bias_deg_s, believed) in [(3.4_f32, true), (3.8, false), (-3.4, true), (-3.8, false)] {
@@ -197,7 +198,7 @@ mod tests {
     fn a_gap_says_nothing() {
         for (step_us, believed) in [(250_000, false), (251_000, true)] {
             let mut flying = Flying { factor: -1.0, ..Flying::new() };
-            let all = (0..10).map(|i| flying.report([if i % 2 == 0 { 0.5 } else { 0.4 }, 0.0], step_us)).all(|one| one);
+            let all = (0..10).all(|i| flying.report([if i % 2 == 0 { 0.5 } else { 0.4 }, 0.0], step_us));
             assert_eq!(all, believed, "{step_us}");
         }
         let mut flying = Flying { factor: 0.0, ..Flying::new() };
