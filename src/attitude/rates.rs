@@ -176,6 +176,19 @@ mod tests {
         }
     }
 
+    /// Rates that leave half as much again of the steps are let pass, but not forgiven: for that they have to leave less.
+    #[test]
+    fn what_was_wrong_has_to_be_better_than_nothing() {
+        assert!(Flying { factor: -0.2, ..Flying::new() }.fly([0.5, 0.0], 200).0);
+        let mut flying = Flying { factor: -1.0, ..Flying::new() };
+        flying.fly([0.5, 0.0], 100);
+        flying.factor = -0.2;
+        assert!(flying.fly([0.5, 0.0], 400).1);
+        flying.factor = 0.1;
+        flying.fly([0.5, 0.0], 200);
+        assert!(flying.fly([0.5, 0.0], 10).0);
+    }
+
     /// Standing still with a gyro that is off by a constant: its steps of 0.02 s within a second make 3.6 deg/s half a
     /// degree.
     #[test]

@@ -573,7 +573,7 @@ fn a_source_with_rates_gives_a_smooth_heading() {
     // The same correction again changes nothing; another one is another heading.
     instrument.correct_with(correction.clone());
     assert!(turning(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_some()));
-    instrument.correct_with(Correction { align_deg: 10.0, ..correction });
+    instrument.correct_with(Correction { align_deg: -29.5, ..correction });
     assert!(turning(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_none()));
 }
 

@@ -274,6 +274,32 @@ fn a_day_leaves_nothing_behind() {
     }
 }
 
+/// A raw heading that calls itself exact is taken for one of 0.05 deg, so that there is always something to weigh by.
+#[test]
+fn no_raw_heading_is_exact() {
+    let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
+    for told in (0..4).flat_map(|_| flight.wander()).skip(400) {
+        let (rad, sigma_rad) = told.smooth.unwrap();
+        assert!(rad.abs() < 0.05 * DEG && sigma_rad > 0.0 && sigma_rad < 0.05 * DEG, "{rad} {sigma_rad}");
+    }
+}
+
+/// The heading jumps by a quarter of a circle without a turn. Five seconds later the filter is lost and begins anew: what
+/// the two differed by before is over, and the sigma has not become much larger.
+#[test]
+fn a_filter_that_was_lost_begins_anew() {
+    let mut flight = Flight::new();
+    for _ in 0..4 {
+        flight.wander();
+    }
+    flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
+    // One that is far off is nothing yet.
+    assert!(none_told(&flight.fly(18.0, 6.0)[1..]));
+    flight.fly(18.0, 16.0);
+    let (rad, sigma_rad) = flight.step(18.0).smooth.unwrap();
+    assert!(rad.abs() < 2.0 * DEG && sigma_rad < 0.55 * DEG, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
+}
+
 /// Two seconds of agreement come first.
 #[test]
 fn nothing_is_told_before_it_has_settled() {
