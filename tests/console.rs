@@ -73,6 +73,11 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("stream rate 81", "error out-of-range: "),
         ("stream rate 300", "error bad-value: "),
         ("stream rate", "error missing-argument: "),
+        ("stream heading raw", "ok "),
+        ("stream heading smooth", "ok "),
+        ("stream heading smoothed", "error bad-value: expected raw or smooth"),
+        ("stream heading", "error missing-argument: "),
+        ("stream heading raw smooth", "error unexpected-argument: "),
         ("set declination 3.5", "ok "),
         ("set declination -11.25", "ok "),
         ("set declination 181", "error out-of-range: a declination is -180 to 180"),
@@ -180,14 +185,16 @@ fn tab_completes_up_recalls_backspace_deletes() {
 fn settings_last_over_a_restart() {
     let mut rig = rig();
     rig.type_line("set declination -11.3");
+    assert!(reply(&mut rig, "status").join("\n").contains("stream: on, 10 Hz, smooth heading"));
     rig.type_line("stream rate 5");
+    rig.type_line("stream heading raw");
     rig.type_line("set inclination 61.5");
     rig.type_line("set mount yaw180");
     rig.type_line("set attitude-error 1.25 3.5");
     assert!(rig.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status").join("\n");
     for line in [
-        "stream: on, 5 Hz",
+        "stream: on, 5 Hz, raw heading",
         "declination: -11.3 deg",
         "inclination: 61.5 deg",
         "mount: yaw180",
@@ -224,6 +231,7 @@ fn an_armed_module_refuses_what_is_for_the_ground() {
         ("cal show", "error no-calibration"),
         ("cal abort", "ok uncalibrated"),
         ("stream rate 20", "ok "),
+        ("stream heading raw", "ok "),
         ("stream off", "ok "),
         ("stream on", "ok "),
         ("set declination 3.5", "ok "),

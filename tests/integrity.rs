@@ -141,6 +141,35 @@ fn a_clean_flight_raises_no_alarm() {
     }
 }
 
+/// What is promised of a clean flight, raw and smooth: the raw heading's RMS and how often its sigma holds, and that the
+/// smooth one is twice as good. Its sigma allows for what the attitude source may be off, which is alike in calibration and
+/// use here, so that it is rather too large.
+#[test]
+fn a_clean_flight_s_headings_are_as_good_as_they_say() {
+    for (heading, rms_deg, most_percent) in
+        [(HeadingKind::Raw, 0.90, [74.0, 100.0]), (HeadingKind::Smooth, 0.45, [100.0; 2])]
+    {
+        for row in rows_of(Plan { flights: 12, heading, ..PLAN }, &["clean"]) {
+            assert!(row.rms_deg <= rms_deg, "{row:?}");
+            assert!((62.0..=most_percent[0]).contains(&row.within_one_sigma_percent), "{row:?}");
+            assert!((89.0..=most_percent[1]).contains(&row.within_two_sigma_percent), "{row:?}");
+            let is_smooth = heading == HeadingKind::Smooth;
+            assert!(if is_smooth { row.smooth_percent > 99.5 } else { row.smooth_percent == 0.0 }, "{row:?}");
+        }
+    }
+}
+
+/// Rates of nothing, of the wrong sign, in degrees, or too slow: the raw heading is sent. What shows only in a turn is sent
+/// until then.
+#[test]
+fn rates_that_are_wrong_do_not_make_the_heading() {
+    for row in rows(&["rates-zero", "rates-degrees", "rates-sign", "rates-small"]) {
+        assert!(row.bad_percent <= 0.05 && row.worst_deg <= 8.0 && row.empty_percent <= 0.1, "{row:?}");
+        assert!(row.smooth_percent <= 15.0, "{row:?}");
+        assert!(row.rms_deg <= 1.1, "{row:?}");
+    }
+}
+
 /// A sensor at rest: its noise on each axis, microtesla, its counts of a microtesla, its period.
 struct AtRest {
     sigma_ut: [f32; 3],

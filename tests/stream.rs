@@ -3,6 +3,7 @@
 use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::{Reader, Received};
 use host_sim::rig::Rig;
+use host_sim::score::wrap_180;
 use host_sim::transcript;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
@@ -55,6 +56,26 @@ fn every_sentence_comes_at_the_rate_that_was_set() {
     }
     rig.type_line("stream off");
     assert!(listen(&mut rig, 2.0).is_empty());
+}
+
+/// The smooth one of itself, the raw one for who asks for it; the sentence says which, and the smooth one is steadier: its
+/// steps from sentence to sentence differ by less than a third of what the raw one's do.
+#[test]
+fn the_pilot_chooses_which_heading_is_sent() {
+    let mut rig = calibrated();
+    let mut bends_deg = Vec::new();
+    for kind in ["smooth", "raw", "smooth"] {
+        rig.type_line(&format!("stream heading {kind}"));
+        rig.run_for_s(0.5);
+        let received = listen(&mut rig, 4.0);
+        let qualities: Vec<_> = received.iter().filter(|r| r.kind == "PASWH").collect();
+        assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.told.as_deref() == Some(kind)), "{kind}");
+        let headings: Vec<f64> = qualities.iter().filter_map(|r| r.heading_deg).collect();
+        let bend = |three: &[f64]| wrap_180(three[2] - three[1]) - wrap_180(three[1] - three[0]);
+        let squares = headings.windows(3).map(|three| bend(three).powi(2)).sum::<f64>();
+        bends_deg.push((squares / headings.len() as f64).sqrt());
+    }
+    assert!(bends_deg[0] < 0.33 * bends_deg[1] && bends_deg[2] < 0.33 * bends_deg[1], "{bends_deg:?}");
 }
 
 #[test]

@@ -331,6 +331,14 @@ fn how_fast_it_turns_is_the_newest_report_s_rates() {
     assert!((track.turning_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
     // Rates of nothing at all are those of a source that gives none.
     assert_eq!(of_one(Attitude::default(), [0.0; 3]).turning_rad_s(), None);
+    // No gyro reads more than 36 rad/s, 2063 deg/s.
+    for (rate_deg_s, reads) in [(2060.0, true), (-2060.0, true), (2066.0, false), (-2066.0, false), (f32::MAX, false)] {
+        assert_eq!(
+            of_one(Attitude::default(), [0.1, 0.0, rate_deg_s]).turning_rad_s().is_some(),
+            reads,
+            "{rate_deg_s}"
+        );
+    }
 }
 
 /// Fine values, then the same over and over: the fifth of them is left away, and there is no attitude from then on.

@@ -88,9 +88,7 @@ impl Judgement<'_> {
             expected = self.expected(information, allowed, &mut covariance)?;
             iron = Some(Doubt::new(change.iron, expected.rms_deg, without_deg));
         }
-        let uncertainty =
-            information::uncertainty(self.likelihood, self.unknowns, &covariance, information.white_share())
-                .ok_or(SolveError::NotConverged)?;
+        let uncertainty = self.uncertainty(information, &mut covariance)?;
         let quality = Quality {
             method: self.method,
             envelope: self.envelope(),
@@ -106,6 +104,18 @@ impl Judgement<'_> {
             .then(|| advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope()))
             .flatten();
         Ok(Solution { calibration: *self.calibration, quality, uncertainty, advice, iron, bank })
+    }
+
+    /// What a heading's sigma is made of. Errors of the attitude source that stay the same are left out of it: the
+    /// coefficients that were found with them take them out again in use, and the watch sees a change of them.
+    #[inline(never)]
+    fn uncertainty(&self, information: &Information, covariance: &mut Covariance) -> Result<Uncertainty, SolveError> {
+        information
+            .covariance(self.likelihood, self.unknowns, Consider::NOTHING, covariance)
+            .and_then(|()| {
+                information::uncertainty(self.likelihood, self.unknowns, covariance, information.white_share())
+            })
+            .ok_or(SolveError::NotConverged)
     }
 
     /// Adds to the information what the samples say besides their equations, and looks for a change of the iron.

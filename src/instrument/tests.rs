@@ -3,7 +3,7 @@
 use super::*;
 use crate::attitude::Source;
 use crate::calibration::{Orientation, Rates};
-use crate::frames::Sensor;
+use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
 
@@ -569,4 +569,56 @@ fn a_correction_of_unknown_inclination_is_used_at_any() {
         let disturbed = instrument.on_reading(at(900_000), reading(strong));
         assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
+}
+
+/// A level turn of 20 deg/s with a report and a reading every 20 ms, the rates told by this part of what they are; what
+/// the last readings give. It begins at a heading of 1 rad.
+fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) -> Vec<(f32, Estimate)> {
+    let steps = |s: f32| (s * 50.0) as u64;
+    (steps(from_s)..steps(from_s + seconds))
+        .map(|i| {
+            let us = i * 20_000;
+            let heading_rad = 1.0 + 20_f32.to_radians() * i as f32 / 50.0;
+            let report = Report {
+                source: Source::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
+                rates_rad_s: [0.0, 0.0, told * 20_f32.to_radians() / 5_f32.to_radians().cos()],
+            };
+            let field = sensed(heading_rad, report.attitude);
+            instrument.on_attitude(at(us + LATENCY_US), report);
+            (heading_rad, instrument.on_reading(at(us), reading(field)))
+        })
+        .collect()
+}
+
+/// With rates, after two seconds, alignment included, and of the reading's instant: a turn of 20 deg/s is 0.4 deg in the
+/// latency of a report.
+#[test]
+fn a_source_with_rates_gives_a_smooth_heading() {
+    let mut instrument = calibrated();
+    let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
+    instrument.correct_with(correction.clone());
+    let first = turning(&mut instrument, 0.0, 2.0, 1.0);
+    assert!(first.iter().all(|(_, estimate)| estimate.smooth.is_none() && estimate.heading.is_ok()));
+    for (heading_rad, estimate) in &turning(&mut instrument, 2.0, 20.0, 1.0)[5..] {
+        let off_rad = wrap_pi(estimate.smooth.unwrap().magnetic_rad - heading_rad + 30_f32.to_radians());
+        assert!(off_rad.to_degrees().abs() < 0.1, "{}", off_rad.to_degrees());
+    }
+    // The same correction again changes nothing; another one is another heading.
+    instrument.correct_with(correction.clone());
+    assert!(turning(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_some()));
+    instrument.correct_with(Correction { align_deg: -29.5, ..correction });
+    assert!(turning(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_none()));
+}
+
+#[test]
+fn without_rates_or_a_heading_there_is_no_smooth_one() {
+    let mut instrument = calibrated();
+    assert!(turning(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smooth.is_none()));
+    let mut instrument = calibrated();
+    assert!(turning(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smooth.is_some());
+    let lost = instrument.on_reading(at(10_000_000), saturated(SOME));
+    assert_eq!((lost.heading, lost.smooth), (Err(NoHeading::SensorSaturated), None));
+    assert_eq!(instrument.on_silence(at(10_200_000)).smooth, None);
 }

@@ -151,7 +151,8 @@ struct Speed {
 /// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes
 /// forward, right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare
 /// with. Columns p_dps, q_dps and r_dps are the body rates, deg/s, each the mean since the row before; where a line
-/// leaves all three empty they are not known. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file cannot be read.
+/// leaves all three empty they are not known. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file
+/// cannot be read.
 #[derive(Args)]
 struct Replay {
     /// The recording
@@ -169,8 +170,8 @@ struct Replay {
     /// Fit only to rows before this time
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     fit_until: Option<f64>,
-    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row; the last two are empty where there
-    /// is no smooth heading
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row; the last two are empty where
+    /// there is no smooth heading
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print one JSON object instead of the table

@@ -86,9 +86,9 @@ impl fmt::Display for RecordingError {
 
 impl std::error::Error for RecordingError {}
 
-/// Reads a recording: columns `t_s,mx,my,mz,roll_deg,pitch_deg`, optional `use` (0: not to be fitted to), `yaw_ref_deg`,
-/// and `p_dps,q_dps,r_dps`, the mean body rates since the row before; others are passed over. A reference or rates that
-/// are left empty on a line are not known there.
+/// Reads a recording: columns `t_s,mx,my,mz,roll_deg,pitch_deg`, optional `use` (0: not to be fitted to),
+/// `yaw_ref_deg`, and `p_dps,q_dps,r_dps`, the mean body rates since the row before; others are passed over. A
+/// reference or rates that are left empty on a line are not known there.
 ///
 /// # Errors
 ///

@@ -14,9 +14,9 @@ pub(super) enum Agreed {
 }
 
 /// Whether raw and smooth heading say the same: the mean of their difference over two seconds within three of their
-/// joint sigmas. A gyro that is quickly wrong shows sooner, in two differences one after the other of four sigmas; or of
-/// four times what they scatter from one to the next, where the raw heading is noisier than it says. A single one is
-/// nothing.
+/// joint sigmas. A gyro that is quickly wrong shows sooner, in two differences one after the other of four sigmas; or
+/// of four times what they scatter from one to the next, where the raw heading is noisier than it says. A single one
+/// is nothing.
 #[derive(Clone, Debug)]
 pub(super) struct Agreement {
     /// Mean of the difference, radians.
@@ -50,8 +50,8 @@ impl Agreement {
     /// So long they have to agree, seconds.
     const SETTLED_S: f32 = 2.0;
 
-    /// After a contradiction they have to agree in a turn, or in as much to and fro, radians: a gyro that is wrong agrees
-    /// as long as nothing turns.
+    /// After a contradiction they have to agree in a turn, or in as much to and fro, radians: a gyro that is wrong
+    /// agrees as long as nothing turns.
     const PROOF_RAD: f32 = 45.0 * DEG;
 
     /// After so long the filter is lost, seconds.
@@ -74,8 +74,8 @@ impl Agreement {
         *self = Self { owed_rad: self.owed_rad, ..Self::NEW };
     }
 
-    /// What the square of the mean difference is beyond its variance, radians squared: one of the two is off by that, and it
-    /// may be the smooth one.
+    /// What the square of the mean difference is beyond its variance, radians squared: one of the two is off by that,
+    /// and it may be the smooth one.
     pub const fn doubt(&self) -> f32 {
         self.doubt
     }

@@ -2,9 +2,9 @@
 
 use super::square;
 
-/// How much of the raw heading's noise lasts, and is not smoothed away: the filter cannot tell it from the truth. A mean
-/// over five seconds of noise that lasts for half a second has an eleventh of its variance, of noise that lasts as long as
-/// a turn most of it.
+/// How much of the raw heading's noise lasts, and is not smoothed away: the filter cannot tell it from the truth. A
+/// mean over five seconds of noise that lasts for half a second has an eleventh of its variance, of noise that lasts
+/// as long as a turn most of it.
 #[derive(Clone, Debug)]
 pub(super) struct Lasting {
     /// Mean of the difference between raw and smooth heading, radians.
@@ -27,7 +27,7 @@ impl Lasting {
     const FOLLOWED: f32 = 1.5;
 
     /// Nothing learnt yet.
-    pub const NEW: Self = Self { mean_rad: 0.0, share: 0.2, learnt_s: Self::GUESS_S };
+    pub const NEW: Self = Self { mean_rad: 0.0, share: 0.15, learnt_s: Self::GUESS_S };
 
     /// What the raw heading's variance is multiplied by for what lasts of it.
     pub fn share(&self) -> f32 {

@@ -14,8 +14,8 @@
 //!
 //! What the filter itself takes for its variance is no standard deviation to send: in simulation, with a gyro without
 //! errors, it is three times too large, on recorded flights half of what it must be. So the part of the raw heading's
-//! noise that is not smoothed away is learnt ([`Lasting`]). The coefficients' share comes on top: it is the same from one
-//! reading to the next, and no smoothing takes anything off it.
+//! noise that is not smoothed away is learnt ([`Lasting`]). The coefficients' share comes on top: it is the same from
+//! one reading to the next, and no smoothing takes anything off it.
 //!
 //! The smooth heading is told only while it and the raw one say the same ([`Agreement`]): a gyro that is wrong shows in
 //! the first turn.
@@ -91,6 +91,7 @@ impl Smoother {
             self.state = None;
         }
         let raw = raw?;
+        #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
         let variance = (square(raw.sigma_rad) - raw.systematic_rad2).max(LEAST_VARIANCE).min(MOST_VARIANCE);
         let agreed = self.follow(at, raw.magnetic_rad, variance, &turning);
         if agreed == Agreed::Lost {
@@ -168,8 +169,8 @@ impl State {
         self.known_bias_variance + square(self.by_bias_s) * self.bias_variance
     }
 
-    /// Carries it on to an instant by what the gyro has turned since. None where that is not known: after a gap, or with
-    /// another run of the gyro.
+    /// Carries it on to an instant by what the gyro has turned since. None where that is not known: after a gap, or
+    /// with another run of the gyro.
     fn predict(&mut self, at: Timestamp, turning: &Turning) -> Option<Step> {
         let step_us = at.us_since(self.at);
         if turning.run != self.run || step_us > MAX_GAP_US {

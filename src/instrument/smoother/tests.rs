@@ -11,6 +11,9 @@ use crate::attitude::Motion;
 const STEP_US: u64 = 12_500;
 const STEP_S: f32 = 0.0125;
 
+/// What a gyro makes of a rate, radians a second.
+type Gyro = fn(f32) -> f32;
+
 /// What flies: its true heading, what the gyro makes of its turns, and what the raw heading is off by.
 struct Flight {
     smoother: Smoother,
@@ -21,7 +24,7 @@ struct Flight {
     turned_rad: f32,
     run: u8,
     /// What the gyro says of a rate, radians a second.
-    gyro: fn(f32) -> f32,
+    gyro: Gyro,
     /// Of the raw heading, as told and as it is, and how long it lasts; of the coefficients.
     sigma_rad: f32,
     noise_sigma_rad: f32,
@@ -119,8 +122,8 @@ fn none_told(told: &[Told]) -> bool {
     told.iter().all(|told| told.smooth.is_none())
 }
 
-/// Noise that lasts for half a second is left to a fifth by a filter that remembers some ten seconds: the square root of
-/// 0.5 s over 10 s. What is sent with it is that, within a third.
+/// Noise that lasts for half a second is left to a fifth by a filter that remembers some ten seconds: the square root
+/// of 0.5 s over 10 s. What is sent with it is that, within a third.
 #[test]
 fn a_smooth_heading_is_better_than_the_raw_one_and_knows_how_good_it_is() {
     let mut flight = Flight::new();
@@ -150,7 +153,8 @@ fn what_lasts_is_not_smoothed_away() {
     assert!(sigma_deg > 0.4 * smooth_deg && sigma_deg < 1.2, "{sigma_deg} {smooth_deg}");
 }
 
-/// A gyro that begins to drift by 1 deg/s: the mean difference to the raw heading is in the sigma before it contradicts.
+/// A gyro that begins to drift by 1 deg/s: the mean difference to the raw heading is in the sigma before it
+/// contradicts.
 #[test]
 fn what_is_doubted_is_in_the_sigma() {
     let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
@@ -159,8 +163,8 @@ fn what_is_doubted_is_in_the_sigma() {
     }
     flight.gyro = |rate_rad_s| rate_rad_s + DEG;
     let told = flight.fly(0.0, 6.0);
-    assert!(told.iter().filter_map(|told| told.smooth).any(|(rad, _)| rad.abs() > 2.5 * DEG));
-    for (rad, sigma_rad) in told.iter().filter_map(|told| told.smooth).filter(|(rad, _)| rad.abs() > 2.0 * DEG) {
+    assert!(told.iter().filter_map(|told| told.smooth).any(|(rad, _)| rad.abs() > 3.0 * DEG));
+    for (rad, sigma_rad) in told.iter().filter_map(|told| told.smooth).filter(|(rad, _)| rad.abs() > 2.5 * DEG) {
         assert!(rad.abs() < 4.0 * sigma_rad, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
     }
     assert!(none_told(&told[told.len() - 40..]));
@@ -192,7 +196,8 @@ fn the_gyro_s_bias_is_found() {
     assert!(mean_rad.to_degrees().abs() < 0.15, "{}", mean_rad.to_degrees());
 }
 
-/// The filter against the textbook's, in f64 and with a whole matrix, at uneven steps; all numbers are said here once more.
+/// The filter against the textbook's, in f64 and with a whole matrix, at uneven steps; all numbers are said here once
+/// more.
 #[test]
 fn the_filter_is_kalman_s() {
     let square = |x: f64| x * x;
@@ -240,11 +245,11 @@ fn the_filter_is_kalman_s() {
     assert!((f64::from(state.bias_rad_s) - beta).abs() < 2e-2 * beta.abs() + 1e-5, "{} {beta}", state.bias_rad_s);
 }
 
-/// A day at ten headings a second with a gyro that is biased, now to one side and now to the other: nothing grows, and the
-/// covariance stays one.
+/// A day at ten headings a second with a gyro that is biased, now to one side and now to the other: nothing grows, and
+/// the covariance stays one.
 #[test]
 fn a_day_leaves_nothing_behind() {
-    let gyros: [fn(f32) -> f32; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
+    let gyros: [Gyro; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
     let mut flight = Flight { step_us: 100_000, ..Flight::new() };
     for hour in 0..24 {
         flight.gyro = gyros[hour % 2];
@@ -260,13 +265,39 @@ fn a_day_leaves_nothing_behind() {
                 continue; // The bias has just changed.
             }
             let (rad, sigma_rad) = told.smooth.unwrap();
-            assert!(sigma_rad > 0.02 * DEG && sigma_rad < DEG);
+            assert!(sigma_rad > 0.02 * DEG && sigma_rad < 3.1 * DEG, "{}", sigma_rad.to_degrees());
             squares += rad * rad;
             number += 1.0;
         }
         let rms_deg = (squares / number).sqrt().to_degrees();
         assert!(rms_deg < 0.4, "hour {hour}: {rms_deg}");
     }
+}
+
+/// A raw heading that calls itself exact is taken for one of 0.05 deg, so that there is always something to weigh by.
+#[test]
+fn no_raw_heading_is_exact() {
+    let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
+    for told in (0..4).flat_map(|_| flight.wander()).skip(400) {
+        let (rad, sigma_rad) = told.smooth.unwrap();
+        assert!(rad.abs() < 0.05 * DEG && sigma_rad > 0.0 && sigma_rad < 0.05 * DEG, "{rad} {sigma_rad}");
+    }
+}
+
+/// The heading jumps by a quarter of a circle without a turn. Five seconds later the filter is lost and begins anew: what
+/// the two differed by before is over, and the sigma has not become much larger.
+#[test]
+fn a_filter_that_was_lost_begins_anew() {
+    let mut flight = Flight::new();
+    for _ in 0..4 {
+        flight.wander();
+    }
+    flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
+    // One that is far off is nothing yet.
+    assert!(none_told(&flight.fly(18.0, 6.0)[1..]));
+    flight.fly(18.0, 16.0);
+    let (rad, sigma_rad) = flight.step(18.0).smooth.unwrap();
+    assert!(rad.abs() < 2.0 * DEG && sigma_rad < 0.55 * DEG, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
 }
 
 /// Two seconds of agreement come first.
@@ -349,10 +380,11 @@ fn a_spike_of_the_raw_heading_changes_nothing() {
 }
 
 /// A source whose rates are not what they are taken for: as soon as the aircraft turns, the smooth heading is not told
-/// any more, before it is off by more than four sigmas and what turns within two readings; and not again after the turn.
+/// any more, before it is off by more than four sigmas and what turns within two readings; and not again after the
+/// turn.
 #[test]
 fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
-    let wrong: [(&str, fn(f32) -> f32); 4] = [
+    let wrong: [(&str, Gyro); 4] = [
         ("nearly nothing", |_| 1e-6),
         ("wrong sign", |rate_rad_s| -rate_rad_s),
         ("degrees for radians", |rate_rad_s| rate_rad_s * 57.3),
@@ -513,15 +545,14 @@ mod agreement {
     #[test]
     fn what_contradicts_for_long_is_lost() {
         let mut agreement = settled();
-        let lost = (0..).position(|_| agreement.see(TAU, VARIANCE, step(0.0)) == Agreed::Lost).unwrap();
+        let lost = (0..1000).position(|_| agreement.see(TAU, VARIANCE, step(0.0)) == Agreed::Lost).unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
         // An interruption begins anew.
         let mut agreement = settled();
         for _ in 0..10 {
             for _ in 0..200 {
-                assert_ne!(agreement.see(50.0, VARIANCE, step(0.0)), Agreed::Lost);
+                assert_ne!(agreement.see(5.0, VARIANCE, step(0.0)), Agreed::Lost);
             }
-            while agreement.see(-50.0, VARIANCE, step(0.0)) != Agreed::NotYet {}
             for _ in 0..2000 {
                 agreement.see(0.0, VARIANCE, step(0.1));
             }
@@ -549,7 +580,8 @@ mod lasting {
         sum / 30.0
     }
 
-    /// Half as much again as `tau / (tau + 5 s)`, to the chance of thirty times two minutes, and what is cut off above one.
+    /// Half as much again as `tau / (tau + 5 s)`, to the chance of thirty times two minutes, and what is cut off above
+    /// one.
     #[test]
     fn the_share_is_that_of_a_mean_over_five_seconds() {
         for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
@@ -565,7 +597,7 @@ mod lasting {
     fn a_share_is_never_more_than_the_whole() {
         for (off, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
             let mut lasting = Lasting::NEW;
-            assert!((lasting.share() - 0.3).abs() < 1e-6);
+            assert!((lasting.share() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
                 lasting.see(off, 1.0, STEP_S);
             }
@@ -583,7 +615,7 @@ mod lasting {
             }
         };
         quiet(&mut lasting, 10.0);
-        assert!((lasting.share() - 0.15).abs() < 0.005, "{}", lasting.share());
+        assert!((lasting.share() - 0.1125).abs() < 0.004, "{}", lasting.share());
         for _ in 0..(2000.0 / STEP_S) as usize {
             lasting.see(1.0, 1.0, STEP_S);
         }
