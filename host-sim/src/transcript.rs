@@ -24,15 +24,15 @@ impl Notice {
     }
 }
 
-/// The last note of a session.
+/// The last note of a session that says how a solve ended.
 #[must_use]
 pub fn notice(session: &str) -> Option<Notice> {
-    lines(session).filter_map(|line| line.strip_prefix("note ")).next_back().and_then(|note| {
-        match note.strip_prefix("refused ") {
-            Some(refused) => coded(refused),
-            None => note.strip_prefix("calibrated: ").map(|words| Notice::Calibrated(words.to_owned())),
-        }
-    })
+    let notes = lines(session).filter_map(|line| line.strip_prefix("note "));
+    let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
+        Some(refused) => coded(refused),
+        None => note.strip_prefix("calibrated: ").map(|words| Notice::Calibrated(words.to_owned())),
+    });
+    outcomes.next_back()
 }
 
 /// The error of a reply.

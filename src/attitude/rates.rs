@@ -26,6 +26,11 @@ const LEAST: f32 = 0.15;
 /// Rates are too slow when they add up to less than this part of what the attitude does: half a third of it.
 const TOO_SLOW: f32 = 0.15;
 
+/// Rates that add up to more than this within a second, square radians, while the attitude does next to nothing, need no
+/// second to be wrong: (12 deg)^2, and a fifth of it.
+const MUCH_BY_RATES: f32 = 0.044;
+const LITTLE: f32 = 0.04;
+
 /// A longer time between two reports is not summed over, microseconds.
 const MAX_STEP_US: u64 = 250_000;
 
@@ -74,6 +79,8 @@ impl Rates {
                 self.passed_us += step_us;
             }
         }
+        let [by_gyro, by_attitude] = [self.per_gyro, self.per_attitude].map(square);
+        self.contradict |= by_gyro > MUCH_BY_RATES && by_attitude < LITTLE * by_gyro;
         if self.passed_us >= CHUNK_US {
             self.sum_up();
         }
@@ -98,6 +105,11 @@ impl Rates {
         self.contradict |=
             self.attitude_squared > MIN_BY_ATTITUDE && self.gyro_squared < TOO_SLOW * TOO_SLOW * self.attitude_squared;
     }
+}
+
+/// Roll's and pitch's together.
+fn square([roll, pitch]: [f32; 2]) -> f32 {
+    roll * roll + pitch * pitch
 }
 
 #[cfg(test)]

@@ -230,7 +230,12 @@ pub struct Instrument {
     unwatched: Option<(Timestamp, Sample)>,
     /// The calibration in use as the watch has adjusted it.
     in_force: Option<(Calibration, Uncertainty)>,
+    /// Reports in a row whose rates were not believed.
+    doubted_rates: u8,
 }
+
+/// After so many reports in a row whose rates contradict them, a fifth of a second, the rates are wrong.
+const RATES_ARE_WRONG: u8 = 10;
 
 impl Instrument {
     /// An instrument without a calibration.
@@ -247,6 +252,7 @@ impl Instrument {
             watch: Watch::new(watch::Config::DEFAULT),
             unwatched: None,
             in_force: None,
+            doubted_rates: 0,
         }
     }
 
@@ -256,15 +262,22 @@ impl Instrument {
             // A sample is made of readings of one kind.
             self.pairing.reset();
         }
-        if correction.calibration != self.correction.calibration {
-            self.watch = Watch::new(watch::Config::DEFAULT);
-            self.unwatched = None;
-            self.in_force = correction.calibration;
-        }
+        let is_another = correction.calibration != self.correction.calibration;
         if correction != self.correction {
             self.smoother.reset();
         }
         self.correction = correction;
+        if is_another {
+            self.watch_anew();
+        }
+    }
+
+    /// Forgets what was learnt beyond the calibration: it is another one, or what was learnt was learnt with a gyro that
+    /// says what is not so.
+    fn watch_anew(&mut self) {
+        self.watch = Watch::new(watch::Config::DEFAULT);
+        self.unwatched = None;
+        self.in_force = self.correction.calibration;
     }
 
     /// The sensor is another one, with this time between two readings, microseconds; after so many equal ones an axis of
@@ -278,7 +291,13 @@ impl Instrument {
 
     /// Takes an attitude report whose last byte arrived at `at`. It may complete samples.
     pub fn on_attitude(&mut self, at: Timestamp, report: Report) {
+        let before = self.track.doubted().rates;
         self.track.push(at, report);
+        let is_doubted = self.track.doubted().rates != before;
+        self.doubted_rates = if is_doubted { self.doubted_rates.saturating_add(1) } else { 0 };
+        if self.doubted_rates == RATES_ARE_WRONG {
+            self.watch_anew();
+        }
     }
 
     /// Takes a reading that was ready at `at`. It may complete a sample.

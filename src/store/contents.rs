@@ -155,8 +155,8 @@ impl Contents {
         buffer.get(..1 + payload_size + CRC_SIZE).ok_or(StoreError::Full)
     }
 
-    /// The contents of stored bytes, of this version or converted from one before. Not inlined: the contents are large,
-    /// and what they are made of lies on the stack while it is.
+    /// The contents of stored bytes, of this version or converted from one before. The contents are large, and what they
+    /// are made of lies on the stack while it is: so none of the ways to read them is inlined, and only one is there.
     #[inline(never)]
     pub fn decode(value: &[u8]) -> Result<Self, StoreError> {
         let (checked, crc) = value.split_last_chunk::<CRC_SIZE>().ok_or(StoreError::Corrupt)?;
@@ -165,17 +165,27 @@ impl Contents {
         }
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
-            VERSION => postcard::from_bytes(payload).ok(),
+            VERSION => Self::read(payload),
             v4::VERSION => v4::read(payload),
-            before @ (v2::VERSION | v3::VERSION) => v3::Contents::read(payload).and_then(|mut contents| {
-                if before == v2::VERSION {
-                    v2::convert(&mut contents);
-                }
-                contents.convert()
-            }),
+            v2::VERSION | v3::VERSION => Self::read_before(version, payload),
             _ => return Err(StoreError::UnknownVersion(version)),
         };
         contents.filter(|contents: &Self| contents.stored.is_valid()).ok_or(StoreError::Corrupt)
+    }
+
+    #[inline(never)]
+    fn read(payload: &[u8]) -> Option<Self> {
+        postcard::from_bytes(payload).ok()
+    }
+
+    /// Version 2 or 3.
+    #[inline(never)]
+    fn read_before(version: u8, payload: &[u8]) -> Option<Self> {
+        let mut contents = v3::Contents::read(payload)?;
+        if version == v2::VERSION {
+            v2::convert(&mut contents);
+        }
+        contents.convert()
     }
 }
 

@@ -22,6 +22,7 @@ pub(super) struct AttitudeError {
 }
 
 /// Reads the bytes of this version; none if they are not of it.
+#[inline(never)]
 pub(super) fn read(payload: &[u8]) -> Option<contents::Contents> {
     let (head, rest) = postcard::take_from_bytes(payload).ok()?;
     let (AttitudeError { bias_deg, bank_percent }, rest) = postcard::take_from_bytes(rest).ok()?;

@@ -8,7 +8,9 @@ use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
 use crate::calibration::four_ellipse;
 use crate::calibration::ladder::{self, Procedure};
-use crate::calibration::{Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, solve};
+use crate::calibration::{
+    Consider, Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, Solver, solve,
+};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -256,13 +258,20 @@ fn one_side_and_level_flight_are_enough_and_know_how_much() {
     assert!(largest(&ratios) < 3.0, "{}", largest(&ratios));
 }
 
-/// The sigma of a heading without the noise of a reading and the expected error are two sums of the same.
+/// The sigma of a heading without the noise of a reading and the expected error are two sums of the same, where no error
+/// of attitude is considered that stays the same: that is in the expected error alone.
 #[test]
 fn sigma_over_the_envelope_is_the_expected_error() {
     let mut random = Random(3);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
-    let solution =
-        solve(Method::MaximumLikelihood, Flight::REAL.fly(&airframe, &mut random).turns(), &NO_PRIOR).unwrap();
+    let flight = Flight::REAL.fly(&airframe, &mut random);
+    let solved = |consider: Consider| {
+        let solver = Solver::with_consider(Method::MaximumLikelihood, flight.turns(), &NO_PRIOR, consider);
+        solver.unwrap().run(flight.turns()).unwrap()
+    };
+    let (solution, usual) = (solved(Consider::NOTHING), solved(Consider::DEFAULT));
+    assert_eq!(solution.uncertainty, usual.uncertainty);
+    assert!(usual.quality.expected_rms_deg > 1.5 * solution.quality.expected_rms_deg);
     let sigmas_deg = sigmas_deg(&solution, &[-30.0, 0.0, 30.0]);
     let Quality { expected_rms_deg, expected_worst_deg, .. } = solution.quality;
     assert!((rms(&sigmas_deg) - expected_rms_deg).abs() < 1e-4, "{} {expected_rms_deg}", rms(&sigmas_deg));

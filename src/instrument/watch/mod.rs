@@ -24,6 +24,7 @@ mod model;
 mod tests;
 
 use core::array;
+use core::ops::Range;
 
 use nalgebra::Vector3;
 
@@ -57,7 +58,8 @@ pub struct Config {
     pub unsettled_sigma: f32,
     /// See `unsettled_s`.
     pub unsettled_wander: f32,
-    /// Hard iron of less than this fades, parts of the total field: a calibration is taken to hold...
+    /// Hard iron of less than this fades, parts of the total field, and so do the attitude's errors: a calibration is
+    /// taken to hold...
     pub max_fading: f32,
     /// ... by `1 - 1/e` in this time, seconds.
     pub fading_s: f32,
@@ -119,7 +121,7 @@ impl Config {
         max_inclination_rad: 0.2,
         max_bias_rad: 0.15,
         max_bank: 0.5,
-        max_reading_sigmas: 4.0,
+        max_reading_sigmas: 4.5,
         contradiction: contradiction::Config::DEFAULT,
         learnt: learnt::Config::DEFAULT,
     };
@@ -215,6 +217,8 @@ pub(super) struct Watch {
     contradiction: Contradiction,
     /// Whether the strength is among what contradicted since the silence began.
     field_contradicts: bool,
+    /// Variance that the coefficients' errors make of the last sample's strength, dip or heading, the largest.
+    coefficients: f32,
     /// For so long hard iron may move again, seconds.
     unsettled_s: f32,
     balance: Balance,
@@ -234,6 +238,7 @@ impl Watch {
             learnt: None,
             contradiction: Contradiction::NONE,
             field_contradicts: false,
+            coefficients: 0.0,
             unsettled_s: 0.0,
             balance: Balance::NOTHING,
             moved: Moved::NOT,
@@ -289,14 +294,19 @@ impl Watch {
             }
         }
         self.state.carry(OFFSET, DRIFT, step_s);
-        // Where nothing tells hard iron from the rest, a day of noise must not add up to some; iron that has moved stays
-        // where it is.
+        // Where nothing tells them apart, a day of noise must not add up to something; what has changed stays.
+        let kept = (1.0 - step_s / self.config.fading_s).max(0.0);
         if model::beta(self.state.mean()).norm() < self.config.max_fading {
-            let kept = (1.0 - step_s / self.config.fading_s).max(0.0);
-            for axis in BETA..STRENGTH {
-                let faded = kept * self.state.mean()[axis];
-                self.state.set_mean(axis, faded);
-            }
+            self.fade(BETA..STRENGTH, kept);
+        }
+        self.fade(ROLL..UNKNOWNS, kept);
+    }
+
+    /// These unknowns shrink.
+    fn fade(&mut self, unknowns: Range<usize>, kept: f32) {
+        for i in unknowns {
+            let faded = kept * self.state.mean()[i];
+            self.state.set_mean(i, faded);
         }
     }
 
@@ -321,6 +331,8 @@ impl Watch {
         let predicted = Predicted::new(seen, &unknowns, &expected);
         let variances = self.scatter(watched, &predicted, step_s);
         let x = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
+        self.coefficients =
+            predicted.by_field().map(|by| uncertainty.coefficients_variance(&by, &x)).into_iter().fold(0.0, f32::max);
         let variance = |kind: usize, of_sample: f32, by_field: Vector3<f32>| {
             let Config { of_sample: times, floor, coefficients_alike, .. } = self.config;
             let coefficients = uncertainty.coefficients_variance(&by_field, &x);
@@ -424,7 +436,8 @@ impl Watch {
         let change = model::beta(&unknowns);
         // As long as nothing has changed, all that is left unknown is the coefficients'.
         let is_settled = self.unsettled_s <= 0.0 && change.norm() < self.config.max_fading;
-        let is_sure = self.moved.see(&change, sigma, is_silent, step_s);
+        // What is left unknown of the coefficients may look like iron.
+        let is_sure = self.moved.see(&change, libm::sqrtf(sigma * sigma + self.coefficients), is_silent, step_s);
         let total_ut = watched.calibration.total_ut;
         let own = watched.own();
         self.adjustment = Adjustment {

@@ -228,9 +228,10 @@ fn iron_that_moves_is_found_and_told() {
         let mut flight = Flight::new(i as u64);
         flight.fly(200);
         flight.wrong.iron_ut = iron_ut;
-        // A sample may pass before two of them contradict.
+        // Two samples that are far off contradict, or six that are less so.
         let at_once = flight.fly(2);
-        assert!(at_once.told <= 2, "{iron_ut:?}: {at_once:?}");
+        let little = at_once.told <= 7 && at_once.worst_deg < 5.0;
+        assert!(at_once.told <= 1 || little, "{iron_ut:?}: {at_once:?}");
         flight.fly(18);
         // In the first turn it shows what of it had no effect before, and once more there may be silence.
         let turning = flight.fly(60);
@@ -392,7 +393,7 @@ fn what_is_no_number_is_left_away() {
     }
 }
 
-/// The heading of a single reading, against the gyro's: four sigmas of both together.
+/// The heading of a single reading, against the gyro's: four and a half sigmas of both together.
 #[test]
 fn a_reading_that_the_gyro_contradicts_is_not_told() {
     let mut flight = Flight::new(14);
@@ -403,7 +404,7 @@ fn a_reading_that_the_gyro_contradicts_is_not_told() {
     let turning = Turning { motion, turned_rad: 1.0, run };
     let by_gyro = 1.0 + adjustment.unknowns[OFFSET] + 0.3 * adjustment.unknowns[LATENCY];
     let sigma_rad = 0.02;
-    let limit = 4.0 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
+    let limit = 4.5 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
     let agrees = |off_rad: f32, turning: Option<&Turning>| {
         let heading = Heading { magnetic_rad: by_gyro + off_rad, sigma_rad, systematic_rad2: 0.0 };
         adjustment.agrees(&Config::DEFAULT, heading, turning)
