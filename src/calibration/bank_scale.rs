@@ -154,7 +154,9 @@ impl BankScale {
     /// The square of the error that is to be allowed for beyond an allowance.
     pub fn beyond(&self, allowance: f32) -> f32 {
         let square = self.missing * self.missing;
-        (BELIEF * (square - CHANCE * self.usual(allowance))).clamp(0.0, square)
+        // Not a clamp, whose panic on what is not a number would bring the formatting of floats with it, 8 KB.
+        let believed = BELIEF * (square - CHANCE * self.usual(allowance));
+        if believed > 0.0 { believed.min(square) } else { 0.0 }
     }
 
     /// The mean square of the estimate for sources that are as good as is allowed for.

@@ -583,7 +583,9 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) ->
                 source: Source::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
-                rates_rad_s: [0.0, 0.0, told * 20_f32.to_radians() / 5_f32.to_radians().cos()],
+                // Of a level turn: the pitch stays what it is.
+                rates_rad_s: [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
+                    .map(|part| told * 20_f32.to_radians() * part),
             };
             let field = sensed(heading_rad, report.attitude);
             instrument.on_attitude(at(us + LATENCY_US), report);

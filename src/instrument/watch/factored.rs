@@ -49,6 +49,7 @@ impl<const N: usize> Factored<N> {
     }
 
     /// Variance of `row . unknowns`: `sum d_j (U^T row)_j^2`, never negative.
+    #[inline(never)]
     pub fn variance(&self, row: &[f32; N]) -> f32 {
         let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
             let f = self.transposed_times(row, j);
@@ -58,6 +59,7 @@ impl<const N: usize> Factored<N> {
     }
 
     /// Variance of one unknown.
+    #[inline(never)]
     pub fn variance_of(&self, index: usize) -> f32 {
         let Some((row, own)) = self.upper.get(index).zip(self.diagonal.get(index)) else { return 0.0 };
         let others = row.iter().zip(&self.diagonal).skip(index + 1).map(|(u, d)| u * u * d);
@@ -70,6 +72,7 @@ impl<const N: usize> Factored<N> {
     }
 
     /// Learns from a measurement.
+    #[inline(never)]
     pub fn learn(&mut self, measurement: &Measurement<N>) {
         let Measurement { row, residual, variance } = measurement;
         let f: [f32; N] = core::array::from_fn(|j| self.transposed_times(row, j));
@@ -96,6 +99,7 @@ impl<const N: usize> Factored<N> {
     }
 
     /// An unknown has become less certain: adds to its variance. Its correlations stay.
+    #[inline(never)]
     pub fn loosen(&mut self, index: usize, variance: f32) {
         let mut a: [f32; N] = core::array::from_fn(|i| if i == index { 1.0 } else { 0.0 });
         let mut weight = variance;

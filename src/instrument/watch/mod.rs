@@ -189,6 +189,7 @@ impl Adjustment {
 
     /// The calibration with the hard iron and in the field of now, with the scatter of now. The hard iron is that of the
     /// sensor: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`.
+    #[inline(never)]
     pub fn in_force(&self, watched: &Watched<'_>) -> (Calibration, Uncertainty) {
         let Watched { calibration, uncertainty, readings_per_sample } = *watched;
         let beta_ut = model::beta(&self.unknowns) * calibration.total_ut;
@@ -259,6 +260,7 @@ impl Watch {
     }
 
     /// Takes a sample whose last reading was at `at`, and what the gyro says of the sample's instant.
+    #[inline(never)]
     pub fn see(&mut self, watched: &Watched<'_>, at: Timestamp, sample: &Sample, turning: Option<Turning>) {
         let Watched { calibration, .. } = watched;
         let field = calibration.apply(sample.field).ut / calibration.total_ut;
@@ -395,6 +397,7 @@ impl Watch {
     }
 
     /// Learns from a measurement that was predicted with these unknowns, which those before it may have changed.
+    #[inline(never)]
     fn learn(&mut self, measurement: Option<Measurement<UNKNOWNS>>, predicted_with: &Unknowns) {
         let Some(mut measurement) = measurement else { return };
         let changes = self.state.mean().iter().zip(predicted_with).map(|(now, then)| now - then);
@@ -451,6 +454,7 @@ impl Watch {
     }
 
     /// Whether there is a heading, and if not, what is to blame.
+    #[inline(never)]
     fn verdict(&self, unknowns: &Unknowns, seen: &Seen, row: &Unknowns, variance_rad2: f32) -> Result<(), NoHeading> {
         let Config { max_sigma_rad, max_strength, max_inclination_rad, .. } = self.config;
         let iron = model::beta(unknowns).norm();

@@ -124,6 +124,7 @@ pub(super) struct Predicted {
 impl Predicted {
     /// Of a sample. The derivatives are those at the field that is expected, not at the one that is measured: noise that
     /// is in both a residual and its derivative does not cancel, and hard iron would grow along the field for ever.
+    #[inline(never)]
     pub fn new(seen: &Seen, unknowns: &Unknowns, expected: &Expected) -> Self {
         let tilt = attitude(seen.attitude, &seen.motion, unknowns).tilt();
         let measured = tilt.level(Field::new(seen.field - beta(unknowns)));
@@ -176,6 +177,7 @@ impl Predicted {
 }
 
 /// Derivative by the unknowns of what has these derivatives by the field and by roll and pitch.
+#[inline(never)]
 fn row(seen: &Seen, by_field: &Vector3<f32>, [by_roll, by_pitch]: [f32; 2]) -> Unknowns {
     let Seen { attitude, motion, .. } = seen;
     let mut row = [0.0; UNKNOWNS];
