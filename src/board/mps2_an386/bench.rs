@@ -5,11 +5,14 @@ use core::f32::consts::TAU;
 use core::fmt::{self, Write as _};
 use core::hint::black_box;
 
+use autoswing::attitude::{Report, Source};
 use autoswing::calibration::{Method, Prior, Progress, Rates, Sample, Samples, Solution, Solver};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
+use autoswing::instrument::{self, Correction, Instrument};
+use autoswing::magnetometer::Reading;
 use autoswing::settings::HeadingKind;
-use autoswing::time::WrappingMillis;
+use autoswing::time::{Timestamp, WrappingMillis};
 use autoswing::wire::mavlink::Receiver;
 use autoswing::wire::nmea;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -118,9 +121,11 @@ fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
             }
         }
     });
+    let to_watch = watching(&solution);
     writeln!(out)?;
     for (name, count, done) in [
         ("heading", to_heading, found.is_ok()),
+        ("watch", to_watch, to_watch > 0),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
         ("mavlink", to_report, reports == 1),
         ("late", late, is_latency_found),
@@ -130,6 +135,37 @@ fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
     }
     Ok(())
 }
+
+/// The most that a look at a sample takes, of two seconds of a turn with body rates.
+#[inline(never)]
+fn watching(solution: &Solution) -> u64 {
+    let mut instrument = Instrument::new(instrument::Config::new(READING_US as u32));
+    let calibration = Some((solution.calibration, solution.uncertainty));
+    instrument.correct_with(Correction { calibration, ..Correction::NONE });
+    let mut most = 0;
+    for i in 1..160_u16 {
+        let at = Timestamp::from_us(u64::from(i) * READING_US);
+        let heading_rad = 0.004 * f32::from(i);
+        let attitude = Attitude::from_deg(25.0 + 0.01 * f32::from(i % 7), 3.0);
+        let report = Report {
+            source: Source::default(),
+            sender_time: WrappingMillis::default(),
+            attitude,
+            rates_rad_s: [0.0, 0.14, 0.29],
+        };
+        instrument.on_attitude(at, report);
+        let reading = Reading { field: sensed(attitude, heading_rad), saturated: false, overrun: false };
+        black_box(instrument.on_reading(at, reading));
+        while instrument.next_sample().is_some() {}
+        if instrument.has_to_watch() {
+            most = most.max(instructions(|| instrument.watch()));
+        }
+    }
+    most
+}
+
+/// Time between two readings of the reference sensor, microseconds.
+const READING_US: u64 = 12_500;
 
 /// Instructions that something takes, with interrupts off.
 fn instructions(f: impl FnOnce()) -> u64 {
