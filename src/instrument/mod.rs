@@ -215,7 +215,8 @@ impl Counts {
     pub const NONE: Self = Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: Doubted::NONE };
 }
 
-/// The instrument. About 2 KB.
+/// The instrument. About 4 KB. What it does is not inlined into the task that drives it, whose stack would be that of all
+/// of it at once.
 #[derive(Debug)]
 pub struct Instrument {
     config: Config,
@@ -257,6 +258,7 @@ impl Instrument {
     }
 
     /// Corrects with this from now on.
+    #[inline(never)]
     pub fn correct_with(&mut self, correction: Correction) {
         if correction.sample_attitude != self.correction.sample_attitude {
             // A sample is made of readings of one kind.
@@ -274,6 +276,7 @@ impl Instrument {
 
     /// Forgets what was learnt beyond the calibration: it is another one, or what was learnt was learnt with a gyro that
     /// says what is not so.
+    #[inline(never)]
     fn watch_anew(&mut self) {
         self.watch = Watch::new(watch::Config::DEFAULT);
         self.unwatched = None;
@@ -290,6 +293,7 @@ impl Instrument {
     }
 
     /// Takes an attitude report whose last byte arrived at `at`. It may complete samples.
+    #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: Report) {
         let before = self.track.doubted().rates;
         self.track.push(at, report);
@@ -301,6 +305,7 @@ impl Instrument {
     }
 
     /// Takes a reading that was ready at `at`. It may complete a sample.
+    #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
         let fault = self.sensor.see(at, &reading, self.track.turning_rad_s());
         if let Some(fault) = fault {
@@ -331,6 +336,7 @@ impl Instrument {
 
     /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none
     /// after every reading and every report, for one report can complete several.
+    #[inline(never)]
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.correction.sample_attitude {
             SampleAttitude::Interpolated => {
@@ -356,6 +362,7 @@ impl Instrument {
     /// Holds the last sample's field, attitude and turn against each other, for the headings to come. It takes longer
     /// than a heading does, and may wait until that is sent; of samples that come meanwhile, the last counts. Without an
     /// inclination, or a calibration, nothing is watched.
+    #[inline(never)]
     pub fn watch(&mut self) {
         let Some((at, sample)) = self.unwatched.take() else { return };
         let Some((calibration, uncertainty)) = &self.correction.calibration else { return };
@@ -415,6 +422,7 @@ impl Instrument {
         }
     }
 
+    #[inline(never)]
     fn heading(
         &self,
         field: Field<Sensor>,

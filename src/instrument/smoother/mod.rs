@@ -85,6 +85,7 @@ impl Smoother {
     }
 
     /// Takes the raw heading of an instant and what the gyro says of it; gives the smooth one, if it is to be told.
+    #[inline(never)]
     pub fn smooth(&mut self, at: Timestamp, raw: Option<&Heading>, turning: Option<Turning>) -> Option<Heading> {
         let turning = turning?;
         if turning.motion.heading_rad_s.abs() > MAX_TURNING_RAD_S {

@@ -276,10 +276,16 @@ impl Watch {
         self.measure(watched, &seen, sample, turning, step_s);
         if !self.state.is_finite() {
             // No number should lead here; from here every number would be wrong.
-            *self = Self::new(self.config);
+            self.begin_anew();
             return;
         }
         self.adjust(watched, &seen, turning.as_ref(), step_s);
+    }
+
+    /// In a function of its own: a whole watch lies on the stack meanwhile.
+    #[inline(never)]
+    fn begin_anew(&mut self) {
+        *self = Self::new(self.config);
     }
 
     /// Time passes.
@@ -326,6 +332,7 @@ impl Watch {
     }
 
     /// Learns from a sample.
+    #[inline(never)]
     fn measure(&mut self, watched: &Watched<'_>, seen: &Seen, sample: &Sample, turning: Option<Turning>, step_s: f32) {
         let Watched { calibration, uncertainty, .. } = watched;
         let unknowns = *self.state.mean();
@@ -428,6 +435,7 @@ impl Watch {
     }
 
     /// Says what it all means for headings from now on.
+    #[inline(never)]
     fn adjust(&mut self, watched: &Watched<'_>, seen: &Seen, turning: Option<&Turning>, step_s: f32) {
         let unknowns = *self.state.mean();
         let expected = Expected::new(&unknowns, watched.calibration.inclination_rad, turning);
