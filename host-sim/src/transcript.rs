@@ -87,6 +87,16 @@ fn latency_s(said: &str) -> Option<f32> {
     used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
+/// What `status` says of iron that has moved: what it adds to the corrected field, body axes, microtesla; `None` while
+/// nothing is sure.
+#[must_use]
+pub fn iron_ut(status: &str) -> Option<[f64; 3]> {
+    let line = lines(status).find_map(|line| line.strip_prefix("iron: moved by "))?;
+    let (_, vector) = line.split_once("(x ")?;
+    let (vector, _) = vector.split_once(", sigma")?;
+    numbers(vector).map(|vector: [f32; 3]| vector.map(f64::from))
+}
+
 /// The words of a line that are numbers; `None` unless there are just as many as asked for.
 fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
     let found: Vec<f32> = text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
@@ -96,4 +106,17 @@ fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
 /// Lines without terminal control sequences.
 fn lines(text: &str) -> impl DoubleEndedIterator<Item = &str> {
     text.split('\n').map(|line| line.trim_end().rsplit("\u{1b}[2K").next().unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn iron_that_moved_is_read_from_the_status() {
+        let says = "ok calibrated\r\niron: moved by 5.2 uT since the calibration, mostly aft \
+                    (x -4.9, y 0.3, z -1.7, sigma 0.4); headings allow for it\r\n";
+        assert_eq!(iron_ut(says).map(|ut| ut.map(|c| (c * 10.0).round() as i32)), Some([-49, 3, -17]));
+        assert_eq!(iron_ut("iron: as calibrated, as far as is sure\r\n"), None);
+    }
 }

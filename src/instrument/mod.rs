@@ -239,8 +239,10 @@ pub struct Instrument {
 const RATES_ARE_WRONG: u8 = 10;
 
 impl Instrument {
-    /// An instrument without a calibration.
+    /// An instrument without a calibration. In a function of its own, for what it is put together from lies on the stack
+    /// meanwhile.
     #[must_use]
+    #[inline(never)]
     pub fn new(config: Config) -> Self {
         Self {
             config,

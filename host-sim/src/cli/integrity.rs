@@ -69,6 +69,7 @@ fn show(rows: &[Row]) {
             "1/2/3 sigma",
             "empty",
             "alarms/h",
+            "iron",
         ]
         .map(right_aligned),
     );
@@ -92,10 +93,12 @@ fn show(rows: &[Row]) {
                 ),
                 format!("{:.2} %", row.empty_percent),
                 format!("{:.1}", row.alarms_per_hour),
+                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0} %")),
             ]
             .map(right_aligned),
         );
     }
     println!("{table}");
     println!("true/exp.: true over expected error of accepted calibrations, median and worst; errors in degrees");
+    println!("iron: what is told of iron that moved less what did, of its size, median");
 }

@@ -194,6 +194,12 @@ impl Case {
         if matches!(self.what, What::TenHours) { 1 } else { asked }
     }
 
+    /// Whether hard iron moves in use and stays where it is then: the module is to say by how much.
+    #[must_use]
+    pub fn moves_iron(&self) -> bool {
+        matches!(self.what, What::Moved(_))
+    }
+
     /// What happens on the flight of a seed.
     #[must_use]
     pub fn draw(&self, seed: u64) -> Drawn {

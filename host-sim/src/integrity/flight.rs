@@ -35,6 +35,11 @@ impl Calibrated {
     }
 }
 
+/// How far what the module says of iron that moved is from what did, of its size. It is asked after a full turn each way;
+/// 1 if it says nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IronError(pub f64);
+
 /// What came of a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flown {
@@ -42,6 +47,8 @@ pub struct Flown {
     pub calibrated: Result<Calibrated, String>,
     /// What was sent with it.
     pub tally: Tally,
+    /// Where iron moved in use, what was said of it.
+    pub iron: Option<IronError>,
 }
 
 /// The flight is flown in pieces of this length, seconds.
@@ -93,7 +100,24 @@ pub fn fly(case: &Case, seed: u64, heading: HeadingKind) -> Flown {
             tally.take(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
         });
     }
-    Flown { calibrated, tally }
+    let iron = (calibrated.is_ok() && case.moves_iron()).then(|| {
+        let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
+        iron_error(&mut rig, &world, added_ut)
+    });
+    Flown { calibrated, tally, iron }
+}
+
+/// Flies a full turn each way, and asks for the iron that has moved by so much in the chip's axes.
+fn iron_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> IronError {
+    for heading_change_deg in [360.0, -360.0] {
+        rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+    }
+    while rig.world.legs_left() > 0 && rig.run_for_s(PIECE_S) == Ran::Time {}
+    let told_ut = transcript::iron_ut(&rig.type_line("status")).map_or_else(Vector3::zeros, Vector3::from);
+    // `m = A h + b`: what is added to the reading m is this much more of the field h. An airframe without an inverse
+    // measures nothing.
+    let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
+    IronError((told_ut - true_ut).norm() / true_ut.norm())
 }
 
 fn later_us(from_us: u64, by_s: f64) -> u64 {

@@ -15,7 +15,7 @@ use serde::Serialize;
 pub use case::{CASES, Case};
 pub use tally::Tally;
 
-use flight::{Calibrated, Flown};
+use flight::{Calibrated, Flown, IronError};
 
 /// How large a run is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +64,9 @@ pub struct Row {
     pub empty_percent: f64,
     /// Times that headings ceased while no fault acted, an hour of such time.
     pub alarms_per_hour: f64,
+    /// How far what is told of iron that moved is from what did, after a full turn each way, of its size; the median of
+    /// the flights. None where none moves in use.
+    pub iron_error_median_percent: Option<f64>,
     /// Why calibrations were refused, each code with its number, the most frequent first.
     pub refused: Vec<(String, usize)>,
     /// Why there were no headings since the fault began, each code with its number of sentences.
@@ -97,9 +100,8 @@ pub fn flights(plan: Plan, cases: &[&'static Case]) -> u64 {
 }
 
 fn row(case: &'static str, flown: &[&Flown]) -> Row {
-    let mut ratios: Vec<f64> =
-        flown.iter().filter_map(|one| one.calibrated.as_ref().ok().map(Calibrated::ratio)).collect();
-    ratios.sort_by(f64::total_cmp);
+    let ratios = sorted(flown.iter().filter_map(|one| one.calibrated.as_ref().ok().map(Calibrated::ratio)));
+    let iron_errors = sorted(flown.iter().filter_map(|one| one.iron.map(|IronError(error)| error)));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / flown.len().max(1) as f64;
     let tally = flown.iter().fold(Tally::default(), |sum, one| sum.and(&one.tally));
     let [one, two, three] = tally.within_percent();
@@ -108,7 +110,7 @@ fn row(case: &'static str, flown: &[&Flown]) -> Row {
         flights: flown.len(),
         accepted_percent: percent_of_flights(ratios.len()),
         wrong_percent: percent_of_flights(ratios.iter().filter(|&&ratio| ratio > 3.0).count()),
-        ratio_median: ratios.get(ratios.len() / 2).copied(),
+        ratio_median: median(&ratios),
         ratio_worst: ratios.last().copied(),
         bad_percent: tally.bad_percent(),
         longest_bad_s: tally.longest_bad_s,
@@ -120,9 +122,21 @@ fn row(case: &'static str, flown: &[&Flown]) -> Row {
         within_three_sigma_percent: three,
         empty_percent: tally.empty_percent(),
         alarms_per_hour: tally.alarms_per_hour(),
+        iron_error_median_percent: median(&iron_errors).map(|error| 100.0 * error),
         refused: counted(flown.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
         empty: tally.empty.into_iter().collect(),
     }
+}
+
+fn sorted(numbers: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut numbers: Vec<f64> = numbers.collect();
+    numbers.sort_by(f64::total_cmp);
+    numbers
+}
+
+/// Of numbers that are sorted.
+fn median(sorted: &[f64]) -> Option<f64> {
+    sorted.get(sorted.len() / 2).copied()
 }
 
 fn counted(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {
