@@ -11,25 +11,28 @@ use crate::time::Timestamp;
 /// Rates are summed over this time, microseconds: longer than an attitude is late.
 const CHUNK_US: u64 = 1_000_000;
 
-/// Of the sums before, so much counts when another second is added: twenty seconds are remembered.
-const REMEMBERED: f32 = 0.95;
-
-/// Rates that add up to less than this in all, square radians, say nothing: (5 deg)^2.
-const MIN_BY_RATES: f32 = 0.0076;
-
-/// An attitude that changes by less than this in all may be noise, square radians: (10 deg)^2.
-const MIN_BY_ATTITUDE: f32 = 0.030_5;
-
 /// Of what the rates say, the attitude must do at least this. One that reads a third of the bank does more.
 const LEAST: f32 = 0.15;
+
+/// What the attitude does more or less than that adds up to so much, square radians, before it is believed: (5 deg)^2. An
+/// evidence of the other kind is taken off it, and no more is kept: however well the rates fitted before.
+const ENOUGH: f32 = 0.0076;
 
 /// Rates are too slow when they add up to less than this part of what the attitude does: half a third of it.
 const TOO_SLOW: f32 = 0.15;
 
+/// An attitude that changes by less than this in all may be noise, square radians: (7 deg)^2. Nor is more remembered of
+/// rates that were fast enough.
+const MIN_BY_ATTITUDE: f32 = 0.015;
+
+/// Of what was before, so much counts when another second is added: twenty seconds are remembered. So a gyro with an offset
+/// of 2 deg/s at rest does not add up to a contradiction.
+const REMEMBERED: f32 = 0.95;
+
 /// Rates that add up to more than this within a second, square radians, while the attitude does next to nothing, need no
-/// second to be wrong: (12 deg)^2, and a fifth of it.
+/// second to be wrong: (12 deg)^2, and 15 % of it.
 const MUCH_BY_RATES: f32 = 0.044;
-const LITTLE: f32 = 0.04;
+const LITTLE: f32 = 0.022_5;
 
 /// A longer time between two reports is not summed over, microseconds.
 const MAX_STEP_US: u64 = 250_000;
@@ -42,10 +45,10 @@ pub(super) struct Rates {
     passed_us: u64,
     per_gyro: [f32; 2],
     per_attitude: [f32; 2],
-    /// Sums of the squares and of the products of the two.
-    gyro_squared: f32,
-    attitude_squared: f32,
-    both: f32,
+    /// How far they fit, square radians, [`ENOUGH`] at most and at least.
+    fit: f32,
+    /// By how much they are fast enough, square radians of attitude.
+    speed: f32,
     contradict: bool,
 }
 
@@ -56,9 +59,8 @@ impl Rates {
         passed_us: 0,
         per_gyro: [0.0; 2],
         per_attitude: [0.0; 2],
-        gyro_squared: 0.0,
-        attitude_squared: 0.0,
-        both: 0.0,
+        fit: 0.0,
+        speed: 0.0,
         contradict: false,
     };
 
@@ -80,31 +82,41 @@ impl Rates {
             }
         }
         let [by_gyro, by_attitude] = [self.per_gyro, self.per_attitude].map(square);
-        self.contradict |= by_gyro > MUCH_BY_RATES && by_attitude < LITTLE * by_gyro;
         if self.passed_us >= CHUNK_US {
             self.sum_up();
+        }
+        if by_gyro > MUCH_BY_RATES && by_attitude < LITTLE * by_gyro {
+            self.fit = -ENOUGH;
+        }
+        if self.fit.abs() >= ENOUGH {
+            self.contradict = self.fit < 0.0;
         }
         self.contradict
     }
 
     /// A second is over.
     fn sum_up(&mut self) {
-        let products = |a: [f32; 2], b: [f32; 2]| a[0] * b[0] + a[1] * b[1];
-        let grown = |sum: f32, by: f32| {
-            let sum = REMEMBERED * sum + by;
-            // What is no number would stay so for ever.
-            if sum.is_finite() { sum } else { 0.0 }
-        };
-        self.gyro_squared = grown(self.gyro_squared, products(self.per_gyro, self.per_gyro));
-        self.attitude_squared = grown(self.attitude_squared, products(self.per_attitude, self.per_attitude));
-        self.both = grown(self.both, products(self.per_gyro, self.per_attitude));
+        let (gyro, attitude) = (self.per_gyro, self.per_attitude);
+        let (gyro_squared, attitude_squared) = (square(gyro), square(attitude));
+        let both = gyro[0] * attitude[0] + gyro[1] * attitude[1];
         (self.passed_us, self.per_gyro, self.per_attitude) = (0, [0.0; 2], [0.0; 2]);
-        if self.gyro_squared > MIN_BY_RATES {
-            self.contradict = self.both < LEAST * self.gyro_squared;
+        self.fit = finite(REMEMBERED * self.fit + both - LEAST * gyro_squared).clamp(-ENOUGH, ENOUGH);
+        if self.are_too_slow(gyro_squared, attitude_squared) {
+            self.fit = -ENOUGH;
         }
-        self.contradict |=
-            self.attitude_squared > MIN_BY_ATTITUDE && self.gyro_squared < TOO_SLOW * TOO_SLOW * self.attitude_squared;
     }
+
+    /// Takes the squares of a second.
+    fn are_too_slow(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
+        let enough = gyro_squared / (TOO_SLOW * TOO_SLOW) - attitude_squared;
+        self.speed = finite(REMEMBERED * self.speed + enough).min(MIN_BY_ATTITUDE);
+        self.speed < -MIN_BY_ATTITUDE
+    }
+}
+
+/// What is no number would stay so for ever.
+fn finite(sum: f32) -> f32 {
+    if sum.is_finite() { sum } else { 0.0 }
 }
 
 /// Roll's and pitch's together.
@@ -193,9 +205,39 @@ mod tests {
             let found = fed(&mut Rates::NOTHING.clone(), 0, 40, per_gyro, per_attitude);
             assert_eq!(found, expected, "{per_gyro} {per_attitude}");
         }
-        // Too little to say anything.
-        assert!(!fed(&mut Rates::NOTHING.clone(), 0, 40, 0.015, -0.015));
-        assert!(!fed(&mut Rates::NOTHING.clone(), 0, 40, 0.001, 0.03));
+        // Too little to say anything: 1.15 of 0.04^2 a second, and of an attitude that may be noise twenty times its square.
+        for (seconds, per_gyro, per_attitude, expected) in
+            [(4, 0.04, -0.04, false), (6, 0.04, -0.04, true), (60, 0.001, 0.025, false), (60, 0.001, 0.03, true)]
+        {
+            let found = fed(&mut Rates::NOTHING.clone(), 0, seconds, per_gyro, per_attitude);
+            assert_eq!(found, expected, "{seconds} {per_gyro} {per_attitude}");
+        }
+    }
+
+    /// However long they were right: what comes and goes is a fault of its own.
+    #[test]
+    fn rates_that_become_wrong_are_found_as_soon() {
+        for (per_gyro, per_attitude, seconds) in [(0.04, -0.04, 12), (0.001, 0.05, 16), (0.3, 0.01, 2), (0.001, 0.2, 2)]
+        {
+            let mut check = Rates::NOTHING;
+            assert!(!fed(&mut check, 0, 60, 0.3, 0.3));
+            assert!(fed(&mut check, 61, seconds, per_gyro, per_attitude), "{per_gyro} {per_attitude}");
+        }
+    }
+
+    /// Parked for an hour with a gyro that is off.
+    #[test]
+    fn an_offset_is_no_contradiction() {
+        let mut check = Rates::NOTHING;
+        for i in 0..36_000_u32 {
+            let report = Report {
+                source: Source::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+                rates_rad_s: [0.03, -0.015, 0.0],
+            };
+            assert!(!check.see(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
+        }
     }
 
     /// A source that has come to its senses is believed again within half a minute.
@@ -212,6 +254,6 @@ mod tests {
         let mut check = Rates::NOTHING;
         fed(&mut check, 0, 3, f32::INFINITY, 0.3);
         assert!(!fed(&mut check, 4, 40, 0.3, 0.3));
-        assert!(check.both.is_finite() && check.gyro_squared.is_finite());
+        assert!(check.fit.is_finite() && check.speed.is_finite());
     }
 }
