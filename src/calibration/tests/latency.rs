@@ -8,7 +8,6 @@ use super::synthetic::{Airframe, Flight, Random, Recorded, mean, rms};
 use super::{NO_PRIOR, solved};
 use crate::calibration::information::Information;
 use crate::calibration::likelihood::{Config, Likelihood, Noise, Parameters, for_each_prior};
-use crate::calibration::response::Start;
 use crate::calibration::{Calibration, Latency, LeastSquares, Rates, Sample, verification};
 use crate::frames::{Attitude, wrap_pi};
 
@@ -158,12 +157,7 @@ fn it_is_what_fourteen_unknowns_would_make_of_it() {
     (likelihood.stride, likelihood.sums_up) = (1, false);
     for used_s in [0.0, 0.02] {
         likelihood.latency_s = used_s;
-        let start = Start {
-            unit_ut: airframe.total_ut,
-            w: airframe.a.try_inverse().unwrap(),
-            b: airframe.b_ut / airframe.total_ut,
-            inclination_rad: airframe.inclination_rad,
-        };
+        let start = airframe.exact_start();
         let unknowns = likelihood.unknowns(&start).unwrap();
         let parameters = Parameters::new(&unknowns);
         let mut joint = LeastSquares::<14, 1>::new();

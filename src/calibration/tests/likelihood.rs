@@ -133,12 +133,7 @@ fn huge_hard_iron_costs_no_digits() {
         let recorded = Flight { wander_deg: 2.0, ..Flight::PERFECT }.fly(&airframe, &mut random);
         let mut likelihood = Likelihood::new(&NO_PRIOR, Config::DEFAULT, recorded.turns(), airframe.total_ut);
         likelihood.config.hard_iron_sigma_ut = 1e5;
-        let start = Start {
-            unit_ut: airframe.total_ut,
-            w: airframe.a.try_inverse().unwrap(),
-            b: airframe.b_ut / airframe.total_ut,
-            inclination_rad: airframe.inclination_rad,
-        };
+        let start = airframe.exact_start();
         let unknowns = likelihood.unknowns(&start).unwrap();
         let mut worst = 0.0_f32;
         likelihood.for_each_sample(recorded.turns(), &Parameters::new(&unknowns), &mut |equations| {

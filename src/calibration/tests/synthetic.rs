@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
+use crate::calibration::response::Start;
 use crate::calibration::{Calibration, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
@@ -40,6 +41,16 @@ pub struct Airframe {
 }
 
 impl Airframe {
+    /// A solve that begins at what is true.
+    pub fn exact_start(&self) -> Start {
+        Start {
+            unit_ut: self.total_ut,
+            w: self.a.try_inverse().unwrap(),
+            b: self.b_ut / self.total_ut,
+            inclination_rad: self.inclination_rad,
+        }
+    }
+
     /// Soft iron to `soft` (relative), hard iron to `hard` H0, mounting to `mount_deg`.
     pub fn random(random: &mut Random, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> Self {
         let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();

@@ -66,12 +66,12 @@ pub struct Config {
     /// Variances of the three measurements, per kind: so many times that of a sample; of the dip and of the heading, whose
     /// neighbouring errors are alike, times what is learnt of that, too, ...
     pub of_sample: PerKind<f32>,
-    /// An attitude that changes is off by what it changes in this time besides, seconds.
-    pub jitter_s: f32,
     /// ... and so much more, for what no calibration models.
     pub floor: PerKind<f32>,
-    /// The same of what is left unknown of the coefficients, which is alike in all samples of an attitude.
+    /// Of what is left unknown of the coefficients, which is alike in all samples of an attitude, so many times the variance.
     pub coefficients_alike: f32,
+    /// An attitude that changes is off by what it changes in this time besides, seconds.
+    pub jitter_s: f32,
     /// A jump counts as no larger than this, parts of the total field.
     pub max_jump: f32,
     /// A jump of the attitude counts as no larger than this, radians.
@@ -109,9 +109,9 @@ impl Config {
         max_fading: 0.03,
         fading_s: 1000.0,
         of_sample: [4.0, 1.0, 0.75],
-        jitter_s: 0.01,
         floor: [9e-6, 9e-6, 1.44e-4],
         coefficients_alike: 8.0,
+        jitter_s: 0.01,
         max_jump: 0.5,
         max_lean_rad: 0.3,
         lean: 0.5,
