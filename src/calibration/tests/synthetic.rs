@@ -42,7 +42,7 @@ pub struct Airframe {
 
 impl Airframe {
     /// A solve that begins at what is true.
-    pub fn exact_start(&self) -> Start {
+    pub(in crate::calibration) fn exact_start(&self) -> Start {
         Start {
             unit_ut: self.total_ut,
             w: self.a.try_inverse().unwrap(),
