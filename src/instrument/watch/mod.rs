@@ -58,6 +58,9 @@ pub struct Config {
     pub unsettled_sigma: f32,
     /// See `unsettled_s`.
     pub unsettled_wander: f32,
+    /// What has changed need not be what the unknowns can explain: a heading's variance is so many times what they leave
+    /// until it has settled.
+    pub unsettled_times: f32,
     /// Hard iron of less than this fades, parts of the total field, and so do the attitude's errors: a calibration is
     /// taken to hold...
     pub max_fading: f32,
@@ -106,6 +109,7 @@ impl Config {
         unsettled_s: 60.0,
         unsettled_sigma: 0.01,
         unsettled_wander: 1e-6,
+        unsettled_times: 5.0,
         max_fading: 0.03,
         fading_s: 1000.0,
         of_sample: [4.0, 1.0, 0.75],
@@ -453,7 +457,7 @@ impl Watch {
         let own = watched.own();
         self.adjustment = Adjustment {
             unknowns,
-            variance_rad2: if is_settled { 0.0 } else { variance_rad2 },
+            variance_rad2: if is_settled { 0.0 } else { self.config.unsettled_times * variance_rad2 },
             variances: self.learnt.as_ref().map(|learnt| learnt.variances(&self.config.learnt, own)),
             gyro: self.run.map(|run| (run, self.state.variance_of(OFFSET))),
             verdict: self.verdict(&unknowns, seen, &row, variance_rad2),

@@ -301,6 +301,27 @@ fn the_attitude_s_errors_are_told_apart() {
     }
 }
 
+/// What has changed may be what no unknown explains: until it has settled, a heading's sigma is more than what they leave.
+#[test]
+fn a_change_leaves_more_doubt_than_the_unknowns_do() {
+    let after = |unsettled_times: f32| {
+        let mut flight = Flight::new(5);
+        flight.watch.config.unsettled_times = unsettled_times;
+        flight.fly(40);
+        assert!(flight.watch.adjustment().variance_rad2 <= 0.0, "nothing has changed");
+        flight.wrong.iron_ut = [0.0, 5.0, 0.0];
+        flight.fly(15);
+        flight
+    };
+    let mut flight = after(Config::DEFAULT.unsettled_times);
+    let times = flight.watch.adjustment().variance_rad2 / after(1.0).watch.adjustment().variance_rad2;
+    assert!((4.0..=6.0).contains(&times), "{times}");
+    // The iron is back, and a minute of calm is over.
+    flight.wrong.iron_ut = [0.0; 3];
+    flight.fly(200);
+    assert!(flight.watch.adjustment().variance_rad2 <= 0.0);
+}
+
 /// More than any of them bears is not explained away, and says what is to blame.
 #[test]
 fn there_are_limits() {
