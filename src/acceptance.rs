@@ -153,10 +153,16 @@ fn enough_held_back(policy: &Policy, grounds: &Grounds<'_>) -> Result<(), Reject
 /// own: what was seen between them is held back.
 fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
     let Grounds { fitted, held_back, .. } = grounds;
-    [(fitted.left, held_back.left), (fitted.right, held_back.right), (fitted.level, held_back.level)]
+    let any = |samples: &Samples<'_>| samples.any.iter().map(|piece| piece.len()).sum::<usize>();
+    [
+        (fitted.left.len(), held_back.left.len()),
+        (fitted.right.len(), held_back.right.len()),
+        (fitted.level.len(), held_back.level.len()),
+        (any(fitted), any(held_back)),
+    ]
         .iter()
-        .filter(|(fitted, _)| !fitted.is_empty())
-        .map(|(_, held_back)| u16::try_from(held_back.len()).unwrap_or(u16::MAX))
+        .filter(|(fitted, _)| *fitted > 0)
+        .map(|&(_, held_back)| u16::try_from(held_back).unwrap_or(u16::MAX))
         .min()
         .unwrap_or(0)
 }
@@ -347,9 +353,9 @@ mod tests {
                 left: &fitted[0],
                 right: &fitted[1],
                 level: if level_used { &fitted[2] } else { &[] },
-                marks: &[],
+                ..Samples::default()
             },
-            held_back: Samples { left: &l, right: &r, level: &v, marks: &[] },
+            held_back: Samples { left: &l, right: &r, level: &v, ..Samples::default() },
             knows_attitude: true,
         };
         judge(&POLICY, candidate, grounds, incumbent)

@@ -115,8 +115,8 @@ struct Span {
 impl Span {
     fn of(samples: Samples<'_>) -> Option<Self> {
         let (_, first) = InTime::new(samples).next()?;
-        let ends = [samples.left.last(), samples.right.last(), samples.level.last()];
-        let ms = ends.into_iter().flatten().map(|last| last.time.since(first.time)).max()?;
+        let pieces = [samples.left, samples.right, samples.level].into_iter().chain(samples.any);
+        let ms = pieces.filter_map(<[_]>::last).map(|last| last.time.since(first.time)).max()?;
         Some(Self { start: first.time, ms })
     }
 
@@ -621,7 +621,7 @@ mod tests {
             rates: Rates::NONE,
         };
         let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
-        let of = |left, right, level| Span::of(Samples { left, right, level, marks: &[] });
+        let of = |left, right, level| Span::of(Samples { left, right, level, ..Samples::default() });
         let span = of(&left, &right, &level).unwrap();
         assert_eq!((span.start.count(), span.ms), (20, 880));
         assert_eq!(of(&[], &[], &level).unwrap().ms, 300);

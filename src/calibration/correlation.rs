@@ -63,7 +63,7 @@ mod tests {
             (9.6, 10.0, 38.0),
             (10.0, 10.0, 38.0),
         ] {
-            let of = |products, squares| Correlation { products, squares, before: [[0.0; 2]; 3] }.excess();
+            let of = |products, squares| Correlation { products, squares, before: [[0.0; 2]; PARTS] }.excess();
             assert!(close(of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
             assert!(close(of([5.0, products], [10.0, squares]), [2.0, excess]), "{products} {squares}");
         }

@@ -510,7 +510,7 @@ mod tests {
             let attitude = Attitude::from_deg(bank_deg, 3.0);
             let tilt = attitude.tilt();
             let x = parameters.expected_field(&tilt, heading_rad).unwrap();
-            let rates = Rates::from_rad_s(0.3, -0.2);
+            let rates = Rates::from_rad_s([0.3, -0.2, 0.0]);
             let measured = Measured { x, tilt, roll_rad: attitude.roll_rad, rates, heading_rad: None };
             let equations = Equations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
             let of_dip = equations.dip.as_ref().unwrap();

@@ -6,6 +6,7 @@
 //! | turns of one side and level flight | maximum likelihood | nothing, but less sharp |
 //! | level flight, where that was asked for | level ellipse | everything vertical, and the mounting |
 //! | headings given by a person | compass swing | the vertical response, on level ground |
+//! | whatever attitudes, tilted more than one way | maximum likelihood | nothing |
 //! | tumbling without attitude | ellipsoid | the mounting |
 //! | less | none | |
 //!
@@ -18,6 +19,8 @@ use super::{Method, Part, Sample, Samples, Side, SolveError};
 /// How samples were collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Procedure {
+    /// Whatever is flown: of all attitudes those that tell most.
+    Flight,
     /// Left and right turns in flight, and the level flight between them.
     #[default]
     Turns,
@@ -34,6 +37,7 @@ impl Procedure {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Flight => "flight",
             Self::Turns => "turns",
             Self::Level => "level",
             Self::Swing => "swing",
@@ -44,7 +48,9 @@ impl Procedure {
     /// The procedure of this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Turns, Self::Level, Self::Swing, Self::Tumble].into_iter().find(|procedure| procedure.name() == name)
+        [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble]
+            .into_iter()
+            .find(|procedure| procedure.name() == name)
     }
 }
 
@@ -75,6 +81,7 @@ impl Selection {
             left: part(self.left, samples.left),
             right: part(self.right, samples.right),
             level: part(self.level, samples.level),
+            any: samples.any,
             marks: samples.marks,
         }
     }
@@ -90,6 +97,7 @@ pub fn choose(samples: Samples<'_>, procedure: Procedure) -> Result<Method, Solv
         Procedure::Level => Ok(Method::Level),
         Procedure::Swing => Ok(Method::CompassSwing),
         Procedure::Tumble => Ok(Method::Ellipsoid),
+        Procedure::Flight => Ok(Method::MaximumLikelihood),
         Procedure::Turns => {
             let Selection { left, right, .. } = Selection::of(samples, procedure);
             let level = samples.level.len() >= MIN_SAMPLES;
@@ -129,7 +137,7 @@ mod tests {
 
     fn chosen(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
         let (left, right, level) = (circle(left), circle(right), circle(level));
-        let samples = Samples { left: &left, right: &right, level: &level, marks: &[] };
+        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
         choose(samples, Procedure::Turns)
     }
 
@@ -173,7 +181,7 @@ mod tests {
         let parts = [0, 11, 12].map(circle);
         let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
         let selected = |left: usize, right: usize, level: usize, procedure| {
-            let all = Samples { left: &parts[left], right: &parts[right], level: &parts[level], marks: &marks };
+            let all = Samples { left: &parts[left], right: &parts[right], level: &parts[level], marks: &marks, ..Samples::default() };
             let selected = Selection::of(all, procedure).from(all);
             assert_eq!(selected.marks, marks);
             (selected.left.len(), selected.right.len(), selected.level.len())
@@ -189,6 +197,7 @@ mod tests {
     #[test]
     fn procedures_are_typed_by_name() {
         for (procedure, name) in [
+            (Procedure::Flight, "flight"),
             (Procedure::Turns, "turns"),
             (Procedure::Level, "level"),
             (Procedure::Swing, "swing"),

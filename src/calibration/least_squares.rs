@@ -122,6 +122,23 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         x.iter().all(|x| x.is_finite()).then_some(x)
     }
 
+    /// The variance of `vector . x`, `v^T (U^T D U)^-1 v`: infinite where the equations leave that open.
+    pub fn variance(&self, vector: &SVector<f32, N>) -> f32 {
+        let mut x: [f32; N] = (*vector).into();
+        let mut variance = 0.0;
+        for k in 0..N {
+            let own = x[k];
+            if own == 0.0 {
+                continue;
+            }
+            variance += own * own / self.d[k];
+            for (rest, u) in x[k + 1..].iter_mut().zip(&self.u[k][k + 1..]) {
+                *rest -= own * u;
+            }
+        }
+        variance
+    }
+
     /// The diagonal of the information.
     pub fn diagonal(&self) -> SVector<f32, N> {
         SVector::from_fn(|i, _| self.d[i] + (0..i).map(|k| self.d[k] * self.u[k][i] * self.u[k][i]).sum::<f32>())

@@ -187,6 +187,8 @@ pub struct Samples<'a> {
     pub right: &'a [Sample],
     /// Samples at little bank, at whatever headings.
     pub level: &'a [Sample],
+    /// Samples of whatever attitudes, that no turn or side is known of, in any number of pieces.
+    pub any: [&'a [Sample]; 3],
     /// Samples whose heading was given.
     pub marks: &'a [Mark],
 }
@@ -228,9 +230,9 @@ impl Part {
 }
 
 impl<'a> Samples<'a> {
-    /// The samples without a given heading: left turns, right turns, level flight.
+    /// The samples without a given heading: left turns, right turns, level flight, any.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        self.left.iter().chain(self.right).chain(self.level)
+        self.left.iter().chain(self.right).chain(self.level).chain(self.any.into_iter().flatten())
     }
 
     /// All samples: those without a given heading, then those of the marks.

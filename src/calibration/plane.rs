@@ -66,7 +66,7 @@ mod tests {
         // A part of them in each place: a plane goes through all.
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
-        Plane::through(&Samples { left, right, level, marks: &[] }, rotation)
+        Plane::through(&Samples { left, right, level, ..Samples::default() }, rotation)
     }
 
     /// Four corners of a rectangle of 20 by 12 uT about (1, 2, 40), in the plane of x and y + z.

@@ -1,38 +1,68 @@
-//! How fast roll and pitch of a sample change.
+//! How fast the attitude of a sample changes.
 
-/// Rates of roll and pitch, as a sample keeps them: in thousandths of a radian a second, up to 32 rad/s. 4 bytes.
+/// Rates of roll, pitch and heading, as a sample keeps them: 12 bits each of roll and pitch, in steps of 1/500 rad/s, and
+/// 8 bits of heading, in steps of 1/50 rad/s. Roll and pitch tell how late the attitude is, heading only which way the
+/// vehicle turns. 4 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rates {
-    roll: i16,
-    pitch: i16,
+pub struct Rates(u32);
+
+/// A rate in some bits of the word.
+struct Bits {
+    first: u32,
+    number: u32,
+    /// Steps in a radian a second.
+    steps: f32,
 }
 
-/// Steps in a radian a second. One of them turns the attitude by 0.006 deg in a tenth of a second.
-const STEPS: f32 = 1000.0;
+/// A step turns the attitude by 0.01 deg in a tenth of a second.
+const ROLL: Bits = Bits { first: 20, number: 12, steps: 500.0 };
+const PITCH: Bits = Bits { first: 8, number: 12, steps: 500.0 };
+/// A step turns the heading by a degree in a second.
+const HEADING: Bits = Bits { first: 0, number: 8, steps: 50.0 };
+
+impl Bits {
+    /// The nearest to a rate; the largest or least there is for one beyond, nothing for what is not a number.
+    fn of(&self, rad_s: f32) -> u32 {
+        let most = (1 << (self.number - 1)) - 1;
+        // The cast saturates, and takes what is no number to nothing.
+        let steps = (libm::roundf(rad_s * self.steps) as i32).clamp(-most, most);
+        (steps as u32 & ((1 << self.number) - 1)) << self.first
+    }
+
+    fn rad_s(&self, word: u32) -> f32 {
+        // Up to the sign's bit, and down again with it.
+        let steps = (word << (32 - self.number - self.first)).cast_signed() >> (32 - self.number);
+        steps as f32 / self.steps
+    }
+}
 
 impl Rates {
     /// Of a source that gives none: nothing changes, as far as is known.
-    pub const NONE: Self = Self { roll: 0, pitch: 0 };
+    pub const NONE: Self = Self(0);
 
-    /// The nearest to these, radians a second; those that are faster are the fastest there are, and what is not a number
-    /// is none.
+    /// The nearest to these of roll, pitch and heading, radians a second: 4.09 at the most, 2.54 of heading. What is not a
+    /// number is none.
     #[must_use]
-    pub fn from_rad_s(roll_rad_s: f32, pitch_rad_s: f32) -> Self {
-        // The cast saturates, and takes what is no number to nothing.
-        let steps = |rad_s: f32| libm::roundf(rad_s * STEPS) as i16;
-        Self { roll: steps(roll_rad_s), pitch: steps(pitch_rad_s) }
+    pub fn from_rad_s([roll, pitch, heading]: [f32; 3]) -> Self {
+        Self(ROLL.of(roll) | PITCH.of(pitch) | HEADING.of(heading))
     }
 
     /// Of roll, radians a second.
     #[must_use]
     pub fn roll_rad_s(&self) -> f32 {
-        f32::from(self.roll) / STEPS
+        ROLL.rad_s(self.0)
     }
 
     /// Of pitch, radians a second.
     #[must_use]
     pub fn pitch_rad_s(&self) -> f32 {
-        f32::from(self.pitch) / STEPS
+        PITCH.rad_s(self.0)
+    }
+
+    /// Of heading, radians a second.
+    #[must_use]
+    pub fn heading_rad_s(&self) -> f32 {
+        HEADING.rad_s(self.0)
     }
 }
 
@@ -40,22 +70,37 @@ impl Rates {
 mod tests {
     use super::*;
 
+    fn of(rad_s: [f32; 3]) -> [f32; 3] {
+        let rates = Rates::from_rad_s(rad_s);
+        [rates.roll_rad_s(), rates.pitch_rad_s(), rates.heading_rad_s()]
+    }
+
+    /// Half a step; each by itself, whatever the others are.
     #[test]
-    fn rates_are_kept_to_half_a_thousandth() {
-        for (roll_rad_s, pitch_rad_s) in [(0.0, 0.0), (0.1234, -0.5678), (-7.0, 3.001), (32.7, -32.7)] {
-            let rates = Rates::from_rad_s(roll_rad_s, pitch_rad_s);
-            assert!((rates.roll_rad_s() - roll_rad_s).abs() < 5.1e-4, "{rates:?}");
-            assert!((rates.pitch_rad_s() - pitch_rad_s).abs() < 5.1e-4, "{rates:?}");
+    fn rates_are_kept_to_half_a_step() {
+        for rad_s in [
+            [0.0; 3],
+            [0.1234, -0.5678, 0.3],
+            [-4.0, 3.001, -2.5],
+            [4.09, -4.09, 2.54],
+            [-0.002, 0.0, -0.02],
+            [0.0, -0.002, 0.02],
+        ] {
+            let kept = of(rad_s);
+            for ((kept, given), half) in kept.iter().zip(rad_s).zip([0.001_01, 0.001_01, 0.010_1]) {
+                assert!((kept - given).abs() <= half, "{rad_s:?} {kept}");
+            }
         }
         assert_eq!(size_of::<Rates>(), 4);
     }
 
     #[test]
     fn what_is_too_fast_saturates_and_what_is_no_number_is_none() {
-        let rates = Rates::from_rad_s(40.0, -40.0);
-        assert!((rates.roll_rad_s() - 32.767).abs() < 1e-3 && (rates.pitch_rad_s() + 32.768).abs() < 1e-3);
-        let rates = Rates::from_rad_s(f32::INFINITY, f32::NEG_INFINITY);
-        assert!((rates.roll_rad_s() - 32.767).abs() < 1e-3 && (rates.pitch_rad_s() + 32.768).abs() < 1e-3);
-        assert_eq!(Rates::from_rad_s(f32::NAN, f32::NAN), Rates::NONE);
+        for fast in [40.0, f32::INFINITY] {
+            let [roll, pitch, heading] = of([fast, -fast, fast]);
+            assert!((roll - 4.094).abs() < 1e-4 && (pitch + 4.094).abs() < 1e-4 && (heading - 2.54).abs() < 1e-4);
+            assert_eq!(of([-fast, fast, -fast]), [-roll, -pitch, -heading]);
+        }
+        assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::NONE);
     }
 }

@@ -1,6 +1,6 @@
 //! What the closed forms give, and the sphere: where a refinement begins.
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, SVector, Vector3, Vector4};
 
 use super::Samples;
 use super::least_squares::LeastSquares;
@@ -80,6 +80,37 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
         / number;
     let inclination_rad = trig::asin(sin_dip);
     Some(Start { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
+}
+
+/// Of samples that are tilted more than one way, the coefficients from the vertical alone: with the down vector `u` in
+/// body axes, which the attitude tells, `u . (W m - c) = sin I` in units of the field, and this is linear in `W / sin I`
+/// and `c / sin I`. Neither heading nor turns are needed. The field's strength follows from what it is in the mean.
+/// Errors of the attitude make its tilt look larger than it is, and `W` smaller along the level axes: a start. `None` where
+/// the samples leave it open, as they do near the magnetic equator. The fields are rotated by `rotation` first.
+pub(super) fn tilted(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<Start> {
+    let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
+    let number = fields().count() as f32;
+    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
+    let spread = fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / number;
+    let scale_ut = libm::sqrtf(spread);
+    let mut system = LeastSquares::<12, 1>::new();
+    for (field, s) in fields() {
+        let down = s.attitude.body(Field::new(Vector3::z())).ut;
+        let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
+        system.add(&SVector::from_iterator(row.iter().copied()), [1.0], 1.0);
+    }
+    let solution = system.solve()?;
+    // Column by column, as they were taken.
+    let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
+    let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;
+    let b_ut = mean - per_ut.try_inverse()? * offset;
+    let total = libm::sqrtf(fields().map(|(f, _)| (per_ut * (f - b_ut)).norm_squared()).sum::<f32>() / number);
+    // A chip's axes are right-handed: what mirrors is of a field that points up.
+    let sign = if per_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let w = per_ut * (sign / total);
+    let unit_ut = trig::reciprocal_cbrt(w.determinant());
+    let is_one = unit_ut.is_finite() && unit_ut > 0.0 && b_ut.iter().all(|ut| ut.is_finite());
+    is_one.then(|| Start { unit_ut, w: w * unit_ut, b: b_ut / unit_ut, inclination_rad: sign * trig::asin(1.0 / total) })
 }
 
 /// Tangent of an inclination in radians.

@@ -9,7 +9,7 @@ use super::judgement::{Judgement, Solution};
 use super::likelihood::{Config, Likelihood, Noise, Prior, Vector13};
 use super::maximum_likelihood::{Progress as Refining, Refinement};
 use super::response::{self, Response, Start};
-use super::turns::{MIN_SAMPLES, progress_rad};
+use super::turns::{MIN_SAMPLES, progress_by_rates_rad, progress_rad};
 use super::{Axis, Calibration, Latency, Method, Orientation, Part, Quality, Sample, Samples, Side, SolveError};
 use super::{compass_swing, ellipsoid, four_ellipse, level, two_plane};
 use crate::frames::Attitude;
@@ -311,9 +311,13 @@ impl Solver {
     #[inline(never)]
     fn plausible(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
         let heading = |s: &Sample| calibration.level(s).heading_rad();
-        let progress = [(Side::Left, samples.left), (Side::Right, samples.right)]
-            .map(|(side, samples)| progress_rad(samples, side, heading));
-        if self.method != Method::Ellipsoid && progress.iter().sum::<f32>() < AGAINST_RAD {
+        // The gyro knows; without one it is the bank, which turns an aeroplane.
+        let by_bank = || {
+            let sides = [(Side::Left, samples.left), (Side::Right, samples.right)];
+            sides.into_iter().map(|(side, samples)| progress_rad(samples, side, heading)).sum::<f32>()
+        };
+        let progress = || progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
+        if self.method != Method::Ellipsoid && progress() < AGAINST_RAD {
             return Err(SolveError::TurnsReversed);
         }
         let found = Orientation::nearest(&calibration.w_matrix());
@@ -372,6 +376,11 @@ fn closed_form(
 #[inline(never)]
 fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(Start, bool), SolveError> {
     let rotation = prior.mount.body_from_sensor();
+    if samples.any.iter().any(|piece| !piece.is_empty())
+        && let Some(start) = response::tilted(samples, &rotation)
+    {
+        return Ok((start, false));
+    }
     let closed_form = match closed_form(method, samples, &rotation, prior.inclination_rad) {
         Ok(response) => response.start(),
         // These can do without: they begin with the sphere.
@@ -430,7 +439,7 @@ fn is_finite(sample: &Sample) -> bool {
 /// The axis that keeps to one end of its range in turns: it is saturated or frozen. A field that turns through a circle
 /// is within a hundredth of either end for one sample in sixteen.
 fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
-    let turns = || samples.left.iter().chain(samples.right);
+    let turns = || samples.left.iter().chain(samples.right).chain(samples.any.into_iter().flatten());
     let number = turns().count();
     [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
         let values = || turns().map(|s| s.field.ut[axis as usize]);

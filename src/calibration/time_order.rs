@@ -2,20 +2,27 @@
 
 use super::{Sample, Samples};
 
-/// Left turns, right turns, level flight.
-pub(super) const PARTS: usize = 3;
+/// Left turns, right turns, level flight, any attitudes.
+pub(super) const PARTS: usize = 4;
+
+/// The part of samples of any attitude, however many pieces they come in.
+const ANY: usize = 3;
+
+/// Pieces that the parts come in.
+const PIECES: usize = 6;
 
 /// Samples in the order of time, each with the number of its part.
 #[derive(Clone, Debug)]
 pub(super) struct InTime<'a> {
     /// What is left of each part, itself in the order of time.
-    left: [&'a [Sample]; PARTS],
+    left: [&'a [Sample]; PIECES],
 }
 
 impl<'a> InTime<'a> {
     /// Of the samples of turns and level flight. Marks, which have no order among these, are left out.
     pub fn new(samples: Samples<'a>) -> Self {
-        Self { left: [samples.left, samples.right, samples.level] }
+        let [first, second, third] = samples.any;
+        Self { left: [samples.left, samples.right, samples.level, first, second, third] }
     }
 }
 
@@ -24,18 +31,18 @@ impl<'a> Iterator for InTime<'a> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let mut earliest: Option<Self::Item> = None;
-        for (part, left) in self.left.iter().enumerate() {
+        for (piece, left) in self.left.iter().enumerate() {
             let Some(sample) = left.first() else { continue };
             // Of two that were taken at once, the one of the earlier part comes first.
             if earliest.is_none_or(|(_, before)| sample.time.difference(before.time) < 0) {
-                earliest = Some((part, sample));
+                earliest = Some((piece, sample));
             }
         }
-        let (part, _) = earliest?;
-        if let Some(left) = self.left.get_mut(part) {
+        let (piece, sample) = earliest?;
+        if let Some(left) = self.left.get_mut(piece) {
             *left = left.get(1..).unwrap_or_default();
         }
-        earliest
+        Some((piece.min(ANY), sample))
     }
 }
 
@@ -58,7 +65,7 @@ mod tests {
 
     fn order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
         let [left, right, level] = [left, right, level].map(at);
-        let samples = Samples { left: &left, right: &right, level: &level, marks: &[] };
+        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
         InTime::new(samples).map(|(part, sample)| (part, sample.time.count())).collect()
     }
 

@@ -4,7 +4,8 @@
 
 use nalgebra::Vector3;
 
-use super::{Sample, Side, SolveError};
+use super::time_order::InTime;
+use super::{Sample, Samples, Side, SolveError};
 use crate::frames::wrap_pi;
 use crate::trig;
 
@@ -86,6 +87,31 @@ pub(super) fn progress_rad(samples: &[Sample], side: Side, angle_rad: impl Fn(&S
         Side::Left => -progress_rad,
         Side::Right => progress_rad,
     }
+}
+
+/// Neighbours further apart in time say nothing about which way the gyro says that they turn, milliseconds: who yaws to
+/// and fro does it no faster.
+const MAX_STEP_OF_RATES_MS: u32 = 1200;
+
+/// Of less turning than this, radians, nothing is said: half a circle.
+const MIN_TURNED_RAD: f32 = 3.1;
+
+/// By how much an angle of the samples runs the way the gyro says that the heading does, radians, positive if it runs the
+/// right way; `None` where samples have no rates, or hardly turn.
+pub(super) fn progress_by_rates_rad(samples: Samples<'_>, angle_rad: impl Fn(&Sample) -> f32) -> Option<f32> {
+    let (mut progress_rad, mut turned_rad) = (0.0, 0.0);
+    let mut before: Option<&Sample> = None;
+    for (_, sample) in InTime::new(samples) {
+        if let Some(before) = before.replace(sample)
+            && sample.time.since(before.time) <= MAX_STEP_OF_RATES_MS
+        {
+            let step_s = sample.time.since(before.time) as f32 * 1e-3;
+            let by_gyro_rad = step_s * before.rates.heading_rad_s().midpoint(sample.rates.heading_rad_s());
+            turned_rad += by_gyro_rad.abs();
+            progress_rad += wrap_pi(angle_rad(sample) - angle_rad(before)) * by_gyro_rad.signum();
+        }
+    }
+    (turned_rad >= MIN_TURNED_RAD).then_some(progress_rad)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ pub mod dataset;
 mod detector;
 mod part;
 mod recent;
+mod spread;
 #[cfg(test)]
 mod testing;
 
@@ -75,7 +76,7 @@ impl Progress {
         match self.procedure {
             Procedure::Turns => self.left.is_complete() && self.right.is_complete(),
             Procedure::Level => self.level.is_complete(),
-            Procedure::Swing | Procedure::Tumble => false,
+            Procedure::Swing | Procedure::Tumble | Procedure::Flight => false,
         }
     }
 }
@@ -100,6 +101,7 @@ impl Collector {
             Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
             Procedure::Level | Procedure::Swing => {}
             Procedure::Tumble => self.dataset.push_any(sample),
+            Procedure::Flight => self.dataset.push_spread(sample),
         }
     }
 
@@ -149,13 +151,19 @@ impl Collector {
     /// Samples to solve with.
     #[must_use]
     pub fn fit(&self) -> Samples<'_> {
-        Samples { marks: &self.marks, ..self.dataset.fit() }
+        match self.procedure {
+            Procedure::Flight => self.dataset.spread(),
+            _ => Samples { marks: &self.marks, ..self.dataset.fit() },
+        }
     }
 
     /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
     #[must_use]
     pub fn held_back(&self) -> Samples<'_> {
-        self.dataset.held_back()
+        match self.procedure {
+            Procedure::Flight => self.dataset.spread_held_back(),
+            _ => self.dataset.held_back(),
+        }
     }
 }
 

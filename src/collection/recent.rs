@@ -51,7 +51,11 @@ impl Recent {
         steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },
-            rates: Rates::from_rad_s(mean(|s| s.rates.roll_rad_s()), mean(|s| s.rates.pitch_rad_s())),
+            rates: Rates::from_rad_s([
+                mean(|s| s.rates.roll_rad_s()),
+                mean(|s| s.rates.pitch_rad_s()),
+                mean(|s| s.rates.heading_rad_s()),
+            ]),
             time: oldest.time,
         })
     }
@@ -71,7 +75,7 @@ mod tests {
         let mut recent = Recent::new();
         for (i, x) in fields_ut.into_iter().enumerate() {
             let attitude = Attitude::from_deg(1.0 + x / 10.0, -2.0 - x / 10.0);
-            let rates = Rates::from_rad_s(x / 100.0, -x / 50.0);
+            let rates = Rates::from_rad_s([x / 100.0, -x / 50.0, x / 10.0]);
             recent.push(Sample { attitude, rates, ..sample([x, 5.0, 40.0], 1000 + i as u32 * 100) });
         }
         recent
@@ -84,7 +88,7 @@ mod tests {
         assert!((mean.field.ut - Vector3::new(20.2, 5.0, 40.0)).norm() < 1e-4, "{mean:?}");
         assert!((mean.attitude.roll_rad.to_degrees() - 3.02).abs() < 1e-4, "{mean:?}");
         assert!((mean.attitude.pitch_rad.to_degrees() + 4.02).abs() < 1e-4, "{mean:?}");
-        assert_eq!(mean.rates, Rates::from_rad_s(0.202, -0.404));
+        assert_eq!(mean.rates, Rates::from_rad_s([0.202, -0.404, 2.02]));
         assert_eq!(mean.time, at(2200), "the oldest of the last eight");
     }
 

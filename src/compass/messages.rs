@@ -69,7 +69,7 @@ impl Command {
             | Self::CalUndo
             | Self::Set(Setting::Mount(_))
             | Self::Restart => true,
-            Self::CalStart(Procedure::Turns | Procedure::Level | Procedure::Tumble)
+            Self::CalStart(Procedure::Flight | Procedure::Turns | Procedure::Level | Procedure::Tumble)
             | Self::CalStop
             | Self::CalSolve(_)
             | Self::CalAdvise

@@ -197,7 +197,7 @@ fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
             writeln!(out, "marks: {}", progress.marks)?;
             writeln!(out, "level: {}", Side(&progress.level))
         }
-        Procedure::Tumble => {
+        Procedure::Flight | Procedure::Tumble => {
             let Coverage { samples, held_back, .. } = progress.left;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }

@@ -28,8 +28,7 @@ struct Run {
     /// Roll less the first one's, so that a roll through 180 deg averages right.
     roll_rad: f32,
     pitch_rad: f32,
-    roll_rad_s: f32,
-    pitch_rad_s: f32,
+    rates_rad_s: [f32; 3],
 }
 
 impl Averager {
@@ -53,8 +52,10 @@ impl Averager {
         run.field_ut += field.ut;
         run.roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
         run.pitch_rad += attitude.pitch_rad;
-        run.roll_rad_s += motion.roll_rad_s;
-        run.pitch_rad_s += motion.pitch_rad_s;
+        let rates_rad_s = [motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s];
+        for (sum, rate_rad_s) in run.rates_rad_s.iter_mut().zip(rates_rad_s) {
+            *sum += rate_rad_s;
+        }
         if run.count >= self.readings {
             return Some(run.mean());
         }
@@ -73,8 +74,7 @@ impl Run {
             first_roll_rad: attitude.roll_rad,
             roll_rad: 0.0,
             pitch_rad: 0.0,
-            roll_rad_s: 0.0,
-            pitch_rad_s: 0.0,
+            rates_rad_s: [0.0; 3],
         }
     }
 
@@ -87,7 +87,7 @@ impl Run {
                 roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / count),
                 pitch_rad: self.pitch_rad / count,
             },
-            rates: Rates::from_rad_s(self.roll_rad_s / count, self.pitch_rad_s / count),
+            rates: Rates::from_rad_s(self.rates_rad_s.map(|sum| sum / count)),
             time: middle.wrapping_millis(),
         }
     }
@@ -112,7 +112,7 @@ mod tests {
             .filter_map(|i| {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                let motion = Motion { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 9.0 };
+                let motion = Motion { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
                 averager.push(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
             })
             .collect();
@@ -120,7 +120,7 @@ mod tests {
         assert_eq!(samples[1].field, Field::from_ut(11.5, 0.0, -11.5));
         assert!((samples[1].attitude.roll_rad.to_degrees() - 11.5).abs() < 1e-4);
         assert!((samples[1].attitude.pitch_rad.to_degrees() + 11.5).abs() < 1e-4);
-        assert_eq!(samples[1].rates, Rates::from_rad_s(1.15, -2.3));
+        assert_eq!(samples[1].rates, Rates::from_rad_s([1.15, -2.3, 2.0]));
         assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 

@@ -124,7 +124,7 @@ fn a_calibration_s_latency_is_that_of_the_stream_and_not_of_the_samples() {
             let us = u64::from(sample.time.count()) * 1000 - BEGIN_US;
             // To the millisecond of a sample's time.
             assert!((sample.attitude.roll_rad - rolled(us).roll_rad).abs() < 2e-3, "{sample:?}");
-            assert_eq!(sample.rates, Rates::from_rad_s(1.0, 0.0));
+            assert_eq!(sample.rates, Rates::from_rad_s([1.0, 0.0, 0.0]));
             assert!((sample.attitude_after(0.04).roll_rad - sample.attitude.roll_rad - 0.04).abs() < 1e-5);
         }
     }

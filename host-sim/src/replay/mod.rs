@@ -223,7 +223,7 @@ impl Split {
     }
 
     fn samples(&self) -> Samples<'_> {
-        Samples { left: &self.left, right: &self.right, level: &self.level, marks: &[] }
+        Samples { left: &self.left, right: &self.right, level: &self.level, ..Samples::default() }
     }
 }
 
@@ -235,8 +235,8 @@ fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> R
 }
 
 fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
-    let Motion { roll_rad_s, pitch_rad_s, .. } = Motion::of(&report(row)).unwrap_or_default();
-    let rates = Rates::from_rad_s(roll_rad_s, pitch_rad_s);
+    let Motion { roll_rad_s, pitch_rad_s, heading_rad_s } = Motion::of(&report(row)).unwrap_or_default();
+    let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
     f64::from(calibration.level(&sample).heading_rad().to_degrees())
 }

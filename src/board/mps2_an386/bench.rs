@@ -212,7 +212,7 @@ impl Turns {
 
     /// Solves by maximum likelihood, counting instructions.
     fn solve(&self, count: &mut u64) -> Option<Solution> {
-        let samples = Samples { left: &*self.left, right: &*self.right, level: &[], marks: &[] };
+        let samples = Samples { left: &*self.left, right: &*self.right, level: &[], ..Samples::default() };
         let mut solver = None;
         *count += instructions(|| {
             solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).ok();
@@ -241,10 +241,11 @@ fn sample(side: f32, i: usize, noise: &mut Noise) -> Sample {
     let attitude = Attitude::from_deg(side * 25.0 + 2.0 * libm::sinf(roll), 3.0 + 1.5 * libm::cosf(pitch));
     let turn_s = (SAMPLES as u32 * SPACING_MS) as f32 * 1e-3;
     let [by_roll, by_pitch] = WANDERS.map(|times| times * TAU / turn_s);
-    let rates = Rates::from_rad_s(
+    let rates = Rates::from_rad_s([
         2_f32.to_radians() * by_roll * libm::cosf(roll),
         -1.5_f32.to_radians() * by_pitch * libm::sinf(pitch),
-    );
+        side * TAU / turn_s,
+    ]);
     let field = sensed(attitude, side * part * TAU);
     let noisy = field.ut.map(|ut| ut + 0.3 * noise.next());
     let reported = Attitude {

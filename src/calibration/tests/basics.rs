@@ -25,7 +25,7 @@ fn samples_are_small() {
 #[test]
 fn an_attitude_goes_on_with_its_rates() {
     let attitude = Attitude { roll_rad: 3.1, pitch_rad: 0.2 };
-    let turning = Sample { attitude, rates: Rates::from_rad_s(1.0, -0.5), ..sample(1.0) };
+    let turning = Sample { attitude, rates: Rates::from_rad_s([1.0, -0.5, 0.0]), ..sample(1.0) };
     let later = turning.attitude_after(0.1);
     assert!((later.roll_rad - (3.2 - core::f32::consts::TAU)).abs() < 1e-5 && (later.pitch_rad - 0.15).abs() < 1e-6);
     let earlier = turning.attitude_after(-0.1);
@@ -41,7 +41,7 @@ fn an_attitude_goes_on_with_its_rates() {
 fn samples_come_part_by_part_and_marks_only_when_all_are_asked_for() {
     let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
     let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
-    let samples = Samples { left: &left, right: &right, level: &level, marks: &marks };
+    let samples = Samples { left: &left, right: &right, level: &level, marks: &marks, ..Samples::default() };
     let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
     assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
     assert_eq!(numbers(&mut samples.all()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);

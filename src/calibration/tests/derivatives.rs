@@ -170,7 +170,7 @@ fn the_dip_by_attitude() {
 
 /// How fast attitudes change here: each derivative by it is of size one.
 fn rates() -> Rates {
-    Rates::from_rad_s(0.8, -0.6)
+    Rates::from_rad_s([0.8, -0.6, 0.0])
 }
 
 /// A sample at an attitude, whatever it measured.

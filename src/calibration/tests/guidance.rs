@@ -26,7 +26,7 @@ fn the_ladder_takes_what_the_samples_support() {
     let few = &turns.right[..5];
     let (left, right, level): (&[_], &[_], &[_]) = (&turns.left, &turns.right, &level);
     let choose = |left, right, level| {
-        let samples = Samples { left, right, level, marks: &[] };
+        let samples = Samples { left, right, level, ..Samples::default() };
         ladder::choose(samples, Procedure::Turns)
     };
     let missing = |side, have| Err(SolveError::TooFewSamples { part: Part::Turns(side), have, need: 12 });
@@ -44,7 +44,7 @@ fn level_samples_only_fill_in() {
     let mut random = Random(32);
     let airframe = airframe(&mut random);
     let Recorded { left, right } = Flight::REAL.fly(&airframe, &mut random);
-    let all = Samples { left: &left, right: &right, level: &left, marks: &[] };
+    let all = Samples { left: &left, right: &right, level: &left, ..Samples::default() };
     let select = |fit: Samples<'_>| Selection::of(fit, Procedure::Turns).from(all);
     assert!(select(all).level.is_empty());
     let thin = select(Samples { right: &right[..5], ..all });

@@ -39,7 +39,7 @@ fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -
             let ([roll_rad, roll_rad_s], [pitch_rad, pitch_rad_s]) = (roll.at(t_s), pitch.at(t_s));
             let attitude =
                 Attitude { roll_rad: roll_rad + bank_deg.to_radians(), pitch_rad: pitch_rad + 2_f32.to_radians() };
-            (attitude, Rates::from_rad_s(roll_rad_s, pitch_rad_s))
+            (attitude, Rates::from_rad_s([roll_rad_s, pitch_rad_s, 0.0]))
         };
         let mut noise = [0.0_f32; 2];
         for (i, sample) in side.iter_mut().enumerate() {

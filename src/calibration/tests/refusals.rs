@@ -150,7 +150,7 @@ fn headings_that_run_against_the_bank_are_turns_reversed() {
     let level = circles(0.0, RATE_RAD);
     for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
         let (left, right) = (circles(-25.0, -rate_rad), circles(25.0, rate_rad));
-        let of = |method, left, right| refusal(method, Samples { left, right, level: &level, marks: &[] });
+        let of = |method, left, right| refusal(method, Samples { left, right, level: &level, ..Samples::default() });
         assert_eq!(of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
         assert_eq!(of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
         let both = refusal(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() });

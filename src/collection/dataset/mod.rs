@@ -1,7 +1,10 @@
 //! Samples of left turns, right turns and level flight, in buffers of fixed capacity, evenly spread over heading.
 
-use super::part::{Apart, Config, PartSamples};
+use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
+use super::spread;
 use crate::calibration::{Sample, Samples, Side};
+use crate::frames::wrap_pi;
+use crate::time::WrappingMillis;
 
 pub use super::circle::SECTORS;
 pub use super::part::Coverage;
@@ -28,6 +31,20 @@ const _: () = assert!(Apart::DEFAULT.target as usize <= FIT_CAPACITY);
 const _: () = assert!(Config::TURNS.held_back_when_complete() as usize <= HELD_BACK_CAPACITY);
 const _: () = assert!(Config::LEVEL.held_back_when_complete() as usize <= LEVEL_HELD_BACK_CAPACITY);
 
+/// A field that differs by less is the same, microtesla: three sigmas of a sample's noise.
+const MIN_MOVE_UT: f32 = 1.0;
+
+/// So is an attitude, radians: 1.5 deg.
+const MIN_TILT_RAD: f32 = 0.026;
+
+fn has_moved(last: &Sample, sample: &Sample) -> bool {
+    let tilt_rad = libm::hypotf(
+        wrap_pi(sample.attitude.roll_rad - last.attitude.roll_rad),
+        sample.attitude.pitch_rad - last.attitude.pitch_rad,
+    );
+    (sample.field.ut - last.field.ut).norm() >= MIN_MOVE_UT || tilt_rad >= MIN_TILT_RAD
+}
+
 /// The samples of both sides and of level flight, each in the order of time.
 #[derive(Debug)]
 pub(super) struct Dataset {
@@ -36,6 +53,10 @@ pub(super) struct Dataset {
     level: PartSamples<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
     /// Distance that samples of all attitudes keep now, microtesla.
     apart_ut: f32,
+    /// How many of whatever was flown were taken; wraps, at a multiple of the rounds of `hold_back_every`.
+    taken: u16,
+    /// When the last of them was.
+    looked: Option<WrappingMillis>,
 }
 
 impl Dataset {
@@ -46,6 +67,8 @@ impl Dataset {
             right: PartSamples::new(),
             level: PartSamples::new(),
             apart_ut: Apart::DEFAULT.distance_ut,
+            taken: 0,
+            looked: None,
         }
     }
 
@@ -68,17 +91,73 @@ impl Dataset {
         self.left.push_apart(&Config::TURNS, &mut self.apart_ut, sample);
     }
 
+    /// Offers a sample of whatever is flown; keeps it if it tells more than one of those that are there. They lie where
+    /// those of turns and level flight would, of which there are none then.
+    pub fn push_spread(&mut self, sample: Sample) {
+        if !self.is_news(&sample) {
+            return;
+        }
+        self.looked = Some(sample.time);
+        self.taken = self.taken.wrapping_add(1);
+        let purpose = if self.taken.is_multiple_of(Config::TURNS.hold_back_every) {
+            Purpose::Verification
+        } else {
+            Purpose::Fit
+        };
+        if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
+            return;
+        }
+        let samples = match purpose {
+            Purpose::Fit => self.spread().any,
+            Purpose::Verification => self.spread_held_back().any,
+        };
+        let lengths = samples.map(<[_]>::len);
+        let Some(mut place) = spread::weakest(samples.into_iter().flatten().chain([&sample])) else { return };
+        for (piece, length) in self.pieces(purpose).into_iter().zip(lengths) {
+            if place < length {
+                return piece.replace(place, sample);
+            }
+            place -= length;
+        }
+        // The weakest is the new one.
+    }
+
+    fn pieces(&mut self, purpose: Purpose) -> [&mut dyn Buffer; 3] {
+        [self.left.of(purpose), self.right.of(purpose), self.level.of(purpose)]
+    }
+
+    /// Whether a sample is a measurement, late enough after the last one, and another: who stands tells nothing twice, and
+    /// may stand beside a hangar.
+    fn is_news(&self, sample: &Sample) -> bool {
+        let kept = [self.spread(), self.spread_held_back()].into_iter().flat_map(|samples| samples.any);
+        let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.since(last.time));
+        let is_late = self.looked.is_none_or(|looked| sample.time.since(looked) >= Config::TURNS.spacing_ms);
+        is_late && sample.field.ut.iter().all(|c| c.is_finite()) && last.is_none_or(|last| has_moved(last, sample))
+    }
+
+    /// Samples of whatever was flown to solve with.
+    pub fn spread(&self) -> Samples<'_> {
+        Samples { any: [self.left.fit(), self.right.fit(), self.level.fit()], ..Samples::default() }
+    }
+
+    /// The same to verify with.
+    pub fn spread_held_back(&self) -> Samples<'_> {
+        let any = [self.left.held_back(), self.right.held_back(), self.level.held_back()];
+        Samples { any, ..Samples::default() }
+    }
+
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.left.clear();
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
+        (self.taken, self.looked) = (0, None);
     }
 
     /// Samples to solve with, without marks.
     pub fn fit(&self) -> Samples<'_> {
-        Samples { left: self.left.fit(), right: self.right.fit(), level: self.level.fit(), marks: &[] }
+        Samples { left: self.left.fit(), right: self.right.fit(), level: self.level.fit(), ..Samples::default() }
     }
 
     /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
@@ -87,7 +166,7 @@ impl Dataset {
             left: self.left.held_back(),
             right: self.right.held_back(),
             level: self.level.held_back(),
-            marks: &[],
+            ..Samples::default()
         }
     }
 

@@ -96,7 +96,7 @@ impl Coverage {
 
 /// What a sample is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Purpose {
+pub(super) enum Purpose {
     Fit,
     Verification,
 }
@@ -146,6 +146,14 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
 
     pub fn coverage(&self) -> Coverage {
         self.coverage
+    }
+
+    /// The samples of a purpose.
+    pub fn of(&mut self, purpose: Purpose) -> &mut dyn Buffer {
+        match purpose {
+            Purpose::Fit => &mut self.fit,
+            Purpose::Verification => &mut self.held_back,
+        }
     }
 
     /// Offers a sample; keeps it if it is not too soon and there is room or it lies where there are fewer.
@@ -214,6 +222,28 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
             percent: if self.coverage.is_complete() { 100 } else { percent_of_turn(config, &counts, numbers.samples) },
             ..numbers
         }
+    }
+}
+
+/// A buffer of samples in the order of time, whatever its capacity.
+pub(super) trait Buffer {
+    /// Puts one behind the others; whether there was room.
+    fn push(&mut self, sample: Sample) -> bool;
+    /// Takes the one at a place out, if there is one, and puts another behind the others.
+    fn replace(&mut self, place: usize, sample: Sample);
+}
+
+impl<const N: usize> Buffer for heapless::Vec<Sample, N> {
+    fn push(&mut self, sample: Sample) -> bool {
+        Self::push(self, sample).is_ok()
+    }
+
+    fn replace(&mut self, place: usize, sample: Sample) {
+        if place < self.len() {
+            self.remove(place);
+        }
+        // There is room now, or was before.
+        let _ = Self::push(self, sample);
     }
 }
 
