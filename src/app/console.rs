@@ -1,16 +1,13 @@
 //! Talks to a person, or to a script.
 
-use core::cell::RefCell;
-
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::{Links, Platform};
 use crate::compass::{Command, Refusal, Reply};
-use crate::console::report;
-use crate::console::session::{Output, Session};
-use crate::console::{LineError, Request};
+use crate::console::session::Session;
+use crate::console::{LineError, Request, help, report};
 use crate::health::{Health, ResetCause};
 use crate::instrument::Estimate;
 
@@ -31,18 +28,17 @@ pub async fn run(
     mut platform: impl Platform,
     reset: ResetCause,
 ) -> ! {
-    let output = RefCell::new(Output::new());
-    let mut session = Session::new(&output, |out| report::greeting(out, &reset));
+    let mut session = Session::new(|out| report::greeting(out, &reset));
     let mut bytes = [0; 32];
     loop {
-        drain(&output, &mut tx).await;
+        drain(&mut session, &mut tx).await;
         match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
             Either3::First(Ok(read)) if read > 0 => {
                 for &byte in bytes.get(..read).unwrap_or_default() {
                     if let Some(entered) = session.byte(byte) {
-                        answer(links, &mut session, entered, &mut platform, &reset, &output, &mut tx).await;
+                        answer(links, &mut session, entered, &mut platform, &reset, &mut tx).await;
                     }
-                    drain(&output, &mut tx).await;
+                    drain(&mut session, &mut tx).await;
                 }
             }
             Either3::First(_) => Timer::after(PAUSE).await,
@@ -55,20 +51,20 @@ pub async fn run(
 /// Carries out what a line asks for and writes the reply.
 async fn answer(
     links: &Links,
-    session: &mut Session<'_>,
+    session: &mut Session,
     entered: Result<Request, LineError>,
     platform: &mut impl Platform,
     reset: &ResetCause,
-    output: &RefCell<Output>,
     tx: &mut impl Write,
 ) {
     match entered {
         Err(error) => session.reply(|out| report::line_error(out, &error)),
+        Ok(Request::Help(of)) => session.reply(|out| help(out, of)),
         Ok(Request::Version) => session.reply(report::version),
         Ok(Request::Reboot) => match ask(links, Command::Restart).await {
             Ok(_) => {
                 session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
-                drain(output, tx).await;
+                drain(session, tx).await;
                 Timer::after(LAST_WORDS).await;
                 platform.reboot();
             }
@@ -85,11 +81,20 @@ async fn answer(
             Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
             other => reply(session, &other),
         },
-        Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
+        Ok(Request::Compass(command)) => match (ask(links, command).await, command) {
+            // What is in force now is told, not what was typed.
+            (Ok(Reply::Done(_)), Command::Set(_) | Command::Align(_) | Command::CalUndo) => {
+                match ask(links, Command::Report).await {
+                    Ok(Reply::Report(found)) => session.reply(|out| report::changed(out, command, &found)),
+                    other => reply(session, &other),
+                }
+            }
+            (other, _) => reply(session, &other),
+        },
     }
 }
 
-fn reply(session: &mut Session<'_>, reply: &Result<Reply, Refusal>) {
+fn reply(session: &mut Session, reply: &Result<Reply, Refusal>) {
     match reply {
         Ok(done) => session.reply(|out| report::done(out, done)),
         Err(refusal) => session.reply(|out| report::refusal(out, refusal)),
@@ -116,11 +121,11 @@ fn health(links: &Links, reset: &ResetCause, platform: &impl Platform) -> Health
     }
 }
 
-/// Sends what has been written; while it waits nothing else writes, so the copy loses nothing.
-async fn drain(output: &RefCell<Output>, tx: &mut impl Write) {
-    let waiting = core::mem::take(&mut *output.borrow_mut());
-    if !waiting.is_empty() {
+/// Sends what has been written.
+async fn drain(session: &mut Session, tx: &mut impl Write) {
+    if !session.output().is_empty() {
         // A terminal that takes nothing loses it: see `WRITE_PATIENCE`.
-        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(&waiting)).await;
+        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(session.output())).await;
+        session.sent();
     }
 }

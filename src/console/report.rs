@@ -8,12 +8,12 @@ use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Envelope, Latency, Quality};
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
-use crate::compass::{Outcome, Refusal, Reply, Report, Summary, Verdict};
+use crate::compass::{Command, Outcome, Refusal, Reply, Report, Summary, Verdict};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, ResetCause, StackUse};
 use crate::instrument::Iron;
-use crate::settings::AttitudeError;
-use crate::wire::decimal::Decimal;
+use crate::settings::{AttitudeError, Setting, Settings};
+use crate::wire::decimal::{AsTyped, Decimal};
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -162,26 +162,93 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         Some(Err(refusal)) => writeln!(out, "last solve: {}: {refusal}", refusal.code())?,
         None => writeln!(out, "last solve: none")?,
     }
-    let settings = &report.settings;
-    let stream = if settings.stream_on { "on" } else { "off" };
-    writeln!(out, "stream: {stream}, {} Hz, {} heading", settings.stream_rate_hz, settings.stream_heading.name())?;
-    match settings.declination_deg {
-        Some(deg) => writeln!(out, "declination: {} deg", Decimal::<1>(deg))?,
-        None => writeln!(out, "declination: not set")?,
+    for line in Line::ALL {
+        setting_line(out, line, ": ", &report.settings)?;
+        writeln!(out)?;
     }
-    match settings.inclination_deg {
-        Some(deg) => writeln!(out, "inclination: {} deg", Decimal::<1>(deg))?,
-        None => writeln!(out, "inclination: not set, found from the samples")?,
-    }
-    writeln!(out, "mount: {}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))?;
-    let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
-    let (bias, bank) = (Decimal::<2>(bias_deg), Decimal::<1>(bank_percent));
-    writeln!(out, "attitude-error: {bias} deg, {bank} % of bank, 1 sigma")?;
     counters(out, &health.counts)?;
     if let Some(StackUse { used, size }) = health.stack {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+/// What is in force after a command that has changed it.
+///
+/// # Errors
+///
+/// What `out` says.
+pub fn changed(out: &mut impl Write, command: Command, report: &Report) -> fmt::Result {
+    match (command, &report.current) {
+        (Command::Set(setting), _) => {
+            out.write_str("ok ")?;
+            setting_line(out, Line::of(setting), " ", &report.settings)?;
+            // A calibration is of one mounting.
+            let state = if let Setting::Mount(_) = setting { report.state.name() } else { "" };
+            writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
+        }
+        (Command::Align(_), _) => {
+            writeln!(out, "ok align {} deg, added to every heading", AsTyped(report.settings.align_deg, 1))
+        }
+        (Command::CalUndo, Some(record)) => {
+            writeln!(out, "ok {}: {}", report.state.name(), Numbered(record))
+        }
+        _ => writeln!(out, "ok {}", report.state.name()),
+    }
+}
+
+/// Settings that are told together.
+#[derive(Clone, Copy)]
+enum Line {
+    Stream,
+    Declination,
+    Inclination,
+    Mount,
+    AttitudeError,
+}
+
+impl Line {
+    const ALL: [Self; 5] = [Self::Stream, Self::Declination, Self::Inclination, Self::Mount, Self::AttitudeError];
+
+    const fn of(setting: Setting) -> Self {
+        match setting {
+            Setting::StreamOn(_) | Setting::StreamRateHz(_) | Setting::StreamHeading(_) => Self::Stream,
+            Setting::Declination(_) => Self::Declination,
+            Setting::Inclination(_) => Self::Inclination,
+            Setting::Mount(_) => Self::Mount,
+            Setting::AttitudeError(_) => Self::AttitudeError,
+        }
+    }
+}
+
+/// Some settings, with what stands between their name and them.
+fn setting_line(out: &mut impl Write, line: Line, between: &str, settings: &Settings) -> fmt::Result {
+    match line {
+        Line::Stream => {
+            let on = if settings.stream_on { "on" } else { "off" };
+            let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
+            write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
+        }
+        Line::Declination => degrees(out, "declination", between, settings.declination_deg, "not set"),
+        Line::Inclination => {
+            degrees(out, "inclination", between, settings.inclination_deg, "not set, found from the samples")
+        }
+        Line::Mount => {
+            write!(out, "mount{between}{}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))
+        }
+        Line::AttitudeError => {
+            let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
+            let (bias, bank) = (AsTyped(bias_deg, 2), AsTyped(bank_percent, 1));
+            write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
+        }
+    }
+}
+
+fn degrees(out: &mut impl Write, name: &str, between: &str, deg: Option<f32>, without: &str) -> fmt::Result {
+    match deg {
+        Some(deg) => write!(out, "{name}{between}{} deg", AsTyped(deg, 1)),
+        None => write!(out, "{name}{between}{without}"),
+    }
 }
 
 fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
@@ -268,7 +335,7 @@ pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
     let Some(record) = &report.current else {
         return error(out, "no-calibration", "nothing is stored; cal start, then fly left and right turns");
     };
-    writeln!(out, "ok number {} of {}, {}", record.serial, record.quality.method.name(), Expected(&record.quality))?;
+    writeln!(out, "ok {}", Numbered(record))?;
     coefficients(out, record)?;
     let before = if report.has_previous { "kept, cal undo brings it back" } else { "none" };
     writeln!(out, "before: {before}")
@@ -311,6 +378,16 @@ fn latency(out: &mut impl Write, calibration: &Calibration, found: Option<Latenc
     writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {used}")
 }
 
+/// Which one, and what to expect of it.
+struct Numbered<'a>(&'a Summary);
+
+impl Display for Numbered<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Summary { serial, quality, .. } = self.0;
+        write!(f, "number {serial} of {}, {}", quality.method.name(), Expected(quality))
+    }
+}
+
 struct Expected<'a>(&'a Quality);
 
 impl Display for Expected<'_> {
@@ -320,7 +397,7 @@ impl Display for Expected<'_> {
             Envelope::Banked => "",
             Envelope::Level => ", level only",
         };
-        write!(f, "expected error {rms} deg rms, {worst} deg worst{envelope}")
+        write!(f, "expected error {rms} deg rms, sigma {worst} deg at the worst heading{envelope}")
     }
 }
 

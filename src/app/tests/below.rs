@@ -167,7 +167,10 @@ fn every_kind_of_request_is_answered() {
         ("cal show", "error no-calibration: "),
         ("cal abort", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
-        ("stream rate 5", "ok uncalibrated"),
+        ("stream rate 5", "ok stream on, 5 Hz, smooth heading\r\n"),
+        ("set mount yaw90", "ok mount yaw90"),
+        ("set align none", "ok align 0.0 deg"),
+        ("help stream rate", "ok stream rate HZ: "),
         ("nonsense", "error unknown-command: "),
     ] {
         let reply = type_line(&mut bed, &line, &port, text);
