@@ -375,6 +375,7 @@ mod tests {
             ("set inclination none", set(Setting::Inclination(None))),
             ("set align 90", Command::Align(Some(90.0))),
             ("set align none", Command::Align(None)),
+            ("set align 90.5 yes", Command::AlignSurely(90.5)),
             ("set attitude-error 0.5 2", set(error(0.5, 2.0))),
             ("set attitude-error default", set(Setting::AttitudeError(AttitudeError::DEFAULT))),
         ];
@@ -436,6 +437,8 @@ mod tests {
             ("stream rate 300", "bad-value: expected a whole number, 1 to 80 a second"),
             ("stream rate 2.5", "bad-value: expected a whole number, 1 to 80 a second"),
             ("stream rate -1", "bad-value: expected a whole number, 1 to 80 a second"),
+            ("set align 90 no", "bad-value: expected yes"),
+            ("set align none yes", "unexpected-argument: too many words; it is set align HEADING [yes]"),
             ("cal clear", "needs-word: this cannot be undone; type cal clear all"),
             ("cal clear everything", "needs-word: this cannot be undone; type cal clear all"),
         ] {
@@ -474,7 +477,7 @@ mod tests {
         );
         let mounts = helped("help set mount");
         assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
-        assert!(helped("help set align").ends_with("HEADING: a number, 0 to 360 deg, or none\n"));
+        assert!(helped("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
     }
 
     #[test]
@@ -509,6 +512,7 @@ mod tests {
             ("set mount roll180-p", "itch", 2),
             ("set mount roll27", "0", 5),
             ("  set   mount   no", "ne", 1),
+            ("set align 90 ", "yes", 1),
             ("help s", "", 3),
             ("help str", "eam", 1),
             ("help stream h", "eading", 1),

@@ -10,7 +10,7 @@ use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Command, Outcome, Refusal, Reply, Report, Summary, Verdict};
 use crate::frames::Attitude;
-use crate::health::{Counts, Health, ResetCause, StackUse};
+use crate::health::{Counts, Health, Loss, ResetCause, StackUse};
 use crate::instrument::Iron;
 use crate::settings::{AttitudeError, Setting, Settings};
 use crate::wire::decimal::{AsTyped, Decimal};
@@ -36,13 +36,25 @@ pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
     error(out, line.code(), line)
 }
 
-/// A refusal of the state machine.
+/// A refusal of the state machine, with what was lost of the readings since the collection began.
 ///
 /// # Errors
 ///
 /// What `out` says.
-pub fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
-    error(out, refusal.code(), refusal)
+pub fn refusal(out: &mut impl Write, refusal: &Refusal, loss: Option<Loss>) -> fmt::Result {
+    error(out, refusal.code(), Reason(refusal, loss))
+}
+
+/// Why something was refused: where samples are wanting, what was lost of the readings is the better reason.
+struct Reason<'a>(&'a Refusal, Option<Loss>);
+
+impl Display for Reason<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self(refusal, Some(loss)) if refusal.is_for_want_of_samples() => loss.fmt(f),
+            Self(refusal, _) => refusal.fmt(f),
+        }
+    }
 }
 
 /// `version`.
@@ -94,18 +106,22 @@ fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
         }
         writeln!(out)?;
     }
-    writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
+    if advice.gains() {
+        writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
+    } else {
+        writeln!(out, "advice: none; no circle would make it noticeably better")
+    }
 }
 
-/// A solve has ended by itself.
+/// A solve has ended by itself; with what was lost of the readings since the collection began.
 ///
 /// # Errors
 ///
 /// What `out` says.
-pub fn outcome(out: &mut impl Write, outcome: &Outcome) -> fmt::Result {
+pub fn outcome(out: &mut impl Write, outcome: &Outcome, loss: Option<Loss>) -> fmt::Result {
     match outcome {
         Ok(verdict) => writeln!(out, "note calibrated: {}", Judged(verdict)),
-        Err(refusal) => writeln!(out, "note refused {}: {refusal}", refusal.code()),
+        Err(refusal) => writeln!(out, "note refused {}: {}", refusal.code(), Reason(refusal, loss)),
     }
 }
 
@@ -159,7 +175,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     }
     match &report.last {
         Some(Ok(_)) => writeln!(out, "last solve: ok")?,
-        Some(Err(refusal)) => writeln!(out, "last solve: {}: {refusal}", refusal.code())?,
+        Some(Err(refusal)) => {
+            writeln!(out, "last solve: {}: {}", refusal.code(), Reason(refusal, health.loss))?;
+        }
         None => writeln!(out, "last solve: none")?,
     }
     for line in Line::ALL {
@@ -187,7 +205,7 @@ pub fn changed(out: &mut impl Write, command: Command, report: &Report) -> fmt::
             let state = if let Setting::Mount(_) = setting { report.state.name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }
-        (Command::Align(_), _) => {
+        (Command::Align(_) | Command::AlignSurely(_), _) => {
             writeln!(out, "ok align {} deg, added to every heading", AsTyped(report.settings.align_deg, 1))
         }
         (Command::CalUndo, Some(record)) => {

@@ -181,9 +181,12 @@ pub static ROWS: &[Row] = &[
     Row::new("set", "inclination", "of the field here, positive down; none: found from the samples")
         .takes(&[Slot::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
         .means(|given| set(Setting::Inclination(given.number(0)))),
-    Row::new("set", "align", "the vehicle stands at this magnetic heading; none: as calibrated")
-        .takes(&[Slot::new("HEADING", number_or("none", 0.0..=360.0))])
-        .means(|given| Command::Align(given.number(0)).into()),
+    Row::new("set", "align", "the vehicle stands at this magnetic heading; none: as calibrated; yes: however far off")
+        .takes(&[Slot::new("HEADING", number_or("none", 0.0..=360.0)), Slot::optional("yes", Kind::Sure("yes"))])
+        .means(|given| match given.0 {
+            [Value::Number(heading_deg), Value::Choice(_)] => Command::AlignSurely(heading_deg).into(),
+            _ => Command::Align(given.number(0)).into(),
+        }),
     Row::new("set", "attitude-error", "what the attitude may be off in a whole flight, 1 sigma: constant, and of bank")
         .takes(&[
             Slot::new("DEG", number_or("default", AttitudeError::BIAS_DEG)),
