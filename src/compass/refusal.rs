@@ -64,12 +64,21 @@ impl Refusal {
     /// The same with what was wrong with the flight, if that is known and may be the reason.
     #[must_use]
     pub fn because(self, lack: Option<Lack>) -> Self {
-        let Some(lack) = lack.filter(|_| self.is_for_want_of_samples()) else { return self };
+        let Some(lack) = lack.filter(|lack| self.is_for_want_of_samples() || self.is_of_an_arc(*lack)) else {
+            return self;
+        };
         let expected_rms_deg = match self {
             Self::Rejected(Rejection::NotAccurate { expected_rms_deg }) => Some(expected_rms_deg),
             _ => None,
         };
         Self::Lacking { code: self.code(), expected_rms_deg, lack }
+    }
+
+    /// Whether it is what an arc makes of the coefficients that it leaves open, and nothing to rely on.
+    const fn is_of_an_arc(&self, lack: Lack) -> bool {
+        use SolveError::{MountContradicted, NotConverged, TurnsReversed};
+        matches!(lack, Lack::Arc { .. })
+            && matches!(self, Self::Solve(NotConverged | TurnsReversed | MountContradicted { .. }))
     }
 
     /// Whether other samples, or more of them, might mend it.

@@ -660,6 +660,14 @@ fn a_lack_explains_refusals_for_want_of_samples_alone() {
         let explained = refusal.because(lack);
         assert!(explained.code() == code && explained.to_string().starts_with(words), "{explained:?}: {explained}");
     }
+    // What is found of an arc is nothing to act upon.
+    let found = Orientation::from_name("yaw90").unwrap();
+    for error in [SolveError::NotConverged, SolveError::TurnsReversed, SolveError::MountContradicted { found }] {
+        let arc = Lack::Arc { side: Side::Left, sectors: 2 };
+        let explained = Refusal::Solve(error).because(Some(arc));
+        assert_eq!(explained, Refusal::Lacking { code: error.code(), expected_rms_deg: None, lack: arc });
+        assert_eq!(Refusal::Solve(error).because(lack), Refusal::Solve(error));
+    }
     let marks = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
     for other in [
         Refusal::Armed,
