@@ -78,8 +78,9 @@ macro_rules! counters {
                 Self { $($name: AtomicU32::new(0),)* }
             }
 
-            /// The counts of now.
+            /// The counts of now. Not inlined: wherever it is asked for it would be as long as the list.
             #[must_use]
+            #[inline(never)]
             pub fn snapshot(&self) -> Counts {
                 Counts { $($name: self.$name.load(Ordering::Relaxed),)* }
             }

@@ -1,13 +1,15 @@
 //! Talks to a person, or to a script.
 
+use core::fmt::Write as _;
+
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::{Links, Platform};
-use crate::compass::{Command, Refusal, Reply};
+use crate::compass::{Command, Outcome, Refusal, Reply};
 use crate::console::session::Session;
-use crate::console::{LineError, Request, help, report};
+use crate::console::{Request, help, report};
 use crate::health::{Counts, Health, Loss, ResetCause};
 use crate::instrument::Estimate;
 
@@ -29,103 +31,109 @@ pub async fn run(
     reset: ResetCause,
 ) -> ! {
     let session = Session::new(|out| report::greeting(out, &reset));
-    let mut talk = Talk { links, session, began: Counts::default() };
+    let mut talk = Talk { links, session, reset, began: Counts::default() };
     let mut bytes = [0; 32];
+    let mut read = 0..0;
+    // One place for each wait: each has its state in this task's memory, and its way there in flash.
     loop {
         drain(&mut talk.session, &mut tx).await;
+        if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
+            let Some(request) = talk.byte(byte) else { continue };
+            let answer = ask(links, command(request)).await;
+            let restarts = matches!((request, &answer), (Request::Reboot, Ok(_)));
+            let answer = if is_told(request) && answer.is_ok() { ask(links, Command::Report).await } else { answer };
+            talk.answer(request, answer, &platform);
+            if restarts {
+                drain(&mut talk.session, &mut tx).await;
+                Timer::after(LAST_WORDS).await;
+                platform.reboot();
+            }
+            continue;
+        }
         match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
-            Either3::First(Ok(read)) if read > 0 => {
-                for &byte in bytes.get(..read).unwrap_or_default() {
-                    if let Some(entered) = talk.session.byte(byte) {
-                        talk.answer(entered, &mut platform, &reset, &mut tx).await;
-                    }
-                    drain(&mut talk.session, &mut tx).await;
-                }
-            }
+            Either3::First(Ok(number)) if number > 0 => read = 0..number,
             Either3::First(_) => Timer::after(PAUSE).await,
-            Either3::Second(outcome) => {
-                let loss = talk.loss();
-                talk.session.notice(|out| report::outcome(out, &outcome, loss));
-            }
+            Either3::Second(outcome) => talk.outcome(&outcome),
             Either3::Third(iron) => talk.session.notice(|out| report::iron(out, iron.as_ref())),
         }
     }
+}
+
+/// What a request asks of the state machine.
+const fn command(request: Request) -> Command {
+    match request {
+        Request::Reboot => Command::Restart,
+        Request::Compass(command) => command,
+        Request::Help(_) | Request::Version | Request::Status | Request::CalShow => Command::Report,
+    }
+}
+
+/// Whether what is in force afterwards is told, rather than what was typed.
+const fn is_told(request: Request) -> bool {
+    use Command::{Align, AlignSurely, CalUndo, Set};
+    matches!(request, Request::Compass(Set(_) | Align(_) | AlignSurely(_) | CalUndo))
 }
 
 /// A terminal, and what it is told of.
 struct Talk<'a> {
     links: &'a Links,
     session: Session,
+    reset: ResetCause,
     /// What had been counted when the collection began.
     began: Counts,
 }
 
 impl Talk<'_> {
-    /// Carries out what a line asks for and writes the reply.
-    async fn answer(
-        &mut self,
-        entered: Result<Request, LineError>,
-        platform: &mut impl Platform,
-        reset: &ResetCause,
-        tx: &mut impl Write,
-    ) {
-        let session = &mut self.session;
-        match entered {
-            Err(error) => session.reply(|out| report::line_error(out, &error)),
-            Ok(Request::Help(of)) => session.reply(|out| help(out, of)),
-            Ok(Request::Version) => session.reply(report::version),
-            Ok(Request::Reboot) => match ask(self.links, Command::Restart).await {
-                Ok(_) => {
-                    session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
-                    drain(session, tx).await;
-                    Timer::after(LAST_WORDS).await;
-                    platform.reboot();
-                }
-                refused => self.reply(&refused),
-            },
-            Ok(Request::CalShow) => match ask(self.links, Command::Report).await {
-                Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
-                other => self.reply(&other),
-            },
-            Ok(Request::Status) => match ask(self.links, Command::Report).await {
-                Ok(Reply::Report(found)) => {
-                    let health = health(self.links, &self.began, reset, platform);
-                    session.reply(|out| report::status(out, &found, &health));
-                }
-                other => self.reply(&other),
-            },
-            Ok(Request::Compass(command)) => self.command(command).await,
+    /// Takes a byte; gives a request that the state machine is to be asked about.
+    #[inline(never)]
+    fn byte(&mut self, byte: u8) -> Option<Request> {
+        match self.session.byte(byte)? {
+            Err(error) => self.session.reply(|out| report::line_error(out, &error)),
+            Ok(Request::Help(of)) => self.session.reply(|out| help(out, of)),
+            Ok(Request::Version) => self.session.reply(report::version),
+            Ok(request) => return Some(request),
         }
+        None
     }
 
-    /// Asks the state machine, and tells what it answers.
-    async fn command(&mut self, command: Command) {
-        let mut answer = ask(self.links, command).await;
-        match (command, &answer) {
-            (Command::CalStart(_), Ok(_)) => self.began = self.links.counts(),
-            // What is in force now is told, not what was typed.
-            (Command::Set(_) | Command::Align(_) | Command::AlignSurely(_) | Command::CalUndo, Ok(_)) => {
-                answer = ask(self.links, Command::Report).await;
-            }
-            _ => {}
+    /// Tells what the state machine answers to a request.
+    #[inline(never)]
+    fn answer(&mut self, request: Request, answer: Result<Reply, Refusal>, platform: &impl Platform) {
+        if let (Request::Compass(Command::CalStart(_)), Ok(_)) = (request, &answer) {
+            self.began = self.links.counts();
         }
-        match answer {
-            Ok(Reply::Report(found)) => self.session.reply(|out| report::changed(out, command, &found)),
-            other => self.reply(&other),
-        }
+        let health = self.health(platform);
+        self.session.reply(|out| match (answer, request) {
+            (Err(refusal), _) => report::refusal(out, &refusal, health.loss),
+            (Ok(_), Request::Reboot) => out.write_str("ok restarting\n"),
+            (Ok(Reply::Report(found)), Request::Status) => report::status(out, &found, &health),
+            (Ok(Reply::Report(found)), Request::Compass(command)) => report::changed(out, command, &found),
+            (Ok(Reply::Report(found)), _) => report::calibration(out, &found),
+            (Ok(done), _) => report::done(out, &done),
+        });
     }
 
-    fn reply(&mut self, reply: &Result<Reply, Refusal>) {
-        let loss = self.loss();
-        match reply {
-            Ok(done) => self.session.reply(|out| report::done(out, done)),
-            Err(refusal) => self.session.reply(|out| report::refusal(out, refusal, loss)),
-        }
+    /// Tells how a solve has ended.
+    #[inline(never)]
+    fn outcome(&mut self, outcome: &Outcome) {
+        let loss = Loss::between(&self.began, &self.links.counts());
+        self.session.notice(|out| report::outcome(out, outcome, loss));
     }
 
-    /// What was lost of the readings since the collection began.
-    fn loss(&self) -> Option<Loss> {
-        Loss::between(&self.began, &self.links.counts())
+    fn health(&self, platform: &impl Platform) -> Health {
+        let Estimate { attitude, heading, iron, .. } = self.links.estimates.try_get().unwrap_or(Estimate::NOTHING);
+        let counts = self.links.counts();
+        Health {
+            sensor: self.links.sensor.try_get().map(|found| found.identity),
+            attitude,
+            heading,
+            iron,
+            loss: Loss::between(&self.began, &counts),
+            counts,
+            reset: self.reset.clone(),
+            uptime_s: Instant::now().as_secs() as u32,
+            stack: platform.stack(),
+        }
     }
 }
 
@@ -133,22 +141,6 @@ impl Talk<'_> {
 async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
     links.requests.send(command).await;
     links.replies.receive().await
-}
-
-fn health(links: &Links, began: &Counts, reset: &ResetCause, platform: &impl Platform) -> Health {
-    let counts = links.counts();
-    let Estimate { attitude, heading, iron, .. } = links.estimates.try_get().unwrap_or(Estimate::NOTHING);
-    Health {
-        sensor: links.sensor.try_get().map(|found| found.identity),
-        attitude,
-        heading,
-        iron,
-        loss: Loss::between(began, &counts),
-        counts,
-        reset: reset.clone(),
-        uptime_s: Instant::now().as_secs() as u32,
-        stack: platform.stack(),
-    }
 }
 
 /// Sends what has been written.

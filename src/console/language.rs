@@ -65,12 +65,31 @@ impl Display for LineError {
 /// The first [`LineError`] from the left.
 #[must_use]
 pub fn parse(line: &str) -> Option<Result<Request, LineError>> {
-    let mut words = line.split_ascii_whitespace();
+    let mut words = Words(line);
     words.next().map(|first| after(first, &mut words))
 }
 
-/// The words of a line that are left.
-type Words<'a> = core::str::SplitAsciiWhitespace<'a>;
+/// The words of a line that are left. The iterators of `core` would be in flash wherever they are used.
+struct Words<'a>(&'a str);
+
+impl<'a> Words<'a> {
+    #[inline(never)]
+    fn next(&mut self) -> Option<&'a str> {
+        let is_space = |&byte: &u8| byte == b' ';
+        let begin = self.0.bytes().position(|byte| !is_space(&byte))?;
+        let rest = self.0.get(begin..)?;
+        let end = rest.bytes().position(|byte| is_space(&byte)).unwrap_or(rest.len());
+        let (word, rest) = rest.split_at_checked(end)?;
+        self.0 = rest;
+        Some(word)
+    }
+}
+
+/// A line up to its last word, and that word: the empty one after a space.
+fn last_word(line: &str) -> (&str, &str) {
+    let begin = line.bytes().rposition(|byte| byte == b' ').map_or(0, |space| space + 1);
+    line.split_at_checked(begin).unwrap_or((line, ""))
+}
 
 fn after(first: &str, words: &mut Words<'_>) -> Result<Request, LineError> {
     let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
@@ -154,7 +173,7 @@ enum Next {
 impl Next {
     /// After words that are complete.
     fn after(line: &str) -> Self {
-        let mut words = line.split_ascii_whitespace();
+        let mut words = Words(line);
         let Some(mut first) = words.next() else { return Self::First };
         let is_explained = is_help(first);
         if is_explained {
@@ -167,8 +186,12 @@ impl Next {
             (None, Some(second)) => find([first, second]),
             (Some(_), _) => Some(row),
         };
-        let slot = |row: &'static Row| row.slots.get(words.count()).filter(|_| !is_explained);
-        row.and_then(slot).map_or(Self::Nothing, Self::Slot)
+        let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
+        let mut slots = row.slots.iter();
+        while words.next().is_some() {
+            slots.next();
+        }
+        slots.next().map_or(Self::Nothing, Self::Slot)
     }
 
     /// The words that may come, by their numbers.
@@ -201,7 +224,7 @@ pub struct Completion {
 
 /// Completes the last word of a line, the empty one after a space; the words that fit are told one by one.
 pub fn complete(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
-    let (before, typed) = line.rsplit_once(' ').unwrap_or(("", line));
+    let (before, typed) = last_word(line);
     let next = Next::after(before);
     let mut rest: Option<&'static str> = None;
     let mut fit = 0;
