@@ -215,21 +215,21 @@ fn sequences_are_split_and_lines_end_as_they_like() {
 #[test]
 fn settings_last_over_a_restart() {
     let mut rig = rig();
-    rig.type_line("set declination -11.3");
+    rig.type_line("set declination -11.27");
     assert!(reply(&mut rig, "status").join("\n").contains("stream: on, 10 Hz, smooth heading"));
     rig.type_line("stream rate 5");
     rig.type_line("stream heading raw");
-    rig.type_line("set inclination 61.5");
+    rig.type_line("set inclination 61.125");
     rig.type_line("set mount yaw180");
-    rig.type_line("set attitude-error 1.25 3.5");
+    rig.type_line("set attitude-error 1.25 3.125");
     assert!(rig.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status").join("\n");
     for line in [
         "stream: on, 5 Hz, raw heading",
-        "declination: -11.3 deg",
-        "inclination: 61.5 deg",
+        "declination: -11.27 deg",
+        "inclination: 61.125 deg",
         "mount: yaw180",
-        "attitude-error: 1.25 deg, 3.5 % of bank, 1 sigma",
+        "attitude-error: 1.25 deg, 3.125 % of bank, 1 sigma",
     ] {
         assert!(status.contains(line), "{line} in {status}");
     }

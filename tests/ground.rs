@@ -92,6 +92,13 @@ fn a_level_circle_takes_out_all_but_a_constant() {
         // What the level circle left, twice, the second of alignment, and a fifth of a reading's noise.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
+    // Half a circle is more than a mounting is off: it has to be meant.
+    let reply = rig.type_line("set align 130");
+    assert!(reply.contains("error needs-word: every heading would be turned by "), "{reply}");
+    assert!(reply.contains("; if it is right: set align 130 yes"), "{reply}");
+    assert!(shown_error_deg(&mut rig, 310.0).abs() < 1.2, "nothing has changed");
+    assert!(rig.type_line("set align 130 yes").contains("ok align "));
+    assert!(shown_error_deg(&mut rig, 130.0).abs() < 1.2);
     assert!(rig.type_line("set align none").contains("ok align 0.0 deg, added to every heading"));
 }
 
