@@ -188,6 +188,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
     assert!(rig.type_line("vversion\x1b[1~\x1b[3~").contains("ok autoswing"), "Delete deletes forward");
     assert!(rig.type_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
     assert!(rig.type_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
+    assert!(rig.type_line("stre on\x1b[D\x1b[D\x1b[D\t").contains("ok stream on"), "in the middle of a line, too");
     // What is possible is shown, and the line once more.
     rig.console.send(b"stream \t");
     rig.run_for_s(0.1);

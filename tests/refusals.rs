@@ -53,7 +53,7 @@ fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, S
         rig.run_for_s(5.0);
         printed += &rig.printed();
     }
-    let notice = transcript::error(&printed).or_else(|| transcript::notice(&printed)).unwrap();
+    let notice = transcript::error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
     let Notice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
     // What `status` says of it later is the same.
     let status = rig.type_line("status");

@@ -251,8 +251,20 @@ mod tests {
             matches!(flown(100, &[(-9.9, 60), (9.9, 60)]), Some(Lack::LittleTilt { most_deg }) if (most_deg - 9.9).abs() < 0.1)
         );
         assert_eq!(flown(100, &[(-10.1, 60), (10.1, 60)]), None);
-        assert!(matches!(flown(100, &[(0.0, 30), (20.0, 4), (0.0, 30)]), Some(Lack::LittleTilt { .. })));
-        assert_eq!(flown(100, &[(0.0, 30), (20.0, 6), (0.0, 30)]), Some(Lack::OneSide(Side::Right)));
+        // At 20 deg the mean comes to 10 as late as it leaves it.
+        let for_tenths = |tenths: u32| {
+            let mut flown = Flown::NOTHING;
+            for i in 0..600 {
+                let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
+                flown.push(&banked(roll_deg, 0.0, i * 100));
+            }
+            flown.lack(&Progress::default())
+        };
+        assert!(matches!(for_tenths(48), Some(Lack::LittleTilt { .. })), "{:?}", for_tenths(48));
+        assert_eq!(for_tenths(52), Some(Lack::OneSide(Side::Right)));
+        // A second of 20 deg is a mean of 20 (1 - 0.91^10).
+        let gust = for_tenths(10);
+        assert!(matches!(gust, Some(Lack::LittleTilt { most_deg }) if (most_deg - 12.3).abs() < 0.2), "{gust:?}");
     }
 
     #[test]

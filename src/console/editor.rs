@@ -422,9 +422,9 @@ mod tests {
         assert_eq!(editor.line(), "two");
     }
 
-    /// 256 characters with a line feed after each line; the oldest go.
+    /// 256 characters, a line feed after each line among them: of the longest three; the oldest go.
     #[test]
-    fn history_holds_four_long_lines() {
+    fn history_holds_three_long_lines() {
         let (mut editor, mut screen) = fresh();
         for letter in b'a'..=b'z' {
             typed(&mut editor, &mut screen, &[letter; LINE_CAPACITY]);

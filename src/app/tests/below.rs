@@ -237,10 +237,17 @@ fn an_armed_module_does_not_reboot() {
 
 #[test]
 fn a_note_comes_unasked() {
-    let (mut bed, _, port, _) = with_console();
+    let (mut bed, line, port, _) = with_console();
+    line.put(b"versio");
+    bed.ms(1);
+    assert_eq!(port.text(), "versio");
     bed.links.notices.signal(Err(Refusal::Store(StoreError::Corrupt)));
     bed.ms(1);
-    assert!(port.text().contains("note refused store-corrupt: "));
+    let text = port.text();
+    assert!(text.contains("note refused store-corrupt: "), "{text:?}");
+    // What was being typed is still there.
+    assert!(text.ends_with("\r\n\r\x1b[2K> versio"), "{text:?}");
+    assert!(type_line(&mut bed, &line, &port, "n").contains("ok autoswing"));
 }
 
 /// A line in error, a terminal that takes nothing: the console lives on.
