@@ -117,7 +117,7 @@ fn show(options: &Fly, flown: &Flown) {
     match &flown.result {
         Ok(shown) => {
             println!(
-                "calibrated by {}: expected error {:.2} deg rms, {:.2} at worst; actual {}",
+                "calibrated by {}: expected error {:.2} deg rms, sigma {:.2} at the worst heading; actual {}",
                 shown.method,
                 shown.expected_rms_deg,
                 shown.expected_worst_deg,
