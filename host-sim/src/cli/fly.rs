@@ -12,6 +12,7 @@ use host_sim::rig::Rig;
 use host_sim::score::{Errors, Figures};
 use host_sim::transcript::Notice;
 use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::Kind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
@@ -35,8 +36,18 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     emulator.take_failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
 }
 
+/// `--aircraft` names a kind; before there was more than one it named the iron, and still does.
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {
-    WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))
+    let named = |iron: &str| WorldConfig::named(iron, options.seed).map_err(|error| Failure(error.to_string()));
+    let world = match (Kind::from_name(&options.aircraft), &options.airframe) {
+        (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.carried_by(kind),
+        (None, None) => named(&options.aircraft)?,
+        (None, Some(_)) => {
+            let kinds = Kind::ALL.map(Kind::name).join(", ");
+            return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
+        }
+    };
+    Ok(if options.current > 0.0 { world.with_current(options.current) } else { world })
 }
 
 /// Prints what came of it and writes the report.

@@ -27,7 +27,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading (the default)
+    /// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default)
     Fly(Fly),
     /// The same with the firmware as ARM code, in QEMU
     Emulate(Emulate),
@@ -209,24 +209,32 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
     }
 }
 
-/// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
+/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading.
 ///
-/// The table compares heading errors before and after the calibration at twelve headings in level flight and in turns,
-/// with exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown
-/// apart.
+/// The routine is what a person flies, drives or steers by hand with such a vehicle; all of them are listed below. The
+/// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
+/// exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown apart.
 #[derive(Args)]
+#[command(after_long_help = format!("Routines, none longer than three minutes:\n\n{}", host_sim::routine::all_words()))]
 struct Fly {
-    /// Seed of weather, noise and, for `random`, of the airframe and the place
+    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-    /// Iron of the airframe: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe
-    /// file such as host-sim/airframes/example.toml
-    #[arg(long, default_value = "table1", value_name = "table1|random|FILE")]
+    /// What flies: `plane`, `copter`, `vtol`, `rover` or `boat`; or an aeroplane with the iron that --airframe would name
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
     aircraft: String,
-    /// Bank in the calibration turns, degrees
+    /// Iron of it: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe file such as
+    /// host-sim/airframes/example.toml [default: table1]
+    #[arg(long, value_name = "table1|random|FILE")]
+    airframe: Option<String>,
+    /// Iron by current: what the motors add in hover, in level flight or on the flat, microtesla; it follows their
+    /// current
+    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
+    current: f64,
+    /// Bank in an aeroplane's calibration turns, degrees
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = bank)]
     bank: f64,
-    /// Full circles each way
+    /// An aeroplane's full circles each way
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
     /// Folder for the pictures and the page of the mission [default: report; none with --json]
@@ -272,6 +280,10 @@ fn bank(text: &str) -> Result<f64, String> {
 
 fn inclination(text: &str) -> Result<f64, String> {
     within(text, -90.0, 90.0)
+}
+
+fn current(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 200.0)
 }
 
 fn circles(text: &str) -> Result<f64, String> {
