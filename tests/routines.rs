@@ -58,7 +58,7 @@ fn flown(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             break;
         }
         let at = Timestamp::from_us(now_us);
-        if now_us % 20_000 == 0 {
+        if now_us.is_multiple_of(20_000) {
             let truth = world.true_state(now_us - latency_us);
             let reported = source.report(&truth);
             let [roll_rad, pitch_rad] = [reported.roll_rad, reported.pitch_rad].map(|angle| angle as f32);
@@ -67,7 +67,7 @@ fn flown(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
             let rates_rad_s = truth.body_rates_rad_s().map(|rate| rate as f32);
             instrument.on_attitude(at, Report { source: Source::default(), sender_time, attitude, rates_rad_s });
         }
-        if now_us % 12_500 == 0 {
+        if now_us.is_multiple_of(12_500) {
             let field = Field::new(world.sensor_field(now_us).ut + (noise.normal_vector() * 0.32).cast());
             instrument.on_reading(at, Reading { field, saturated: false, overrun: false });
             samples.extend(std::iter::from_fn(|| instrument.next_sample()));
