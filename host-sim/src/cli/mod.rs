@@ -147,6 +147,9 @@ impl From<PatternArgument> for host_sim::accuracy::flight::Pattern {
 /// flights of every case take some five minutes on two cores.
 #[derive(Args)]
 struct Integrity {
+    /// What flies: a copter or a VTOL calibrates by its routine, and is turned and pushed about in hover
+    #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
+    aircraft: AircraftArgument,
     /// Flights of each case; of the flight of ten hours one
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     flights: u64,

@@ -9,10 +9,11 @@ use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, 
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
 use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
 use crate::faults::{Faults, Switch};
-use crate::mission::Plan;
 use crate::random::{Purpose, Random};
+use crate::routine::{Plan, Routine};
 use crate::world::WorldConfig;
-use crate::world::attitude_source::Kind;
+use crate::world::aircraft::Kind;
+use crate::world::attitude_source::Kind as Sender;
 use crate::world::earth::Earth;
 use crate::world::rotation::Euler;
 
@@ -53,8 +54,8 @@ pub enum Onset {
 pub struct Drawn {
     /// Airframe, place, weather, attitude source.
     pub world: WorldConfig,
-    /// How the calibration turns are flown.
-    pub plan: Plan,
+    /// How the calibration is flown.
+    pub routine: Routine,
     /// What is wrong.
     pub faults: Faults,
     /// Turns it on.
@@ -81,7 +82,7 @@ enum What {
     FrozenCoarse,
     Coarse,
     AttitudeSpikes,
-    Foreign(Option<Kind>),
+    Foreign(Option<Sender>),
     Bias(f64),
     Lean(f64),
     CalibrationLean(f64),
@@ -92,6 +93,9 @@ enum What {
     Throttle(f64),
     Warming,
     CalibrationWarming,
+    Hover,
+    Pushed(f64),
+    Current(f64),
     Passing { peak_ut: f64, for_s: f64 },
     Ferry,
     ShallowTurns,
@@ -113,9 +117,12 @@ const SOON_S: f64 = 10.0;
 /// What comes and goes.
 const PASSING_AT_S: f64 = 60.0;
 
-/// The earliest end of a calibration after its beginning, seconds: four circles at 25 deg of bank to one side, and as
-/// many to the other as it takes. Of 60 flights it took 196 to 215 s.
-const CALIBRATION_S: f64 = 195.0;
+/// The earliest end of a calibration after its beginning, seconds. An aeroplane's takes four circles at 25 deg of bank to
+/// one side, and as many to the other as it takes: of 60 flights it took 196 to 215 s. A copter's may be good enough when
+/// it has been pushed about on two headings.
+const fn calibration_s(aircraft: Kind) -> f64 {
+    if aircraft.hovers() { 60.0 } else { 195.0 }
+}
 
 /// Counts of a microtesla at the range that the module sets.
 const COUNTS_PER_UT: f64 = 68.42;
@@ -147,7 +154,7 @@ pub static CASES: &[Case] = &[
     case("frozen-coarse", What::FrozenCoarse, "attitude in tenths of a degree repeats from a turn on"),
     case("coarse", What::Coarse, "attitude in tenths of a degree, nothing wrong"),
     case("spikes", What::AttitudeSpikes, "1 % of attitude frames wrong by 45 deg"),
-    case("foreign", What::Foreign(Some(Kind::Other)), "a gimbal sends attitude, too, 5 deg off"),
+    case("foreign", What::Foreign(Some(Sender::Other)), "a gimbal sends attitude, too, 5 deg off"),
     case("foreign-silent", What::Foreign(None), "another sends attitude, too, 5 deg off, and no heartbeat"),
     case("bias-2", What::Bias(2.0), "attitude bias of 2 deg"),
     case("bias-5", What::Bias(5.0), "attitude bias of 5 deg"),
@@ -179,6 +186,10 @@ pub static CASES: &[Case] = &[
     case("cal-bank-5", What::ShallowTurns, "calibration turns at 5 deg of bank"),
     case("cal-clipped", What::CalibrationClipped, "an axis ends within the circles"),
     case("cal-lean-90", What::CalibrationLean(0.9), "attitude always reads 90 % of the bank"),
+    case("cal-hover", What::Hover, "calibration by yaw turns in hover alone"),
+    case("pushed", What::Pushed(2.0), "attitude always twice as wrong while it is pushed about"),
+    case("current-5", What::Current(5.0), "a current of 5 uT in hover follows the thrust, always"),
+    case("current-20", What::Current(20.0), "a current of 20 uT in hover follows the thrust, always"),
 ];
 
 /// The case of a name.
@@ -194,23 +205,39 @@ impl Case {
         if matches!(self.what, What::TenHours) { 1 } else { asked }
     }
 
+    /// Whether it is one for such an aircraft: nothing hovers for ten hours or calibrates by its bank, and an aeroplane is
+    /// not pushed about.
+    #[must_use]
+    pub const fn is_for(&self, aircraft: Kind) -> bool {
+        match self.what {
+            What::TenHours | What::ShallowTurns => !aircraft.hovers(),
+            What::Hover | What::Pushed(_) | What::Current(_) => aircraft.hovers(),
+            _ => true,
+        }
+    }
+
     /// What happens on the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64) -> Drawn {
+    pub fn draw(&self, seed: u64, aircraft: Kind) -> Drawn {
         let mut random = Random::new(seed, Purpose::Case);
         let switch = Switch::off();
         let mut drawn = Drawn {
-            world: WorldConfig::random(seed),
-            plan: Plan::default(),
+            world: WorldConfig::random(seed).carried_by(aircraft),
+            routine: Routine::of(aircraft, Plan::default(), 0.0),
             faults: Faults::default(),
             switch: switch.clone(),
             onset: Onset::Never,
             use_s: USE_S,
         };
         match self.what {
-            What::Nothing | What::TenHours | What::ShallowTurns | What::Coarse | What::FrozenCoarse => {
-                self.flight(&mut drawn);
-            }
+            What::Nothing
+            | What::TenHours
+            | What::ShallowTurns
+            | What::Coarse
+            | What::FrozenCoarse
+            | What::Hover
+            | What::Pushed(_)
+            | What::Current(_) => self.flight(&mut drawn),
             What::Stuck(_)
             | What::StuckNoisy
             | What::SensorSpikes
@@ -236,7 +263,24 @@ impl Case {
         match self.what {
             What::TenHours => drawn.use_s = 36_000.0,
             What::ShallowTurns => {
-                (drawn.plan.bank_deg, drawn.onset) = (5.0, Onset::Always);
+                let plan = Plan { bank_deg: 5.0, ..Plan::default() };
+                (drawn.routine, drawn.onset) = (Routine::of(Kind::Plane, plan, 0.0), Onset::Always);
+            }
+            What::Hover => {
+                drawn.onset = Onset::Always;
+                // Its first part, as long as the whole.
+                drawn.routine.parts.truncate(1);
+                for part in &mut drawn.routine.parts {
+                    part.legs = part.legs.repeat(4);
+                }
+            }
+            What::Pushed(times) => {
+                drawn.onset = Onset::Always;
+                drawn.world.attitude_source.push_error_deg *= times;
+            }
+            What::Current(ut) => {
+                drawn.onset = Onset::Always;
+                drawn.world = drawn.world.with_current(ut);
             }
             What::FrozenCoarse => {
                 drawn.onset = for_good(TURNING_AT_S);
@@ -313,13 +357,14 @@ impl Case {
 
     fn field(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
         let switch = drawn.switch.clone();
+        let calibration_s = calibration_s(drawn.world.aircraft.kind);
         let mut by = |ut: f64| -> Vector3<f64> { random.direction() * ut };
         drawn.onset = for_good(SOON_S);
         drawn.faults.field.push(match self.what {
             What::Moved(ut) => Rc::new(Moved { switch, change_ut: by(ut) }),
             What::CalibrationMoved(ut) => {
                 let change_ut = by(ut);
-                let after_s = random.uniform(0.0, CALIBRATION_S);
+                let after_s = random.uniform(0.0, calibration_s);
                 drawn.onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
                 Rc::new(Moved { switch, change_ut })
             }
@@ -329,7 +374,7 @@ impl Case {
                 Rc::new(Drift { switch, change_ut: by(10.0) })
             }
             What::CalibrationWarming => {
-                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: CALIBRATION_S };
+                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: calibration_s };
                 Rc::new(Drift { switch, change_ut: by(10.0) })
             }
             What::Passing { peak_ut, for_s } => {
