@@ -1,6 +1,7 @@
 //! How the module is: what it counts, why it started, how much stack it has used. What `status` shows beside the state
 //! machine's report.
 
+use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::frames::Attitude;
@@ -21,6 +22,8 @@ pub struct Health {
     pub iron: Option<Iron>,
     /// Event counters.
     pub counts: Counts,
+    /// What was lost of the readings since the collection began.
+    pub loss: Option<Loss>,
     /// Why the module started.
     pub reset: ResetCause,
     /// Since when, seconds.
@@ -75,8 +78,9 @@ macro_rules! counters {
                 Self { $($name: AtomicU32::new(0),)* }
             }
 
-            /// The counts of now.
+            /// The counts of now. Not inlined: wherever it is asked for it would be as long as the list.
             #[must_use]
+            #[inline(never)]
             pub fn snapshot(&self) -> Counts {
                 Counts { $($name: self.$name.load(Ordering::Relaxed),)* }
             }
@@ -145,6 +149,133 @@ impl Counters {
             (&self.attitude_rates, counts.attitude.rates),
         ] {
             counter.store(count, Ordering::Relaxed);
+        }
+    }
+}
+
+/// What kept readings from becoming samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// So many percent of them were at the end of the sensor's range.
+    Saturated(u32),
+    /// Attitude came that cannot be one, such as degrees for radians.
+    ImpossibleAttitude,
+    /// So many percent of them found no attitude before and after them.
+    NoAttitude(u32),
+}
+
+impl Loss {
+    /// The most likely one between two states of the counters; nothing if most readings became samples, or there were
+    /// only a few.
+    #[must_use]
+    pub const fn between(before: &Counts, now: &Counts) -> Option<Self> {
+        const fn percent(part: u32, whole: u32) -> u32 {
+            (part as u64 * 100 / whole as u64) as u32
+        }
+        let readings = now.readings.wrapping_sub(before.readings);
+        if readings < FEW_READINGS {
+            return None;
+        }
+        let saturated = now.saturated.wrapping_sub(before.saturated);
+        let clipped = now.sensor_clipped.wrapping_sub(before.sensor_clipped);
+        let saturated = percent(saturated.saturating_add(clipped), readings);
+        let unpaired = percent(now.unpaired.wrapping_sub(before.unpaired), readings);
+        let believed = now.attitude_reports.wrapping_sub(before.attitude_reports);
+        let rejected = now.attitude_rejected.wrapping_sub(before.attitude_rejected);
+        if saturated >= MUCH_SATURATED_PERCENT {
+            Some(Self::Saturated(saturated))
+        } else if rejected > believed {
+            Some(Self::ImpossibleAttitude)
+        } else if unpaired >= MUCH_UNPAIRED_PERCENT {
+            Some(Self::NoAttitude(unpaired))
+        } else {
+            None
+        }
+    }
+}
+
+/// Of fewer readings, a second of a fast sensor, nothing is said.
+const FEW_READINGS: u32 = 100;
+
+/// Saturated on a twentieth of the way, the sensor misses a sector or two of each circle.
+const MUCH_SATURATED_PERCENT: u32 = 5;
+
+/// Half of the readings without attitude: it comes less often than it may be interpolated over.
+const MUCH_UNPAIRED_PERCENT: u32 = 50;
+
+/// What to do about it, in words.
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Saturated(percent) => {
+                write!(f, "{percent} % of the readings were saturated; move the sensor away from magnets and wires")
+            }
+            Self::ImpossibleAttitude => {
+                f.write_str("attitude came that cannot be one; check its unit: MAVLink's is radians, not degrees")
+            }
+            Self::NoAttitude(percent) => {
+                write!(f, "{percent} % of the readings had no attitude; send ATTITUDE ten times a second or more")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn some() -> Counts {
+        Counts {
+            readings: u32::MAX - 50,
+            saturated: 900,
+            sensor_clipped: 40,
+            unpaired: 77,
+            attitude_reports: 5000,
+            attitude_rejected: 12,
+            ..Counts::default()
+        }
+    }
+
+    /// So much more than at some time, past the end of a counter.
+    fn later(readings: u32, saturated: u32, clipped: u32, unpaired: u32, attitude: [u32; 2]) -> Option<Loss> {
+        let some = some();
+        let now = Counts {
+            readings: some.readings.wrapping_add(readings),
+            saturated: some.saturated + saturated,
+            sensor_clipped: some.sensor_clipped + clipped,
+            unpaired: some.unpaired + unpaired,
+            attitude_reports: some.attitude_reports + attitude[0],
+            attitude_rejected: some.attitude_rejected + attitude[1],
+            ..some
+        };
+        Loss::between(&some, &now)
+    }
+
+    #[test]
+    fn what_was_lost_is_named_by_its_cause() {
+        assert_eq!(later(1000, 0, 0, 0, [600, 0]), None);
+        assert_eq!(later(1000, 49, 0, 499, [600, 600]), None);
+        assert_eq!(later(1000, 50, 0, 999, [0, 600]), Some(Loss::Saturated(5)));
+        assert_eq!(later(1000, 20, 30, 0, [600, 0]), Some(Loss::Saturated(5)));
+        assert_eq!(later(1000, 0, 0, 999, [600, 601]), Some(Loss::ImpossibleAttitude));
+        assert_eq!(later(1000, 0, 0, 500, [600, 0]), Some(Loss::NoAttitude(50)));
+        // Too few to tell.
+        assert_eq!(later(99, 99, 0, 0, [0, 0]), None);
+        assert_eq!(later(100, 100, 0, 0, [0, 0]), Some(Loss::Saturated(100)));
+        assert_eq!(later(0, 0, 0, 0, [0, 0]), None);
+    }
+
+    #[test]
+    fn each_loss_has_its_words() {
+        for (loss, words) in [
+            (Loss::Saturated(12), "12 % of the readings were saturated; move the sensor away from magnets and wires"),
+            (
+                Loss::ImpossibleAttitude,
+                "attitude came that cannot be one; check its unit: MAVLink's is radians, not degrees",
+            ),
+            (Loss::NoAttitude(83), "83 % of the readings had no attitude; send ATTITUDE ten times a second or more"),
+        ] {
+            assert_eq!(loss.to_string(), words);
         }
     }
 }

@@ -38,6 +38,9 @@ pub enum HeadingKind {
 }
 
 impl HeadingKind {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Raw, Self::Smooth];
+
     /// The word for it.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -50,7 +53,7 @@ impl HeadingKind {
     /// The one of this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Raw, Self::Smooth].into_iter().find(|kind| kind.name() == name)
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
@@ -104,16 +107,22 @@ impl Settings {
         stream_heading: HeadingKind::Smooth,
     };
 
+    /// Declinations, degrees.
+    pub const DECLINATION_DEG: RangeInclusive<f32> = -180.0..=180.0;
+
+    /// Inclinations, degrees.
+    pub const INCLINATION_DEG: RangeInclusive<f32> = -90.0..=90.0;
+
     /// Rates that can be chosen: up to one heading for every measurement.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
-    /// Whether every setting is within its range: declination and alignment -180..180 deg, inclination -90..90 deg,
-    /// rate [`Self::STREAM_RATE_HZ`], the attitude's error [`AttitudeError::BIAS_DEG`] and
+    /// Whether every setting is within its range: [`Self::DECLINATION_DEG`], [`Self::INCLINATION_DEG`], alignment
+    /// -180..180 deg, rate [`Self::STREAM_RATE_HZ`], the attitude's error [`AttitudeError::BIAS_DEG`] and
     /// [`AttitudeError::BANK_PERCENT`].
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        self.declination_deg.is_none_or(|declination_deg| declination_deg.abs() <= 180.0)
-            && self.inclination_deg.is_none_or(|inclination_deg| inclination_deg.abs() <= 90.0)
+        self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG.contains(&declination_deg))
+            && self.inclination_deg.is_none_or(|inclination_deg| Self::INCLINATION_DEG.contains(&inclination_deg))
             && self.align_deg.abs() <= 180.0
             && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
             && self.mount.is_valid()

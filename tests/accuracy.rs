@@ -2,7 +2,9 @@
 
 use std::sync::OnceLock;
 
-use host_sim::accuracy::{Coverage, Outcome, Plan, Result, run};
+use host_sim::accuracy::flight::{Flight, Pattern};
+use host_sim::accuracy::{Coverage, Outcome, Plan, Result, flights, run};
+use host_sim::world::aircraft::Kind;
 
 /// 40 airframes, 20 flights of each: the ratio of one airframe scatters by 0.3 / sqrt(20) = 7 % by chance, so that the
 /// worst decile is 1.28 times that above what it is with many flights.
@@ -55,4 +57,22 @@ fn the_closed_forms_are_as_far_behind_as_they_must_be() {
 fn a_run_is_a_function_of_its_seed() {
     let small = Plan { airframes: 4, draws: 2, seed: 7 };
     assert_eq!(run(small, &|| {}), run(small, &|| {}));
+}
+
+/// Of a copter, small: `host-sim bench accuracy --aircraft copter`. The scatter is that of above.
+#[test]
+fn a_copter_is_calibrated_by_its_routine_either_way_round() {
+    for pattern in [Pattern::Routine, Pattern::Mirrored] {
+        let flight = Flight { kind: Kind::Copter, pattern, minutes: 3.0 };
+        let row = flights::run(flight, Plan { airframes: 20, draws: 5, seed: 1000 }, &|| {});
+        assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0, "{row:?}");
+        assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
+        // What the solver makes of what was kept: it takes all attitudes for equally good, and those of pushes are not.
+        assert!((0.9..=1.25).contains(&row.kept_ratio_median), "{row:?}");
+        // No set of as many readings says more than the best, give or take the chance of five draws.
+        assert!(row.best_ratio_median >= 0.95 * row.kept_ratio_median, "{row:?}");
+        assert_eq!(row.coverage.headings, 20 * 16);
+        let again = flights::run(flight, Plan { airframes: 2, draws: 2, seed: 7 }, &|| {});
+        assert_eq!(again, flights::run(flight, Plan { airframes: 2, draws: 2, seed: 7 }, &|| {}));
+    }
 }

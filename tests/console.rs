@@ -53,6 +53,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal mark north", "error bad-value: expected a number"),
         ("cal mark", "error missing-argument: "),
         ("cal start sideways", "error bad-value: expected turns, level, swing or tumble"),
+        ("Cal START Swing", "ok collecting"),
         ("cal start level now", "error unexpected-argument: "),
         ("cal abort", "ok uncalibrated"),
         ("cal stop", "error not-collecting: "),
@@ -66,32 +67,32 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal clear all", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
         ("cal abort", "ok uncalibrated"),
-        ("stream off", "ok "),
-        ("stream on", "ok "),
-        ("stream rate 20", "ok "),
+        ("stream off", "ok stream off, 10 Hz, smooth heading"),
+        ("stream on", "ok stream on, 10 Hz, smooth heading"),
+        ("stream rate 20", "ok stream on, 20 Hz, smooth heading"),
         ("stream rate 0", "error out-of-range: a rate is 1 to 80"),
         ("stream rate 81", "error out-of-range: "),
-        ("stream rate 300", "error bad-value: "),
+        ("stream rate 300", "error bad-value: expected a whole number, 1 to 80 a second"),
         ("stream rate", "error missing-argument: "),
-        ("stream heading raw", "ok "),
-        ("stream heading smooth", "ok "),
+        ("stream heading raw", "ok stream on, 20 Hz, raw heading"),
+        ("stream heading smooth", "ok stream on, 20 Hz, smooth heading"),
         ("stream heading smoothed", "error bad-value: expected raw or smooth"),
         ("stream heading", "error missing-argument: "),
         ("stream heading raw smooth", "error unexpected-argument: "),
-        ("set declination 3.5", "ok "),
-        ("set declination -11.25", "ok "),
+        ("set declination 3.5", "ok declination 3.5 deg"),
+        ("set declination -11.25", "ok declination -11.25 deg"),
         ("set declination 181", "error out-of-range: a declination is -180 to 180"),
         ("set declination east", "error bad-value: expected a number"),
-        ("set declination none", "ok "),
-        ("set inclination 54.5", "ok "),
+        ("set declination none", "ok declination not set"),
+        ("set inclination 54.125", "ok inclination 54.125 deg"),
         ("set inclination -90.1", "error out-of-range: an inclination is -90 to 90"),
         ("set inclination down", "error bad-value: "),
-        ("set inclination none", "ok "),
+        ("set inclination none", "ok inclination not set, found from the samples"),
         ("set align 90", "error no-calibration: "),
         ("set align 400", "error out-of-range: a magnetic heading is 0 to 360"),
         ("set align", "error missing-argument: "),
-        ("set align none", "ok "),
-        ("set attitude-error 0.5 2", "ok "),
+        ("set align none", "ok align 0.0 deg, added to every heading"),
+        ("set attitude-error 0.5 2", "ok attitude-error 0.50 deg, 2.0 % of bank, 1 sigma"),
         ("set attitude-error 0 0", "ok "),
         ("set attitude-error 5 20", "ok "),
         (
@@ -107,11 +108,11 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("set attitude-error much 2", "error bad-value: expected a number"),
         ("set attitude-error 1 much", "error bad-value: expected a number"),
         ("set attitude-error default 1", "error unexpected-argument: "),
-        ("set attitude-error default", "ok "),
-        ("set mount roll180-yaw90", "ok "),
+        ("set attitude-error default", "ok attitude-error 0.20 deg, 1.0 % of bank, 1 sigma"),
+        ("set mount Roll180-YAW90", "ok mount roll180-yaw90, align 0.0 deg; uncalibrated"),
         ("set mount sideways", "error bad-value: expected none, yaw90"),
         ("frobnicate", "error unknown-command: "),
-        ("cal fly", "error unknown-command: "),
+        ("cal fly", "error unknown-command: after cal expected start, mark, "),
         ("version now please", "error unexpected-argument: "),
         ("reboot", "ok restarting"),
     ] {
@@ -162,10 +163,12 @@ fn help_lists_every_command() {
     let mut rig = rig();
     rig.printed();
     let help = reply(&mut rig, "help").join("\n");
+    assert!(help.starts_with("ok "), "{help}");
     for word in ["version", "status", "cal", "stream", "set", "reboot"] {
         assert!(help.contains(word), "{word} in {help}");
     }
     let cal = reply(&mut rig, "help cal").join("\n");
+    assert!(cal.starts_with("ok cal: "), "{cal}");
     for word in ["start", "mark", "stop", "solve", "advise", "show", "clear", "undo", "abort"] {
         assert!(cal.contains(word), "{word} in {cal}");
     }
@@ -179,26 +182,55 @@ fn tab_completes_up_recalls_backspace_deletes() {
     assert!(rig.type_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
     assert!(rig.type_line("versionx\x7f").contains("ok autoswing"), "DEL deletes");
     assert!(rig.type_line("versionx\x08").contains("ok autoswing"), "so does BS");
+    assert!(rig.type_line("set inc\tn\t").contains("ok inclination not set"), "every word is completed");
+    assert!(rig.type_line("ersion\x1b[Hv").contains("ok autoswing"), "Home is the beginning");
+    assert!(rig.type_line("ersio\x1bOHv\x1b[4~n").contains("ok autoswing"), "End is the end");
+    assert!(rig.type_line("vversion\x1b[1~\x1b[3~").contains("ok autoswing"), "Delete deletes forward");
+    assert!(rig.type_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
+    assert!(rig.type_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
+    assert!(rig.type_line("stre on\x1b[D\x1b[D\x1b[D\t").contains("ok stream on"), "in the middle of a line, too");
+    // What is possible is shown, and the line once more.
+    rig.console.send(b"stream \t");
+    rig.run_for_s(0.1);
+    let shown = rig.printed();
+    assert!(shown.contains("\r\non  off  rate  heading  \r\n") && shown.ends_with("> stream "), "{shown:?}");
+    assert!(rig.type_line("off").contains("ok stream off"));
+}
+
+/// A key's bytes may come one by one, and terminals end lines in three ways.
+#[test]
+fn sequences_are_split_and_lines_end_as_they_like() {
+    let mut rig = rig();
+    rig.type_line("version");
+    for part in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
+        rig.console.send(part.as_bytes());
+        rig.run_for_s(0.1);
+    }
+    rig.console.send(b"version\n");
+    rig.run_for_s(0.1);
+    let text = rig.printed();
+    assert_eq!(text.matches("ok autoswing").count(), 2, "{text:?}");
+    assert_eq!(text.matches("> ").count(), 4, "a line is drawn anew twice, and a prompt comes after each: {text:?}");
 }
 
 #[test]
 fn settings_last_over_a_restart() {
     let mut rig = rig();
-    rig.type_line("set declination -11.3");
+    rig.type_line("set declination -11.27");
     assert!(reply(&mut rig, "status").join("\n").contains("stream: on, 10 Hz, smooth heading"));
     rig.type_line("stream rate 5");
     rig.type_line("stream heading raw");
-    rig.type_line("set inclination 61.5");
+    rig.type_line("set inclination 61.125");
     rig.type_line("set mount yaw180");
-    rig.type_line("set attitude-error 1.25 3.5");
+    rig.type_line("set attitude-error 1.25 3.125");
     assert!(rig.type_line("reboot").contains("started by reboot"));
     let status = reply(&mut rig, "status").join("\n");
     for line in [
         "stream: on, 5 Hz, raw heading",
-        "declination: -11.3 deg",
-        "inclination: 61.5 deg",
+        "declination: -11.27 deg",
+        "inclination: 61.125 deg",
         "mount: yaw180",
-        "attitude-error: 1.25 deg, 3.5 % of bank, 1 sigma",
+        "attitude-error: 1.25 deg, 3.125 % of bank, 1 sigma",
     ] {
         assert!(status.contains(line), "{line} in {status}");
     }
@@ -255,6 +287,29 @@ fn an_overlong_line_is_refused_and_not_cut() {
     let line = format!("cal clear all{}oops", " ".repeat(60));
     assert!(rig.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
     assert!(rig.type_line("version").contains("ok autoswing"));
+}
+
+/// All bytes there are, letters too, but for those of reboot and clear.
+#[test]
+fn keys_in_any_order_do_not_stop_it() {
+    let mut rig = rig();
+    let mut random = Random(99);
+    for _ in 0..200 {
+        let mut bytes = random.bytes(60);
+        for byte in &mut bytes {
+            if random.byte() < 120 {
+                *byte = b"sethlp \t\x1b[[O~ABCDHF1347\x7f\x08\x03\x15"[usize::from(*byte % 27)];
+            }
+        }
+        bytes.retain(|byte| !b"bcBC".contains(byte));
+        rig.console.send(&bytes);
+        rig.run_for_s(0.02);
+    }
+    rig.run_for_s(1.0);
+    rig.type_line("\x03");
+    let text = rig.type_line("version");
+    assert!(text.contains("ok autoswing"), "{text:?}");
+    assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
 }
 
 /// Garbage of every kind, then a person: the console must live and answer.

@@ -85,14 +85,21 @@ fn a_level_circle_takes_out_all_but_a_constant() {
     assert!(constant.abs() < 3.0, "{constant} deg, of an unsymmetric airframe");
     // Alignment takes the constant out, too.
     stand_at(&mut rig, 120.0);
-    assert!(rig.type_line("set align 120").contains("ok calibrated"));
+    assert!(rig.type_line("set align 120").contains(" deg, added to every heading"));
     for heading_deg in [120.0, 200.0, 310.0] {
         stand_at(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
         // What the level circle left, twice, the second of alignment, and a fifth of a reading's noise.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
     }
-    assert!(rig.type_line("set align none").contains("ok calibrated"));
+    // Half a circle is more than a mounting is off: it has to be meant.
+    let reply = rig.type_line("set align 130");
+    assert!(reply.contains("error needs-word: every heading would be turned by "), "{reply}");
+    assert!(reply.contains("; if it is right: set align 130 yes"), "{reply}");
+    assert!(shown_error_deg(&mut rig, 310.0).abs() < 1.2, "nothing has changed");
+    assert!(rig.type_line("set align 130 yes").contains("ok align "));
+    assert!(shown_error_deg(&mut rig, 130.0).abs() < 1.2);
+    assert!(rig.type_line("set align none").contains("ok align 0.0 deg, added to every heading"));
 }
 
 #[test]

@@ -142,9 +142,9 @@ fn a_second_swing_replaces_the_first_only_when_it_is_better() {
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // 0.5 uT is 1 deg of heading in this field.
     assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
-    rig.type_line("cal undo");
+    assert!(rig.type_line("cal undo").contains("ok calibrated: number 1 of maximum-likelihood, expected error "));
     assert_eq!(show(&mut rig).unwrap().calibration, first.calibration);
-    rig.type_line("cal undo");
+    assert!(rig.type_line("cal undo").contains("ok calibrated: number 2 of maximum-likelihood, expected error "));
     assert_eq!(show(&mut rig).unwrap().calibration, second.calibration);
 }
 
@@ -208,8 +208,8 @@ fn a_second_swing_that_is_no_better_changes_nothing() {
 #[test]
 fn a_calibration_is_not_used_with_another_mounting() {
     let mut rig = calibrated();
-    assert!(rig.type_line("set mount yaw90").contains("ok uncalibrated"));
-    assert!(rig.type_line("set mount none").contains("ok calibrated"));
+    assert!(rig.type_line("set mount yaw90").contains("ok mount yaw90, align 0.0 deg; uncalibrated"));
+    assert!(rig.type_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
 }
 
 /// Power that fails again while the module is still writing after the last failure: the settings stay what they were

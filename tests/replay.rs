@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
+use autoswing::collection::Lack;
+use autoswing::frames::Attitude;
 use host_sim::replay::recording::{Row, Unit, parse};
 use host_sim::replay::{Options, Refused, Score, Selected, replay};
 use host_sim::score::Errors;
@@ -184,4 +186,24 @@ fn a_wrong_inclination_is_named() {
             assert!((f64::from(found_deg) - true_deg).abs() < 1.5, "seed {seed}, told {told_deg}: {found_deg}");
         }
     }
+}
+
+/// Radians in the columns of degrees, and a row a second: the refusal says so.
+#[test]
+fn what_is_wrong_with_a_recording_is_told() {
+    let rows = recorded(&WorldConfig::table1(1), 3.0);
+    let in_radians: Vec<Row> = rows
+        .iter()
+        .map(|&row| {
+            let Attitude { roll_rad, pitch_rad } = row.attitude;
+            let attitude = Attitude { roll_rad: roll_rad.to_radians(), pitch_rad: pitch_rad.to_radians() };
+            Row { attitude, ..row }
+        })
+        .collect();
+    let replayed = replay(&in_radians, &TURNS);
+    assert!(replayed.accepted.is_err() && matches!(replayed.lack, Some(Lack::NoTilt { .. })), "{:?}", replayed.lack);
+    let slow: Vec<Row> = rows.iter().step_by(10).copied().collect();
+    let replayed = replay(&slow, &TURNS);
+    assert!(replayed.accepted.is_err() && matches!(replayed.lack, Some(Lack::TooSlow { .. })), "{:?}", replayed.lack);
+    assert_eq!(replay(&rows, &TURNS).lack, None);
 }

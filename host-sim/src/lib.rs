@@ -6,6 +6,7 @@
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
 //! | [`module`] | a heading module in an aircraft |
 //! | [`rig`], [`emulator`] | the two there are: simulated here, and as ARM code in QEMU |
+//! | [`routine`] | what a person flies to calibrate, aircraft by aircraft |
 //! | [`mission`] | the flight that calibrates, on either |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
@@ -32,6 +33,7 @@ pub mod random;
 pub mod replay;
 pub mod report;
 pub mod rig;
+pub mod routine;
 pub mod score;
 pub mod transcript;
 pub mod world;

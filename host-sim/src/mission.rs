@@ -1,4 +1,4 @@
-//! The main job: take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
+//! The main job: take off uncalibrated, fly the routine, calibrate, restart, fly on with a right heading.
 //!
 //! The pilot has what a person has: the console's cable to type on and the heading sentences to read. Only the score
 //! looks at the truth.
@@ -10,36 +10,20 @@ use serde::Serialize;
 use crate::module::{Module, Ran};
 use crate::nmea::Reader;
 use crate::rig::Rig;
+pub use crate::routine::Plan;
+use crate::routine::Routine;
 use crate::score::{Errors, Figures, within_percent, wrap_180};
 use crate::transcript::{self, Notice, Shown};
 use crate::world::WorldConfig;
 use crate::world::autopilot::Leg;
-
-/// How the calibration turns are flown.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
-    /// Bank in the turns, degrees.
-    pub bank_deg: f64,
-    /// Full circles each way.
-    pub circles: f64,
-}
-
-impl Default for Plan {
-    /// What a pilot is asked for: a bank of 25 deg and four circles, one more than the module needs in calm air.
-    fn default() -> Self {
-        Self { bank_deg: 25.0, circles: 4.0 }
-    }
-}
 
 /// A part of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Boot and take-off, uncalibrated.
     TakeOff,
-    /// Right turns.
-    Right,
-    /// Left turns.
-    Left,
+    /// A part of the calibration routine, of this name.
+    Routine(&'static str),
     /// Solving, verifying, storing.
     Solve,
     /// Restart, then headings all round.
@@ -47,23 +31,19 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All, in order.
-    pub const ALL: [Self; 5] = [Self::TakeOff, Self::Right, Self::Left, Self::Solve, Self::Stream];
-
     /// What it is called.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::TakeOff => "take-off, uncalibrated",
-            Self::Right => "right turns",
-            Self::Left => "left turns",
+            Self::Routine(name) => name,
             Self::Solve => "solve, verify, store",
             Self::Stream => "restart, fly on",
         }
     }
 }
 
-/// A measurement taken in a turn: for the report's pictures.
+/// A measurement taken in the routine: for the report's pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
     /// The field in the chip's axes.
@@ -101,7 +81,7 @@ pub struct Flown {
     pub after: Errors,
     /// Errors of the headings streamed after the restart; none when it refused.
     pub streamed: Option<Streamed>,
-    /// What the chip saw in the turns.
+    /// What the chip saw in the routine.
     pub glimpses: Vec<Glimpse>,
     /// The console session, as the pilot saw it.
     pub session: String,
@@ -119,8 +99,9 @@ pub fn fly_with(module: &mut impl Module, plan: Plan, watch: &mut dyn FnMut(Stag
     let world = module.world().config();
     let mut mission = Mission { module, session: String::new(), glimpses: Vec::new(), watch };
     let before = Errors::of(&Calibration::uncalibrated(Orientation::NONE), &world);
-    let result = mission.calibrate(plan);
-    let streamed = result.is_ok().then(|| mission.stream());
+    let routine = Routine::of(world.aircraft.kind, plan, world.aircraft.heading_deg);
+    let result = mission.calibrate(&routine);
+    let streamed = result.is_ok().then(|| mission.stream(&routine.mission));
     let after = result.as_ref().map_or_else(|_| before.clone(), |shown| Errors::of(&shown.calibration, &world));
     Flown {
         world,
@@ -151,15 +132,16 @@ const HEARTBEAT_S: f64 = 1.2;
 const PATIENCE_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
-    fn calibrate(&mut self, plan: Plan) -> Result<Shown, Notice> {
+    fn calibrate(&mut self, routine: &Routine) -> Result<Shown, Notice> {
         (self.watch)(Stage::TakeOff, 0.0);
         self.module.world().set_armed(true);
-        let heading_deg = self.module.world().config().aircraft.heading_deg;
-        self.leg(Stage::TakeOff, Leg::Straight { heading_deg, seconds: 5.0 });
+        self.leg(Stage::TakeOff, routine.take_off);
         self.type_line("status");
-        self.type_line("cal start");
-        for (stage, sign) in [(Stage::Right, 1.0), (Stage::Left, -1.0)] {
-            self.leg(stage, Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: sign * 360.0 * plan.circles });
+        self.type_line(routine.command);
+        for part in &routine.parts {
+            for &leg in &part.legs {
+                self.leg(Stage::Routine(part.name), leg);
+            }
             self.type_line("status");
         }
         let notice = self.outcome();
@@ -189,7 +171,7 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Restarts the module and flies all round the compass, comparing what it streams with the truth.
-    fn stream(&mut self) -> Streamed {
+    fn stream(&mut self, legs: &[Leg]) -> Streamed {
         // It stands on the ground again: an armed module would not be restarted. The world flies on meanwhile.
         self.module.world().set_armed(false);
         self.module.run_for_s(HEARTBEAT_S);
@@ -200,13 +182,7 @@ impl<M: Module> Mission<'_, M> {
         let mut normalised = Vec::new();
         let mut empty = 0;
         let mut reader = Reader::default();
-        let legs = [
-            Leg::Turn { bank_deg: 20.0, heading_change_deg: 360.0 },
-            Leg::Straight { heading_deg: 60.0, seconds: 15.0 },
-            Leg::Turn { bank_deg: 30.0, heading_change_deg: -360.0 },
-            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
-        ];
-        for (done, leg) in legs.into_iter().enumerate() {
+        for (done, &leg) in legs.iter().enumerate() {
             self.module.world().fly(leg);
             while self.module.world().legs_left() > 0 && self.piece() {
                 (self.watch)(Stage::Stream, done as f64 / legs.len() as f64);
@@ -231,19 +207,23 @@ impl<M: Module> Mission<'_, M> {
         Streamed { rms_deg, max_deg, within_percent: within_percent(&normalised), headings: errors_deg.len(), empty }
     }
 
-    /// Flies a leg to its end, taking glimpses in turns.
+    /// Flies a leg to its end, taking glimpses in the routine.
     fn leg(&mut self, stage: Stage, leg: Leg) {
         let began = self.module.world().true_state(self.module.now_us());
         self.module.world().fly(leg);
         while self.module.world().legs_left() > 0 && self.piece() {
             self.listen();
             let now = self.module.world().true_state(self.module.now_us());
+            if matches!(stage, Stage::Routine(_)) {
+                let glimpse =
+                    Glimpse { field: self.module.world().sensor_field(now.time_us), attitude: now.attitude() };
+                self.glimpses.push(glimpse);
+            }
             let done = match leg {
-                Leg::Straight { seconds, .. } => (now.time_us - began.time_us) as f64 / 1e6 / seconds,
-                Leg::Turn { heading_change_deg, .. } => {
-                    let glimpse =
-                        Glimpse { field: self.module.world().sensor_field(now.time_us), attitude: now.attitude() };
-                    self.glimpses.push(glimpse);
+                Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {
+                    (now.time_us - began.time_us) as f64 / 1e6 / seconds
+                }
+                Leg::Turn { heading_change_deg, .. } | Leg::Yaw { heading_change_deg, .. } => {
                     (now.heading_rad - began.heading_rad).to_degrees() / heading_change_deg
                 }
             };

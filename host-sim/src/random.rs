@@ -43,6 +43,16 @@ pub enum Purpose {
     Case = 16,
     /// Legs of a flight.
     Legs = 17,
+    /// Gusts along the flight path.
+    GustAlong = 18,
+    /// Rough ground and waves.
+    Surface = 19,
+    /// Error of the attitude source's roll while it is pushed about.
+    RollPush = 20,
+    /// Error of the attitude source's pitch while it is pushed about.
+    PitchPush = 21,
+    /// Direction of the iron that a current makes.
+    Current = 22,
 }
 
 /// A stream of random numbers.

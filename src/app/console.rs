@@ -1,17 +1,16 @@
 //! Talks to a person, or to a script.
 
-use core::cell::RefCell;
+use core::fmt::Write as _;
 
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::{Links, Platform};
-use crate::compass::{Command, Refusal, Reply};
-use crate::console::report;
-use crate::console::session::{Output, Session};
-use crate::console::{LineError, Request};
-use crate::health::{Health, ResetCause};
+use crate::compass::{Command, Outcome, Refusal, Reply};
+use crate::console::session::Session;
+use crate::console::{Request, help, report};
+use crate::health::{Counts, Health, Loss, ResetCause};
 use crate::instrument::Estimate;
 
 /// A terminal that takes nothing for so long loses what was to be shown.
@@ -31,68 +30,110 @@ pub async fn run(
     mut platform: impl Platform,
     reset: ResetCause,
 ) -> ! {
-    let output = RefCell::new(Output::new());
-    let mut session = Session::new(&output, |out| report::greeting(out, &reset));
+    let session = Session::new(|out| report::greeting(out, &reset));
+    let mut talk = Talk { links, session, reset, began: Counts::default() };
     let mut bytes = [0; 32];
+    let mut read = 0..0;
+    // One place for each wait: each has its state in this task's memory, and its way there in flash.
     loop {
-        drain(&output, &mut tx).await;
-        match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
-            Either3::First(Ok(read)) if read > 0 => {
-                for &byte in bytes.get(..read).unwrap_or_default() {
-                    if let Some(entered) = session.byte(byte) {
-                        answer(links, &mut session, entered, &mut platform, &reset, &output, &mut tx).await;
-                    }
-                    drain(&output, &mut tx).await;
-                }
+        drain(&mut talk.session, &mut tx).await;
+        if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
+            let Some(request) = talk.byte(byte) else { continue };
+            let answer = ask(links, command(request)).await;
+            let restarts = matches!((request, &answer), (Request::Reboot, Ok(_)));
+            let answer = if is_told(request) && answer.is_ok() { ask(links, Command::Report).await } else { answer };
+            talk.answer(request, answer, &platform);
+            if restarts {
+                drain(&mut talk.session, &mut tx).await;
+                Timer::after(LAST_WORDS).await;
+                platform.reboot();
             }
+            continue;
+        }
+        match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
+            Either3::First(Ok(number)) if number > 0 => read = 0..number,
             Either3::First(_) => Timer::after(PAUSE).await,
-            Either3::Second(outcome) => session.notice(|out| report::outcome(out, &outcome)),
-            Either3::Third(iron) => session.notice(|out| report::iron(out, iron.as_ref())),
+            Either3::Second(outcome) => talk.outcome(&outcome),
+            Either3::Third(iron) => talk.session.notice(|out| report::iron(out, iron.as_ref())),
         }
     }
 }
 
-/// Carries out what a line asks for and writes the reply.
-async fn answer(
-    links: &Links,
-    session: &mut Session<'_>,
-    entered: Result<Request, LineError>,
-    platform: &mut impl Platform,
-    reset: &ResetCause,
-    output: &RefCell<Output>,
-    tx: &mut impl Write,
-) {
-    match entered {
-        Err(error) => session.reply(|out| report::line_error(out, &error)),
-        Ok(Request::Version) => session.reply(report::version),
-        Ok(Request::Reboot) => match ask(links, Command::Restart).await {
-            Ok(_) => {
-                session.reply(|out| core::fmt::Write::write_str(out, "ok restarting\n"));
-                drain(output, tx).await;
-                Timer::after(LAST_WORDS).await;
-                platform.reboot();
-            }
-            refused => reply(session, &refused),
-        },
-        Ok(Request::Status) => match ask(links, Command::Report).await {
-            Ok(Reply::Report(found)) => {
-                let health = health(links, reset, platform);
-                session.reply(|out| report::status(out, &found, &health));
-            }
-            other => reply(session, &other),
-        },
-        Ok(Request::CalShow) => match ask(links, Command::Report).await {
-            Ok(Reply::Report(found)) => session.reply(|out| report::calibration(out, &found)),
-            other => reply(session, &other),
-        },
-        Ok(Request::Compass(command)) => reply(session, &ask(links, command).await),
+/// What a request asks of the state machine.
+const fn command(request: Request) -> Command {
+    match request {
+        Request::Reboot => Command::Restart,
+        Request::Compass(command) => command,
+        Request::Help(_) | Request::Version | Request::Status | Request::CalShow => Command::Report,
     }
 }
 
-fn reply(session: &mut Session<'_>, reply: &Result<Reply, Refusal>) {
-    match reply {
-        Ok(done) => session.reply(|out| report::done(out, done)),
-        Err(refusal) => session.reply(|out| report::refusal(out, refusal)),
+/// Whether what is in force afterwards is told, rather than what was typed.
+const fn is_told(request: Request) -> bool {
+    use Command::{Align, AlignSurely, CalUndo, Set};
+    matches!(request, Request::Compass(Set(_) | Align(_) | AlignSurely(_) | CalUndo))
+}
+
+/// A terminal, and what it is told of.
+struct Talk<'a> {
+    links: &'a Links,
+    session: Session,
+    reset: ResetCause,
+    /// What had been counted when the collection began.
+    began: Counts,
+}
+
+impl Talk<'_> {
+    /// Takes a byte; gives a request that the state machine is to be asked about.
+    #[inline(never)]
+    fn byte(&mut self, byte: u8) -> Option<Request> {
+        match self.session.byte(byte)? {
+            Err(error) => self.session.reply(|out| report::line_error(out, &error)),
+            Ok(Request::Help(of)) => self.session.reply(|out| help(out, of)),
+            Ok(Request::Version) => self.session.reply(report::version),
+            Ok(request) => return Some(request),
+        }
+        None
+    }
+
+    /// Tells what the state machine answers to a request.
+    #[inline(never)]
+    fn answer(&mut self, request: Request, answer: Result<Reply, Refusal>, platform: &impl Platform) {
+        if let (Request::Compass(Command::CalStart(_)), Ok(_)) = (request, &answer) {
+            self.began = self.links.counts();
+        }
+        let health = self.health(platform);
+        self.session.reply(|out| match (answer, request) {
+            (Err(refusal), _) => report::refusal(out, &refusal, health.loss),
+            (Ok(_), Request::Reboot) => out.write_str("ok restarting\n"),
+            (Ok(Reply::Report(found)), Request::Status) => report::status(out, &found, &health),
+            (Ok(Reply::Report(found)), Request::Compass(command)) => report::changed(out, command, &found),
+            (Ok(Reply::Report(found)), _) => report::calibration(out, &found),
+            (Ok(done), _) => report::done(out, &done),
+        });
+    }
+
+    /// Tells how a solve has ended.
+    #[inline(never)]
+    fn outcome(&mut self, outcome: &Outcome) {
+        let loss = Loss::between(&self.began, &self.links.counts());
+        self.session.notice(|out| report::outcome(out, outcome, loss));
+    }
+
+    fn health(&self, platform: &impl Platform) -> Health {
+        let Estimate { attitude, heading, iron, .. } = self.links.estimates.try_get().unwrap_or(Estimate::NOTHING);
+        let counts = self.links.counts();
+        Health {
+            sensor: self.links.sensor.try_get().map(|found| found.identity),
+            attitude,
+            heading,
+            iron,
+            loss: Loss::between(&self.began, &counts),
+            counts,
+            reset: self.reset.clone(),
+            uptime_s: Instant::now().as_secs() as u32,
+            stack: platform.stack(),
+        }
     }
 }
 
@@ -102,25 +143,11 @@ async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
     links.replies.receive().await
 }
 
-fn health(links: &Links, reset: &ResetCause, platform: &impl Platform) -> Health {
-    let Estimate { attitude, heading, iron, .. } = links.estimates.try_get().unwrap_or(Estimate::NOTHING);
-    Health {
-        sensor: links.sensor.try_get().map(|found| found.identity),
-        attitude,
-        heading,
-        iron,
-        counts: links.counts(),
-        reset: reset.clone(),
-        uptime_s: Instant::now().as_secs() as u32,
-        stack: platform.stack(),
-    }
-}
-
-/// Sends what has been written; while it waits nothing else writes, so the copy loses nothing.
-async fn drain(output: &RefCell<Output>, tx: &mut impl Write) {
-    let waiting = core::mem::take(&mut *output.borrow_mut());
-    if !waiting.is_empty() {
+/// Sends what has been written.
+async fn drain(session: &mut Session, tx: &mut impl Write) {
+    if !session.output().is_empty() {
         // A terminal that takes nothing loses it: see `WRITE_PATIENCE`.
-        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(&waiting)).await;
+        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(session.output())).await;
+        session.sent();
     }
 }

@@ -70,6 +70,18 @@ pub struct Advice {
     pub assumed: Assumed,
 }
 
+impl Advice {
+    /// Whether what is advised makes the error to expect noticeably smaller: by a twentieth of it, and by 0.01 deg, the
+    /// last digit that is shown.
+    #[must_use]
+    pub fn gains(&self) -> bool {
+        self.with_it_deg <= NOTICEABLE * self.expected_deg && self.expected_deg - self.with_it_deg >= 0.01
+    }
+}
+
+/// What is left of an error that has become noticeably smaller.
+const NOTICEABLE: f32 = 0.95;
+
 /// What the samples leave to the assumptions about airframes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Assumed {
@@ -151,6 +163,25 @@ mod tests {
         assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), -25.0));
         assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), 40.0));
         assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), 0.0));
+    }
+
+    /// A twentieth of 0.4 deg is 0.02; of 0.1 deg only 0.005, which would not be seen.
+    #[test]
+    fn advice_that_gains_nothing_is_none() {
+        let gains = |expected_deg, with_it_deg| {
+            let advice = Advice {
+                weakest: Deviation::Constant,
+                weakest_deg: 0.1,
+                expected_deg,
+                manoeuvre: Manoeuvre::Level,
+                with_it_deg,
+                assumed: Assumed::default(),
+            };
+            advice.gains()
+        };
+        assert!(!gains(0.4, 0.4) && !gains(0.4, 0.381) && gains(0.4, 0.379));
+        assert!(!gains(0.1, 0.091) && gains(0.1, 0.089));
+        assert!(!gains(0.4, f32::NAN) && !gains(f32::NAN, 0.4));
     }
 
     /// A circle at 13 deg/s takes 27 s and gives 54 samples, two a second, of which correlation leaves 24.

@@ -95,7 +95,7 @@ impl fmt::Display for SolveError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooFewSamples { part, have, need } => {
-                write!(f, "{have} of {need} samples of {0}; more {0}", part.name())
+                write!(f, "{have} of {need} samples of {0}; {1} more {0}", part.name(), part.verb())
             }
             Self::TooFewHeadings { have, need } => {
                 write!(f, "{have} of {need} headings, 30 deg apart; turn through all of them")
@@ -104,7 +104,11 @@ impl fmt::Display for SolveError {
                 f.write_str("a sample is not a number; this is a fault of the firmware, please report it")
             }
             Self::AxisStuck { axis } => {
-                write!(f, "the sensor's {} axis keeps to one end; iron too near to it, or a broken chip", axis.name())
+                write!(
+                    f,
+                    "the sensor's {} axis is saturated or stuck; move it away from magnets, or replace it",
+                    axis.name()
+                )
             }
             Self::NotAnEllipse(part) => write!(f, "the {} are no full circle; go round", part.name()),
             Self::NotDetermined(part) => {
@@ -142,7 +146,12 @@ mod tests {
             (
                 SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 8, need: 12 },
                 "too-few-samples",
-                "8 of 12 samples of left turns; more left turns",
+                "8 of 12 samples of left turns; fly more left turns",
+            ),
+            (
+                SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 },
+                "too-few-samples",
+                "3 of 4 samples of marks; take more marks",
             ),
             (
                 SolveError::NotFinite,
@@ -157,7 +166,7 @@ mod tests {
             (
                 SolveError::AxisStuck { axis: Axis::Y },
                 "axis-stuck",
-                "the sensor's y axis keeps to one end; iron too near to it, or a broken chip",
+                "the sensor's y axis is saturated or stuck; move it away from magnets, or replace it",
             ),
             (
                 SolveError::NotAnEllipse(Part::Turns(Side::Right)),

@@ -33,6 +33,9 @@ pub enum Procedure {
 }
 
 impl Procedure {
+    /// All of them, in the order in which they are told.
+    pub const ALL: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
+
     /// The word typed after `cal start`.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -48,9 +51,7 @@ impl Procedure {
     /// The procedure of this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble]
-            .into_iter()
-            .find(|procedure| procedure.name() == name)
+        Self::ALL.into_iter().find(|procedure| procedure.name() == name)
     }
 }
 

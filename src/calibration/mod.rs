@@ -227,6 +227,11 @@ impl Part {
             Self::All => "all attitudes",
         }
     }
+
+    /// What is done for more of it.
+    const fn verb(self) -> &'static str {
+        if matches!(self, Self::Turns(_)) { "fly" } else { "take" }
+    }
 }
 
 impl<'a> Samples<'a> {

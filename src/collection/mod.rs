@@ -10,18 +10,21 @@
 mod circle;
 pub mod dataset;
 mod detector;
+mod flown;
 mod part;
 mod recent;
 mod spread;
 #[cfg(test)]
 mod testing;
 
+pub use flown::Lack;
 pub use recent::Recent;
 
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Mark, Sample, Samples, Side};
 use dataset::{Coverage, Dataset};
 use detector::Detector;
+use flown::Flown;
 
 /// Marks of a compass swing: one every 10 deg. 1 KB.
 pub const MARKS_CAPACITY: usize = 36;
@@ -50,6 +53,7 @@ pub struct Collector {
     marks: heapless::Vec<Mark, MARKS_CAPACITY>,
     /// Whether a turn has been flown since the collection began.
     turned: bool,
+    flown: Flown,
 }
 
 /// Progress of a collection, by part.
@@ -91,11 +95,13 @@ impl Collector {
             dataset: Dataset::new(),
             marks: heapless::Vec::new(),
             turned: false,
+            flown: Flown::NOTHING,
         }
     }
 
     /// Takes the next averaged sample.
     pub fn push(&mut self, sample: Sample) {
+        self.flown.push(&sample);
         match self.procedure {
             Procedure::Turns => self.push_flown(sample),
             Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
@@ -127,6 +133,13 @@ impl Collector {
         self.dataset.clear();
         self.marks.clear();
         self.turned = false;
+        self.flown = Flown::NOTHING;
+    }
+
+    /// Why samples are missing or show too little, as far as what was flown says it.
+    #[must_use]
+    pub fn lack(&self) -> Option<Lack> {
+        if self.procedure == Procedure::Turns { self.flown.lack(&self.progress()) } else { None }
     }
 
     /// How samples are collected.

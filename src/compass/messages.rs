@@ -53,6 +53,8 @@ pub enum Command {
     /// The vehicle stands at this magnetic heading, degrees: from now on that is what is shown there. None takes the
     /// offset away.
     Align(Option<f32>),
+    /// The same, however much it adds.
+    AlignSurely(f32),
     /// The module is about to be restarted, if nothing speaks against it.
     Restart,
 }
@@ -76,7 +78,8 @@ impl Command {
             | Self::CalAbort
             | Self::Report
             | Self::Set(_)
-            | Self::Align(_) => false,
+            | Self::Align(_)
+            | Self::AlignSurely(_) => false,
         }
     }
 }

@@ -28,6 +28,9 @@ use crate::time::WrappingMillis;
 // A complete part has as many held-back samples as verification asks for.
 const _: () = assert!(Policy::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
 
+/// A mounting within its right angle is off by at most this, degrees: more is likely to be a mistake.
+const MAX_ALIGN_DEG: f32 = 20.0;
+
 /// What runs now.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
@@ -215,7 +218,9 @@ impl Compass {
                 Phase::Collecting => self.phase = Phase::Idle,
                 _ => return Err(Refusal::NotCollecting),
             },
-            Command::CalSolve(method) => self.start_solving(method)?,
+            Command::CalSolve(method) => {
+                self.start_solving(method).map_err(|refusal| refusal.because(self.collector.lack()))?;
+            }
             Command::CalAdvise => {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
@@ -230,7 +235,8 @@ impl Compass {
                 let settings = self.settings.with(setting).map_err(Refusal::OutOfRange)?;
                 return Ok(self.save(Saving::Settings(settings)));
             }
-            Command::Align(heading_deg) => return self.align(heading_deg, now),
+            Command::Align(heading_deg) => return self.align(heading_deg, false, now),
+            Command::AlignSurely(heading_deg) => return self.align(Some(heading_deg), true, now),
             // Whoever asks does it.
             Command::Restart => {}
         }
@@ -264,17 +270,19 @@ impl Compass {
     }
 
     /// What is added to every heading, so that the one of now is the given one.
-    fn align(&mut self, heading_deg: Option<f32>, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let mut settings = self.settings;
-        settings.align_deg = 0.0;
+    fn align(&mut self, heading_deg: Option<f32>, is_sure: bool, now: WrappingMillis) -> Result<Effect, Refusal> {
+        let mut align_deg = 0.0;
         if let Some(heading_deg) = heading_deg {
             in_circle(heading_deg)?;
             let calibration = &self.in_use().ok_or(Refusal::NoCalibration)?.calibration;
             let steady = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
             let shown_rad = steady.attitude.level(calibration.apply(steady.field)).heading_rad();
-            settings.align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
+            align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
+            if align_deg.abs() > MAX_ALIGN_DEG && !is_sure {
+                return Err(Refusal::LargeAlignment { heading_deg, align_deg });
+            }
         }
-        Ok(self.save(Saving::Settings(settings)))
+        Ok(self.save(Saving::Settings(Settings { align_deg, ..self.settings })))
     }
 
     fn undo(&mut self) -> Result<Effect, Refusal> {
@@ -400,6 +408,7 @@ impl Compass {
 
     /// A solve has ended; the samples stay for another with other settings.
     fn end(&mut self, outcome: Outcome) -> Effect {
+        let outcome = outcome.map_err(|refusal| refusal.because(self.collector.lack()));
         self.phase = Phase::Idle;
         self.last = Some(outcome.clone());
         Effect::Notify(outcome)

@@ -3,9 +3,11 @@
 use core::fmt;
 
 use crate::acceptance::Rejection;
-use crate::calibration::SolveError;
+use crate::calibration::{Part, SolveError};
+use crate::collection::Lack;
 use crate::settings::OutOfRange;
 use crate::store::StoreError;
+use crate::wire::decimal::{AsTyped, Decimal};
 
 /// Why the module did not do what was asked or tried.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +30,22 @@ pub enum Refusal {
     NoCalibration,
     /// `cal solve` without samples.
     NoSamples,
+    /// There are no samples, or they are too few, or they show too little, for a reason that is known.
+    Lacking {
+        /// The code of the refusal without that reason.
+        code: &'static str,
+        /// The expected heading error, degrees RMS, if it came to that.
+        expected_rms_deg: Option<f32>,
+        /// The reason.
+        lack: Lack,
+    },
+    /// So large an alignment has to be asked for with `yes`.
+    LargeAlignment {
+        /// The heading that was given, degrees.
+        heading_deg: f32,
+        /// What would be added to every heading, degrees.
+        align_deg: f32,
+    },
     /// The magnetometer has not answered yet, so a calibration could not be tied to it.
     NoSensor,
     /// `cal undo` without a calibration before.
@@ -43,6 +61,45 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// The same with what was wrong with the flight, if that is known and may be the reason.
+    #[must_use]
+    pub fn because(self, lack: Option<Lack>) -> Self {
+        let Some(lack) = lack.filter(|lack| self.is_for_want_of_samples() || self.is_of_an_arc(*lack)) else {
+            return self;
+        };
+        let expected_rms_deg = match self {
+            Self::Rejected(Rejection::NotAccurate { expected_rms_deg }) => Some(expected_rms_deg),
+            _ => None,
+        };
+        Self::Lacking { code: self.code(), expected_rms_deg, lack }
+    }
+
+    /// Whether it is what an arc makes of the coefficients that it leaves open, and nothing to rely on.
+    const fn is_of_an_arc(&self, lack: Lack) -> bool {
+        use SolveError::{MountContradicted, NotConverged, TurnsReversed};
+        matches!(lack, Lack::Arc { .. })
+            && matches!(self, Self::Solve(NotConverged | TurnsReversed | MountContradicted { .. }))
+    }
+
+    /// Whether other samples, or more of them, might mend it.
+    #[must_use]
+    pub const fn is_for_want_of_samples(&self) -> bool {
+        match self {
+            Self::NoSamples | Self::Lacking { .. } => true,
+            Self::Solve(error) => matches!(
+                error,
+                SolveError::TooFewSamples { part: Part::Turns(_) | Part::All, .. }
+                    | SolveError::NotAnEllipse(_)
+                    | SolveError::NotDetermined(_)
+                    | SolveError::SamePlane
+            ),
+            Self::Rejected(rejection) => {
+                matches!(rejection, Rejection::TooFewHeldBack { .. } | Rejection::NotAccurate { .. })
+            }
+            _ => false,
+        }
+    }
+
     /// Stable code, kebab-case.
     #[must_use]
     pub fn code(&self) -> &'static str {
@@ -56,6 +113,8 @@ impl Refusal {
             Self::NotSolved => "not-solved",
             Self::NoCalibration => "no-calibration",
             Self::NoSamples => "no-samples",
+            Self::Lacking { code, .. } => code,
+            Self::LargeAlignment { .. } => "needs-word",
             Self::NoSensor => "no-sensor",
             Self::NothingToUndo => "nothing-to-undo",
             Self::OutOfRange(_) => "out-of-range",
@@ -79,6 +138,20 @@ impl fmt::Display for Refusal {
             Self::NotSolved => f.write_str("nothing was solved since the start; cal solve first"),
             Self::NoCalibration => f.write_str("there is no calibration in use; calibrate first"),
             Self::NoSamples => f.write_str("there are no samples; cal start, then fly left and right turns"),
+            Self::Lacking { expected_rms_deg, lack, .. } => {
+                if let Some(expected_rms_deg) = *expected_rms_deg {
+                    write!(f, "expected error {} deg; ", Decimal::<1>(expected_rms_deg))?;
+                }
+                lack.fmt(f)
+            }
+            Self::LargeAlignment { heading_deg, align_deg } => {
+                write!(f, "every heading would be turned by {} deg, ", Decimal::<1>(*align_deg))?;
+                write!(
+                    f,
+                    "which is more than a mounting is off; if it is right: set align {} yes",
+                    AsTyped(*heading_deg, 0)
+                )
+            }
             Self::NoSensor => f.write_str("the magnetometer has not answered; check its wiring, see status"),
             Self::NothingToUndo => f.write_str("there is no calibration before this one"),
             Self::OutOfRange(OutOfRange(range)) => f.write_str(range),

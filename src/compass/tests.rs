@@ -3,7 +3,8 @@
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-use crate::calibration::{Calibration, Orientation, Rates, SolveError};
+use crate::calibration::{Calibration, Orientation, Part, Rates, Side, SolveError};
+use crate::collection::Lack;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
 use crate::settings::{AttitudeError, HeadingKind, Setting};
@@ -209,6 +210,7 @@ fn a_solve_makes_busy_what_it_rests_on() {
         Command::CalUndo,
         Command::Align(Some(10.0)),
         Command::Align(None),
+        Command::AlignSurely(10.0),
         Command::Set(Setting::Mount(Orientation::NONE)),
         Command::Set(Setting::Inclination(Some(50.0))),
         Command::Set(Setting::AttitudeError(AttitudeError::DEFAULT)),
@@ -297,7 +299,7 @@ fn nothing_else_is_hindered_while_armed() {
     bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
     assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
     bed.stand(some_field(), 8);
-    assert!(bed.saved(Command::Align(Some(100.0))).is_ok());
+    assert!(bed.saved(Command::AlignSurely(100.0)).is_ok());
     assert!(bed.saved(Command::Align(None)).is_ok());
 }
 
@@ -379,15 +381,15 @@ fn what_cannot_be_solved_is_refused_with_the_solver_s_reason() {
     bed.done(Command::CalStart(Procedure::Turns));
     let Recorded { left, .. } = few_turns(&airframe(), 1);
     bed.fly(&Recorded { left, right: Vec::new() });
-    let Refusal::Solve(SolveError::TooFewSamples { have: 0, need: 12, .. }) = bed.refused(Command::CalSolve(None))
-    else {
-        panic!("one side is not enough")
-    };
+    // What was flown is the better reason.
+    let one_side = bed.refused(Command::CalSolve(None));
+    let lack = Lack::OneSide(Side::Left);
+    assert_eq!(one_side, Refusal::Lacking { code: "too-few-samples", expected_rms_deg: None, lack });
     // A method by name is taken, whatever the samples support, and a solve that fails is told when it has ended.
     bed.done(Command::CalSolve(Some(Method::Ellipsoid)));
     let end = bed.solve();
     let refused = bed.settle(end).unwrap_err();
-    assert!(matches!(refused, Refusal::Solve(_)), "{refused:?}");
+    assert_eq!(refused, Refusal::Lacking { code: "not-determined", expected_rms_deg: None, lack });
     assert_eq!(bed.report().last, Some(Err(refused)));
     assert_eq!(bed.compass.state(), State::Uncalibrated);
 }
@@ -576,6 +578,107 @@ fn alignment_takes_out_a_constant() {
     }
     bed.saved(Command::Align(None)).unwrap();
     assert!(bed.compass.settings().align_deg.abs() < f32::EPSILON);
+}
+
+/// More than a mounting is off, 20 deg either way, is likely to be a mistake: it is told what it would do, and waits to be
+/// asked for again.
+#[test]
+fn a_large_alignment_is_asked_for_twice() {
+    let calibration = record(1).calibration;
+    let mut bed = Bed::with(Policy::DEFAULT, Generations { current: Some(record(1)), previous: None });
+    let earth = Field::earth(48.0, 1.0, f32::to_radians(90.0));
+    let stand = |bed: &mut Bed| bed.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+    for (stands_at_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
+        stand(&mut bed);
+        bed.saved(Command::Align(Some(stands_at_deg))).unwrap();
+        assert!((bed.compass.settings().align_deg - align_deg).abs() < 0.01);
+    }
+    for (stands_at_deg, align_deg, words) in [
+        (110.5, 20.5, "every heading would be turned by 20.5 deg, "),
+        (69.5, -20.5, "every heading would be turned by -20.5 deg, "),
+        (271.0, -179.0, "every heading would be turned by -179.0 deg, "),
+    ] {
+        let before_deg = bed.compass.settings().align_deg;
+        stand(&mut bed);
+        let refused = bed.refused(Command::Align(Some(stands_at_deg)));
+        assert!(bed.compass.settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
+        let repeat = format!("; if it is right: set align {stands_at_deg} yes");
+        let said = refused.to_string();
+        assert!(refused.code() == "needs-word" && said.starts_with(words) && said.ends_with(&repeat), "{said}");
+        bed.saved(Command::AlignSurely(stands_at_deg)).unwrap();
+        assert!((bed.compass.settings().align_deg - align_deg).abs() < 0.01);
+    }
+    assert_eq!(bed.refused(Command::AlignSurely(360.5)).code(), "out-of-range");
+    bed.now = bed.now.wrapping_add(60_000);
+    assert_eq!(bed.refused(Command::AlignSurely(100.0)), Refusal::NotSteady);
+}
+
+/// What was wrong with the flight is said in place of what is missing for it, with the same code.
+#[test]
+fn a_refusal_says_what_was_wrong_with_the_flight() {
+    let mut bed = Bed::new();
+    bed.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bed.now = bed.now.wrapping_add(STEP_MS);
+    let hold = |bed: &mut Bed, roll_deg: f32, samples: usize| {
+        for _ in 0..samples {
+            bed.sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
+        }
+    };
+    hold(&mut bed, 6.0, 60);
+    let refused = bed.refused(Command::CalSolve(None));
+    assert_eq!(refused.code(), "no-samples");
+    assert_eq!(refused.to_string(), "too little bank, 6.0 deg at most; fly turns at 15 deg of bank or more each way");
+    hold(&mut bed, -25.0, 60);
+    let refused = bed.refused(Command::CalSolve(None));
+    assert_eq!(refused.code(), "too-few-samples");
+    assert_eq!(refused.to_string(), "only left turns were flown; fly right turns, too");
+    // Another collection, another flight.
+    bed.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+}
+
+/// Only what other samples might mend is blamed on the flight; the figure that was expected stays.
+#[test]
+fn a_lack_explains_refusals_for_want_of_samples_alone() {
+    let lack = Some(Lack::OneSide(Side::Left));
+    let too_few = SolveError::TooFewSamples { part: Part::Turns(Side::Right), have: 3, need: 12 };
+    for (refusal, code, words) in [
+        (Refusal::NoSamples, "no-samples", "only left turns"),
+        (Refusal::Solve(too_few), "too-few-samples", "only left turns"),
+        (Refusal::Solve(SolveError::SamePlane), "same-plane", "only left turns"),
+        (Refusal::Solve(SolveError::NotAnEllipse(Part::Turns(Side::Left))), "not-an-ellipse", "only left turns"),
+        (Refusal::Solve(SolveError::NotDetermined(Part::All)), "not-determined", "only left turns"),
+        (Refusal::Rejected(Rejection::TooFewHeldBack { have: 3, need: 8 }), "too-few-held-back", "only left turns"),
+        (
+            Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.26 }),
+            "not-accurate",
+            "expected error 4.3 deg; only left turns",
+        ),
+    ] {
+        assert_eq!(refusal.clone().because(None), refusal);
+        let explained = refusal.because(lack);
+        assert!(explained.code() == code && explained.to_string().starts_with(words), "{explained:?}: {explained}");
+    }
+    // What is found of an arc is nothing to act upon.
+    let found = Orientation::from_name("yaw90").unwrap();
+    for error in [SolveError::NotConverged, SolveError::TurnsReversed, SolveError::MountContradicted { found }] {
+        let arc = Lack::Arc { side: Side::Left, sectors: 2 };
+        let explained = Refusal::Solve(error).because(Some(arc));
+        assert_eq!(explained, Refusal::Lacking { code: error.code(), expected_rms_deg: None, lack: arc });
+        assert_eq!(Refusal::Solve(error).because(lack), Refusal::Solve(error));
+    }
+    let marks = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
+    for other in [
+        Refusal::Armed,
+        Refusal::NoSensor,
+        Refusal::Solve(marks),
+        Refusal::Solve(SolveError::TurnsReversed),
+        Refusal::Rejected(Rejection::NotBetter { candidate: 1.0, incumbent: 0.5 }),
+        Refusal::Store(StoreError::Full),
+    ] {
+        assert_eq!(other.clone().because(lack), other);
+    }
 }
 
 #[test]

@@ -10,25 +10,52 @@ pub struct Decimal<const DECIMALS: u32>(pub f32);
 
 impl<const DECIMALS: u32> fmt::Display for Decimal<DECIMALS> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !self.0.is_finite() {
-            return f.pad("-");
-        }
-        let scale = 10_u32.pow(DECIMALS);
-        let size = self.0.abs().min(2e6);
-        // What is left of the whole part is exact, and so the rounding is that of the number itself.
-        let whole = size as u32;
-        let fraction = ((size - whole as f32) * scale as f32 + 0.5) as u32;
-        let (whole, fraction) = if fraction < scale { (whole, fraction) } else { (whole + 1, 0) };
-        let sign = if self.0 < 0.0 && (whole, fraction) != (0, 0) { "-" } else { "" };
-        let mut text = heapless::String::<24>::new();
-        if DECIMALS == 0 {
-            fmt::write(&mut text, format_args!("{sign}{whole}"))?;
-        } else {
-            fmt::write(&mut text, format_args!("{sign}{whole}.{fraction:0width$}", width = DECIMALS as usize))?;
+        f.pad(&fixed(self.0, DECIMALS))
+    }
+}
+
+/// Shows a number with the decimals that it was typed with: as few as tell it from all others, but so many at least.
+///
+/// Of [`Decimal`]'s range; zeros at the end that were typed are not known any more.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AsTyped(pub f32, pub u32);
+
+impl fmt::Display for AsTyped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(value, mut decimals) = *self;
+        let mut text = fixed(value, decimals);
+        while decimals < MOST_DIGITS && parse(&text) != Some(value) {
+            decimals += 1;
+            text = fixed(value, decimals);
         }
         f.pad(&text)
     }
 }
+
+/// The text of a number with so many decimals. One function for all of them: each would be a copy in flash.
+#[inline(never)]
+fn fixed(value: f32, decimals: u32) -> heapless::String<24> {
+    let mut text = heapless::String::new();
+    let scale = 10_u32.pow(decimals.min(MOST_DIGITS));
+    let size = value.abs().min(2e6);
+    // What is left of the whole part is exact, and so the rounding is that of the number itself.
+    let whole = size as u32;
+    let fraction = ((size - whole as f32) * scale as f32 + 0.5) as u32;
+    let (whole, fraction) = if fraction < scale { (whole, fraction) } else { (whole + 1, 0) };
+    let sign = if value < 0.0 && (whole, fraction) != (0, 0) { "-" } else { "" };
+    // Sign, seven digits, point and decimals always fit.
+    let _ = if !value.is_finite() {
+        text.push('-').map_err(|_| fmt::Error)
+    } else if decimals == 0 {
+        fmt::write(&mut text, format_args!("{sign}{whole}"))
+    } else {
+        fmt::write(&mut text, format_args!("{sign}{whole}.{fraction:0width$}", width = decimals as usize))
+    };
+    text
+}
+
+/// Digits before the point, and after it, that are read.
+const MOST_DIGITS: u32 = 6;
 
 /// Reads a number such as `12`, `-3.75`, `+0.5` or `.5`: a sign, up to 6 digits, up to 6 decimals.
 ///
@@ -43,7 +70,8 @@ pub fn parse(text: &str) -> Option<f32> {
     let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
     let (whole, fraction) = digits.split_at(point);
     let fraction = fraction.get(1..).unwrap_or(&[]);
-    if whole.len() > 6 || fraction.len() > 6 || whole.len() + fraction.len() == 0 {
+    let most = MOST_DIGITS as usize;
+    if whole.len() > most || fraction.len() > most || whole.len() + fraction.len() == 0 {
         return None;
     }
     let number = |digits: &[u8]| {
@@ -69,6 +97,36 @@ mod tests {
         assert_eq!(Decimal::<0>(-12.5).to_string(), "-13");
         assert_eq!(format!("{:>7}", Decimal::<2>(1.5)), "   1.50");
         assert_eq!(Decimal::<0>(f32::MAX).to_string(), "2000000");
+    }
+
+    /// All digits that an `f32` has, and no more than were typed; the first argument says how many there are at least.
+    #[test]
+    fn what_was_typed_is_shown_as_it_was_typed() {
+        for (text, at_least) in [
+            ("-3.25", 0),
+            ("3.5", 1),
+            ("3.50", 2),
+            ("0.1", 1),
+            ("0.10", 2),
+            ("359.9999", 1),
+            ("0.000001", 1),
+            ("-11.3", 1),
+            ("179.999", 0),
+            ("7", 0),
+            ("0", 0),
+            ("-0.5", 0),
+        ] {
+            assert_eq!(AsTyped(parse(text).unwrap(), at_least).to_string(), text);
+        }
+        for (typed, shown) in [("+7.", "7.0"), (".5", "0.5"), ("1.500", "1.5"), ("-0", "0.0")] {
+            assert_eq!(AsTyped(parse(typed).unwrap(), 1).to_string(), shown);
+        }
+        assert_eq!(AsTyped(f32::NAN, 2).to_string(), "-");
+        assert_eq!(AsTyped(3e6, 0).to_string(), "2000000.000000");
+        for i in 0..40_000 {
+            let text = format!("{}.{:02}", i / 100, i % 100);
+            assert_eq!(AsTyped(parse(&text).unwrap(), 2).to_string(), text);
+        }
     }
 
     #[test]

@@ -3,8 +3,15 @@
 //! Random airframes, places, flights and instruments ([`trial`]); for each, many draws of the noise, solved by every
 //! method. What counts is the RMS heading error over that of the Cramer-Rao bound ([`bound`]), and whether the sigma of
 //! a heading is true.
+//!
+//! That is of turns alone, all samples of which are solved. Of whole flights ([`flights`]) of an aircraft ([`flight`]) the
+//! module keeps some ([`collected`]), and the bound is that of the best it could have kept ([`greedy`]).
 
 pub mod bound;
+pub mod collected;
+pub mod flight;
+pub mod flights;
+pub mod greedy;
 pub mod trial;
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy};
@@ -110,9 +117,7 @@ struct Tried {
 
 /// Errors over sigmas of headings after a flight with an attitude source that has what is considered, and nothing else.
 fn use_headings(trial: &Trial, draw: u64, consider: Consider) -> Vec<f64> {
-    let faults =
-        Faults { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) };
-    let (recorded, mut used) = trial.record(draw, faults);
+    let (recorded, mut used) = trial.record(draw, Faults::of(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
     (0..HEADINGS).filter_map(|_| trial.error_over_sigma(&solution, &mut used)).collect()
 }

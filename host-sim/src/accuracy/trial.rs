@@ -1,6 +1,6 @@
 //! One random airframe, the turns it flies, and what its module would record.
 
-use autoswing::calibration::{Calibration, Rates, Sample, Samples, Solution};
+use autoswing::calibration::{Calibration, Consider, Rates, Sample, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use autoswing::heading;
 use autoswing::time::WrappingMillis;
@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::random::{Purpose, Random};
 use crate::score::wrap_180;
+use crate::world::aircraft::Kind;
 use crate::world::rotation::Euler;
 
 /// Ranges that airframes, places and flights are drawn from.
@@ -61,6 +62,12 @@ impl Faults {
     /// None: noise alone.
     pub const NONE: Self = Self { bias_deg: 0.0, bank_scale: 0.0 };
 
+    /// Those that a solver considers.
+    #[must_use]
+    pub fn of(consider: Consider) -> Self {
+        Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
+    }
+
     fn draw(self, random: &mut Random) -> Source {
         Source {
             roll_bias_rad: (random.normal() * self.bias_deg).to_radians(),
@@ -90,7 +97,12 @@ pub struct Use {
 pub struct Instant {
     /// How the aircraft lay; the heading counts whole turns.
     pub euler: Euler,
-    time: WrappingMillis,
+    /// Size of the acceleration that an attitude source takes for tilt, metres per second squared.
+    pub push_m_s2: f64,
+    /// How fast roll and pitch changed, as far as the module is told.
+    pub rates: Rates,
+    /// When it was.
+    pub time: WrappingMillis,
 }
 
 impl Instant {
@@ -103,6 +115,8 @@ impl Instant {
                 pitch_rad: from.pitch_rad.midpoint(to.pitch_rad),
                 heading_rad: from.heading_rad.midpoint(to.heading_rad),
             },
+            push_m_s2: self.push_m_s2.midpoint(later.push_m_s2),
+            rates: self.rates,
             time: WrappingMillis::new(self.time.count() + later.time.since(self.time) / 2),
         }
     }
@@ -120,16 +134,53 @@ pub struct Trial {
     pub inclination_rad: f64,
     /// Of each axis of the sensor, in units of the total field.
     pub sensor_sigma: f64,
-    /// Of roll and of pitch.
+    /// Of roll and of pitch, while nothing pushes the aircraft about.
     pub attitude_sigma_rad: f64,
+    /// Where its headings are looked at.
+    pub envelope: Envelope,
     /// Left turns.
     pub left: Vec<Instant>,
     /// Right turns.
     pub right: Vec<Instant>,
 }
 
+/// Attitudes at which the heading of a calibration is looked at, each at twelve headings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Envelope {
+    /// Level and banked by 30 deg either way, at pitch zero: what turns by its bank.
+    Banked,
+    /// Level and tilted by 20 deg to each of eight sides: what tilts to move.
+    Tilted,
+}
+
+impl Envelope {
+    /// Tilt to a side, degrees.
+    const TILT_DEG: f64 = 20.0;
+
+    /// All of it.
+    pub fn attitudes(self) -> impl Iterator<Item = Euler> {
+        let tilts = match self {
+            Self::Banked => [-30.0, 0.0, 30.0].map(|bank_deg| [bank_deg, 0.0]).to_vec(),
+            Self::Tilted => std::iter::once([0.0; 2]).chain((0..8).map(tilted_to)).collect(),
+        };
+        tilts.into_iter().flat_map(|[roll_deg, pitch_deg]| {
+            (0..12).map(move |step| Euler::from_deg(roll_deg, pitch_deg, f64::from(step * 30)))
+        })
+    }
+}
+
+/// Roll and pitch of a tilt to one of eight sides, degrees.
+fn tilted_to(side: u8) -> [f64; 2] {
+    let (sin, cos) = (f64::from(side) * std::f64::consts::FRAC_PI_4).sin_cos();
+    [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
+}
+
 /// The total field in the module's units.
 const TOTAL_UT: f64 = 50.0;
+
+/// Error of roll and of pitch by an acceleration of 1 m/s^2, 1 sigma, degrees: as the simulated attitude source of a copter
+/// has it. What is not pushed about does not know of it.
+const PUSH_ERROR_DEG: f64 = Kind::Copter.push_error_deg();
 
 impl Trial {
     /// Draws airframe, place and flight.
@@ -151,9 +202,23 @@ impl Trial {
             inclination_rad,
             sensor_sigma: random.uniform(ranges.sensor_noise[0], ranges.sensor_noise[1]),
             attitude_sigma_rad: random.uniform(ranges.attitude_noise_deg[0], ranges.attitude_noise_deg[1]).to_radians(),
+            envelope: Envelope::Banked,
             left,
             right,
         }
+    }
+
+    /// The same airframe, place and instruments on another flight, of no side.
+    #[must_use]
+    pub fn flying(self, flight: Vec<Instant>, envelope: Envelope) -> Self {
+        Self { envelope, left: flight, right: Vec::new(), ..self }
+    }
+
+    /// Of roll and of pitch at an instant.
+    #[must_use]
+    pub fn attitude_sigma_rad(&self, instant: &Instant) -> f64 {
+        let by_push_rad = PUSH_ERROR_DEG.to_radians() * instant.push_m_s2;
+        self.attitude_sigma_rad.hypot(by_push_rad)
     }
 
     /// Every instant of the flight.
@@ -181,6 +246,16 @@ impl Trial {
         (Recorded { fit, held_back }, Use { source, random })
     }
 
+    /// A sample of every instant, and the noise of what the module measures thereafter: the `repetition`-th draw.
+    #[must_use]
+    pub fn record_all(&self, repetition: u64, faults: Faults) -> (Vec<Sample>, Use) {
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
+        let mut random = Random::new(seed, Purpose::Magnetometer);
+        let source = faults.draw(&mut random);
+        let samples = self.instants().map(|instant| self.sample(instant, source, &mut random)).collect();
+        (samples, Use { source, random })
+    }
+
     /// A heading at a random attitude, as the module would show it with a solution: its error over its sigma. `None`
     /// where it would show none.
     #[must_use]
@@ -191,7 +266,7 @@ impl Trial {
             roll_rad: random.uniform(-30.0, 30.0).to_radians(),
             pitch_rad: random.uniform(-10.0, 10.0).to_radians(),
         };
-        let instant = Instant { euler, time: WrappingMillis::default() };
+        let instant = Instant { euler, push_m_s2: 0.0, rates: Rates::NONE, time: WrappingMillis::default() };
         let Sample { field, attitude, .. } = self.sample(&instant, used.source, random);
         let config = heading::Config::DEFAULT;
         let shown = heading::heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
@@ -206,19 +281,21 @@ impl Trial {
             euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
             euler.pitch_rad + source.pitch_bias_rad,
         ];
-        let [roll_rad, pitch_rad] = told.map(|angle| (angle + random.normal() * self.attitude_sigma_rad) as f32);
+        let sigma_rad = self.attitude_sigma_rad(instant);
+        let [roll_rad, pitch_rad] = told.map(|angle| (angle + random.normal() * sigma_rad) as f32);
         Sample {
             field: Field::new((sensed * TOTAL_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
             time: instant.time,
-            rates: Rates::NONE,
+            rates: instant.rates,
         }
     }
 
     /// Heading errors of a calibration at exact field and attitude, degrees, over the envelope.
     #[must_use]
     pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f64> {
-        envelope()
+        self.envelope
+            .attitudes()
             .map(|euler| {
                 let sensed = (self.a * self.body(euler) + self.b) * TOTAL_UT;
                 let attitude = Attitude { roll_rad: euler.roll_rad as f32, pitch_rad: euler.pitch_rad as f32 };
@@ -227,13 +304,6 @@ impl Trial {
             })
             .collect()
     }
-}
-
-/// The envelope: twelve headings at each of three banks, at pitch zero.
-pub fn envelope() -> impl Iterator<Item = Euler> {
-    [-30.0, 0.0, 30.0]
-        .into_iter()
-        .flat_map(|bank_deg| (0..12).map(move |step| Euler::from_deg(bank_deg, 0.0, f64::from(step * 30))))
 }
 
 /// The instants half-way between each of these and the next.
@@ -255,7 +325,8 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<Instant> {
             // A coordinated turn at 22 m/s, as a small UAV flies.
             heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
             let pitch_rad = (2.0 + wander[1]).to_radians();
-            Instant { euler: Euler { roll_rad, pitch_rad, heading_rad }, time: WrappingMillis::new(i as u32 * 500) }
+            let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
+            Instant { euler, push_m_s2: 0.0, rates: Rates::NONE, time }
         })
         .collect()
 }
@@ -267,14 +338,22 @@ pub struct Recorded {
     held_back: Sides,
 }
 
-/// Samples of left and right turns.
+/// Samples of left and right turns, and of no side.
 #[derive(Clone, Debug)]
 struct Sides {
     left: Vec<Sample>,
     right: Vec<Sample>,
+    any: Vec<Sample>,
 }
 
 impl Recorded {
+    /// Samples of no side: to solve with, and to verify with.
+    #[must_use]
+    pub fn of_no_side(fit: Vec<Sample>, held_back: Vec<Sample>) -> Self {
+        let [fit, held_back] = [fit, held_back].map(|any| Sides { left: Vec::new(), right: Vec::new(), any });
+        Self { fit, held_back }
+    }
+
     /// Those to solve with.
     #[must_use]
     pub fn samples(&self) -> Samples<'_> {
@@ -292,17 +371,53 @@ impl Recorded {
 impl Sides {
     /// Samples left turns first.
     fn of(left: &[Instant], right: &[Instant], mut sample: impl FnMut(&Instant) -> Sample) -> Self {
-        Self { left: left.iter().map(&mut sample).collect(), right: right.iter().map(&mut sample).collect() }
+        let [left, right] = [left, right].map(|side| side.iter().map(&mut sample).collect());
+        Self { left, right, any: Vec::new() }
     }
 
     fn samples(&self) -> Samples<'_> {
-        Samples { left: &self.left, right: &self.right, ..Samples::default() }
+        Samples { left: &self.left, right: &self.right, any: [&self.any, &[], &[]], ..Samples::default() }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// All attitudes of an envelope are what it says: 20 deg from the vertical, whichever the side.
+    #[test]
+    fn a_tilt_is_the_same_to_all_sides() {
+        let mut directions = std::collections::BTreeSet::new();
+        for euler in Envelope::Tilted.attitudes().skip(12) {
+            let tilt_deg = (euler.roll_rad.cos() * euler.pitch_rad.cos()).acos().to_degrees();
+            assert!((tilt_deg - 20.0).abs() < 0.2, "{tilt_deg}");
+            directions.insert(euler.roll_rad.atan2(euler.pitch_rad).to_degrees().round() as i32);
+        }
+        assert_eq!(directions.len(), 8);
+        assert_eq!(Envelope::Tilted.attitudes().count(), 108);
+        assert!(Envelope::Banked.attitudes().all(|euler| euler.pitch_rad.abs() < 1e-9));
+    }
+
+    /// 2.6 m/s^2 make 1.04 deg, which add to the noise of 0.2 to 1 deg as squares do; 2,000 samples know it to 2 %.
+    #[test]
+    fn attitude_is_worse_while_it_is_pushed_about() {
+        let instant = |push_m_s2| Instant {
+            euler: Euler::from_deg(3.0, -4.0, 100.0),
+            push_m_s2,
+            rates: Rates::from_rad_s([0.1, -0.2, 0.3]),
+            time: WrappingMillis::new(7),
+        };
+        let trial = Trial::draw(&Ranges::HARSH, 3);
+        for (push_m_s2, by_push_deg) in [(0.0, 0.0), (2.6, 1.04)] {
+            let trial = trial.clone().flying(vec![instant(push_m_s2); 2000], Envelope::Tilted);
+            let (samples, _) = trial.record_all(0, Faults::NONE);
+            let squares = samples.iter().map(|s| f64::from(s.attitude.roll_rad.to_degrees() - 3.0).powi(2));
+            let sigma_deg = (squares.sum::<f64>() / 2000.0).sqrt();
+            let expected_deg = trial.attitude_sigma_rad.to_degrees().hypot(by_push_deg);
+            assert!((sigma_deg / expected_deg - 1.0).abs() < 0.06, "{sigma_deg} for {expected_deg}");
+            assert!(samples.iter().all(|s| s.rates == Rates::from_rad_s([0.1, -0.2, 0.3]) && s.time.count() == 7));
+        }
+    }
 
     /// Not fitted, of the same flight: in time half-way between those of the fit, and of the field what noise of 1 % of
     /// 50 uT and half a second of a turn (at 45 deg of bank 13 deg of heading) leave.

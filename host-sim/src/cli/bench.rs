@@ -1,4 +1,4 @@
-//! `host-sim bench accuracy`, `host-sim bench speed` and `host-sim bench budget`.
+//! `host-sim bench speed` and `host-sim bench budget`.
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -6,71 +6,13 @@ use std::time::Instant;
 use autoswing::calibration::{Method, Prior, Samples, solve};
 use comfy_table::{Table, presets};
 use host_sim::accuracy::trial::{Faults, Ranges, Trial};
-use host_sim::accuracy::{self, Outcome, Plan};
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
 use host_sim::world::WorldConfig;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::print::{right_aligned, rounded};
-use super::{Accuracy, Budget, Failure, Speed};
-
-pub fn accuracy(options: &Accuracy) -> Result<ExitCode, Failure> {
-    let plan = Plan { airframes: options.airframes, draws: options.draws, seed: options.seed };
-    let bar = ProgressBar::new(plan.airframes);
-    if let Ok(style) = ProgressStyle::with_template("airframes {bar:40} {pos}/{len} {eta}") {
-        bar.set_style(style);
-    }
-    let outcome = accuracy::run(plan, &|| bar.inc(1));
-    bar.finish_and_clear();
-    if options.json {
-        let mut value = serde_json::to_value(&outcome).map_err(|e| Failure(e.to_string()))?;
-        value["airframes"] = json!(plan.airframes);
-        value["draws"] = json!(plan.draws);
-        value["seed"] = json!(plan.seed);
-        println!("{value}");
-    } else {
-        show(plan, &outcome);
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-fn show(plan: Plan, outcome: &Outcome) {
-    println!(
-        "{} airframes, {} flights of each; bound {:.3} deg rms at the median",
-        plan.airframes, plan.draws, outcome.bound_median_deg
-    );
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(
-        ["method", "rms/bound median", "worst decile", "rms median", "converged", "accepted", "wrong"]
-            .map(right_aligned),
-    );
-    for method in &outcome.methods {
-        table.add_row(
-            [
-                method.method.to_owned(),
-                format!("{:.3}", method.ratio_median),
-                format!("{:.3}", method.ratio_worst_decile),
-                format!("{:.3} deg", method.rms_median_deg),
-                format!("{:.1} %", method.converged_percent),
-                format!("{:.1} %", method.accepted_percent),
-                format!("{}", method.wrong),
-            ]
-            .map(right_aligned),
-        );
-    }
-    println!("{table}");
-    for (source, coverage) in
-        [("noise alone", outcome.coverage), ("noise, bias and bank scale", outcome.coverage_with_faults)]
-    {
-        println!(
-            "errors within 1 and 2 sigma, attitude with {source}: {:.1} % and {:.1} % of {} headings",
-            coverage.one_sigma_percent, coverage.two_sigma_percent, coverage.headings
-        );
-    }
-}
+use super::{Budget, Failure, Speed};
 
 /// `host-sim bench budget`.
 pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {

@@ -12,6 +12,7 @@ use host_sim::rig::Rig;
 use host_sim::score::{Errors, Figures};
 use host_sim::transcript::Notice;
 use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::Kind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
@@ -35,8 +36,18 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     emulator.take_failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
 }
 
+/// `--aircraft` names a kind; before there was more than one it named the iron, and still does.
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {
-    WorldConfig::named(&options.aircraft, options.seed).map_err(|error| Failure(error.to_string()))
+    let named = |iron: &str| WorldConfig::named(iron, options.seed).map_err(|error| Failure(error.to_string()));
+    let world = match (Kind::from_name(&options.aircraft), &options.airframe) {
+        (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.carried_by(kind),
+        (None, None) => named(&options.aircraft)?,
+        (None, Some(_)) => {
+            let kinds = Kind::ALL.map(Kind::name).join(", ");
+            return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
+        }
+    };
+    Ok(if options.current > 0.0 { world.with_current(options.current) } else { world })
 }
 
 /// Prints what came of it and writes the report.
@@ -104,6 +115,7 @@ fn summary(flown: &Flown) -> Value {
         "after": shown.map(|_| after),
         "streamed": flown.streamed,
         "duration_s": flown.duration_s,
+        "aircraft": flown.world.aircraft.kind.name(),
         "seed": flown.world.seed,
     })
 }
@@ -117,7 +129,7 @@ fn show(options: &Fly, flown: &Flown) {
     match &flown.result {
         Ok(shown) => {
             println!(
-                "calibrated by {}: expected error {:.2} deg rms, {:.2} at worst; actual {}",
+                "calibrated by {}: expected error {:.2} deg rms, sigma {:.2} at the worst heading; actual {}",
                 shown.method,
                 shown.expected_rms_deg,
                 shown.expected_worst_deg,
@@ -154,4 +166,40 @@ fn errors_table(before: &Errors, after: &Errors) -> Table {
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    fn asked(arguments: &[&str]) -> Result<WorldConfig, String> {
+        let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
+        world(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(why)| why)
+    }
+
+    #[test]
+    fn an_aircraft_is_a_kind_or_as_ever_the_iron_of_an_aeroplane() {
+        assert_eq!(asked(&[]), Ok(WorldConfig::table1(1)));
+        assert_eq!(asked(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
+        assert_eq!(asked(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
+        for kind in Kind::ALL {
+            assert_eq!(asked(&["--aircraft", kind.name()]), Ok(WorldConfig::table1(1).carried_by(kind)));
+            let random = asked(&["--aircraft", kind.name(), "--airframe", "random", "--seed", "3"]);
+            assert_eq!(random, Ok(WorldConfig::random(3).carried_by(kind)));
+        }
+        let current = asked(&["--aircraft", "copter", "--current", "12"]);
+        assert_eq!(current, Ok(WorldConfig::table1(1).carried_by(Kind::Copter).with_current(12.0)));
+    }
+
+    #[test]
+    fn what_is_no_aircraft_is_told_with_what_there_is() {
+        let both = asked(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
+        assert!(both.contains("plane, copter, vtol, rover, boat"), "{both}");
+        let none = asked(&["--aircraft", "zeppelin"]).unwrap_err();
+        assert!(none.starts_with("zeppelin: ") && none.contains("`copter`") && none.contains("`table1`"), "{none}");
+        assert!(asked(&["--current", "-1"]).is_err() && asked(&["--current", "201"]).is_err());
+    }
 }

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use comfy_table::{Table, presets};
 use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
+use host_sim::world::aircraft::Kind;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print::right_aligned;
@@ -11,13 +12,14 @@ use super::{Failure, Integrity, SourceArgument};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     if options.cases.iter().any(|name| name == "list") {
-        list();
+        list(options.aircraft.into());
         return Ok(ExitCode::SUCCESS);
     }
-    let cases = chosen(&options.cases)?;
+    let cases = chosen(&options.cases, options.aircraft.into())?;
     // The simulated autopilot speaks nothing else yet.
     let SourceArgument::Mavlink = options.source;
-    let plan = Plan { flights: options.flights, seed: options.seed, heading: options.heading.into() };
+    let (heading, aircraft) = (options.heading.into(), options.aircraft.into());
+    let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft };
     let bar = ProgressBar::new(integrity::flights(plan, &cases));
     if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
         bar.set_style(style);
@@ -32,20 +34,22 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
+fn chosen(names: &[String], aircraft: Kind) -> Result<Vec<&'static Case>, Failure> {
     if names.is_empty() {
-        return Ok(CASES.iter().collect());
+        return Ok(CASES.iter().filter(|case| case.is_for(aircraft)).collect());
     }
-    let of =
-        |name: &String| case::named(name).ok_or_else(|| Failure(format!("no case {name}; --case list shows them")));
+    let of = |name: &String| {
+        let case = case::named(name).filter(|case| case.is_for(aircraft));
+        case.ok_or_else(|| Failure(format!("no case {name} of a {}; --case list shows them", aircraft.name())))
+    };
     names.iter().map(of).collect()
 }
 
-fn list() {
+fn list(aircraft: Kind) {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(["case", "what is wrong"]);
-    for case in CASES {
+    for case in CASES.iter().filter(|case| case.is_for(aircraft)) {
         table.add_row([case.name, case.says]);
     }
     println!("{table}");

@@ -1,5 +1,6 @@
 //! Commands, their options, and how they end.
 
+mod accuracy;
 mod bench;
 mod fly;
 mod integrity;
@@ -27,7 +28,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading (the default)
+    /// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default)
     Fly(Fly),
     /// The same with the firmware as ARM code, in QEMU
     Emulate(Emulate),
@@ -71,8 +72,22 @@ struct Table1 {
 /// Soft iron to 30 %, hard iron to 3 times the horizontal field, mounting to 20 deg, inclination -70 to 75 deg, turns
 /// at 15 to 45 deg of bank that wander by 2 deg, 192 samples a side, sensor noise 0.3 to 1 %, attitude noise 0.2 to 1
 /// deg. The bound has heading, roll and pitch of every sample among its unknowns. 500 airframes take about two minutes.
+///
+/// Of a copter or a VTOL, or with --pattern or --minutes, whole flights are flown, ten samples a second, of which the module
+/// keeps what it can; the attitude noise grows by 0.4 deg for each m/s^2 of acceleration. The bound is then that of as many
+/// readings, the best of the flight, chosen afterwards (greedy, D-optimal); the errors are those level and at 20 deg of
+/// tilt to eight sides, of an aeroplane level and at 30 deg of bank.
 #[derive(Args)]
 struct Accuracy {
+    /// What flies
+    #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
+    aircraft: AircraftArgument,
+    /// What is flown, or these, one row each [default: all three; of an aeroplane turns alone, all of them solved]
+    #[arg(long = "pattern", value_enum, value_name = "routine|mirrored|wandering")]
+    patterns: Vec<PatternArgument>,
+    /// How long a flight is [default: 3]
+    #[arg(long, value_name = "MINUTES", value_parser = minutes)]
+    minutes: Option<f64>,
     /// Airframes
     #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     airframes: u64,
@@ -87,6 +102,42 @@ struct Accuracy {
     json: bool,
 }
 
+/// What flies in a study.
+#[derive(Clone, Copy, ValueEnum)]
+enum AircraftArgument {
+    Plane,
+    Copter,
+    Vtol,
+}
+
+impl From<AircraftArgument> for host_sim::world::aircraft::Kind {
+    fn from(argument: AircraftArgument) -> Self {
+        match argument {
+            AircraftArgument::Plane => Self::Plane,
+            AircraftArgument::Copter => Self::Copter,
+            AircraftArgument::Vtol => Self::Vtol,
+        }
+    }
+}
+
+/// What is flown in a study.
+#[derive(Clone, Copy, ValueEnum)]
+enum PatternArgument {
+    Routine,
+    Mirrored,
+    Wandering,
+}
+
+impl From<PatternArgument> for host_sim::accuracy::flight::Pattern {
+    fn from(argument: PatternArgument) -> Self {
+        match argument {
+            PatternArgument::Routine => Self::Routine,
+            PatternArgument::Mirrored => Self::Mirrored,
+            PatternArgument::Wandering => Self::Wandering,
+        }
+    }
+}
+
 /// Faults in flight and while calibrating: how much of what is sent as good is not.
 ///
 /// Random airframes at random places calibrate and fly on for three minutes with the firmware's own tasks; something is
@@ -96,6 +147,9 @@ struct Accuracy {
 /// flights of every case take some five minutes on two cores.
 #[derive(Args)]
 struct Integrity {
+    /// What flies: a copter or a VTOL calibrates by its routine, and is turned and pushed about in hover
+    #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
+    aircraft: AircraftArgument,
     /// Flights of each case; of the flight of ten hours one
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     flights: u64,
@@ -209,24 +263,32 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
     }
 }
 
-/// Take off uncalibrated, fly left and right turns, calibrate, restart, fly on with a right heading.
+/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading.
 ///
-/// The table compares heading errors before and after the calibration at twelve headings in level flight and in turns,
-/// with exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown
-/// apart.
+/// The routine is what a person flies, drives or steers by hand with such a vehicle; all of them are listed below. The
+/// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
+/// exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown apart.
 #[derive(Args)]
+#[command(after_long_help = format!("Routines, none longer than three minutes:\n\n{}", host_sim::routine::all_words()))]
 struct Fly {
-    /// Seed of weather, noise and, for `random`, of the airframe and the place
+    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-    /// Iron of the airframe: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe
-    /// file such as host-sim/airframes/example.toml
-    #[arg(long, default_value = "table1", value_name = "table1|random|FILE")]
+    /// What flies: `plane`, `copter`, `vtol`, `rover` or `boat`; or an aeroplane with the iron that --airframe would name
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
     aircraft: String,
-    /// Bank in the calibration turns, degrees
+    /// Iron of it: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe file such as
+    /// host-sim/airframes/example.toml [default: table1]
+    #[arg(long, value_name = "table1|random|FILE")]
+    airframe: Option<String>,
+    /// Iron by current: what the motors add in hover, in level flight or on the flat, microtesla; it follows their
+    /// current
+    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
+    current: f64,
+    /// Bank in an aeroplane's calibration turns, degrees
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = bank)]
     bank: f64,
-    /// Full circles each way
+    /// An aeroplane's full circles each way
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
     /// Folder for the pictures and the page of the mission [default: report; none with --json]
@@ -274,6 +336,14 @@ fn inclination(text: &str) -> Result<f64, String> {
     within(text, -90.0, 90.0)
 }
 
+fn minutes(text: &str) -> Result<f64, String> {
+    within(text, 1.0, 120.0)
+}
+
+fn current(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 200.0)
+}
+
 fn circles(text: &str) -> Result<f64, String> {
     within(text, 0.0, 100.0)
 }
@@ -294,7 +364,7 @@ pub fn run() -> ExitCode {
         Command::Emulate(options) => fly::emulate(&options),
         Command::Table1(options) => table1::run(&options),
         Command::Replay(options) => replay::run(&options),
-        Command::Bench(Bench::Accuracy(options)) => bench::accuracy(&options),
+        Command::Bench(Bench::Accuracy(options)) => accuracy::run(&options),
         Command::Bench(Bench::Budget(options)) => bench::budget(&options),
         Command::Bench(Bench::Integrity(options)) => integrity::run(&options),
         Command::Bench(Bench::Speed(options)) => Ok(bench::speed(&options)),

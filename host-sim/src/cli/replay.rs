@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use autoswing::calibration::{Latency, Solution};
+use autoswing::compass::Refusal;
 use autoswing::heading::NoHeading;
 use comfy_table::{Table, presets};
 use host_sim::replay::recording::{self, Row};
@@ -36,21 +37,21 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     Ok(if replayed.accepted.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Code and words of a refusal.
-fn reason(refused: &Refused) -> (&'static str, String) {
-    match refused {
-        Refused::Solve(error) => (error.code(), error.to_string()),
-        Refused::Rejected(rejection) => (rejection.code(), rejection.to_string()),
-    }
+/// The refusal as the module would tell it.
+fn refusal(replayed: &Replayed) -> Option<Refusal> {
+    let refusal = match replayed.accepted.as_ref().err()? {
+        Refused::Solve(error) => Refusal::Solve(*error),
+        Refused::Rejected(rejection) => Refusal::Rejected(*rejection),
+    };
+    Some(refusal.because(replayed.lack))
 }
 
 fn summary(rows: &[Row], replayed: &Replayed) -> Value {
-    let refusal = replayed.accepted.as_ref().err().map(reason);
     let solution = replayed.solution.as_ref();
     let rms = |score: &Option<Score>| score.map(|s| rounded(s.rms_deg, 3));
     json!({
         "accepted": replayed.accepted.is_ok(),
-        "refusal": refusal.map(|(code, words)| json!({ "code": code, "words": words })),
+        "refusal": refusal(replayed).map(|r| json!({ "code": r.code(), "words": r.to_string() })),
         "method": solution.map(|s| s.quality.method.name()),
         "coefficients": solution.map(|s| coefficients(&s.calibration)),
         "inclination_deg": solution.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
@@ -83,13 +84,12 @@ fn latency(solution: Option<&Solution>) -> Option<Latency> {
 
 fn show(rows: &[Row], replayed: &Replayed) {
     println!("{} rows, {} samples fitted to", rows.len(), replayed.samples);
-    if let Err(refused) = &replayed.accepted {
-        let (code, words) = reason(refused);
-        println!("the module would refuse: {code}: {words}");
+    if let Some(refusal) = refusal(replayed) {
+        println!("the module would refuse: {}: {refusal}", refusal.code());
     }
     let Some(solution) = &replayed.solution else { return };
     println!(
-        "solved by {}: expected error {:.2} deg rms, {:.2} at worst; inclination {:.1} deg",
+        "solved by {}: expected error {:.2} deg rms, sigma {:.2} deg at the worst heading; inclination {:.1} deg",
         solution.quality.method.name(),
         solution.quality.expected_rms_deg,
         solution.quality.expected_worst_deg,

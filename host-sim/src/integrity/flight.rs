@@ -4,8 +4,9 @@ use autoswing::calibration::Calibration;
 use autoswing::settings::HeadingKind;
 use nalgebra::Vector3;
 
-use super::case::{Case, Drawn, LEVEL_AT_S, Onset, TURNING_AT_S};
+use super::case::{Case, Drawn, Onset};
 use super::tally::{Judged, Tally};
+use super::usage;
 use crate::module::{Module, Ran};
 use crate::nmea::{Reader, Received};
 use crate::random::{Purpose, Random};
@@ -13,6 +14,7 @@ use crate::rig::Rig;
 use crate::score::{Errors, wrap_180};
 use crate::transcript::{self, Notice};
 use crate::world::WorldConfig;
+use crate::world::aircraft::Kind;
 use crate::world::autopilot::Leg;
 
 /// An accepted calibration.
@@ -60,10 +62,10 @@ const SENTENCE_S: f64 = 0.1;
 /// From the end of the turns until the module must have said how its solve ended, seconds.
 const PATIENCE_S: f64 = 10.0;
 
-/// Flies the flight of a seed; the pilot chooses which heading is sent.
+/// Flies the flight of a seed with such an aircraft; the pilot chooses which heading is sent.
 #[must_use]
-pub fn fly(case: &Case, seed: u64, heading: HeadingKind) -> Flown {
-    let Drawn { world, plan, faults, switch, onset, use_s } = case.draw(seed);
+pub fn fly(case: &Case, seed: u64, heading: HeadingKind, aircraft: Kind) -> Flown {
+    let Drawn { world, routine, faults, switch, onset, use_s } = case.draw(seed, aircraft);
     let fields = faults.field.clone();
     let mut rig = Rig::with_faults(world, faults);
     rig.world.set_armed(true);
@@ -72,12 +74,12 @@ pub fn fly(case: &Case, seed: u64, heading: HeadingKind) -> Flown {
     }
     rig.run_for_s(2.0);
     rig.type_line(&format!("stream heading {}", heading.name()));
-    rig.type_line("cal start");
+    rig.type_line(routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
-    let calibration = calibrate(&mut rig, plan.bank_deg, plan.circles);
+    let calibration = calibrate(&mut rig, &routine.legs());
     let calibrated = calibration.map(|(shown, at_us)| Calibrated {
         expected_deg: shown.expected_rms_deg,
         true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
@@ -125,10 +127,10 @@ fn later_us(from_us: u64, by_s: f64) -> u64 {
     from_us.saturating_add((by_s * 1e6) as u64)
 }
 
-/// Turns to the right, then to the left, until the module says how its solve ended; and when it said so.
-fn calibrate(rig: &mut Rig, bank_deg: f64, circles: f64) -> Result<(transcript::Shown, u64), String> {
-    for sign in [1.0, -1.0] {
-        rig.world.fly(Leg::Turn { bank_deg, heading_change_deg: sign * 360.0 * circles });
+/// Flies the routine until the module says how its solve ended; and when it said so.
+fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::Shown, u64), String> {
+    for &leg in legs {
+        rig.world.fly(leg);
     }
     let mut session = String::new();
     let mut waited_s = 0.0;
@@ -176,22 +178,21 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f6
     Errors::of(calibration, &now).figures().rms_deg
 }
 
-/// Flies legs for a time: straight, a full circle, then what the seed draws; every sentence is judged.
+/// Flies legs for a time, every sentence of which is judged.
 fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judged)) {
     let mut random = Random::new(seed, Purpose::Legs);
     let end_us = later_us(rig.now_us(), use_s);
-    rig.world
-        .fly(Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: LEVEL_AT_S.midpoint(TURNING_AT_S) });
-    rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 });
+    let kind = rig.world.config().aircraft.kind;
+    for leg in usage::first(kind, &mut random) {
+        rig.world.fly(leg);
+    }
     let mut reader = Reader::default();
     let _ = rig.autopilot.receive();
     while rig.now_us() < end_us {
         if rig.world.legs_left() < 2 {
-            rig.world
-                .fly(Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(15.0, 30.0) });
-            let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-            let heading_change_deg = side * random.uniform(180.0, 360.0);
-            rig.world.fly(Leg::Turn { bank_deg: random.uniform(15.0, 35.0), heading_change_deg });
+            for leg in usage::next(kind, &mut random) {
+                rig.world.fly(leg);
+            }
         }
         if rig.run_for_s(PIECE_S) != Ran::Time {
             return;

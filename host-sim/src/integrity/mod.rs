@@ -7,6 +7,7 @@
 pub mod case;
 pub mod flight;
 mod tally;
+mod usage;
 
 use autoswing::settings::HeadingKind;
 use rayon::prelude::*;
@@ -17,6 +18,8 @@ pub use tally::Tally;
 
 use flight::{Calibrated, Flown, IronError};
 
+use crate::world::aircraft::Kind;
+
 /// How large a run is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
@@ -26,6 +29,8 @@ pub struct Plan {
     pub seed: u64,
     /// Which heading the pilot has sent.
     pub heading: HeadingKind,
+    /// What flies.
+    pub aircraft: Kind,
 }
 
 /// What came of all flights of a case.
@@ -84,7 +89,7 @@ pub fn run(plan: Plan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Ve
     let all: Vec<(usize, Flown)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
-            let one = (i, flight::fly(cases[i], seed, plan.heading));
+            let one = (i, flight::fly(cases[i], seed, plan.heading, plan.aircraft));
             flown();
             one
         })

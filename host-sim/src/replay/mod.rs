@@ -10,7 +10,7 @@ use autoswing::calibration::{
     Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
-use autoswing::collection::{self, Collector};
+use autoswing::collection::{self, Collector, Lack};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
@@ -97,6 +97,8 @@ pub struct Replayed {
     pub solution: Option<Solution>,
     /// Whether the module would have taken it.
     pub accepted: Result<(), Refused>,
+    /// What was wrong with the flight, where turns were selected and that can be said.
+    pub lack: Option<Lack>,
     /// Samples that were fitted to.
     pub samples: usize,
     /// A heading for each row; none without a solution.
@@ -119,7 +121,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         readings_per_sample: config.readings_per_sample(),
     };
     let usable = fitted(rows, options, config);
-    let (result, samples) = match options.selected {
+    let (result, samples, lack) = match options.selected {
         Selected::All => from_all(&usable, &prior),
         Selected::Turns => from_turns(&usable, &prior),
     };
@@ -135,7 +137,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(Shown::sent_deg));
-    Replayed { solution, accepted, samples, shown, score: raw, smooth, uncorrected }
+    Replayed { solution, accepted, lack, samples, shown, score: raw, smooth, uncorrected }
 }
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
@@ -174,7 +176,7 @@ fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
 type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 
 /// Through the device's collection, ladder and verification.
-fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
+fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize, Option<Lack>) {
     let mut collector = Collector::new();
     for &sample in samples {
         collector.push(sample);
@@ -184,11 +186,11 @@ fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     let solved = ladder::choose(collector.fit(), Procedure::Turns)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
-    (solved, fit.all().count())
+    (solved, fit.all().count(), collector.lack())
 }
 
 /// Every so many samples one is fitted to, and the ones half-way between are held back.
-fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
+fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize, Option<Lack>) {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -199,7 +201,7 @@ fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize) {
     let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
     let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
         .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
-    (solved, number)
+    (solved, number, None)
 }
 
 /// Samples by the side they bank to.

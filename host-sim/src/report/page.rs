@@ -30,7 +30,7 @@ fn body(html: &mut String, flown: &Flown, ellipses: &str, errors: &str) -> std::
     writeln!(html, "<h2>Heading error</h2>\n{errors}")?;
     writeln!(
         html,
-        "<h2>Field in the turns, levelled</h2>\n<p>An uncalibrated compass sees ellipses off the centre; what the \
+        "<h2>Field in the routine, levelled</h2>\n<p>An uncalibrated compass sees ellipses off the centre; what the \
          calibration makes of them is the Earth's field, one circle.</p>\n{ellipses}"
     )?;
     errors_table(html, flown)?;

@@ -5,10 +5,12 @@ use std::path::Path;
 
 use serde::Deserialize;
 
+use super::aircraft::Kind;
 use super::airframe::{Airframe, Description};
 use super::earth::Earth;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
+use crate::random::{Purpose, Random};
 
 /// Everything about a world. The same settings and seed give the same world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +27,9 @@ pub struct WorldConfig {
     pub weather: Weather,
     /// How good the attitude is.
     pub attitude_source: attitude_source::Config,
+    /// Iron by current: what the motors add in the chip's axes in level flight, in hover, or on the flat, microtesla.
+    /// It follows their current. See [`World::set_current_ut`](super::World::set_current_ut).
+    pub current_ut: [f64; 3],
 }
 
 /// The file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`.
@@ -71,7 +76,8 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unreadable { path, reason } => {
-                write!(f, "{path}: {reason} (expected `table1`, `random` or an airframe file)")
+                let kinds = Kind::ALL.map(Kind::name).join("`, `");
+                write!(f, "{path}: {reason} (expected `{kinds}`, `table1`, `random` or an airframe file)")
             }
             Self::Format(message) => f.write_str(message.trim_end()),
             Self::OutOfRange { setting, value, min, max } => {
@@ -135,6 +141,7 @@ impl WorldConfig {
             aircraft: file.aircraft,
             weather: file.weather,
             attitude_source: file.attitude_source,
+            current_ut: [0.0; 3],
         };
         config.validate()?;
         Ok(config)
@@ -150,7 +157,26 @@ impl WorldConfig {
             aircraft: aircraft::Config::default(),
             weather: Weather::default(),
             attitude_source: attitude_source::Config::default(),
+            current_ut: [0.0; 3],
         }
+    }
+
+    /// The same around a vehicle of another kind, with an attitude source as such a vehicle has one.
+    #[must_use]
+    pub fn carried_by(self, kind: Kind) -> Self {
+        if kind == self.aircraft.kind {
+            return self;
+        }
+        let aircraft = aircraft::Config { kind, ..self.aircraft };
+        let push_error_deg = kind.push_error_deg();
+        Self { aircraft, attitude_source: attitude_source::Config { push_error_deg, ..self.attitude_source }, ..self }
+    }
+
+    /// The same with iron by current of so many microtesla, in a direction that the seed chooses.
+    #[must_use]
+    pub fn with_current(self, size_ut: f64) -> Self {
+        let current_ut = Random::new(self.seed, Purpose::Current).direction() * size_ut;
+        Self { current_ut: current_ut.into(), ..self }
     }
 
     /// Checks that every number makes sense, infinities and not-a-numbers included.
@@ -171,6 +197,7 @@ impl WorldConfig {
             // Nearer to a pole nothing horizontal is left to steer by.
             ("earth.inclination_deg", earth.inclination_deg, -85.0, 85.0),
             ("aircraft.airspeed_m_s", aircraft.airspeed_m_s, 5.0, 100.0),
+            ("aircraft.speed_m_s", aircraft.speed_m_s, 0.5, 30.0),
             ("aircraft.max_roll_rate_deg_s", aircraft.max_roll_rate_deg_s, 1.0, 360.0),
             ("aircraft.heading_deg", aircraft.heading_deg, -360.0, 360.0),
             ("weather.wind_m_s", weather.wind_m_s, 0.0, 50.0),
@@ -186,6 +213,7 @@ impl WorldConfig {
             // The world remembers two seconds.
             ("attitude_source.latency_ms", source.latency_ms, 0.0, 1500.0),
             ("attitude_source.turn_error", source.turn_error, -0.5, 0.5),
+            ("attitude_source.push_error_deg", source.push_error_deg, 0.0, 10.0),
             ("attitude_source.yaw_offset_deg", source.yaw_offset_deg, -360.0, 360.0),
             ("attitude_source.yaw_drift_deg_s", source.yaw_drift_deg_s, -90.0, 90.0),
         ];

@@ -107,7 +107,7 @@ impl World {
     #[must_use]
     pub fn attitude_source(&self) -> AttitudeSource {
         let config = self.config();
-        AttitudeSource::new(config.attitude_source, config.seed)
+        AttitudeSource::new(config.attitude_source, config.seed).carried_by(config.aircraft.kind)
     }
 
     /// Drops the flight plan and holds a bank and a pitch from now on.
@@ -135,6 +135,12 @@ impl World {
     /// does. Zero takes it away; a few hundred microtesla saturate the chip.
     pub fn disturb(&self, field_ut: [f64; 3]) {
         self.up_to_now().disturbance_ut = field_ut.into();
+    }
+
+    /// Switches iron by current on, or with zeros off: what the motors add from now on in the chip's axes in level flight,
+    /// in hover, or on the flat, microtesla. It follows their current.
+    pub fn set_current_ut(&self, current_ut: [f64; 3]) {
+        self.up_to_now().config.current_ut = current_ut;
     }
 
     /// Arms or disarms the autopilot, which says so with its next heartbeat, within a second. It begins disarmed, as on
@@ -185,7 +191,8 @@ impl Inner {
         let truth = self.true_state(at_us);
         let body_ut = elsewhere.unwrap_or(self.config.earth).body_field_ut(truth.euler());
         let measured = self.config.airframe.measure(&body_ut);
-        Field::new(measured.ut + self.disturbance_ut.cast())
+        let current_ut = Vector3::from(self.config.current_ut) * truth.current;
+        Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())
     }
 }
 

@@ -33,6 +33,10 @@ pub struct TrueState {
     pub north_m_s: f64,
     /// Velocity over ground toward magnetic east, metres per second.
     pub east_m_s: f64,
+    /// Size of the horizontal acceleration that an attitude source takes for tilt, metres per second squared.
+    pub push_m_s2: f64,
+    /// Current of the motors, of that in level flight, in hover, or on the flat.
+    pub current: f64,
 }
 
 impl TrueState {
@@ -90,6 +94,8 @@ impl TrueState {
             east_m: mix(self.east_m, later.east_m),
             north_m_s: mix(self.north_m_s, later.north_m_s),
             east_m_s: mix(self.east_m_s, later.east_m_s),
+            push_m_s2: mix(self.push_m_s2, later.push_m_s2),
+            current: mix(self.current, later.current),
         }
     }
 }

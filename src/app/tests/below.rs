@@ -167,7 +167,10 @@ fn every_kind_of_request_is_answered() {
         ("cal show", "error no-calibration: "),
         ("cal abort", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
-        ("stream rate 5", "ok uncalibrated"),
+        ("stream rate 5", "ok stream on, 5 Hz, smooth heading\r\n"),
+        ("set mount yaw90", "ok mount yaw90"),
+        ("set align none", "ok align 0.0 deg"),
+        ("help stream rate", "ok stream rate HZ: "),
         ("nonsense", "error unknown-command: "),
     ] {
         let reply = type_line(&mut bed, &line, &port, text);
@@ -234,10 +237,17 @@ fn an_armed_module_does_not_reboot() {
 
 #[test]
 fn a_note_comes_unasked() {
-    let (mut bed, _, port, _) = with_console();
+    let (mut bed, line, port, _) = with_console();
+    line.put(b"versio");
+    bed.ms(1);
+    assert_eq!(port.text(), "versio");
     bed.links.notices.signal(Err(Refusal::Store(StoreError::Corrupt)));
     bed.ms(1);
-    assert!(port.text().contains("note refused store-corrupt: "));
+    let text = port.text();
+    assert!(text.contains("note refused store-corrupt: "), "{text:?}");
+    // What was being typed is still there.
+    assert!(text.ends_with("\r\n\r\x1b[2K> versio"), "{text:?}");
+    assert!(type_line(&mut bed, &line, &port, "n").contains("ok autoswing"));
 }
 
 /// A line in error, a terminal that takes nothing: the console lives on.

@@ -8,6 +8,7 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
 
 use super::World;
+use super::aircraft;
 use super::gauss_markov::FirstOrder;
 use super::state::TrueState;
 use crate::clock;
@@ -44,6 +45,9 @@ impl Identity {
 const HEARTBEAT_VERSION: u8 = 3;
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 
+/// Correlation time of the error that pushes make, seconds: that of a push.
+const PUSH_TIME_S: f64 = 2.0;
+
 /// What the source says about yaw. Never the truth: the module is to do without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -70,6 +74,8 @@ pub struct Config {
     pub latency_ms: f64,
     /// Part of the bank that is not reported: a source aided by accelerometers leans into the turn.
     pub turn_error: f64,
+    /// Error of roll and of pitch while it accelerates, degrees per m/s^2, 1 sigma: accelerometers take a push for tilt.
+    pub push_error_deg: f64,
     /// What is reported as yaw.
     pub yaw: Yaw,
     /// Error of a drifting yaw at the start, degrees.
@@ -87,6 +93,7 @@ impl Default for Config {
             bias_deg: 0.2,
             latency_ms: 20.0,
             turn_error: 0.01,
+            push_error_deg: 0.0,
             yaw: Yaw::Drifting,
             yaw_offset_deg: 37.0,
             yaw_drift_deg_s: 0.1,
@@ -110,8 +117,12 @@ pub struct Reported {
 pub struct AttitudeSource {
     config: Config,
     identity: Identity,
+    vehicle: MavType,
     roll_noise_rad: FirstOrder,
     pitch_noise_rad: FirstOrder,
+    /// What a push of 1 m/s^2 makes.
+    roll_push_rad: FirstOrder,
+    pitch_push_rad: FirstOrder,
     roll_bias_rad: f64,
     pitch_bias_rad: f64,
     sequence: u8,
@@ -125,12 +136,19 @@ impl AttitudeSource {
             let sigma_rad = config.noise_deg.to_radians();
             FirstOrder::new(sigma_rad, config.noise_time_s, 1.0 / config.rate_hz, Random::new(seed, purpose))
         };
+        let push = |purpose| {
+            let sigma_rad = config.push_error_deg.to_radians();
+            FirstOrder::new(sigma_rad, PUSH_TIME_S, 1.0 / config.rate_hz, Random::new(seed, purpose))
+        };
         let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
         Self {
             config,
             identity: Identity::AUTOPILOT,
+            vehicle: MavType::MAV_TYPE_FIXED_WING,
             roll_noise_rad: noise(Purpose::RollNoise),
             pitch_noise_rad: noise(Purpose::PitchNoise),
+            roll_push_rad: push(Purpose::RollPush),
+            pitch_push_rad: push(Purpose::PitchPush),
             roll_bias_rad: config.bias_deg.to_radians() * direction_rad.cos(),
             pitch_bias_rad: config.bias_deg.to_radians() * direction_rad.sin(),
             sequence: 0,
@@ -143,11 +161,29 @@ impl AttitudeSource {
         Self { identity, ..self }
     }
 
+    /// The same in a vehicle of this kind, which its heartbeats tell.
+    #[must_use]
+    pub fn carried_by(self, kind: aircraft::Kind) -> Self {
+        let vehicle = match kind {
+            aircraft::Kind::Plane => MavType::MAV_TYPE_FIXED_WING,
+            aircraft::Kind::Copter => MavType::MAV_TYPE_QUADROTOR,
+            aircraft::Kind::Vtol => MavType::MAV_TYPE_VTOL_FIXEDROTOR,
+            aircraft::Kind::Rover => MavType::MAV_TYPE_GROUND_ROVER,
+            aircraft::Kind::Boat => MavType::MAV_TYPE_SURFACE_BOAT,
+        };
+        Self { vehicle, ..self }
+    }
+
     /// What the source makes of the truth. Each call advances the noise by one message.
     pub fn report(&mut self, truth: &TrueState) -> Reported {
+        let [roll_push_rad, pitch_push_rad] =
+            [&mut self.roll_push_rad, &mut self.pitch_push_rad].map(|push| push.step() * truth.push_m_s2);
+        let roll_rad =
+            truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.step();
+        let pitch_rad = truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.step();
         Reported {
-            roll_rad: truth.roll_rad * (1.0 - self.config.turn_error) + self.roll_bias_rad + self.roll_noise_rad.step(),
-            pitch_rad: truth.pitch_rad + self.pitch_bias_rad + self.pitch_noise_rad.step(),
+            roll_rad: roll_rad + roll_push_rad,
+            pitch_rad: pitch_rad + pitch_push_rad,
             yaw_rad: self.yaw_rad(truth),
         }
     }
@@ -186,7 +222,7 @@ impl AttitudeSource {
         };
         self.encode(&HEARTBEAT_DATA {
             custom_mode: 0,
-            mavtype: MavType::MAV_TYPE_FIXED_WING,
+            mavtype: self.vehicle,
             autopilot: match self.identity.heartbeats {
                 Some(Kind::Autopilot) => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
                 Some(Kind::Other) | None => MavAutopilot::MAV_AUTOPILOT_INVALID,

@@ -1,5 +1,7 @@
 //! The cases: what is wrong, when, and on which flight.
 
+mod list;
+
 use std::f64::consts::TAU;
 use std::rc::Rc;
 
@@ -9,12 +11,15 @@ use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, 
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
 use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
 use crate::faults::{Faults, Switch};
-use crate::mission::Plan;
 use crate::random::{Purpose, Random};
+use crate::routine::{Plan, Routine};
 use crate::world::WorldConfig;
-use crate::world::attitude_source::Kind;
+use crate::world::aircraft::Kind;
+use crate::world::attitude_source::Kind as Sender;
 use crate::world::earth::Earth;
 use crate::world::rotation::Euler;
+
+pub use list::CASES;
 
 /// A fault and the flights it is tried on.
 #[derive(Debug)]
@@ -53,8 +58,8 @@ pub enum Onset {
 pub struct Drawn {
     /// Airframe, place, weather, attitude source.
     pub world: WorldConfig,
-    /// How the calibration turns are flown.
-    pub plan: Plan,
+    /// How the calibration is flown.
+    pub routine: Routine,
     /// What is wrong.
     pub faults: Faults,
     /// Turns it on.
@@ -81,7 +86,7 @@ enum What {
     FrozenCoarse,
     Coarse,
     AttitudeSpikes,
-    Foreign(Option<Kind>),
+    Foreign(Option<Sender>),
     Bias(f64),
     Lean(f64),
     CalibrationLean(f64),
@@ -92,6 +97,9 @@ enum What {
     Throttle(f64),
     Warming,
     CalibrationWarming,
+    Hover,
+    Pushed(f64),
+    Current(f64),
     Passing { peak_ut: f64, for_s: f64 },
     Ferry,
     ShallowTurns,
@@ -104,82 +112,24 @@ const USE_S: f64 = 185.0;
 pub(super) const LEVEL_AT_S: f64 = 25.0;
 pub(super) const TURNING_AT_S: f64 = 48.0;
 
-/// Degrees of a radian.
-const DEG: f64 = 360.0 / TAU;
-
 /// What needs no certain moment.
 const SOON_S: f64 = 10.0;
 
 /// What comes and goes.
 const PASSING_AT_S: f64 = 60.0;
 
-/// The earliest end of a calibration after its beginning, seconds: four circles at 25 deg of bank to one side, and as
-/// many to the other as it takes. Of 60 flights it took 196 to 215 s.
-const CALIBRATION_S: f64 = 195.0;
+/// The earliest end of a calibration after its beginning, seconds. An aeroplane's takes four circles at 25 deg of bank to
+/// one side, and as many to the other as it takes: of 60 flights it took 196 to 215 s. A copter's may be good enough when
+/// it has been pushed about on two headings.
+const fn calibration_s(aircraft: Kind) -> f64 {
+    if aircraft.hovers() { 60.0 } else { 195.0 }
+}
 
 /// Counts of a microtesla at the range that the module sets.
 const COUNTS_PER_UT: f64 = 68.42;
 
 /// Of a LIS3MDL, counts.
 const SENSOR_SIGMA: f64 = 0.32 * COUNTS_PER_UT;
-
-const fn case(name: &'static str, what: What, says: &'static str) -> Case {
-    Case { name, says, what }
-}
-
-/// All of them, in the order of the table.
-pub static CASES: &[Case] = &[
-    case("clean", What::Nothing, "nothing"),
-    case("ten-hours", What::TenHours, "nothing, one flight of ten hours"),
-    case("stuck-x", What::Stuck([true, false, false]), "the sensor's x axis repeats"),
-    case("stuck-y", What::Stuck([false, true, false]), "the sensor's y axis repeats"),
-    case("stuck-z", What::Stuck([false, false, true]), "the sensor's z axis repeats"),
-    case("stuck-all", What::Stuck([true; 3]), "all axes of the sensor repeat"),
-    case("stuck-noisy", What::StuckNoisy, "all axes of the sensor repeat, but for their noise"),
-    case("sensor-spikes", What::SensorSpikes, "1 % of readings off by 30 uT"),
-    case("sensor-noise", What::SensorNoise, "five times the sensor's noise"),
-    case("sensor-clipped", What::SensorClipped, "an axis ends within the circle"),
-    case("upset-scale", What::Upset { register: 0x21, bits: 0x20 }, "a full-scale bit flips"),
-    case("upset-self-test", What::Upset { register: 0x20, bits: 0x01 }, "the self-test bit flips"),
-    case("upset-byte-order", What::Upset { register: 0x23, bits: 0x02 }, "the byte-order bit flips"),
-    case("frozen-level", What::FrozenLevel, "attitude repeats from level flight on"),
-    case("frozen-turn", What::FrozenTurning, "attitude repeats from a turn on"),
-    case("frozen-coarse", What::FrozenCoarse, "attitude in tenths of a degree repeats from a turn on"),
-    case("coarse", What::Coarse, "attitude in tenths of a degree, nothing wrong"),
-    case("spikes", What::AttitudeSpikes, "1 % of attitude frames wrong by 45 deg"),
-    case("foreign", What::Foreign(Some(Kind::Other)), "a gimbal sends attitude, too, 5 deg off"),
-    case("foreign-silent", What::Foreign(None), "another sends attitude, too, 5 deg off, and no heartbeat"),
-    case("bias-2", What::Bias(2.0), "attitude bias of 2 deg"),
-    case("bias-5", What::Bias(5.0), "attitude bias of 5 deg"),
-    case("lean-70", What::Lean(0.7), "attitude reads 70 % of the bank"),
-    case("lean-30", What::Lean(0.3), "attitude reads 30 % of the bank"),
-    case("late-200", What::Late(200), "attitude 200 ms later"),
-    case("late-300", What::Late(300), "attitude 300 ms later"),
-    case("late-500", What::Late(500), "attitude 500 ms later"),
-    case("rates-zero", What::Rates(0.0), "body rates are sent as nothing"),
-    case("rates-small", What::Rates(1.0 / DEG), "body rates in radians are sent as degrees, 57 times too slow"),
-    case("rates-degrees", What::Rates(DEG), "body rates are sent in degrees, 57 times too fast"),
-    case("rates-sign", What::Rates(-1.0), "body rates are sent with the wrong sign"),
-    case("moved-2", What::Moved(2.0), "hard iron moved by 2 uT"),
-    case("moved-3", What::Moved(3.0), "hard iron moved by 3 uT"),
-    case("moved-5", What::Moved(5.0), "hard iron moved by 5 uT"),
-    case("moved-10", What::Moved(10.0), "hard iron moved by 10 uT"),
-    case("throttle-5", What::Throttle(5.0), "a current of 5 uT follows the throttle"),
-    case("throttle-10", What::Throttle(10.0), "a current of 10 uT follows the throttle"),
-    case("warming", What::Warming, "the sensor's zero drifts from 0 to 10 uT"),
-    case("passing-10-1s", What::Passing { peak_ut: 10.0, for_s: 1.0 }, "iron of 10 uT passes within 1 s"),
-    case("passing-10-5s", What::Passing { peak_ut: 10.0, for_s: 5.0 }, "iron of 10 uT passes within 5 s"),
-    case("passing-10-30s", What::Passing { peak_ut: 10.0, for_s: 30.0 }, "iron of 10 uT passes within 30 s"),
-    case("passing-50-30s", What::Passing { peak_ut: 50.0, for_s: 30.0 }, "iron of 50 uT passes within 30 s"),
-    case("ferry", What::Ferry, "used 1,000 km away"),
-    case("cal-moved-2", What::CalibrationMoved(2.0), "payload of 2 uT moved while calibrating"),
-    case("cal-moved-5", What::CalibrationMoved(5.0), "payload of 5 uT moved while calibrating"),
-    case("cal-moved-10", What::CalibrationMoved(10.0), "payload of 10 uT moved while calibrating"),
-    case("cal-warming", What::CalibrationWarming, "the zero drifts from 0 to 10 uT while calibrating"),
-    case("cal-bank-5", What::ShallowTurns, "calibration turns at 5 deg of bank"),
-    case("cal-clipped", What::CalibrationClipped, "an axis ends within the circles"),
-    case("cal-lean-90", What::CalibrationLean(0.9), "attitude always reads 90 % of the bank"),
-];
 
 /// The case of a name.
 #[must_use]
@@ -200,23 +150,39 @@ impl Case {
         matches!(self.what, What::Moved(_))
     }
 
+    /// Whether it is one for such an aircraft: nothing hovers for ten hours or calibrates by its bank, and an aeroplane is
+    /// not pushed about.
+    #[must_use]
+    pub const fn is_for(&self, aircraft: Kind) -> bool {
+        match self.what {
+            What::TenHours | What::ShallowTurns => !aircraft.hovers(),
+            What::Hover | What::Pushed(_) | What::Current(_) => aircraft.hovers(),
+            _ => true,
+        }
+    }
+
     /// What happens on the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64) -> Drawn {
+    pub fn draw(&self, seed: u64, aircraft: Kind) -> Drawn {
         let mut random = Random::new(seed, Purpose::Case);
         let switch = Switch::off();
         let mut drawn = Drawn {
-            world: WorldConfig::random(seed),
-            plan: Plan::default(),
+            world: WorldConfig::random(seed).carried_by(aircraft),
+            routine: Routine::of(aircraft, Plan::default(), 0.0),
             faults: Faults::default(),
             switch: switch.clone(),
             onset: Onset::Never,
             use_s: USE_S,
         };
         match self.what {
-            What::Nothing | What::TenHours | What::ShallowTurns | What::Coarse | What::FrozenCoarse => {
-                self.flight(&mut drawn);
-            }
+            What::Nothing
+            | What::TenHours
+            | What::ShallowTurns
+            | What::Coarse
+            | What::FrozenCoarse
+            | What::Hover
+            | What::Pushed(_)
+            | What::Current(_) => self.flight(&mut drawn),
             What::Stuck(_)
             | What::StuckNoisy
             | What::SensorSpikes
@@ -242,7 +208,24 @@ impl Case {
         match self.what {
             What::TenHours => drawn.use_s = 36_000.0,
             What::ShallowTurns => {
-                (drawn.plan.bank_deg, drawn.onset) = (5.0, Onset::Always);
+                let plan = Plan { bank_deg: 5.0, ..Plan::default() };
+                (drawn.routine, drawn.onset) = (Routine::of(Kind::Plane, plan, 0.0), Onset::Always);
+            }
+            What::Hover => {
+                drawn.onset = Onset::Always;
+                // Its first part, as long as the whole.
+                drawn.routine.parts.truncate(1);
+                for part in &mut drawn.routine.parts {
+                    part.legs = part.legs.repeat(4);
+                }
+            }
+            What::Pushed(times) => {
+                drawn.onset = Onset::Always;
+                drawn.world.attitude_source.push_error_deg *= times;
+            }
+            What::Current(ut) => {
+                drawn.onset = Onset::Always;
+                drawn.world = drawn.world.with_current(ut);
             }
             What::FrozenCoarse => {
                 drawn.onset = for_good(TURNING_AT_S);
@@ -319,13 +302,14 @@ impl Case {
 
     fn field(&self, drawn: &mut Drawn, random: &mut Random, seed: u64) {
         let switch = drawn.switch.clone();
+        let calibration_s = calibration_s(drawn.world.aircraft.kind);
         let mut by = |ut: f64| -> Vector3<f64> { random.direction() * ut };
         drawn.onset = for_good(SOON_S);
         drawn.faults.field.push(match self.what {
             What::Moved(ut) => Rc::new(Moved { switch, change_ut: by(ut) }),
             What::CalibrationMoved(ut) => {
                 let change_ut = by(ut);
-                let after_s = random.uniform(0.0, CALIBRATION_S);
+                let after_s = random.uniform(0.0, calibration_s);
                 drawn.onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
                 Rc::new(Moved { switch, change_ut })
             }
@@ -335,7 +319,7 @@ impl Case {
                 Rc::new(Drift { switch, change_ut: by(10.0) })
             }
             What::CalibrationWarming => {
-                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: CALIBRATION_S };
+                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: calibration_s };
                 Rc::new(Drift { switch, change_ut: by(10.0) })
             }
             What::Passing { peak_ut, for_s } => {
@@ -365,3 +349,6 @@ fn clip_at(world: &WorldConfig, axis: usize, part: f64) -> i16 {
     let most = (0..36).map(measured).fold(f64::MIN, f64::max);
     ((mean + (most - mean) * part) * COUNTS_PER_UT).round() as i16
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,23 +1,7 @@
 use super::*;
-use crate::world::autopilot::Leg;
 
 fn aircraft(weather: Weather, seed: u64) -> Aircraft {
-    Aircraft::new(Config::default(), weather, seed, 0)
-}
-
-/// Flies on and returns the states of every step.
-fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
-    (0..(seconds / STEP_S) as usize)
-        .map(|_| {
-            aircraft.step();
-            *aircraft.state()
-        })
-        .collect()
-}
-
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len() as f64;
-    values.sum::<f64>() / count
+    vehicle(Kind::Plane, weather, seed)
 }
 
 /// Coordinated turn: g tan(25 deg) / 22 m/s = 11.91 deg/s.
@@ -110,4 +94,18 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
     assert_eq!(roll(calm, 5), roll(calm, 5));
     assert_ne!(roll(calm, 5), roll(calm, 6));
     assert_eq!(roll(calm, 5), roll(Weather { pitch_wander_deg: 3.0, wind_m_s: 9.0, ..calm }, 5));
+}
+
+/// Whatever the plan is made for, an aeroplane comes to its end: wings level where it cannot hover.
+#[test]
+fn an_aeroplane_flies_the_legs_of_others_to_their_end() {
+    let mut aircraft = aircraft(Weather::still(), 1);
+    aircraft.autopilot_mut().fly(Leg::Hover { seconds: 2.0 });
+    aircraft.autopilot_mut().fly(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
+    let states = fly(&mut aircraft, 4.0);
+    assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-6 && s.push_m_s2.to_bits() == 0));
+    aircraft.autopilot_mut().fly(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
+    fly(&mut aircraft, 60.0);
+    assert_eq!(aircraft.autopilot().legs_left(), 0);
+    assert!(aircraft.state().heading_rad < -TAU);
 }

@@ -1,0 +1,219 @@
+//! Flights of a whole battery: some of it calibrates, whether it is meant to or not.
+
+use autoswing::calibration::Rates;
+use autoswing::time::WrappingMillis;
+use serde::Serialize;
+
+use super::trial::{Instant, Ranges};
+use crate::random::{Purpose, Random};
+use crate::routine::{Plan, Routine};
+use crate::world::aircraft::{Aircraft, Config, Kind};
+use crate::world::autopilot::Leg;
+use crate::world::weather::Weather;
+
+/// What is flown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pattern {
+    /// The routine, after a third of the flight that is flown straight.
+    Routine,
+    /// The routine from its end to its beginning, with right and left exchanged, after two thirds of it.
+    Mirrored,
+    /// No plan at all.
+    Wandering,
+}
+
+impl Pattern {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
+
+    /// The word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Routine => "routine",
+            Self::Mirrored => "mirrored",
+            Self::Wandering => "wandering",
+        }
+    }
+}
+
+/// A flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flight {
+    /// Of what.
+    pub kind: Kind,
+    /// What is flown.
+    pub pattern: Pattern,
+    /// For how long.
+    pub minutes: f64,
+}
+
+/// Ten samples a second.
+const SAMPLE_US: u64 = 100_000;
+
+impl Flight {
+    /// How the aircraft truly lay, ten times a second, in the weather of a seed.
+    #[must_use]
+    pub fn fly(&self, ranges: &Ranges, seed: u64) -> Vec<Instant> {
+        let mut random = Random::new(seed, Purpose::Legs);
+        let config = Config { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..Config::default() };
+        let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
+        let plan = Plan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles: 3.0 };
+        let routine = match self.pattern {
+            Pattern::Routine => Some((1.0 / 3.0, Routine::of(self.kind, plan, config.heading_deg).legs())),
+            Pattern::Mirrored => Some((2.0 / 3.0, mirrored(&Routine::of(self.kind, plan, config.heading_deg).legs()))),
+            Pattern::Wandering => None,
+        };
+        let end_us = (self.minutes * 60e6) as u64;
+        let mut instants = Vec::new();
+        // What is not the routine takes its time; how long that takes itself is known when it has been flown.
+        let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
+        let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
+        while aircraft.state().time_us < end_us {
+            if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.state().time_us >= *at_us) {
+                // What was flown straight ends where the routine begins.
+                aircraft.autopilot_mut().command(0.0, 0.0);
+                fly_all(&mut aircraft, &legs);
+            } else if aircraft.autopilot().legs_left() == 0 {
+                let leg = if self.pattern == Pattern::Wandering {
+                    wandering(self.kind, &mut random)
+                } else {
+                    straight(&mut random)
+                };
+                aircraft.autopilot_mut().fly(leg);
+            }
+            aircraft.step();
+            if aircraft.state().time_us.is_multiple_of(SAMPLE_US) {
+                instants.push(instant(&aircraft));
+            }
+        }
+        instants
+    }
+}
+
+fn instant(aircraft: &Aircraft) -> Instant {
+    let state = aircraft.state();
+    Instant {
+        euler: state.euler(),
+        push_m_s2: state.push_m_s2,
+        rates: Rates::from_rad_s(
+                [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
+            ),
+        time: WrappingMillis::new((state.time_us / 1000) as u32),
+    }
+}
+
+fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
+    for &leg in legs {
+        aircraft.autopilot_mut().fly(leg);
+    }
+}
+
+/// How long the legs take.
+fn duration_us(config: Config, seed: u64, legs: &[Leg]) -> u64 {
+    let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
+    fly_all(&mut aircraft, legs);
+    while aircraft.autopilot().legs_left() > 0 {
+        aircraft.step();
+    }
+    aircraft.state().time_us
+}
+
+/// From its end to its beginning, with right and left exchanged. Where it comes to rest after a push is behind it still.
+fn mirrored(legs: &[Leg]) -> Vec<Leg> {
+    let mirror = |leg: Leg| match leg {
+        Leg::Turn { bank_deg, heading_change_deg } => Leg::Turn { bank_deg, heading_change_deg: -heading_change_deg },
+        Leg::Yaw { rate_deg_s, heading_change_deg } => Leg::Yaw { rate_deg_s, heading_change_deg: -heading_change_deg },
+        Leg::Push { toward_deg, tilt_deg, seconds } => Leg::Push { toward_deg: -toward_deg, tilt_deg, seconds },
+        Leg::Straight { .. } | Leg::Hover { .. } => leg,
+    };
+    legs.iter().rev().map(|&leg| mirror(leg)).collect()
+}
+
+/// On the way to somewhere.
+fn straight(random: &mut Random) -> Leg {
+    Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(20.0, 60.0) }
+}
+
+/// Anything that such a vehicle does.
+fn wandering(kind: Kind, random: &mut Random) -> Leg {
+    let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+    let choices = if kind.hovers() { 5.0 } else { 2.0 };
+    match random.uniform(0.0, choices) as u8 {
+        0 => Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(8.0, 25.0) },
+        1 => {
+            // A copter at 3 m/s turns by 33 deg/s at 10 deg of bank; at 35 deg an aeroplane does 18 deg/s.
+            let bank_deg = if kind == Kind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
+            let heading_change_deg = side * random.uniform(60.0, 360.0);
+            Leg::Turn { bank_deg: random.uniform(bank_deg[0], bank_deg[1]), heading_change_deg }
+        }
+        2 => Leg::Hover { seconds: random.uniform(2.0, 12.0) },
+        3 => {
+            Leg::Yaw { rate_deg_s: random.uniform(10.0, 60.0), heading_change_deg: side * random.uniform(30.0, 360.0) }
+        }
+        _ => Leg::Push {
+            toward_deg: random.uniform(0.0, 360.0),
+            tilt_deg: random.uniform(8.0, 25.0),
+            seconds: random.uniform(1.0, 3.0),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flown(kind: Kind, pattern: Pattern, seed: u64) -> Vec<Instant> {
+        Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::HARSH, seed)
+    }
+
+    #[test]
+    fn three_minutes_are_1800_instants_of_one_flight() {
+        for kind in [Kind::Plane, Kind::Copter, Kind::Vtol] {
+            for pattern in Pattern::ALL {
+                let instants = flown(kind, pattern, 4);
+                assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
+                assert!(instants.windows(2).all(|pair| pair[1].time.since(pair[0].time) == 100));
+                let rates = |instants: &[Instant]| instants.iter().map(|instant| instant.rates).collect::<Vec<_>>();
+                assert_eq!(rates(&instants), rates(&flown(kind, pattern, 4)));
+                assert_ne!(rates(&instants), rates(&flown(kind, pattern, 5)));
+            }
+        }
+    }
+
+    /// The yaw turns come last, of them still the right one first, which was the left one; pushes are to the other side.
+    #[test]
+    fn mirrored_is_the_other_way_round() {
+        let legs = Routine::of(Kind::Copter, Plan::default(), 0.0).legs();
+        let back = mirrored(&legs);
+        assert_eq!(back.len(), legs.len());
+        assert_eq!(
+            back[back.len() - 2..],
+            [
+                Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 },
+                Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 },
+            ]
+        );
+        assert_eq!(mirrored(&back), legs);
+        assert!(back.contains(&Leg::Push { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
+    }
+
+    /// After a third of what the routine leaves of the flight; mirrored, after two thirds.
+    #[test]
+    fn the_routine_is_flown_within_the_flight() {
+        let tilt_deg = |instants: &[Instant]| {
+            instants.iter().map(|i| i.euler.roll_rad.hypot(i.euler.pitch_rad).to_degrees()).fold(0.0, f64::max)
+        };
+        let long = Flight { kind: Kind::Copter, pattern: Pattern::Routine, minutes: 20.0 }.fly(&Ranges::HARSH, 2);
+        assert_eq!(long.len(), 12_000);
+        // 1200 s less 106 of routine; a third of it are 365 s. The yaw turns come first, the right one before the left.
+        let turned_deg =
+            |from: usize, to: usize| (long[to].euler.heading_rad - long[from].euler.heading_rad).to_degrees();
+        assert!(turned_deg(3640, 3775) > 300.0, "{}", turned_deg(3640, 3775));
+        assert!(turned_deg(3785, 3910) < -300.0, "{}", turned_deg(3785, 3910));
+        assert!(tilt_deg(&long[3910..4710]) > 17.0, "{}", tilt_deg(&long[3910..4710]));
+        let late = Flight { kind: Kind::Copter, pattern: Pattern::Mirrored, minutes: 20.0 }.fly(&Ranges::HARSH, 2);
+        assert!(tilt_deg(&late[7200..8400]) > 17.0);
+    }
+}

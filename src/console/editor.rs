@@ -1,0 +1,478 @@
+//! A line editor: bytes of a terminal to lines.
+//!
+//! What is typed at the end of a line is echoed; any other change draws the line anew, which needs nothing of a
+//! terminal but carriage return and `ESC [ 2 K`.
+
+use core::fmt;
+
+use heapless::Vec;
+
+use super::LINE_CAPACITY;
+
+/// What stands before a line.
+pub const PROMPT: &str = "> ";
+
+/// What a byte, or several, mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// A character to be typed.
+    Character(u8),
+    /// The line is complete.
+    Enter,
+    /// The word is to be completed.
+    Tab,
+    /// The character before the cursor goes.
+    Backspace,
+    /// The character under the cursor goes.
+    Delete,
+    /// One to the left.
+    Left,
+    /// One to the right.
+    Right,
+    /// To the beginning.
+    Home,
+    /// To the end.
+    End,
+    /// The line before in history.
+    Up,
+    /// The line after in history.
+    Down,
+    /// All before the cursor goes.
+    Erase,
+    /// The line is given up.
+    Cancel,
+}
+
+/// Tells keys from bytes.
+#[derive(Debug, Default)]
+pub struct Keys {
+    sequence: Sequence,
+    /// The last byte was a carriage return: a line feed after it ends no other line.
+    returned: bool,
+}
+
+/// How far an escape sequence has come.
+#[derive(Clone, Copy, Debug, Default)]
+enum Sequence {
+    #[default]
+    None,
+    /// After the escape.
+    Escape,
+    /// After the bracket (or O), with the first number and whether that is complete.
+    Control(u8, bool),
+}
+
+impl Keys {
+    /// The key of which this is the last byte. Bytes that no key sends are passed over; what cannot be in a sequence
+    /// ends it.
+    pub fn byte(&mut self, byte: u8) -> Option<Key> {
+        let after_return = core::mem::replace(&mut self.returned, byte == b'\r');
+        match (core::mem::take(&mut self.sequence), byte) {
+            (Sequence::Escape, b'[' | b'O') => self.sequence = Sequence::Control(0, false),
+            (Sequence::Control(number, is_complete), b' '..=b'?') => {
+                let digit = byte.wrapping_sub(b'0');
+                self.sequence = if digit > 9 || is_complete {
+                    Sequence::Control(number, true)
+                } else {
+                    Sequence::Control(number.saturating_mul(10).saturating_add(digit), false)
+                };
+            }
+            (Sequence::Control(number, _), b'@'..=b'~') => return sequence(number, byte),
+            (_, b'\n') if after_return => {}
+            (_, 0x1B) => self.sequence = Sequence::Escape,
+            (_, byte) => return plain(byte),
+        }
+        None
+    }
+}
+
+/// What a byte by itself means.
+const fn plain(byte: u8) -> Option<Key> {
+    const fn ctrl(letter: u8) -> u8 {
+        letter & 0x1F
+    }
+    const A: u8 = ctrl(b'A');
+    const C: u8 = ctrl(b'C');
+    const E: u8 = ctrl(b'E');
+    const U: u8 = ctrl(b'U');
+    Some(match byte {
+        b' '..=b'~' => Key::Character(byte),
+        b'\r' | b'\n' => Key::Enter,
+        b'\t' => Key::Tab,
+        0x08 | 0x7F => Key::Backspace,
+        A => Key::Home,
+        C => Key::Cancel,
+        E => Key::End,
+        U => Key::Erase,
+        _ => return None,
+    })
+}
+
+/// What a control sequence means: by its last byte and, of a tilde, its first number (ECMA-48, and what xterm, VT220 and
+/// the Linux console send).
+const fn sequence(number: u8, last: u8) -> Option<Key> {
+    Some(match (last, number) {
+        (b'A', _) => Key::Up,
+        (b'B', _) => Key::Down,
+        (b'C', _) => Key::Right,
+        (b'D', _) => Key::Left,
+        (b'H', _) | (b'~', 1 | 7) => Key::Home,
+        (b'F', _) | (b'~', 4 | 8) => Key::End,
+        (b'~', 3) => Key::Delete,
+        _ => return None,
+    })
+}
+
+/// The line that is being typed, and those before. Only characters from space to tilde are in them.
+#[derive(Debug, Default)]
+pub struct Editor {
+    line: Vec<u8, LINE_CAPACITY>,
+    cursor: usize,
+    /// Characters that did not fit.
+    beyond: usize,
+    /// Lines before, the newest last, each with a line feed at its end.
+    history: Vec<u8, 256>,
+    /// Which line of history is shown, counted from the newest; none for that which was typed.
+    recalled: Option<usize>,
+}
+
+impl Editor {
+    /// The line.
+    pub fn line(&self) -> &str {
+        text(&self.line)
+    }
+
+    /// What of the line is before the cursor.
+    pub fn before_cursor(&self) -> &str {
+        self.line().get(..self.cursor).unwrap_or_default()
+    }
+
+    /// Whether there were more characters than fit.
+    pub const fn is_too_long(&self) -> bool {
+        self.beyond > 0
+    }
+
+    /// Takes a key that changes the line, and shows what has changed.
+    pub fn key(&mut self, key: Key, out: &mut dyn fmt::Write) {
+        let end = self.line.len();
+        match key {
+            Key::Character(byte) => return self.insert(byte, out),
+            Key::Backspace if self.beyond > 0 => self.beyond -= 1,
+            Key::Backspace if self.cursor == 0 => {}
+            Key::Backspace => {
+                self.cursor -= 1;
+                self.remove(self.cursor);
+            }
+            Key::Delete => self.remove(self.cursor),
+            Key::Left => self.cursor = self.cursor.saturating_sub(1),
+            Key::Right => self.cursor = end.min(self.cursor + 1),
+            Key::Home => self.cursor = 0,
+            Key::End => self.cursor = end,
+            Key::Up => self.recall(self.recalled.map_or(0, |back| back + 1)),
+            Key::Down => match self.recalled {
+                Some(back) if back > 0 => self.recall(back - 1),
+                _ => self.clear(),
+            },
+            Key::Erase => {
+                self.line.rotate_left(self.cursor);
+                self.line.truncate(end - self.cursor);
+                (self.cursor, self.beyond, self.recalled) = (0, 0, None);
+            }
+            Key::Enter | Key::Tab | Key::Cancel => return,
+        }
+        self.draw(out);
+    }
+
+    /// Shows the line anew, whatever stands in the terminal's.
+    pub fn draw(&self, out: &mut dyn fmt::Write) {
+        // What does not fit into the output is cut.
+        let _ = write!(out, "\r\x1b[2K{PROMPT}{}", self.line());
+        for _ in self.cursor..self.line.len() {
+            let _ = out.write_str("\x08");
+        }
+    }
+
+    /// Begins a line; the one before goes into history.
+    pub fn enter(&mut self) {
+        let newest = self.past(0);
+        if !self.is_too_long() && !self.line.is_empty() && newest != self.line.as_slice() {
+            while self.history.len() + self.line.len() >= self.history.capacity() {
+                let oldest =
+                    self.history.iter().position(|&byte| byte == b'\n').map_or(self.history.len(), |end| end + 1);
+                self.history.rotate_left(oldest);
+                self.history.truncate(self.history.len() - oldest);
+            }
+            // There is room now.
+            let _ = self.history.extend_from_slice(&self.line);
+            let _ = self.history.push(b'\n');
+        }
+        self.clear();
+    }
+
+    /// Empties the line.
+    pub fn clear(&mut self) {
+        self.line.clear();
+        (self.cursor, self.beyond, self.recalled) = (0, 0, None);
+    }
+
+    fn insert(&mut self, byte: u8, out: &mut dyn fmt::Write) {
+        if self.is_too_long() || self.line.insert(self.cursor, byte).is_err() {
+            self.beyond += 1;
+            return;
+        }
+        self.cursor += 1;
+        if self.cursor == self.line.len() {
+            let _ = out.write_char(char::from(byte));
+        } else {
+            self.draw(out);
+        }
+    }
+
+    fn remove(&mut self, at: usize) {
+        if at < self.line.len() {
+            self.line.remove(at);
+        }
+    }
+
+    fn recall(&mut self, back: usize) {
+        let Ok(line) = Vec::from_slice(self.past(back)) else { return };
+        if line.is_empty() {
+            return;
+        }
+        self.clear();
+        self.cursor = line.len();
+        self.line = line;
+        self.recalled = Some(back);
+    }
+
+    /// A line of history, counted from the newest; empty before the oldest.
+    fn past(&self, back: usize) -> &[u8] {
+        // After the last line feed there is nothing.
+        self.history.rsplit(|&byte| byte == b'\n').nth(back + 1).unwrap_or_default()
+    }
+}
+
+fn text(line: &[u8]) -> &str {
+    // Plain characters always are UTF-8.
+    core::str::from_utf8(line).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(bytes: &[u8]) -> std::vec::Vec<Key> {
+        let mut keys = Keys::default();
+        // A byte at a time: that is how sequences are split across reads.
+        bytes.iter().filter_map(|&byte| keys.byte(byte)).collect()
+    }
+
+    #[test]
+    fn bytes_are_keys() {
+        for (bytes, key) in [
+            (&b" "[..], Key::Character(b' ')),
+            (b"~", Key::Character(b'~')),
+            (b"\r", Key::Enter),
+            (b"\n", Key::Enter),
+            (b"\r\n", Key::Enter),
+            (b"\t", Key::Tab),
+            (b"\x08", Key::Backspace),
+            (b"\x7f", Key::Backspace),
+            (b"\x01", Key::Home),
+            (b"\x05", Key::End),
+            (b"\x03", Key::Cancel),
+            (b"\x15", Key::Erase),
+            (b"\x1b[A", Key::Up),
+            (b"\x1bOA", Key::Up),
+            (b"\x1b[B", Key::Down),
+            (b"\x1b[C", Key::Right),
+            (b"\x1b[1;5C", Key::Right),
+            (b"\x1b[D", Key::Left),
+            (b"\x1b[H", Key::Home),
+            (b"\x1bOH", Key::Home),
+            (b"\x1b[1~", Key::Home),
+            (b"\x1b[7~", Key::Home),
+            (b"\x1b[F", Key::End),
+            (b"\x1bOF", Key::End),
+            (b"\x1b[4~", Key::End),
+            (b"\x1b[8~", Key::End),
+            (b"\x1b[3~", Key::Delete),
+            (b"\x1b[3;2~", Key::Delete),
+        ] {
+            assert_eq!(keys(bytes), [key], "{bytes:?}");
+        }
+        for nothing in
+            [&b"\0"[..], b"\x02", b"\x1b", b"\x1b[", b"\x1b[5~", b"\x1b[13~", b"\x1b[Z", b"\x80", b"\xff", b"\x1b\x1b"]
+        {
+            assert_eq!(keys(nothing), [], "{nothing:?}");
+        }
+        assert_eq!(keys(b"\r\r\n\n"), [Key::Enter; 3]);
+        assert_eq!(keys(b"\r\0\n"), [Key::Enter; 2]);
+    }
+
+    /// What cannot be in a sequence ends it and counts itself: a line end always is one.
+    #[test]
+    fn a_broken_sequence_swallows_nothing_else() {
+        let x = Key::Character(b'x');
+        for (bytes, found) in [
+            (&b"\x1bx"[..], &[x][..]),
+            (b"\x1b[\r", &[Key::Enter]),
+            (b"\x1b[12\x03x", &[Key::Cancel, x]),
+            (b"\x1b[99999999999999999999A", &[Key::Up]),
+            (b"\x1b[\x1b[Hx", &[Key::Home, x]),
+            (b"\x1b\x1b[Hx", &[Key::Home, x]),
+            (b"\x1b[3\xffx", &[x]),
+        ] {
+            assert_eq!(keys(bytes), found, "{bytes:?}");
+        }
+    }
+
+    /// A terminal of one line, with what every terminal knows.
+    #[derive(Default)]
+    struct Screen {
+        cells: std::vec::Vec<char>,
+        column: usize,
+    }
+
+    impl fmt::Write for Screen {
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            let text = text.replace("\x1b[2K", "\x1b");
+            for c in text.chars() {
+                match c {
+                    '\r' => self.column = 0,
+                    '\x08' => self.column -= 1,
+                    '\x1b' => self.cells.fill(' '),
+                    c => {
+                        self.cells.resize(self.cells.len().max(self.column + 1), ' ');
+                        self.cells[self.column] = c;
+                        self.column += 1;
+                    }
+                }
+            }
+            Ok(())
+        }
+    }
+
+    /// Types; looks that the screen shows the line with the cursor where it is.
+    fn typed(editor: &mut Editor, screen: &mut Screen, bytes: &[u8]) {
+        let mut keys = Keys::default();
+        for key in bytes.iter().filter_map(|&byte| keys.byte(byte)) {
+            if key == Key::Enter {
+                editor.enter();
+                editor.draw(screen);
+            }
+            editor.key(key, screen);
+            let shown: String = screen.cells.iter().collect();
+            assert_eq!(shown.trim_end(), format!("> {}", editor.line()).trim_end(), "{key:?}");
+            assert_eq!(screen.column, 2 + editor.cursor, "{key:?}");
+        }
+    }
+
+    fn fresh() -> (Editor, Screen) {
+        let (editor, mut screen) = (Editor::default(), Screen::default());
+        editor.draw(&mut screen);
+        (editor, screen)
+    }
+
+    #[test]
+    fn keys_edit_the_line() {
+        for (bytes, line, before) in [
+            (&b"status"[..], "status", "status"),
+            (b"statusx\x7f", "status", "status"),
+            (b"\x7f\x7fa", "a", "a"),
+            (b"tatus\x1b[Hs", "status", "s"),
+            (b"statu\x1b[H\x1b[Fs", "status", "status"),
+            (b"sttus\x1b[D\x1b[D\x1b[Da", "status", "sta"),
+            (b"staatus\x1b[D\x1b[D\x1b[D\x7f", "status", "sta"),
+            (b"staatus\x01\x1b[C\x1b[C\x1b[3~", "status", "st"),
+            (b"status\x1b[3~", "status", "status"),
+            (b"\x1b[3~\x1b[D\x1b[Cab\x1b[D\x1b[D\x1b[D\x1b[D", "ab", ""),
+            (b"nonsense\x15status", "status", "status"),
+            (b"cal status\x1b[D\x1b[D\x1b[D\x1b[D\x1b[D\x1b[D\x15", "status", ""),
+        ] {
+            let (mut editor, mut screen) = fresh();
+            typed(&mut editor, &mut screen, bytes);
+            assert_eq!((editor.line(), editor.before_cursor()), (line, before), "{bytes:?}");
+        }
+    }
+
+    #[test]
+    fn lines_before_are_recalled() {
+        let (mut editor, mut screen) = fresh();
+        typed(&mut editor, &mut screen, b"\x1b[A\x1b[B");
+        assert_eq!(editor.line(), "");
+        typed(&mut editor, &mut screen, b"one\rtwo\rtwo\r\rthree\r");
+        for (key, line) in [
+            (&b"\x1b[A"[..], "three"),
+            (b"\x1b[A", "two"),
+            (b"\x1b[A", "one"),
+            (b"\x1b[A", "one"),
+            (b"\x1b[B", "two"),
+            (b"x", "twox"),
+            (b"\x1b[B", "three"),
+            (b"\x1b[B", ""),
+            (b"\x1b[B", ""),
+            (b"typed\x1b[A", "three"),
+        ] {
+            typed(&mut editor, &mut screen, key);
+            assert_eq!((editor.line(), editor.before_cursor()), (line, line), "{key:?}");
+        }
+        // What was recalled and entered is the newest again.
+        typed(&mut editor, &mut screen, b"\x15\x1b[A\x1b[A\r\x1b[A");
+        assert_eq!(editor.line(), "two");
+    }
+
+    /// 256 characters, a line feed after each line among them: of the longest three; the oldest go.
+    #[test]
+    fn history_holds_three_long_lines() {
+        let (mut editor, mut screen) = fresh();
+        for letter in b'a'..=b'z' {
+            typed(&mut editor, &mut screen, &[letter; LINE_CAPACITY]);
+            typed(&mut editor, &mut screen, b"\r");
+        }
+        for letter in ["z", "y", "x", "x"] {
+            typed(&mut editor, &mut screen, b"\x1b[A");
+            assert_eq!(editor.line(), letter.repeat(LINE_CAPACITY));
+        }
+    }
+
+    /// What does not fit is counted, so that deleting it makes the line whole again; it never becomes part of it.
+    #[test]
+    fn what_does_not_fit_is_not_forgotten() {
+        let (mut editor, mut screen) = fresh();
+        typed(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY]);
+        assert!(!editor.is_too_long());
+        typed(&mut editor, &mut screen, b"bc\x7f");
+        assert!(editor.is_too_long());
+        typed(&mut editor, &mut screen, b"\x7f");
+        assert!(!editor.is_too_long() && editor.line() == "a".repeat(LINE_CAPACITY));
+        // In the middle, too; and room that is made afterwards does not make it fit.
+        typed(&mut editor, &mut screen, b"\x1b[Dx\x1b[3~y");
+        assert!(editor.is_too_long() && !editor.line().contains('y'));
+        typed(&mut editor, &mut screen, b"\r\x1b[A");
+        assert_eq!(editor.line(), "", "it is not in history");
+        typed(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY + 1]);
+        typed(&mut editor, &mut screen, b"\x15");
+        assert!(!editor.is_too_long() && editor.line().is_empty());
+    }
+
+    /// Any byte in any order: the screen shows the line, the cursor is in it, and only plain characters are.
+    #[test]
+    fn no_bytes_stop_it() {
+        let mut random = testkit::random::Random(3);
+        let (mut editor, mut screen) = fresh();
+        for _ in 0..3000 {
+            let mut bytes = random.bytes(20);
+            for byte in &mut bytes {
+                if random.byte() < 100 {
+                    *byte = b"\x1b[[[ABCDHF~3O\x7f\x08\r"[usize::from(*byte % 16)];
+                }
+            }
+            typed(&mut editor, &mut screen, &bytes);
+            assert!(editor.cursor <= editor.line.len());
+            assert!(
+                editor.line.iter().chain(&editor.history).all(|byte| (b' '..=b'~').contains(byte) || *byte == b'\n')
+            );
+        }
+    }
+}

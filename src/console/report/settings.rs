@@ -1,0 +1,60 @@
+//! Settings, as `status` shows them and as a command that changes one tells it.
+
+use core::fmt::{self, Write};
+
+use crate::settings::{AttitudeError, Setting, Settings};
+use crate::wire::decimal::{AsTyped, Decimal};
+
+/// Settings that are told together.
+#[derive(Clone, Copy)]
+pub(super) enum Line {
+    Stream,
+    Declination,
+    Inclination,
+    Mount,
+    AttitudeError,
+}
+
+impl Line {
+    pub const ALL: [Self; 5] = [Self::Stream, Self::Declination, Self::Inclination, Self::Mount, Self::AttitudeError];
+
+    pub const fn of(setting: Setting) -> Self {
+        match setting {
+            Setting::StreamOn(_) | Setting::StreamRateHz(_) | Setting::StreamHeading(_) => Self::Stream,
+            Setting::Declination(_) => Self::Declination,
+            Setting::Inclination(_) => Self::Inclination,
+            Setting::Mount(_) => Self::Mount,
+            Setting::AttitudeError(_) => Self::AttitudeError,
+        }
+    }
+}
+
+/// Some settings, with what stands between their name and them.
+pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, settings: &Settings) -> fmt::Result {
+    match line {
+        Line::Stream => {
+            let on = if settings.stream_on { "on" } else { "off" };
+            let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
+            write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
+        }
+        Line::Declination => degrees(out, "declination", between, settings.declination_deg, "not set"),
+        Line::Inclination => {
+            degrees(out, "inclination", between, settings.inclination_deg, "not set, found from the samples")
+        }
+        Line::Mount => {
+            write!(out, "mount{between}{}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))
+        }
+        Line::AttitudeError => {
+            let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
+            let (bias, bank) = (AsTyped(bias_deg, 2), AsTyped(bank_percent, 1));
+            write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
+        }
+    }
+}
+
+fn degrees(out: &mut impl Write, name: &str, between: &str, deg: Option<f32>, without: &str) -> fmt::Result {
+    match deg {
+        Some(deg) => write!(out, "{name}{between}{} deg", AsTyped(deg, 1)),
+        None => write!(out, "{name}{between}{without}"),
+    }
+}

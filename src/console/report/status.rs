@@ -1,0 +1,133 @@
+//! `status`: everything there is to know.
+
+use core::fmt::{self, Display, Write};
+
+use super::calibration::{Judged, latency};
+use super::settings::{Line, setting_line};
+use super::{Moved, Reason, Reset};
+use crate::calibration::ladder::Procedure;
+use crate::collection::Progress;
+use crate::collection::dataset::{Coverage, SECTORS};
+use crate::compass::Report;
+use crate::frames::Attitude;
+use crate::health::{Counts, Health, StackUse};
+use crate::wire::decimal::Decimal;
+
+/// `status`.
+///
+/// # Errors
+///
+/// What `out` says.
+pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
+    writeln!(out, "ok {}", report.state.name())?;
+    heading_lines(out, health)?;
+    writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
+    progress(out, &report.progress)?;
+    match &report.current {
+        Some(record) => {
+            writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?;
+            latency(out, &record.calibration, record.quality.latency)?;
+        }
+        None => writeln!(out, "calibration: none")?,
+    }
+    match &report.last {
+        Some(Ok(_)) => writeln!(out, "last solve: ok")?,
+        Some(Err(refusal)) => {
+            writeln!(out, "last solve: {}: {}", refusal.code(), Reason(refusal, health.loss))?;
+        }
+        None => writeln!(out, "last solve: none")?,
+    }
+    for line in Line::ALL {
+        setting_line(out, line, ": ", &report.settings)?;
+        writeln!(out)?;
+    }
+    counters(out, &health.counts)?;
+    if let Some(StackUse { used, size }) = health.stack {
+        writeln!(out, "stack: {used} of {size} bytes used at most")?;
+    }
+    writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
+    writeln!(out, "collection: {}", progress.procedure.name())?;
+    match progress.procedure {
+        Procedure::Turns => {
+            writeln!(out, "left: {}", Side(&progress.left))?;
+            writeln!(out, "right: {}", Side(&progress.right))?;
+            writeln!(out, "level: {}", Side(&progress.level))
+        }
+        Procedure::Level => writeln!(out, "level: {}", Side(&progress.level)),
+        Procedure::Swing => {
+            writeln!(out, "marks: {}", progress.marks)?;
+            writeln!(out, "level: {}", Side(&progress.level))
+        }
+        Procedure::Flight | Procedure::Tumble => {
+            let Coverage { samples, held_back, .. } = progress.left;
+            writeln!(out, "attitudes: {samples} samples, {held_back} held back")
+        }
+    }
+}
+
+fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
+    match health.sensor {
+        Some(identity) => writeln!(out, "sensor: {} at {:02x}", identity.model.name(), identity.address)?,
+        None => writeln!(out, "sensor: not found")?,
+    }
+    match health.attitude {
+        Some(Attitude { roll_rad, pitch_rad }) => {
+            let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
+            writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
+        }
+        None => writeln!(out, "attitude: none, no MAVLink ATTITUDE comes")?,
+    }
+    match health.heading {
+        Ok(heading) => {
+            let [heading_deg, sigma_deg] = [heading.magnetic_deg(), heading.sigma_deg()].map(Decimal::<1>);
+            writeln!(out, "heading: {heading_deg} deg magnetic, sigma {sigma_deg} deg")
+        }
+        Err(why) => writeln!(out, "heading: none, {}", why.code()),
+    }?;
+    match &health.iron {
+        Some(iron) => writeln!(out, "iron: moved by {}", Moved(iron)),
+        None => writeln!(out, "iron: as calibrated, as far as is sure"),
+    }
+}
+
+fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
+    writeln!(
+        out,
+        "readings: {}, {} overruns, {} errors, {} upsets mended",
+        counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_upsets
+    )?;
+    writeln!(
+        out,
+        "not believed: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",
+        counts.saturated,
+        counts.sensor_clipped,
+        counts.sensor_stuck,
+        counts.sensor_spikes,
+        counts.attitude_frozen,
+        counts.attitude_spikes,
+        counts.attitude_rates
+    )?;
+    writeln!(
+        out,
+        "reports: {}, {} from others, {} rejected, {} line errors",
+        counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected, counts.attitude_line_errors
+    )?;
+    writeln!(
+        out,
+        "sentences: {}, {} empty, {} not sent; readings: {} unpaired, {} dropped",
+        counts.messages, counts.messages_empty, counts.write_errors, counts.unpaired, counts.samples_dropped
+    )?;
+    writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
+}
+
+struct Side<'a>(&'a Coverage);
+
+impl Display for Side<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Coverage { samples, held_back, sectors, percent } = *self.0;
+        write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")
+    }
+}

@@ -1,0 +1,132 @@
+//! A person who is refused reads what was wrong: every cause has words of its own, from the flight to the console.
+
+use host_sim::faults::Faults;
+use host_sim::faults::attitude::AttitudeFault;
+use host_sim::module::Module as _;
+use host_sim::rig::Rig;
+use host_sim::transcript::{self, Notice};
+use host_sim::world::WorldConfig;
+use host_sim::world::autopilot::Leg;
+use mavlink::dialects::common::ATTITUDE_DATA;
+
+/// Angles in another unit.
+struct Scaled(f32);
+
+impl AttitudeFault for Scaled {
+    fn tamper(&mut self, _: u64, message: &mut ATTITUDE_DATA) {
+        message.roll *= self.0;
+        message.pitch *= self.0;
+    }
+}
+
+fn rig(attitude: Option<Scaled>) -> Rig {
+    let mut faults = Faults::default();
+    if let Some(scaled) = attitude {
+        faults.attitude.push(Box::new(scaled));
+    }
+    Rig::with_faults(WorldConfig::table1(1), faults)
+}
+
+fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
+    Leg::Turn { bank_deg, heading_change_deg }
+}
+
+const BOTH: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
+
+/// Types, flies, has it solved if it did not by itself: code and words of the refusal.
+fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
+    rig.run_for_s(1.0);
+    for line in settings.iter().chain(&["cal start turns"]) {
+        let reply = rig.type_line(line);
+        assert!(reply.contains("\r\nok "), "{reply}");
+    }
+    for &(bank_deg, heading_change_deg) in turns {
+        rig.world.fly(turn(bank_deg, heading_change_deg));
+    }
+    while rig.world.legs_left() > 0 {
+        rig.run_for_s(1.0);
+    }
+    rig.run_for_s(3.0);
+    let mut printed = rig.printed();
+    if transcript::notice(&printed).is_none() {
+        printed += &rig.type_line("cal solve");
+        rig.run_for_s(5.0);
+        printed += &rig.printed();
+    }
+    let notice = transcript::error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
+    let Notice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
+    // What `status` says of it later is the same.
+    let status = rig.type_line("status");
+    let is_told_later = status.contains(&format!("last solve: {code}: {words}\r\n"));
+    assert!(is_told_later || status.contains("last solve: none"), "{status}");
+    (code, words)
+}
+
+fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, words: &str) {
+    let found = refused(rig, settings, turns);
+    assert!(found.0 == code && found.1.contains(words), "{code}, {words}: {found:?}");
+}
+
+#[test]
+fn too_little_bank_and_one_side_are_told_apart() {
+    let little = [(6.0, 200.0), (6.0, -200.0)];
+    assert_refused(&mut rig(None), &[], &little, "no-samples", "too little bank, ");
+    assert_refused(
+        &mut rig(None),
+        &[],
+        &BOTH[..1],
+        "too-few-samples",
+        "only right turns were flown; fly left turns, too",
+    );
+    assert_refused(
+        &mut rig(None),
+        &[],
+        &BOTH[1..],
+        "too-few-samples",
+        "only left turns were flown; fly right turns, too",
+    );
+}
+
+/// An eighth of a circle each way, in 45 s.
+#[test]
+fn a_turn_that_is_too_slow_is_an_arc() {
+    let mut config = WorldConfig::table1(1);
+    config.aircraft.airspeed_m_s = 120.0;
+    let mut rig = Rig::with_faults(config, Faults::default());
+    let (code, words) = refused(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
+    assert!(words.contains(" of 12 sectors, too slow or too short"), "{code}: {words}");
+}
+
+/// Degrees read as radians are not believed at all; radians that were taken for degrees and converted once more are
+/// hardly a tilt.
+#[test]
+fn attitude_in_another_unit_is_told() {
+    let words = "check its unit: radians for degrees?";
+    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH, "no-samples", words);
+    let words = "check its unit: MAVLink's is radians, not degrees";
+    assert_refused(&mut rig(Some(Scaled(1.0_f32.to_degrees()))), &[], &BOTH, "no-samples", words);
+}
+
+#[test]
+fn attitude_that_comes_too_slowly_is_told() {
+    let mut config = WorldConfig::table1(1);
+    config.attitude_source.rate_hz = 1.0;
+    let mut rig = Rig::with_faults(config, Faults::default());
+    assert_refused(&mut rig, &[], &BOTH, "no-samples", "send ATTITUDE ten times a second or more");
+}
+
+/// 400 uT are the end of the sensor's range.
+#[test]
+fn a_saturated_sensor_is_told() {
+    let mut rig = rig(None);
+    rig.world.disturb([600.0, 0.0, 0.0]);
+    assert_refused(&mut rig, &[], &BOTH, "no-samples", "100 % of the readings were saturated; move the sensor");
+}
+
+#[test]
+fn what_was_set_wrong_is_told_with_what_is_right() {
+    let words = "the sensor seems mounted none; set mount none, then cal solve";
+    assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH, "mount-contradicted", words);
+    let (code, words) = refused(&mut rig(None), &["set inclination -54"], &BOTH);
+    assert!(code == "inclination-contradicted" && words.contains("; set inclination 5"), "{code}: {words}");
+}
