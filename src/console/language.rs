@@ -4,7 +4,7 @@ use core::fmt::{self, Display};
 
 use super::words::{Given, Kind, ROWS, Row, Slot, Value};
 use super::{LINE_CAPACITY, Request};
-use crate::wire::decimal::{self, Decimal};
+use crate::wire::decimal::{self, AsTyped};
 
 /// Why a line means nothing.
 #[derive(Clone, Copy, Debug)]
@@ -181,10 +181,11 @@ impl Next {
             first = explained;
         }
         let Some(row) = find([first, ""]) else { return Self::Nothing };
-        let row = match (row.means, words.next()) {
-            (None, None) => return Self::Second(row.words[0]),
-            (None, Some(second)) => find([first, second]),
-            (Some(_), _) => Some(row),
+        let row = if row.means.is_some() {
+            Some(row)
+        } else {
+            let Some(second) = words.next() else { return Self::Second(row.words[0]) };
+            find([first, second])
         };
         let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
         let mut slots = row.slots.iter();
@@ -286,7 +287,7 @@ impl Display for Slot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.kind {
             Kind::Number { range, unit, .. } => {
-                write!(f, "a number, {} to {} {unit}", Decimal::<0>(*range.start()), Decimal::<0>(*range.end()))?;
+                write!(f, "a number, {} to {} {unit}", AsTyped(*range.start(), 0), AsTyped(*range.end(), 0))?;
             }
             Kind::Whole { range, unit } => {
                 write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
@@ -475,6 +476,13 @@ mod tests {
             "{mounts}"
         );
         assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
+    }
+
+    #[test]
+    fn a_range_is_told_to_its_digits() {
+        let kind = Kind::Number { range: 0.25..=7.5, unit: "deg", or: None };
+        let slot = Slot { name: "DEG", kind, is_optional: false };
+        assert_eq!(slot.to_string(), "a number, 0.25 to 7.5 deg");
     }
 
     /// Everything of the table is explained, and each reply begins as all do.

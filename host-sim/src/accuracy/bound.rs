@@ -134,6 +134,16 @@ mod tests {
         }
     }
 
+    /// What is measured while it is pushed about says less.
+    #[test]
+    fn a_flight_that_is_pushed_about_is_known_less() {
+        let trial = Trial::draw(&Ranges::HARSH, 7);
+        let pushed: Vec<Instant> = trial.instants().map(|instant| Instant { push_m_s2: 5.0, ..*instant }).collect();
+        let [calm, pushed] = [rms_deg(&trial).unwrap(), rms_deg_of(&trial, pushed.iter()).unwrap()];
+        // 2 deg on top of 0.2 to 1 deg.
+        assert!(pushed > 1.5 * calm, "{pushed} {calm}");
+    }
+
     /// Twice as many readings halve the variance.
     #[test]
     fn a_flight_flown_twice_is_known_better_by_the_root_of_two() {

@@ -16,6 +16,19 @@ fn the_example_file_shows_the_defaults() {
     assert!((config.airframe.a.singular_values().max() - 1.085).abs() < 0.01);
 }
 
+/// A file says what flies and how good its attitude is; who asks for the same kind gets what the file says.
+#[test]
+fn a_file_says_what_flies() {
+    let text = EXAMPLE
+        .replace("kind = \"plane\"", "kind = \"copter\"")
+        .replace("push_error_deg = 0.0", "push_error_deg = 1.5");
+    let copter = WorldConfig::from_toml(&text, 3).unwrap();
+    assert_eq!(copter.aircraft.kind, aircraft::Kind::Copter);
+    assert_eq!(copter.carried_by(aircraft::Kind::Copter), copter);
+    let boat = copter.carried_by(aircraft::Kind::Boat);
+    assert!((boat.attitude_source.push_error_deg - 0.4).abs() < 1e-9);
+}
+
 #[test]
 fn mistakes_in_a_file_are_named() {
     let message = |from: &str, to: &str| {
@@ -27,6 +40,12 @@ fn mistakes_in_a_file_are_named() {
         "earth.inclination_deg is 95; it must lie in -85 to 85"
     );
     assert!(message("[1.08, 0.02, 0.01]", "[-1.08, 0.02, 0.01]").starts_with("determinant of airframe.soft_iron"));
+    assert_eq!(message("speed_m_s = 3.0", "speed_m_s = 31.0"), "aircraft.speed_m_s is 31; it must lie in 0.5 to 30");
+    assert_eq!(
+        message("push_error_deg = 0.0", "push_error_deg = 11.0"),
+        "attitude_source.push_error_deg is 11; it must lie in 0 to 10"
+    );
+    assert!(message("kind = \"plane\"", "kind = \"zeppelin\"").contains("unknown variant `zeppelin`"));
     assert!(message("gust_m_s = 0.5", "gust_m_s = nan").starts_with("weather.gust_m_s is NaN"));
     assert!(message("noise_deg", "noise_dge").contains("unknown field `noise_dge`"));
     assert!(message("[12.0, -8.5, 20.0]", "[12.0, -8.5]").contains("hard_iron_ut"));

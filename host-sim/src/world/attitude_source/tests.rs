@@ -168,6 +168,19 @@ fn a_push_is_taken_for_tilt() {
     assert_eq!(plane.push_error_deg.to_bits(), 0);
 }
 
+/// As long as a push: over 2 s the error keeps 1 / e of itself.
+#[test]
+fn what_a_push_makes_lasts_as_long_as_a_push() {
+    let config = Config { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..Config::default() };
+    let mut source = AttitudeSource::new(config, 9);
+    let truth = TrueState { push_m_s2: 1.0, ..TrueState::default() };
+    let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
+    let covariance =
+        |lag: usize| errors.iter().zip(&errors[lag..]).map(|(a, b)| a * b).sum::<f64>() / (errors.len() - lag) as f64;
+    let kept = covariance(100) / covariance(0);
+    assert!((kept - 0.37).abs() < 0.07, "{kept}");
+}
+
 /// The heartbeat says what it flies in.
 #[test]
 fn the_heartbeat_says_what_kind_of_vehicle_it_is() {

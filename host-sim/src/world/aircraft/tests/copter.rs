@@ -102,6 +102,17 @@ fn gusts_push_it_about() {
     assert!((0.1..0.6).contains(&push_m_s2), "{push_m_s2}");
 }
 
+/// Gusts come along and across: 2 m/s over 5 s move it both ways.
+#[test]
+fn gusts_come_from_ahead_and_from_the_side() {
+    let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::still() }, 0.0);
+    let states = fly(&mut copter, 100.0);
+    for speed in [|s: &TrueState| s.north_m_s, |s: &TrueState| s.east_m_s] {
+        let sigma_m_s = mean(states.iter().map(|s| speed(s).powi(2))).sqrt();
+        assert!((0.1..1.0).contains(&sigma_m_s), "{sigma_m_s}");
+    }
+}
+
 /// Thrust carries the weight: at 18 deg it is 1 / cos(18 deg), and its power goes with the power of 3/2 of that: 1.078.
 #[test]
 fn current_follows_thrust() {

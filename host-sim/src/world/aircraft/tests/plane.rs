@@ -4,6 +4,10 @@ fn aircraft(weather: Weather, seed: u64) -> Aircraft {
     vehicle(Kind::Plane, weather, seed)
 }
 
+fn expected_load(bank_deg: f64) -> f64 {
+    bank_deg.to_radians().cos().recip()
+}
+
 /// Coordinated turn: g tan(25 deg) / 22 m/s = 11.91 deg/s.
 #[test]
 fn the_turn_rate_is_that_of_a_coordinated_turn() {
@@ -16,6 +20,8 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
         let expected_deg_s = (9.806_65 * bank_deg.to_radians().tan() / 22.0_f64).to_degrees();
         let rate_deg_s = state.heading_rate_rad_s.to_degrees();
         assert!((rate_deg_s / expected_deg_s - 1.0).abs() < 1e-3, "{rate_deg_s} for {expected_deg_s} deg/s");
+        let load = expected_load(bank_deg);
+        assert!((state.current / (load * load) - 1.0).abs() < 1e-3, "induced drag goes with the square of the load");
         assert!((0.5..4.0).contains(&state.pitch_rad.to_degrees()), "the nose is a little up in a turn");
     }
 }

@@ -91,6 +91,9 @@ fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
         let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side * 7200.0 });
         assert!((4.0..9.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
         assert!((1.5..4.0).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
+        // Waves of 6 deg accelerate it by as much as its turns do, 0.94 m/s^2.
+        let push_m_s2 = mean(states.iter().map(|s| s.push_m_s2));
+        assert!((1.5..2.5).contains(&push_m_s2), "{push_m_s2}");
         let middle = mean(states.iter().map(|s| s.roll_rad));
         let crossings = states.windows(2).filter(|s| s[0].roll_rad < middle && s[1].roll_rad >= middle).count();
         let period_s = states.len() as f64 * STEP_S / crossings as f64;
@@ -100,6 +103,29 @@ fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
     // 400 s hold more than a hundred waves: the mean is known to half a degree.
     assert!((mean_roll_deg(1.0) + 2.75).abs() < 0.6, "{}", mean_roll_deg(1.0));
     assert!((mean_roll_deg(-1.0) - 2.75).abs() < 0.6, "{}", mean_roll_deg(-1.0));
+}
+
+/// Waves travel with the wind: against it a boat of 3 m/s meets twice as many as before it, and more.
+#[test]
+fn a_boat_meets_more_waves_against_the_wind() {
+    let crossings = |heading_deg: f64| {
+        let config = Config { kind: Kind::Boat, heading_deg, ..Config::default() };
+        let mut boat = Aircraft::new(config, Weather::default(), 3, 0);
+        let states = fly_leg(&mut boat, Leg::Straight { heading_deg, seconds: 200.0 });
+        states.windows(2).filter(|s| s[0].pitch_rad < 0.0 && s[1].pitch_rad >= 0.0).count()
+    };
+    // The wind comes from 250 deg.
+    assert!(crossings(250.0) > 2 * crossings(70.0), "{} {}", crossings(250.0), crossings(70.0));
+}
+
+/// It begins as it lies, at rest or nearly so: nobody sees it jump there from level.
+#[test]
+fn it_begins_as_it_lies() {
+    for kind in [Kind::Rover, Kind::Boat] {
+        let state = *vehicle(kind, Weather::default(), 2).state();
+        assert!(state.roll_rad.hypot(state.pitch_rad).to_degrees() > 1.0, "{kind:?}: {state:?}");
+        assert!(state.roll_rate_rad_s.hypot(state.pitch_rate_rad_s) < 1.0, "{kind:?}: {state:?}");
+    }
 }
 
 /// What is told no rate turns by as many degrees a second as an aeroplane would bank.
