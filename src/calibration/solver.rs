@@ -40,6 +40,8 @@ pub struct Solver {
     told: Option<(f32, Option<SolveError>)>,
     /// How often another latency was taken since the start.
     latencies: u8,
+    /// What was wrong with a result that is no mounting of this sensor, while the other start is tried.
+    odd: Option<SolveError>,
 }
 
 /// A result to come back to.
@@ -100,7 +102,7 @@ impl Solver {
         check(method, samples)?;
         let (start, from_sphere) = first_start(method, samples, prior)?;
         let refinement = begin(method, prior, samples, &start, 0.0)?;
-        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None, latencies: 0 })
+        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None, latencies: 0, odd: None })
     }
 
     /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
@@ -126,6 +128,7 @@ impl Solver {
             (_, Some((_, Some(error)))) => Err(error),
             (end, _) => end,
         };
+        let end = end.map_err(|error| self.odd.unwrap_or(error));
         Progress::Finished(end)
     }
 
@@ -160,7 +163,12 @@ impl Solver {
             }
             return goes_back;
         }
-        if self.from_sphere || !is_doubtful(end) {
+        if self.from_sphere {
+            return false;
+        }
+        // From the vertical alone the start is a guess where the field is nearly level.
+        self.odd = end.as_ref().err().copied().filter(|error| is_odd(error) && has_any(samples));
+        if self.odd.is_none() && !is_doubtful(end) {
             return false;
         }
         let start = response::sphere(samples, &self.prior.mount.body_from_sensor());
@@ -337,6 +345,15 @@ fn is_doubtful(end: &Result<Solution, SolveError>) -> bool {
     }
 }
 
+/// Whether a result is of another mounting than this sensor's, or of a source that tells its angles the wrong way round.
+const fn is_odd(error: &SolveError) -> bool {
+    matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed)
+}
+
+fn has_any(samples: Samples<'_>) -> bool {
+    samples.any.iter().any(|piece| !piece.is_empty())
+}
+
 /// What is not a number is not good either.
 fn is_good(quality: &Quality, calibration: &Calibration) -> bool {
     is_accurate(quality) && calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT
@@ -376,7 +393,7 @@ fn closed_form(
 #[inline(never)]
 fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(Start, bool), SolveError> {
     let rotation = prior.mount.body_from_sensor();
-    if samples.any.iter().any(|piece| !piece.is_empty())
+    if has_any(samples)
         && let Some(start) = response::tilted(samples, &rotation)
     {
         return Ok((start, false));
