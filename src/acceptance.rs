@@ -160,11 +160,11 @@ fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
         (fitted.level.len(), held_back.level.len()),
         (any(fitted), any(held_back)),
     ]
-        .iter()
-        .filter(|(fitted, _)| *fitted > 0)
-        .map(|&(_, held_back)| u16::try_from(held_back).unwrap_or(u16::MAX))
-        .min()
-        .unwrap_or(0)
+    .iter()
+    .filter(|(fitted, _)| *fitted > 0)
+    .map(|&(_, held_back)| u16::try_from(held_back).unwrap_or(u16::MAX))
+    .min()
+    .unwrap_or(0)
 }
 
 /// A small change of the iron is allowed for in what is expected; one that outweighs all other errors, or is in a

@@ -65,12 +65,12 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
     for pattern in [Pattern::Routine, Pattern::Mirrored] {
         let flight = Flight { kind: Kind::Copter, pattern, minutes: 3.0 };
         let row = flights::run(flight, Plan { airframes: 20, draws: 5, seed: 1000 }, &|| {});
-        assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0, "{row:?}");
+        assert!(row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong == 0, "{row:?}");
         assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
         // What the solver makes of what was kept: it takes all attitudes for equally good, and those of pushes are not.
         assert!((0.9..=1.25).contains(&row.kept_ratio_median), "{row:?}");
-        // No set of as many readings says more than the best, give or take the chance of five draws.
-        assert!(row.best_ratio_median >= 0.95 * row.kept_ratio_median, "{row:?}");
+        // The device's own collection against the best set of as many readings that could have been chosen afterwards.
+        assert!((0.85..=1.15).contains(&row.best_ratio_median), "{row:?}");
         assert_eq!(row.coverage.headings, 20 * 16);
         let again = flights::run(flight, Plan { airframes: 2, draws: 2, seed: 7 }, &|| {});
         assert_eq!(again, flights::run(flight, Plan { airframes: 2, draws: 2, seed: 7 }, &|| {}));

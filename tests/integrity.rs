@@ -141,6 +141,15 @@ fn a_clean_flight_raises_no_alarm() {
     }
 }
 
+/// A copter calibrates by its routine and flies about; its attitude is off by a degree when it is pushed.
+#[test]
+fn a_copter_s_clean_flight_raises_no_alarm() {
+    for row in rows_of(Plan { flights: 8, aircraft: Kind::Copter, ..PLAN }, &["clean"]) {
+        assert!(row.bad_percent == 0.0 && row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{row:?}");
+        assert!(all_accepted(&row), "{row:?}");
+    }
+}
+
 /// What is promised of a clean flight, raw and smooth: the raw heading's RMS and how often its sigma holds, and that the
 /// smooth one is twice as good. Its sigma allows for what the attitude source may be off, which is alike in calibration and
 /// use here, so that it is rather too large.

@@ -1,10 +1,12 @@
-//! Every vehicle's routine determines its calibration: all that the module's instrument makes of the flight, evenly thinned
-//! to what a device may hold, and solved.
+//! Every vehicle's routine determines its calibration: what the module's instrument makes of the flight, what its collection
+//! keeps of that, and what its solver makes of those.
 
 use std::f64::consts::TAU;
 
 use autoswing::attitude::{Report, Source};
-use autoswing::calibration::{Calibration, Method, Prior, Sample, Samples, solve};
+use autoswing::calibration::ladder::Procedure;
+use autoswing::calibration::{Calibration, Method, Prior, Sample, solve};
+use autoswing::collection::Collector;
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Config, Instrument};
 use autoswing::magnetometer::Reading;
@@ -76,12 +78,6 @@ fn flown(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     samples
 }
 
-/// At most so many, evenly.
-fn thinned(samples: &[Sample], most: usize) -> Vec<Sample> {
-    let number = samples.len().min(most);
-    (0..number).map(|i| samples[i * samples.len() / number]).collect()
-}
-
 /// RMS heading error at exact field and attitude: level, and tilted by 20 deg to eight sides, at twelve headings.
 fn rms_deg(calibration: &Calibration, config: &WorldConfig) -> f64 {
     let tilts = (0..8).map(|side| f64::from(side) / 8.0 * TAU).map(|side| [20.0 * side.cos(), 20.0 * side.sin()]);
@@ -108,12 +104,13 @@ fn median_and_worst_decile_deg(kind: Kind, legs: &[Leg]) -> [f64; 2] {
     let mut rms: Vec<f64> = (100..140)
         .map(|seed| {
             let config = harsh(kind, seed);
-            let samples = thinned(&flown(&config, legs), 512);
-            assert_eq!(samples.len(), 512, "{kind:?}: a minute at the least");
-            // As level flight they are of no side: bank says nothing about turns here.
-            let samples = Samples { level: &samples, ..Samples::default() };
+            let mut collector = Collector::new();
+            collector.begin(Procedure::Flight);
+            for sample in flown(&config, legs) {
+                collector.push(sample);
+            }
             let prior = Prior { readings_per_sample: 8, ..Prior::default() };
-            let solved = solve(Method::MaximumLikelihood, samples, &prior);
+            let solved = solve(Method::MaximumLikelihood, collector.fit(), &prior);
             solved.map_or(f64::INFINITY, |solution| rms_deg(&solution.calibration, &config))
         })
         .collect();

@@ -47,7 +47,7 @@ pub struct Routine {
 }
 
 /// Begins the collection of everything that informs. What moves as no aeroplane does needs it.
-pub const START_FLIGHT: &str = "cal start";
+pub const START_FLIGHT: &str = "cal start flight";
 
 /// Begins the collection of an aeroplane's turns.
 const START_TURNS: &str = "cal start";

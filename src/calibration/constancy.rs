@@ -625,6 +625,8 @@ mod tests {
         let span = of(&left, &right, &level).unwrap();
         assert_eq!((span.start.count(), span.ms), (20, 880));
         assert_eq!(of(&[], &[], &level).unwrap().ms, 300);
+        let any = Samples { any: [&level, &left, &[]], ..Samples::default() };
+        assert_eq!(Span::of(any).map(|span| (span.start.count(), span.ms)), Some((50, 850)));
         assert!(of(&[], &[], &[]).is_none());
     }
 }

@@ -79,9 +79,9 @@ mod tests {
         }
         assert!(close(correlation.products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
         assert!(close(correlation.squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
-        // There are three parts.
+        // There is none beyond the last.
         let before = correlation;
-        correlation.add(3, [1.0, 1.0]);
+        correlation.add(PARTS, [1.0, 1.0]);
         assert_eq!(correlation, before);
     }
 }

@@ -34,7 +34,7 @@ pub enum Procedure {
 
 impl Procedure {
     /// All of them, in the order in which they are told.
-    pub const ALL: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
+    pub const ALL: [Self; 5] = [Self::Turns, Self::Flight, Self::Level, Self::Swing, Self::Tumble];
 
     /// The word typed after `cal start`.
     #[must_use]
@@ -169,6 +169,7 @@ mod tests {
     #[test]
     fn every_other_procedure_has_one_method() {
         for (procedure, method) in [
+            (Procedure::Flight, Method::MaximumLikelihood),
             (Procedure::Level, Method::Level),
             (Procedure::Swing, Method::CompassSwing),
             (Procedure::Tumble, Method::Ellipsoid),
@@ -182,9 +183,10 @@ mod tests {
         let parts = [0, 11, 12].map(circle);
         let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
         let selected = |left: usize, right: usize, level: usize, procedure| {
-            let all = Samples { left: &parts[left], right: &parts[right], level: &parts[level], marks: &marks, ..Samples::default() };
+            let any = [&parts[1][..], &[], &parts[2]];
+            let all = Samples { left: &parts[left], right: &parts[right], level: &parts[level], marks: &marks, any };
             let selected = Selection::of(all, procedure).from(all);
-            assert_eq!(selected.marks, marks);
+            assert_eq!((selected.marks, selected.any), (&marks[..], any));
             (selected.left.len(), selected.right.len(), selected.level.len())
         };
         assert_eq!(selected(2, 2, 2, Procedure::Turns), (12, 12, 0));

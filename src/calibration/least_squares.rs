@@ -195,6 +195,23 @@ mod tests {
 
     /// Two directions that differ by a part in a thousand: the information's condition is 10^7, which the normal
     /// equations in f32 would lose; the solution here is good to a part in 10^3.
+    /// `v . (U^T D U)^-1 v`, by the way that gives the whole vector; of what is open it is without bound.
+    #[test]
+    fn a_variance_is_the_covariance_between_a_vector_and_itself() {
+        let mut system = LeastSquares::<3, 1>::new();
+        for (row, weight) in [([1.0, 2.0, 0.5], 2.0), ([0.0, -1.0, 3.0], 0.5), ([4.0, 0.0, 1.0], 1.0)] {
+            system.add(&SVector::from(row), [0.0], weight);
+        }
+        for vector in [[1.0, 0.0, 0.0], [0.0, 2.0, -1.0], [0.3, 0.2, 0.1]].map(SVector::from) {
+            let whole = vector.dot(&system.covariance_times(&vector).unwrap());
+            assert!((system.variance(&vector) / whole - 1.0).abs() < 1e-5, "{whole}");
+        }
+        let mut open = LeastSquares::<3, 1>::new();
+        open.add(&SVector::from([1.0, 0.0, 0.0]), [0.0], 4.0);
+        assert!((open.variance(&SVector::from([2.0, 0.0, 0.0])) - 1.0).abs() < 1e-6);
+        assert!(open.variance(&SVector::from([0.0, 1.0, 0.0])).is_infinite());
+    }
+
     #[test]
     fn nearly_parallel_equations_keep_their_digits() {
         let truth = Vector3::new(2.0, -3.0, 0.5);

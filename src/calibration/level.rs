@@ -178,7 +178,8 @@ mod tests {
         let samples = at(&round(24), 1.0);
         let marks: Vec<Mark> = samples[12..].iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
         let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let parts = Samples { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Samples::default() };
+        let parts =
+            Samples { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Samples::default() };
         let found = solve(parts, &about_z).unwrap();
         assert!((found.b_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
     }

@@ -110,7 +110,12 @@ pub(super) fn tilted(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
     let w = per_ut * (sign / total);
     let unit_ut = trig::reciprocal_cbrt(w.determinant());
     let is_one = unit_ut.is_finite() && unit_ut > 0.0 && b_ut.iter().all(|ut| ut.is_finite());
-    is_one.then(|| Start { unit_ut, w: w * unit_ut, b: b_ut / unit_ut, inclination_rad: sign * trig::asin(1.0 / total) })
+    is_one.then(|| Start {
+        unit_ut,
+        w: w * unit_ut,
+        b: b_ut / unit_ut,
+        inclination_rad: sign * trig::asin(1.0 / total),
+    })
 }
 
 /// Tangent of an inclination in radians.

@@ -102,7 +102,17 @@ impl Solver {
         check(method, samples)?;
         let (start, from_sphere) = first_start(method, samples, prior)?;
         let refinement = begin(method, prior, samples, &start, 0.0)?;
-        Ok(Self { method, prior: *prior, consider, refinement, from_sphere, kept: None, told: None, latencies: 0, odd: None })
+        Ok(Self {
+            method,
+            prior: *prior,
+            consider,
+            refinement,
+            from_sphere,
+            kept: None,
+            told: None,
+            latencies: 0,
+            odd: None,
+        })
     }
 
     /// One pass over the samples, or the end. Not inlined, nor are the large parts of it, whose values would all lie on
@@ -393,6 +403,7 @@ fn closed_form(
 #[inline(never)]
 fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(Start, bool), SolveError> {
     let rotation = prior.mount.body_from_sensor();
+    let is_mounted_so = |start: &Start| Orientation::nearest(&start.w) == Orientation::NONE;
     if has_any(samples)
         && let Some(start) = response::tilted(samples, &rotation)
     {
@@ -405,6 +416,11 @@ fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(S
         Err(error) => return Err(error),
     };
     match closed_form {
+        Some(start) if method == Method::MaximumLikelihood && !is_mounted_so(&start) => {
+            // Two planes go by the sense of the turns, which not everything that flies banks into.
+            let tilted = response::tilted(samples, &rotation).filter(is_mounted_so);
+            Ok((tilted.unwrap_or(start), false))
+        }
         Some(start) => Ok((start, false)),
         None if method.is_refined() => {
             Ok((response::sphere(samples, &rotation).ok_or(SolveError::NotConverged)?, true))

@@ -76,6 +76,15 @@ mod tests {
         assert_eq!(order(&[], &[], &[]), []);
     }
 
+    /// However many pieces they come in, they are one part.
+    #[test]
+    fn samples_of_no_side_are_one_part() {
+        let [level, first, second, third] = [&[4][..], &[2, 9], &[3, 7], &[1]].map(at);
+        let samples = Samples { level: &level, any: [&first, &second, &third], ..Samples::default() };
+        let order: Vec<_> = InTime::new(samples).map(|(part, sample)| (part, sample.time.count())).collect();
+        assert_eq!(order, [(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)]);
+    }
+
     #[test]
     fn at_once_is_in_the_order_of_the_parts() {
         assert_eq!(order(&[1, 2], &[1, 2], &[1]), [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]);

@@ -116,6 +116,8 @@ pub(super) fn progress_by_rates_rad(samples: Samples<'_>, angle_rad: impl Fn(&Sa
 
 #[cfg(test)]
 mod tests {
+    use core::f32::consts::TAU;
+
     use super::*;
     use crate::calibration::Rates;
     use crate::frames::{Attitude, Field};
@@ -183,6 +185,39 @@ mod tests {
     }
 
     /// 3 s are near enough; what is further apart, or in the past, says nothing.
+    /// Samples of a circle, so many milliseconds apart, that the gyro says runs at so many degrees a second; the progress of
+    /// one that really runs at 20.
+    fn by_rates(deg_s: f32, every_ms: u32, seconds: u32) -> Option<f32> {
+        let circle: Vec<Sample> = (0..=seconds * 1000 / every_ms)
+            .map(|i| {
+                let heading_rad = wrap_pi((20.0 * (i * every_ms) as f32 * 1e-3).to_radians());
+                let rates = Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
+                Sample { rates, ..sample(0.0, heading_rad, i * every_ms) }
+            })
+            .collect();
+        let (first, rest) = circle.split_at(circle.len() / 2);
+        progress_by_rates_rad(Samples { level: first, any: [rest, &[], &[]], ..Samples::default() }, |s| s.field.ut.x)
+    }
+
+    #[test]
+    fn headings_run_with_the_gyro_or_against_it() {
+        let circle = Some(TAU);
+        for (deg_s, expected) in [(20.0, circle), (-20.0, circle.map(|rad| -rad)), (15.0, circle), (0.0, None)] {
+            let found = by_rates(deg_s, 500, 18);
+            assert!(
+                found.zip(expected).map_or(found == expected, |(found, expected)| (found - expected).abs() < 0.05),
+                "{deg_s}: {found:?}"
+            );
+        }
+    }
+
+    /// Half a circle by the gyro, and neighbours within 1.2 s.
+    #[test]
+    fn little_turning_and_samples_far_apart_say_nothing() {
+        assert!(by_rates(20.0, 500, 8).is_none() && by_rates(20.0, 500, 10).is_some());
+        assert!(by_rates(20.0, 1300, 30).is_none() && by_rates(20.0, 1200, 30).is_some());
+    }
+
     #[test]
     fn samples_far_apart_in_time_say_nothing_of_the_way() {
         assert!((progress(Side::Right, &[(100, 1.0), (3100, 2.0)]) - 1.0).abs() < 1e-6);

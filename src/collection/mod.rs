@@ -3,7 +3,8 @@
 //! Samples come ten a second from the [`instrument`](crate::instrument). How they are collected is the
 //! [`Procedure`]: in flight a detector that looks at bank alone says when the aircraft is in a sustained left or right
 //! turn, and level flight between turns is collected as well; level vehicles and compass swings collect samples of
-//! little bank, and a module that is tumbled by hand whatever it sees. A dataset of fixed capacity keeps samples evenly
+//! little bank, and a module that is tumbled by hand whatever it sees. Whatever is flown is collected by what each sample
+//! tells of the coefficients ([`spread`]). A dataset of fixed capacity keeps samples evenly
 //! spread over heading, a part of them held back for verification ([`dataset`]). A compass swing adds marks: samples at
 //! headings that a person knows.
 
@@ -61,7 +62,7 @@ pub struct Collector {
 pub struct Progress {
     /// How samples are collected.
     pub procedure: Procedure,
-    /// Left turns; all attitudes when tumbling.
+    /// Left turns; all attitudes when tumbling, and of whatever is flown.
     pub left: Coverage,
     /// Right turns.
     pub right: Coverage,
@@ -153,7 +154,10 @@ impl Collector {
     pub fn progress(&self) -> Progress {
         Progress {
             procedure: self.procedure,
-            left: self.dataset.turns(Side::Left),
+            left: match self.procedure {
+                Procedure::Flight => self.dataset.spread_coverage(),
+                _ => self.dataset.turns(Side::Left),
+            },
             right: self.dataset.turns(Side::Right),
             level: self.dataset.level(),
             marks: self.marks.len() as u16,

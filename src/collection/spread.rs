@@ -78,3 +78,105 @@ fn design(rows: impl Iterator<Item = Row>) -> LeastSquares<UNKNOWNS, 1> {
     }
     LeastSquares::of_normal_equations(information, [[0.0]; UNKNOWNS])
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use nalgebra::Matrix3;
+    use testkit::random::Random;
+
+    use super::super::testing::sample;
+    use super::*;
+    use crate::frames::{Attitude, Level};
+
+    /// At a tilt, in an aircraft of some iron.
+    fn at(heading_rad: f32, roll_deg: f32, pitch_deg: f32, iron: &Matrix3<f32>) -> Sample {
+        let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+        let body = attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut;
+        let field = iron * body + Vector3::new(60.0, -45.0, 80.0);
+        Sample { attitude, ..sample(field.into(), 0) }
+    }
+
+    /// Sixty samples all round, tilted by up to 20 deg to all sides.
+    fn varied(iron: &Matrix3<f32>) -> Vec<Sample> {
+        let mut random = Random(3);
+        (0..60)
+            .map(|_| {
+                let heading_rad = random.uniform(0.0, TAU);
+                at(heading_rad, random.uniform(-20.0, 20.0), random.uniform(-20.0, 20.0), iron)
+            })
+            .collect()
+    }
+
+    fn weakest_of(samples: &[Sample]) -> Option<usize> {
+        weakest(samples.iter())
+    }
+
+    /// One of many alike, wherever they are.
+    #[test]
+    fn what_is_there_many_times_tells_least() {
+        for first in [0, 20, 60] {
+            let mut samples = varied(&Matrix3::identity());
+            samples.splice(first..first, vec![at(1.0, 0.0, 0.0, &Matrix3::identity()); 40]);
+            let place = weakest_of(&samples).unwrap();
+            assert!((first..first + 40).contains(&place), "{first} {place}");
+        }
+    }
+
+    /// Neither the one that is tilted the most, of the others level, nor the one at another heading.
+    #[test]
+    fn what_is_there_once_stays() {
+        let level = |i: u8| at(f32::from(i) / 40.0 * TAU, 0.0, 0.0, &Matrix3::identity());
+        for rare in [at(0.3, 15.0, 0.0, &Matrix3::identity()), at(0.3, 0.0, -15.0, &Matrix3::identity())] {
+            let mut samples: Vec<Sample> = (0..40).map(level).collect();
+            samples.insert(7, rare);
+            while samples.len() > 13 {
+                let place = weakest_of(&samples).unwrap();
+                assert_ne!(samples.remove(place), rare, "of {}", samples.len());
+            }
+        }
+    }
+
+    /// Whatever iron bends the readings: they tell the same.
+    #[test]
+    fn iron_changes_nothing_of_what_a_sample_is_worth() {
+        let bent = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);
+        let kept = [Matrix3::identity(), bent].map(|iron| {
+            let mut samples: Vec<(usize, Sample)> = varied(&iron).into_iter().enumerate().collect();
+            while samples.len() > 20 {
+                let place = weakest(samples.iter().map(|(_, sample)| sample)).unwrap();
+                samples.remove(place);
+            }
+            samples.into_iter().map(|(number, _)| number).collect::<Vec<_>>()
+        });
+        let both = kept[0].iter().filter(|number| kept[1].contains(number)).count();
+        // But for rounding and what little is taken for known beforehand.
+        assert!(both >= 18, "{both} of 20");
+    }
+
+    /// Of one of two designs alone the choice would be another: a sample that only the strength tells from the others, and
+    /// one that only the vertical does.
+    #[test]
+    fn both_the_vertical_and_the_strength_count() {
+        let level: Vec<Sample> =
+            (0..40).map(|i: u8| at(f32::from(i) / 40.0 * TAU, 0.0, 0.0, &Matrix3::identity())).collect();
+        // Another reading at the same attitude; the same reading at another attitude.
+        let stronger = Sample { field: Field::new(level[3].field.ut * 1.4), ..level[3] };
+        let tilted = Sample { attitude: Attitude::from_deg(8.0, 0.0), ..level[3] };
+        for rare in [stronger, tilted] {
+            let mut samples = level.clone();
+            samples.push(rare);
+            for _ in 0..20 {
+                let place = weakest_of(&samples).unwrap();
+                assert_ne!(samples.remove(place), rare);
+            }
+        }
+    }
+
+    #[test]
+    fn of_readings_that_are_all_alike_nothing_can_be_told() {
+        assert_eq!(weakest_of(&[]), None);
+        assert_eq!(weakest_of(&vec![sample([20.0, 0.0, 40.0], 0); 30]), None);
+    }
+}

@@ -98,8 +98,8 @@ fn instant(aircraft: &Aircraft) -> Instant {
         euler: state.euler(),
         push_m_s2: state.push_m_s2,
         rates: Rates::from_rad_s(
-                [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
-            ),
+            [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
+        ),
         time: WrappingMillis::new((state.time_us / 1000) as u32),
     }
 }

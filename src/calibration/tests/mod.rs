@@ -1,8 +1,9 @@
 //! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
 //! `robustness`, samples of two airframes in `constancy`, what is tried again in `second_thoughts`, symmetries in
 //! `symmetry`, which method when and what to fly in `guidance`, small values in `basics`, the likelihood's derivatives
-//! in `derivatives`, its noise and damping in `likelihood`, its sigmas in `forecast`.
+//! in `derivatives`, samples of no side in `any`, its noise and damping in `likelihood`, its sigmas in `forecast`.
 
+mod any;
 mod basics;
 mod constancy;
 pub(crate) mod derivatives;

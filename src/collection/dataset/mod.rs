@@ -4,7 +4,6 @@ use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
 use super::spread;
 use crate::calibration::{Sample, Samples, Side};
 use crate::frames::wrap_pi;
-use crate::time::WrappingMillis;
 
 pub use super::circle::SECTORS;
 pub use super::part::Coverage;
@@ -55,8 +54,6 @@ pub(super) struct Dataset {
     apart_ut: f32,
     /// How many of whatever was flown were taken; wraps, at a multiple of the rounds of `hold_back_every`.
     taken: u16,
-    /// When the last of them was.
-    looked: Option<WrappingMillis>,
 }
 
 impl Dataset {
@@ -68,7 +65,6 @@ impl Dataset {
             level: PartSamples::new(),
             apart_ut: Apart::DEFAULT.distance_ut,
             taken: 0,
-            looked: None,
         }
     }
 
@@ -97,13 +93,9 @@ impl Dataset {
         if !self.is_news(&sample) {
             return;
         }
-        self.looked = Some(sample.time);
         self.taken = self.taken.wrapping_add(1);
-        let purpose = if self.taken.is_multiple_of(Config::TURNS.hold_back_every) {
-            Purpose::Verification
-        } else {
-            Purpose::Fit
-        };
+        let purpose =
+            if self.taken.is_multiple_of(Config::TURNS.hold_back_every) { Purpose::Verification } else { Purpose::Fit };
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
             return;
         }
@@ -126,13 +118,12 @@ impl Dataset {
         [self.left.of(purpose), self.right.of(purpose), self.level.of(purpose)]
     }
 
-    /// Whether a sample is a measurement, late enough after the last one, and another: who stands tells nothing twice, and
-    /// may stand beside a hangar.
+    /// Whether a sample is a measurement, and another than the last one: who stands tells nothing twice, and may stand
+    /// beside a hangar.
     fn is_news(&self, sample: &Sample) -> bool {
         let kept = [self.spread(), self.spread_held_back()].into_iter().flat_map(|samples| samples.any);
         let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.since(last.time));
-        let is_late = self.looked.is_none_or(|looked| sample.time.since(looked) >= 100);
-        is_late && sample.field.ut.iter().all(|c| c.is_finite()) && last.is_none_or(|last| has_moved(last, sample))
+        sample.field.ut.iter().all(|c| c.is_finite()) && last.is_none_or(|last| has_moved(last, sample))
     }
 
     /// Samples of whatever was flown to solve with.
@@ -146,13 +137,20 @@ impl Dataset {
         Samples { any, ..Samples::default() }
     }
 
+    /// How many there are of whatever was flown. What they are worth is not in their number.
+    pub fn spread_coverage(&self) -> Coverage {
+        let number = |samples: Samples<'_>| samples.all().count() as u16;
+        let (samples, held_back) = (number(self.spread()), number(self.spread_held_back()));
+        Coverage { samples, held_back, ..Coverage::default() }
+    }
+
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.left.clear();
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
-        (self.taken, self.looked) = (0, None);
+        self.taken = 0;
     }
 
     /// Samples to solve with, without marks.

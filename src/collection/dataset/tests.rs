@@ -194,3 +194,107 @@ fn nothing_a_sensor_could_say_panics() {
     });
     assert!(coverage(samples).samples > 0);
 }
+
+/// Of whatever is flown: turns to the right, level, to the left, one after the other, and a wobble; fast enough for every
+/// sample to be another.
+fn flown(seconds: u16) -> impl Iterator<Item = Sample> {
+    let leg = |from_s: u16| [25.0, 0.0, -25.0][usize::from(from_s / 20 % 3)];
+    (0..seconds).step_by(20).flat_map(move |from_s| turn(leg(from_s), from_s, from_s + 20, 60.0))
+}
+
+fn spread(samples: impl Iterator<Item = Sample>) -> Dataset {
+    let mut dataset = Dataset::new();
+    for sample in samples {
+        dataset.push_spread(sample);
+    }
+    dataset
+}
+
+fn times(samples: Samples<'_>) -> Vec<u32> {
+    samples.any.into_iter().flatten().map(|sample| sample.time.count()).collect()
+}
+
+const ALL_FIT: usize = 2 * FIT_CAPACITY + LEVEL_FIT_CAPACITY;
+const ALL_HELD_BACK: usize = 2 * HELD_BACK_CAPACITY + LEVEL_HELD_BACK_CAPACITY;
+
+/// All there is room for, every fourth held back, in the order of time, and none lost.
+#[test]
+fn whatever_is_flown_is_kept_until_there_is_no_room() {
+    let dataset = spread(flown(40));
+    let (fit, held_back) = (times(dataset.spread()), times(dataset.spread_held_back()));
+    assert_eq!((fit.len(), held_back.len()), (300, 100));
+    assert_eq!(held_back[..3], [300, 700, 1100]);
+    let mut all = [fit.clone(), held_back].concat();
+    all.sort_unstable();
+    assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
+    assert!(fit.is_sorted());
+    assert_eq!(dataset.spread_coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
+    assert!(dataset.spread().left.is_empty() && dataset.spread_held_back().level.is_empty());
+}
+
+/// Twenty minutes of level flight, then a turn each way: it comes in, and what was flown before goes; each piece stays in
+/// the order of time.
+#[test]
+fn what_tells_more_takes_the_place_of_what_tells_least() {
+    let level = |minutes: u16| turn(0.0, 0, 60 * minutes, 60.0);
+    let mut dataset = spread(level(5));
+    for sample in [turn(25.0, 300, 320, 60.0), turn(-25.0, 320, 340, 60.0)].into_iter().flatten() {
+        dataset.push_spread(sample);
+    }
+    for (samples, capacity) in [(dataset.spread(), ALL_FIT), (dataset.spread_held_back(), ALL_HELD_BACK)] {
+        let banked = samples.any.into_iter().flatten().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
+        assert_eq!(times(samples).len(), capacity);
+        // Of 400 that were flown, one in four to verify with.
+        let flown = if capacity == ALL_FIT { 300 } else { 100 };
+        assert!(banked * 10 >= flown * 8 || banked * 10 >= capacity * 7, "{banked} of {flown}");
+        for piece in samples.any {
+            assert!(piece.is_sorted_by_key(|sample| sample.time.count()));
+        }
+    }
+}
+
+/// A full buffer of what tells much takes nothing in that tells little.
+#[test]
+fn what_tells_little_is_left() {
+    let mut dataset = spread(flown(400));
+    let before = times(dataset.spread());
+    let still = turn(0.0, 500, 510, 60.0);
+    for sample in still {
+        dataset.push_spread(sample);
+    }
+    let after = times(dataset.spread());
+    let new = after.iter().filter(|time| !before.contains(time)).count();
+    assert!(new <= 8, "{new} of 75");
+}
+
+/// Who stands tells it once: 1 uT and 1.5 deg are another sample.
+#[test]
+fn who_stands_is_kept_once() {
+    let mut dataset = Dataset::new();
+    let mut push = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
+        let attitude = Attitude::from_deg(roll_deg, pitch_deg);
+        let before = dataset.spread_coverage();
+        dataset.push_spread(Sample { attitude, ..sample([x_ut, 5.0, 40.0], 100) });
+        dataset.spread_coverage() != before
+    };
+    assert!(push(20.0, 0.0, 0.0));
+    for _ in 0..100 {
+        assert!(!push(20.0, 0.0, 0.0) && !push(20.9, 0.0, 0.0) && !push(20.0, 1.0, -1.0));
+    }
+    assert!(push(21.1, 0.0, 0.0));
+    assert!(push(21.1, -1.6, 0.0));
+    assert!(push(21.1, -1.6, 1.6));
+    assert!(!push(f32::NAN, 0.0, 0.0));
+}
+
+#[test]
+fn forgotten_is_forgotten_of_whatever_was_flown() {
+    let mut dataset = spread(flown(3));
+    dataset.clear();
+    assert_eq!(dataset.spread_coverage(), Coverage::default());
+    // The round begins anew, too.
+    for sample in flown(20).take(4) {
+        dataset.push_spread(sample);
+    }
+    assert_eq!(times(dataset.spread_held_back()), [300]);
+}

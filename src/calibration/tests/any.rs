@@ -1,0 +1,192 @@
+//! Samples of whatever is flown, of no side: what they determine, and what is found to be wrong with them.
+
+use core::f32::consts::TAU;
+
+use super::synthetic::{Airframe, Flight, Random, largest, quantile, rms, sample};
+use super::{NO_PRIOR, harsh};
+use crate::calibration::response::tilted;
+use crate::calibration::{Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+use nalgebra::{Matrix3, Vector3};
+
+/// A multirotor: it yaws once each way in hover, then yaws slowly on while it is pushed to all sides by 15 deg, four times
+/// a second. Which way it tilts has nothing to do with which way it turns.
+fn hovered(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
+    const STEP_S: f32 = 0.25;
+    let mut heading_rad = random.uniform(0.0, TAU);
+    (0..400_u16)
+        .map(|i| {
+            let t_s = f32::from(i) * STEP_S;
+            let rate_rad_s = if t_s < 20.0 {
+                0.35
+            } else if t_s < 40.0 {
+                -0.35
+            } else {
+                0.2
+            };
+            heading_rad += STEP_S * rate_rad_s;
+            let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
+            let truth = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
+            let measured = sample(airframe, truth, heading_rad, 0.4 * noise_deg, random);
+            let [roll_rad, pitch_rad] =
+                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * noise_deg).to_radians());
+            Sample {
+                attitude: Attitude { roll_rad, pitch_rad },
+                rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
+                time: WrappingMillis::new((t_s * 1000.0) as u32),
+                ..measured
+            }
+        })
+        .collect()
+}
+
+/// In pieces, as a collection keeps them: every other one lies in the second.
+fn in_pieces(samples: &[Sample]) -> [Vec<Sample>; 2] {
+    let piece = |odd: usize| samples.iter().skip(odd).step_by(2).copied().collect();
+    [piece(0), piece(1)]
+}
+
+fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::Solution, SolveError> {
+    let [first, second] = in_pieces(samples);
+    solve(Method::MaximumLikelihood, Samples { any: [&first, &second, &[]], ..Samples::default() }, prior)
+}
+
+/// TRUTH is the Cramer-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise, 0.1 to 0.2 deg here
+/// but near the magnetic poles.
+#[test]
+fn a_multirotor_that_is_pushed_to_all_sides_is_calibrated() {
+    let mut errors = Vec::new();
+    for seed in 0..40 {
+        let mut random = Random(8000 + seed);
+        let airframe = harsh(&mut random);
+        let solution = solved(&hovered(&airframe, 0.3, &mut random), &NO_PRIOR)
+            .unwrap_or_else(|error| panic!("seed {seed}: {error:?} {airframe:?}"));
+        let error_deg = rms(&airframe.errors_deg(&solution.calibration));
+        assert!(error_deg <= 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {error_deg} {solution:?}");
+        errors.push(error_deg);
+    }
+    assert!(quantile(&errors, 0.5) <= 0.35 && quantile(&errors, 0.9) <= 0.8, "{errors:?}");
+}
+
+/// Turns are only another way of being tilted: no side is asked for.
+#[test]
+fn turns_of_no_side_are_as_good_as_turns() {
+    for seed in 0..10 {
+        let mut random = Random(8100 + seed);
+        let airframe = harsh(&mut random);
+        let turns = Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::REAL }.fly(&airframe, &mut random);
+        let by_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
+        let any = Samples { any: [&turns.left, &turns.right, &[]], ..Samples::default() };
+        let by_any = solve(Method::MaximumLikelihood, any, &NO_PRIOR).unwrap();
+        let apart: Vec<f32> = airframe
+            .errors_deg(&by_turns.calibration)
+            .iter()
+            .zip(airframe.errors_deg(&by_any.calibration))
+            .map(|(turns, any)| turns - any)
+            .collect();
+        // What two refinements that have settled leave.
+        assert!(largest(&apart) < 0.1 * by_turns.quality.expected_rms_deg.max(0.2), "seed {seed}: {apart:?}");
+    }
+}
+
+/// The vertical alone: exact without noise, whatever the hemisphere, the iron and the way it is flown.
+#[test]
+fn the_vertical_alone_gives_a_start() {
+    for seed in 0..40 {
+        let mut random = Random(8200 + seed);
+        let airframe =
+            Airframe::random(&mut random, 0.3, 3.0, 20.0, if seed % 2 == 0 { [20.0, 75.0] } else { [-75.0, -20.0] });
+        let samples = hovered(&airframe, 0.0, &mut random);
+        let any = Samples { any: [&samples, &[], &[]], ..Samples::default() };
+        let start = tilted(any, &Matrix3::identity()).unwrap();
+        assert!((start.inclination_rad - airframe.inclination_rad).abs() < 0.01, "seed {seed}: {start:?} {airframe:?}");
+        assert!((start.w.determinant() - 1.0).abs() < 1e-3);
+        for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
+            let attitude = Attitude::from_deg(roll_deg, 5.0);
+            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.b);
+            let heading = attitude.level(Field::new(found)).heading_rad();
+            let off_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
+            assert!(off_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {off_deg} {found}");
+        }
+    }
+}
+
+/// What lies in a plane leaves it open, and what is no number is none.
+#[test]
+fn what_is_not_tilted_gives_no_start() {
+    let airframe = Airframe::random(&mut Random(1), 0.2, 1.0, 5.0, [60.0, 60.1]);
+    let level: Vec<Sample> = (0..40_u8)
+        .map(|i| sample(&airframe, Attitude::default(), f32::from(i) / 40.0 * TAU, 0.0, &mut Random(2)))
+        .collect();
+    let broken = [Sample { field: Field::new(Vector3::repeat(f32::NAN)), ..level[0] }; 20];
+    for samples in [&level[..], &level[..3], &broken, &[]] {
+        let any = Samples { any: [samples, &[], &[]], ..Samples::default() };
+        let start = tilted(any, &Matrix3::identity());
+        assert!(start.is_none_or(|start| start.w.iter().all(|w| w.is_finite())), "{} samples", samples.len());
+    }
+}
+
+/// A source that tells roll or pitch the wrong way round mirrors the aircraft: the headings run against the gyro. Without
+/// one it looks like another mounting. An aircraft that banks against its turns is neither.
+#[test]
+fn a_mirrored_attitude_is_found_and_a_multirotor_is_none() {
+    for seed in 0..10 {
+        let mut random = Random(8300 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [40.0, 70.0]);
+        let samples = hovered(&airframe, 0.3, &mut random);
+        assert!(solved(&samples, &NO_PRIOR).is_ok());
+        for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
+            let mirror = |s: &Sample| {
+                let Attitude { roll_rad, pitch_rad } = s.attitude;
+                Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*s }
+            };
+            let mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
+            let refused = solved(&mirrored, &NO_PRIOR).map(|_| ());
+            assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
+            let silent: Vec<Sample> = mirrored.iter().map(|s| Sample { rates: Rates::NONE, ..*s }).collect();
+            let refused = solved(&silent, &NO_PRIOR).map(|_| ());
+            assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
+        }
+    }
+}
+
+/// Turns to the left in which it banks to the right, as a multirotor may: by the rates it is right, whichever part it is in.
+#[test]
+fn who_banks_out_of_a_turn_is_not_reversed_if_the_gyro_says_so() {
+    let mut random = Random(8400);
+    let airframe = Airframe::random(&mut random, 0.2, 1.0, 5.0, [55.0, 65.0]);
+    let turn = |bank_deg: f32, rate_rad_s: f32, known: bool, from_ms: u32, random: &mut Random| -> Vec<Sample> {
+        (0..120_u16)
+            .map(|i| {
+                let t_s = f32::from(i) * 0.4;
+                let wobble = Attitude::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
+                let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::NONE };
+                let time = WrappingMillis::new(from_ms + u32::from(i) * 400);
+                Sample { rates, time, ..sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
+            })
+            .collect()
+    };
+    for (known, expected) in [(true, Ok(())), (false, Err(SolveError::TurnsReversed))] {
+        let (left, right) = (turn(-20.0, 0.2, known, 0, &mut random), turn(20.0, -0.2, known, 60_000, &mut random));
+        let turns = Samples { left: &left, right: &right, ..Samples::default() };
+        assert_eq!(solve(Method::MaximumLikelihood, turns, &NO_PRIOR).map(|_| ()), expected, "rates {known}");
+    }
+}
+
+/// Another mounting than the one that is set, and none of the two starts explains it away.
+#[test]
+fn another_mounting_is_named() {
+    let mut random = Random(8500);
+    let airframe = Airframe::random(&mut random, 0.15, 1.0, 5.0, [50.0, 65.0]);
+    let samples = hovered(&airframe, 0.3, &mut random);
+    for found in Orientation::all() {
+        let sensor_from_body = found.body_from_sensor().transpose();
+        let turned: Vec<Sample> =
+            samples.iter().map(|s| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s }).collect();
+        let refused = solved(&turned, &NO_PRIOR).map(|_| ());
+        let expected = if found == Orientation::NONE { Ok(()) } else { Err(SolveError::MountContradicted { found }) };
+        assert_eq!(refused, expected, "{}", found.name());
+        assert!(solved(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(), "{}", found.name());
+    }
+}
