@@ -237,12 +237,48 @@ impl Part {
 impl<'a> Samples<'a> {
     /// The samples without a given heading: left turns, right turns, level flight, any.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        self.left.iter().chain(self.right).chain(self.level).chain(self.any.into_iter().flatten())
+        let [first, second, third] = self.any;
+        Pieces { now: self.left.iter(), others: [self.right, self.level, first, second, third], begun: 0 }
     }
 
     /// All samples: those without a given heading, then those of the marks.
     pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
+    }
+}
+
+/// Samples of several pieces, one after the other. A chain of iterators would be as many tests for every sample, and
+/// be written out wherever samples are gone through.
+#[derive(Clone, Debug)]
+struct Pieces<'a> {
+    now: core::slice::Iter<'a, Sample>,
+    others: [&'a [Sample]; 5],
+    /// How many of the others have been begun.
+    begun: usize,
+}
+
+impl<'a> Pieces<'a> {
+    #[inline(never)]
+    fn begin_next(&mut self) -> Option<&'a Sample> {
+        while let Some(piece) = self.others.get(self.begun) {
+            self.begun += 1;
+            self.now = piece.iter();
+            if let Some(sample) = self.now.next() {
+                return Some(sample);
+            }
+        }
+        None
+    }
+}
+
+impl<'a> Iterator for Pieces<'a> {
+    type Item = &'a Sample;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match self.now.next() {
+            Some(sample) => Some(sample),
+            None => self.begin_next(),
+        }
     }
 }
 
