@@ -61,6 +61,27 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         system
     }
 
+    /// Of equations of weight one with the same value, each written as its row; `ridge` is what is known of every unknown
+    /// beforehand, as an information.
+    pub fn of_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M], ridge: f32) -> Self {
+        let mut information = [[0.0; N]; N];
+        let mut right = [[0.0; M]; N];
+        for (i, row) in information.iter_mut().enumerate() {
+            row[i] = ridge;
+        }
+        for row in rows {
+            for (i, (sums, right)) in information.iter_mut().zip(&mut right).enumerate() {
+                for (sum, x) in sums[i..].iter_mut().zip(&row.as_slice()[i..]) {
+                    *sum += row[i] * x;
+                }
+                for (sum, value) in right.iter_mut().zip(value) {
+                    *sum += row[i] * value;
+                }
+            }
+        }
+        Self::of_normal_equations(information, right)
+    }
+
     /// Adds the equation `row . x = value` with a weight, the inverse of its variance.
     pub fn add(&mut self, row: &SVector<f32, N>, mut values: [f32; M], mut weight: f32) {
         let mut row: [f32; N] = (*row).into();

@@ -93,13 +93,12 @@ pub(super) fn tilted(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
     let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
     let spread = fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / number;
     let scale_ut = libm::sqrtf(spread);
-    let mut system = LeastSquares::<12, 1>::new();
-    for (field, s) in fields() {
+    let rows = fields().map(|(field, s)| {
         let down = s.attitude.body(Field::new(Vector3::z())).ut;
         let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
-        system.add(&SVector::from_iterator(row.iter().copied()), [1.0], 1.0);
-    }
-    let solution = system.solve()?;
+        SVector::<f32, 12>::from_iterator(row.iter().copied())
+    });
+    let solution = LeastSquares::<12, 1>::of_rows(rows, [1.0], 0.0).solve()?;
     // Column by column, as they were taken.
     let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
     let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;

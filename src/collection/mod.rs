@@ -4,7 +4,7 @@
 //! [`Procedure`]: in flight a detector that looks at bank alone says when the aircraft is in a sustained left or right
 //! turn, and level flight between turns is collected as well; level vehicles and compass swings collect samples of
 //! little bank, and a module that is tumbled by hand whatever it sees. Whatever is flown is collected by what each sample
-//! tells of the coefficients ([`spread`]). A dataset of fixed capacity keeps samples evenly
+//! tells of the coefficients. A dataset of fixed capacity keeps samples evenly
 //! spread over heading, a part of them held back for verification ([`dataset`]). A compass swing adds marks: samples at
 //! headings that a person knows.
 

@@ -53,30 +53,16 @@ impl Scale {
 #[inline(never)]
 pub(super) fn weakest<'a>(samples: impl Iterator<Item = &'a Sample> + Clone) -> Option<usize> {
     let scale = Scale::of(samples.clone())?;
-    let designs = [0, 1].map(|kind| design(samples.clone().map(|sample| scale.rows(sample)[kind])));
+    let designs = [0, 1].map(|kind| {
+        let rows = samples.clone().map(|sample| scale.rows(sample)[kind]);
+        LeastSquares::<UNKNOWNS, 1>::of_rows(rows, [0.0], RIDGE)
+    });
     let worth = |sample: &Sample| {
         let rows = scale.rows(sample);
         designs.iter().zip(&rows).map(|(design, row)| design.variance(row)).sum::<f32>()
     };
     let worths = samples.map(worth).enumerate();
     worths.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
-}
-
-/// The information of rows.
-#[inline(never)]
-fn design(rows: impl Iterator<Item = Row>) -> LeastSquares<UNKNOWNS, 1> {
-    let mut information = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for (i, row) in information.iter_mut().enumerate() {
-        row[i] = RIDGE;
-    }
-    for row in rows {
-        for (i, sums) in information.iter_mut().enumerate() {
-            for (sum, x) in sums[i..].iter_mut().zip(&row.as_slice()[i..]) {
-                *sum += row[i] * x;
-            }
-        }
-    }
-    LeastSquares::of_normal_equations(information, [[0.0]; UNKNOWNS])
 }
 
 #[cfg(test)]
