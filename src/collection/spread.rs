@@ -36,16 +36,21 @@ impl Scale {
         per_ut.is_finite().then_some(Self { mean_ut, per_ut })
     }
 
-    /// What a sample says of the vertical component, and of the strength.
-    fn rows(&self, sample: &Sample) -> [Row; 2] {
-        let p = (sample.field.ut - self.mean_ut) * self.per_ut;
+    fn of_one(&self, sample: &Sample) -> Vector3<f32> {
+        (sample.field.ut - self.mean_ut) * self.per_ut
+    }
+
+    /// What a sample says of the vertical component.
+    fn vertical(&self, sample: &Sample) -> Row {
         let down = sample.attitude.body(Field::new(Vector3::z())).ut;
-        let products = down * p.push(1.0).transpose();
-        let [x, y, z] = p.into();
-        [
-            Row::from_iterator(products.iter().copied()),
-            Row::from([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z, 1.0, 0.0, 0.0]),
-        ]
+        let products = down * self.of_one(sample).push(1.0).transpose();
+        Row::from_iterator(products.iter().copied())
+    }
+
+    /// What it says of the strength.
+    fn strength(&self, sample: &Sample) -> Row {
+        let [x, y, z] = self.of_one(sample).into();
+        Row::from([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z, 1.0, 0.0, 0.0])
     }
 }
 
@@ -53,13 +58,13 @@ impl Scale {
 #[inline(never)]
 pub(super) fn weakest<'a>(samples: impl Iterator<Item = &'a Sample> + Clone) -> Option<usize> {
     let scale = Scale::of(samples.clone())?;
-    let designs = [0, 1].map(|kind| {
-        let rows = samples.clone().map(|sample| scale.rows(sample)[kind]);
-        LeastSquares::<UNKNOWNS, 1>::of_rows(rows, [0.0], RIDGE)
-    });
+    let says = [Scale::vertical, Scale::strength];
+    let design = |row: fn(&Scale, &Sample) -> Row| {
+        LeastSquares::<UNKNOWNS, 1>::of_rows(samples.clone().map(|sample| row(&scale, sample)), [0.0], RIDGE)
+    };
+    let designs = says.map(design);
     let worth = |sample: &Sample| {
-        let rows = scale.rows(sample);
-        designs.iter().zip(&rows).map(|(design, row)| design.variance(row)).sum::<f32>()
+        designs.iter().zip(says).map(|(design, row)| design.variance(&row(&scale, sample))).sum::<f32>()
     };
     let worths = samples.map(worth).enumerate();
     worths.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)

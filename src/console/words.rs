@@ -144,7 +144,7 @@ pub static ROWS: &[Row] = &[
     Row::new("version", "", "show the firmware's version").means(|_| Request::Version),
     Row::new("status", "", "show state, sensors, progress, settings, counters").means(|_| Request::Status),
     Row::new("cal", "", "calibration"),
-    Row::new("cal", "start", "begin collecting; it solves by itself when it has enough")
+    Row::new("cal", "start", "begin collecting; turns and level headings solve by themselves, the rest by cal solve")
         .takes(&[Slot::optional("PROCEDURE", Kind::Choice(procedure))])
         .means(|given| Command::CalStart(given.choice(0, nth_procedure).unwrap_or_default()).into()),
     Row::new("cal", "mark", "in a swing: the magnetic heading the vehicle stands at")

@@ -3,7 +3,7 @@
 use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
 use super::spread;
 use crate::calibration::{Sample, Samples, Side};
-use crate::frames::wrap_pi;
+use crate::frames::{Attitude, wrap_pi};
 
 pub use super::circle::SECTORS;
 pub use super::part::Coverage;
@@ -52,8 +52,6 @@ pub(super) struct Dataset {
     level: PartSamples<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
     /// Distance that samples of all attitudes keep now, microtesla.
     apart_ut: f32,
-    /// How many of whatever was flown were taken; wraps, at a multiple of the rounds of `hold_back_every`.
-    taken: u16,
 }
 
 impl Dataset {
@@ -64,7 +62,6 @@ impl Dataset {
             right: PartSamples::new(),
             level: PartSamples::new(),
             apart_ut: Apart::DEFAULT.distance_ut,
-            taken: 0,
         }
     }
 
@@ -93,9 +90,8 @@ impl Dataset {
         if !self.is_news(&sample) {
             return;
         }
-        self.taken = self.taken.wrapping_add(1);
-        let purpose =
-            if self.taken.is_multiple_of(Config::TURNS.hold_back_every) { Purpose::Verification } else { Purpose::Fit };
+        // Counted with the left piece, whichever it will lie in.
+        let purpose = self.left.take(&Config::TURNS, &sample);
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
             return;
         }
@@ -123,7 +119,9 @@ impl Dataset {
     fn is_news(&self, sample: &Sample) -> bool {
         let kept = [self.spread(), self.spread_held_back()].into_iter().flat_map(|samples| samples.any);
         let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.since(last.time));
-        sample.field.ut.iter().all(|c| c.is_finite()) && last.is_none_or(|last| has_moved(last, sample))
+        let Attitude { roll_rad, pitch_rad } = sample.attitude;
+        let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|c| c.is_finite());
+        is_measurement && last.is_none_or(|last| has_moved(last, sample))
     }
 
     /// Samples of whatever was flown to solve with.
@@ -150,7 +148,6 @@ impl Dataset {
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
-        self.taken = 0;
     }
 
     /// Samples to solve with, without marks.

@@ -284,7 +284,7 @@ fn who_stands_is_kept_once() {
     assert!(push(21.1, 0.0, 0.0));
     assert!(push(21.1, -1.6, 0.0));
     assert!(push(21.1, -1.6, 1.6));
-    assert!(!push(f32::NAN, 0.0, 0.0));
+    assert!(!push(f32::NAN, 0.0, 0.0) && !push(90.0, f32::NAN, 0.0) && !push(90.0, 0.0, f32::INFINITY));
 }
 
 #[test]

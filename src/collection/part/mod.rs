@@ -199,7 +199,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
     }
 
     /// Notes that a sample is taken, and says what for.
-    fn take(&mut self, config: &Config, sample: &Sample) -> Purpose {
+    pub fn take(&mut self, config: &Config, sample: &Sample) -> Purpose {
         self.last = Some(sample.time);
         self.taken = self.taken.wrapping_add(1);
         if self.taken.is_multiple_of(config.hold_back_every) { Purpose::Verification } else { Purpose::Fit }
