@@ -256,7 +256,7 @@ impl fmt::Display for Rejection {
             }
             Self::NotAccurate { expected_rms_deg } => {
                 let expected = Decimal::<1>(expected_rms_deg);
-                write!(f, "expected error {expected} deg; fly full circles both ways with steadier bank")
+                write!(f, "expected error {expected} deg; cal advise tells what to fly")
             }
             Self::NotBetter { candidate, incumbent } => {
                 let (candidate, incumbent) = (Decimal::<2>(candidate), Decimal::<2>(incumbent));
@@ -531,7 +531,7 @@ mod tests {
     fn rejections_have_codes_and_say_what_to_do() {
         for (rejection, code, words) in [
             (Rejection::TooFewHeldBack { have: 5, need: 8 }, "too-few-held-back", "5 of 8 samples to verify with"),
-            (Rejection::NotAccurate { expected_rms_deg: 4.26 }, "not-accurate", "expected error 4.3 deg; fly full"),
+            (Rejection::NotAccurate { expected_rms_deg: 4.26 }, "not-accurate", "expected error 4.3 deg; cal advise"),
             (Rejection::NotBetter { candidate: 1.5, incumbent: 1.25 }, "not-better", "score 1.50 against 1.25 of"),
             (
                 Rejection::Thinner { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 },

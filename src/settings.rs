@@ -26,6 +26,8 @@ pub struct Settings {
     pub attitude_error: AttitudeError,
     /// Which heading is sent.
     pub stream_heading: HeadingKind,
+    /// The heading error to expect at which a collection in flight is over, degrees RMS.
+    pub accuracy_deg: f32,
 }
 
 /// One of the two headings of an instant.
@@ -95,7 +97,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// As delivered: ten sentences a second is what autopilots expect of a compass.
+    /// As delivered: ten sentences a second is what autopilots expect of a compass, and an accuracy that a copter's three
+    /// minutes give.
     pub const DEFAULT: Self = Self {
         declination_deg: None,
         inclination_deg: None,
@@ -105,6 +108,7 @@ impl Settings {
         mount: Orientation::NONE,
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
+        accuracy_deg: 0.7,
     };
 
     /// Declinations, degrees.
@@ -116,9 +120,13 @@ impl Settings {
     /// Rates that can be chosen: up to one heading for every measurement.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
+    /// Accuracies that can be wanted, degrees RMS: no compass is better than the first, and a calibration that is worse
+    /// than the last is not accepted.
+    pub const ACCURACY_DEG: RangeInclusive<f32> = 0.2..=3.0;
+
     /// Whether every setting is within its range: [`Self::DECLINATION_DEG`], [`Self::INCLINATION_DEG`], alignment
     /// -180..180 deg, rate [`Self::STREAM_RATE_HZ`], the attitude's error [`AttitudeError::BIAS_DEG`] and
-    /// [`AttitudeError::BANK_PERCENT`].
+    /// [`AttitudeError::BANK_PERCENT`], and the wanted accuracy [`Self::ACCURACY_DEG`].
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG.contains(&declination_deg))
@@ -127,6 +135,7 @@ impl Settings {
             && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
             && self.mount.is_valid()
             && self.attitude_error.is_valid()
+            && Self::ACCURACY_DEG.contains(&self.accuracy_deg)
     }
 }
 
@@ -147,6 +156,8 @@ pub enum Setting {
     Mount(Orientation),
     /// What the attitude source is allowed to be off.
     AttitudeError(AttitudeError),
+    /// The heading error to expect at which a collection in flight is over, degrees RMS.
+    Accuracy(f32),
 }
 
 /// A value outside its range; what it must be.
@@ -159,7 +170,11 @@ impl Setting {
     pub const fn is_used_by_solves(self) -> bool {
         match self {
             Self::Inclination(_) | Self::Mount(_) | Self::AttitudeError(_) => true,
-            Self::StreamOn(_) | Self::StreamRateHz(_) | Self::StreamHeading(_) | Self::Declination(_) => false,
+            Self::StreamOn(_)
+            | Self::StreamRateHz(_)
+            | Self::StreamHeading(_)
+            | Self::Declination(_)
+            | Self::Accuracy(_) => false,
         }
     }
 
@@ -172,6 +187,7 @@ impl Setting {
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
             Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
+            Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
         }
     }
 }
@@ -192,6 +208,7 @@ impl Settings {
             Setting::Inclination(deg) => changed.inclination_deg = deg,
             Setting::Mount(mount) => changed.mount = mount,
             Setting::AttitudeError(error) => changed.attitude_error = error,
+            Setting::Accuracy(deg) => changed.accuracy_deg = deg,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
     }

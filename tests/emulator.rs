@@ -111,7 +111,7 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let mut emulator = started();
     emulator.type_line("stream rate 80");
-    emulator.type_line("cal start");
+    emulator.type_line("cal start turns");
     emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
     emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
     while emulator.world().legs_left() > 0 {
@@ -149,7 +149,7 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
 fn one_seed_is_one_run() {
     let run = || {
         let mut emulator = started();
-        emulator.type_line("cal start");
+        emulator.type_line("cal start turns");
         emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
         let status = emulator.type_line("status");

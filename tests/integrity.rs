@@ -279,7 +279,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
             if coarse { vec![Box::new(Coarse { step_deg: 0.1 })] } else { vec![] };
         let mut rig = Rig::with_faults(world, Faults { attitude, ..Faults::default() });
         rig.run_for_s(1.0);
-        rig.type_line("cal start");
+        rig.type_line("cal start turns");
         for heading_change_deg in [1440.0, -1440.0] {
             rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
         }

@@ -23,7 +23,7 @@ fn swing(rig: &mut Rig) -> Ran {
 
 /// The same; what the module told, none if the power was cut.
 fn swing_outcome(rig: &mut Rig) -> Option<transcript::Notice> {
-    rig.type_line("cal start");
+    rig.type_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
@@ -154,7 +154,7 @@ fn a_second_swing_replaces_the_first_only_when_it_is_better() {
 fn a_thin_flight_does_not_replace_a_full_one() {
     let mut rig = calibrated();
     let first = show(&mut rig).unwrap();
-    rig.type_line("cal start");
+    rig.type_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
         rig.world.fly(Leg::Straight { heading_deg, seconds: 10.0 });

@@ -12,7 +12,7 @@ use testkit::random::Random;
 fn calibrated() -> Rig {
     let mut rig = Rig::new(WorldConfig::table1(2));
     rig.run_for_s(1.0);
-    rig.type_line("cal start");
+    rig.type_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 1440.0 });
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();

@@ -47,10 +47,10 @@ pub struct Routine {
 }
 
 /// Begins the collection of everything that informs. What moves as no aeroplane does needs it.
-pub const START_FLIGHT: &str = "cal start flight";
+pub const START_FLIGHT: &str = "cal start";
 
 /// Begins the collection of an aeroplane's turns.
-const START_TURNS: &str = "cal start";
+const START_TURNS: &str = "cal start turns";
 
 impl Routine {
     /// What is flown with a vehicle of this kind; the plan is for an aeroplane. The heading is the one it takes off at.

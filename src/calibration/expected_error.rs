@@ -26,12 +26,15 @@ pub enum Envelope {
 }
 
 impl Envelope {
-    /// Samples all of which have less bank than this, radians, show level headings alone; a turn begins at it.
+    /// Samples all of which have less bank than this, radians, show level headings alone; a turn begins at it. Of whatever
+    /// is flown, those that have less pitch, too: who pushes ahead before he pushes aside will bank.
     pub const MIN_BANK_RAD: f32 = 10_f32.to_radians();
 
     /// Where a method's result from these samples is meant to be used.
     pub(super) fn of(method: Method, samples: Samples<'_>) -> Self {
-        let is_level = |s: &Sample| s.attitude.roll_rad.abs() < Self::MIN_BANK_RAD;
+        let is_level = |&Sample { attitude: Attitude { roll_rad, pitch_rad }, .. }: &Sample| {
+            roll_rad.abs() < Self::MIN_BANK_RAD && (!samples.has_any() || pitch_rad.abs() < Self::MIN_BANK_RAD)
+        };
         match method {
             Method::Level => Self::Level,
             // Its samples have no attitude.

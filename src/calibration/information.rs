@@ -79,6 +79,17 @@ pub(super) fn uncertainty(
     Some(Uncertainty::new(covariance, sensor_sigma, attitude_sigma_rad)).filter(Uncertainty::is_finite)
 }
 
+/// Which errors of the coefficients a covariance is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Errors {
+    /// All of them.
+    All,
+    /// Those that more of the same samples would leave: what they do not show, which rests on the priors, and what the
+    /// attitude source does alike in all of them. With `k` times the information the scatter is `1 / k` of what it is,
+    /// and of the rest nothing changes.
+    Lasting,
+}
+
 /// Everything the samples say of the coefficients near a set of them.
 #[derive(Clone, Debug)]
 pub(super) struct Information {
@@ -186,7 +197,7 @@ impl Information {
         &self,
         likelihood: &Likelihood,
         unknowns: &Vector13,
-        consider: Consider,
+        (errors, consider): (Errors, Consider),
         covariance: &mut Covariance,
     ) -> Option<()> {
         let units = Units::new(likelihood, unknowns)?;
@@ -195,15 +206,22 @@ impl Information {
         for (i, column) in columns.iter_mut().enumerate() {
             *column = self.system.covariance_times(&units.row(i))?;
         }
-        let [of_norm, of_dip] = self.correlation.excess();
+        let [mut of_norm, of_dip] = self.correlation.excess();
         let mut doubted = Vector13::zeros();
         covariance.fill(|i, j| {
+            if errors == Errors::Lasting {
+                return 0.0;
+            }
             if j == 0 {
                 // The lower triangle is filled row by row.
                 doubted = units.row(i) * (1.0 + of_norm) + self.dip.times(&columns[i]) * (of_dip - of_norm);
             }
             doubted.dot(&columns[j])
         });
+        if errors == Errors::Lasting {
+            // `H^-1 H_priors H^-1` is added below, nothing else of the scatter.
+            of_norm = -1.0;
+        }
         let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
         for_each_prior(likelihood, &Parameters::new(unknowns), &mut |prior| {
             covariance.add_square(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
@@ -438,7 +456,7 @@ mod tests {
     /// A covariance as a matrix, by the variances of pairs: `cov(a, b) = (var(a + b) - var(a) - var(b)) / 2`.
     fn full(information: &Information, likelihood: &Likelihood, at: &Vector13, consider: Consider) -> Matrix12 {
         let mut covariance = Covariance::EXACT;
-        information.covariance(likelihood, at, consider, &mut covariance).unwrap();
+        information.covariance(likelihood, at, (Errors::All, consider), &mut covariance).unwrap();
         let one = |i: usize| Vector12::ith(i, 1.0);
         let of = |row: Vector12| covariance.variance(&row);
         Matrix12::from_fn(|i, j| (of(one(i) + one(j)) - of(one(i)) - of(one(j))) / 2.0)
@@ -608,7 +626,9 @@ mod tests {
         let open = of_priors(&likelihood, &flat);
         let mut covariance = Covariance::EXACT;
         for unknowns in [&at, &flat] {
-            assert!(open.covariance(&likelihood, unknowns, Consider::NOTHING, &mut covariance).is_none());
+            assert!(
+                open.covariance(&likelihood, unknowns, (Errors::All, Consider::NOTHING), &mut covariance).is_none()
+            );
         }
         assert!(open.left_to_priors(&likelihood, &at).is_none());
         assert!(uncertainty(&likelihood, &flat, &Covariance::EXACT, 1.0).is_none());

@@ -4,7 +4,7 @@ use super::advice::{self, Advice};
 use super::bank_scale::BankError;
 use super::constancy::{Change, IronChange, Scan};
 use super::expected_error::{self, Envelope, Expected};
-use super::information::{self, Consider, Information};
+use super::information::{self, Consider, Errors, Information};
 use super::likelihood::{Likelihood, Vector13};
 use super::uncertainty::{Covariance, Uncertainty};
 use super::{Calibration, Latency, Method, Quality, Samples, SolveError};
@@ -101,7 +101,9 @@ impl Judgement<'_> {
         };
         let Self { likelihood, unknowns, calibration, .. } = self;
         let advice = is_asked_for_advice(&quality)
-            .then(|| advice::advise(information, likelihood, unknowns, allowed, calibration, self.envelope()))
+            .then(|| {
+                advice::advise(information, likelihood, unknowns, allowed, calibration, (self.samples, self.envelope()))
+            })
             .flatten();
         Ok(Solution { calibration: *self.calibration, quality, uncertainty, advice, iron, bank })
     }
@@ -111,7 +113,7 @@ impl Judgement<'_> {
     #[inline(never)]
     fn uncertainty(&self, information: &Information, covariance: &mut Covariance) -> Result<Uncertainty, SolveError> {
         information
-            .covariance(self.likelihood, self.unknowns, Consider::NOTHING, covariance)
+            .covariance(self.likelihood, self.unknowns, (Errors::All, Consider::NOTHING), covariance)
             .and_then(|()| {
                 information::uncertainty(self.likelihood, self.unknowns, covariance, information.white_share())
             })
@@ -141,7 +143,7 @@ impl Judgement<'_> {
         covariance: &mut Covariance,
     ) -> Result<Expected, SolveError> {
         information
-            .covariance(self.likelihood, self.unknowns, consider, covariance)
+            .covariance(self.likelihood, self.unknowns, (Errors::All, consider), covariance)
             .and_then(|()| expected_error::expected(self.calibration, covariance, self.envelope()))
             .ok_or(SolveError::NotConverged)
     }

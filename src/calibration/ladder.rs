@@ -20,9 +20,9 @@ use super::{Method, Part, Sample, Samples, Side, SolveError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Procedure {
     /// Whatever is flown: of all attitudes those that tell most.
+    #[default]
     Flight,
     /// Left and right turns in flight, and the level flight between them.
-    #[default]
     Turns,
     /// Level headings.
     Level,
@@ -34,7 +34,7 @@ pub enum Procedure {
 
 impl Procedure {
     /// All of them, in the order in which they are told.
-    pub const ALL: [Self; 5] = [Self::Turns, Self::Flight, Self::Level, Self::Swing, Self::Tumble];
+    pub const ALL: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
 
     /// The word typed after `cal start`.
     #[must_use]
@@ -209,6 +209,6 @@ mod tests {
             assert_eq!((procedure.name(), Procedure::from_name(name)), (name, Some(procedure)));
         }
         assert_eq!(Procedure::from_name("walk"), None);
-        assert_eq!(Procedure::default(), Procedure::Turns);
+        assert_eq!(Procedure::default(), Procedure::Flight);
     }
 }

@@ -87,20 +87,20 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         let mut row: [f32; N] = (*row).into();
         for k in 0..N {
             let x = row[k];
-            let Some(gain) = self.gain_of(k, x, &mut weight) else { continue };
+            let Some(shares) = self.shares_of(k, x, &mut weight) else { continue };
             // Two slices of one length, which the compiler turns into straight runs.
             for (r, u) in row[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
-                rotate(r, u, x, gain);
+                rotate(r, u, x, shares);
             }
             for (value, t) in values.iter_mut().zip(&mut self.t[k]) {
-                rotate(value, t, x, gain);
+                rotate(value, t, x, shares);
             }
         }
     }
 
-    /// The share of an equation in the `k`-th row of the triangle from now on; `None` if it has none. What has no
-    /// weight left, or is nothing in this column, changes nothing.
-    fn gain_of(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<f32> {
+    /// The shares of what it was and of an equation in the `k`-th row of the triangle from now on; `None` if the equation
+    /// has none. What has no weight left, or is nothing in this column, changes nothing.
+    fn shares_of(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<[f32; 2]> {
         let part = *weight * x;
         if part == 0.0 {
             return None;
@@ -108,8 +108,9 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         let before = self.d[k];
         let after = before + part * x;
         self.d[k] = after;
-        *weight *= before / after;
-        Some(part / after)
+        let kept = before / after;
+        *weight *= kept;
+        Some([kept, part / after])
     }
 
     /// The solution; `None` if the equations leave an unknown open or are not finite.
@@ -166,11 +167,16 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
     }
 }
 
-/// Rotates one column of an equation and of the triangle.
+/// Shares that change nothing.
+const NO_SHARE: [f32; 2] = [1.0, 0.0];
+
+/// Rotates one column of an equation and of the triangle. The shorter `u + taken (r - x u)` would lose the equation's
+/// digits where the row before was nearly nothing in its own column, and so is a multiple of something large.
 #[inline]
-fn rotate(r: &mut f32, u: &mut f32, x: f32, gain: f32) {
+fn rotate(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
+    let before = *r;
     *r -= x * *u;
-    *u += gain * *r;
+    *u = kept * *u + taken * before;
 }
 
 impl<const N: usize> LeastSquares<N, 1> {
@@ -181,15 +187,15 @@ impl<const N: usize> LeastSquares<N, 1> {
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [rows[0][i], rows[1][i]]);
         for k in 0..N {
             let [x, y] = pairs[k];
-            let gain_x = self.gain_of(k, x, &mut weights[0]).unwrap_or(0.0);
-            let gain_y = self.gain_of(k, y, &mut weights[1]).unwrap_or(0.0);
+            let shares_x = self.shares_of(k, x, &mut weights[0]).unwrap_or(NO_SHARE);
+            let shares_y = self.shares_of(k, y, &mut weights[1]).unwrap_or(NO_SHARE);
             for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
-                rotate(r, u, x, gain_x);
-                rotate(s, u, y, gain_y);
+                rotate(r, u, x, shares_x);
+                rotate(s, u, y, shares_y);
             }
             let [r, s] = &mut values;
-            rotate(r, &mut self.t[k][0], x, gain_x);
-            rotate(s, &mut self.t[k][0], y, gain_y);
+            rotate(r, &mut self.t[k][0], x, shares_x);
+            rotate(s, &mut self.t[k][0], y, shares_y);
         }
     }
 
@@ -244,6 +250,23 @@ mod tests {
         }
         let error = (system.solve().unwrap() - truth).norm();
         assert!(error < 5e-3, "{error}");
+    }
+
+    /// A first equation that is nearly nothing in the first column, by as much as a coordinate on an axis is in `f32`.
+    #[test]
+    fn a_first_equation_that_is_nearly_nothing_costs_no_digits() {
+        let truth = Vector3::new(2.0, -3.0, 0.5);
+        for tiny in [1e-15, 1e-8, 1e-4, 0.1] {
+            let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);
+            let (mut one_by_one, mut together) = (LeastSquares::<3, 1>::new(), LeastSquares::<3, 1>::new());
+            rows.iter().for_each(|row| one_by_one.add(row, [row.dot(&truth)], 1.0));
+            together.add_two([&rows[0], &rows[1]], [0, 1].map(|i| rows[i].dot(&truth)), [1.0; 2]);
+            together.add(&rows[2], [rows[2].dot(&truth)], 1.0);
+            for system in [one_by_one, together] {
+                let error = (system.solve().unwrap() - truth).norm();
+                assert!(error < 1e-5, "{tiny}: {error}");
+            }
+        }
     }
 
     #[test]

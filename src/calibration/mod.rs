@@ -110,7 +110,7 @@ mod two_plane;
 mod uncertainty;
 pub mod verification;
 
-pub use advice::{Advice, Assumed, Manoeuvre};
+pub use advice::{Advice, Assumed, Manoeuvre, Quarter, Towards};
 pub use bank_scale::BankError;
 pub use constancy::{Course, IronChange};
 pub use error::SolveError;
@@ -244,6 +244,11 @@ impl<'a> Samples<'a> {
     /// All samples: those without a given heading, then those of the marks.
     pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
+    }
+
+    /// Whether any are of whatever was flown.
+    pub(crate) fn has_any(&self) -> bool {
+        self.any.iter().any(|piece| !piece.is_empty())
     }
 }
 

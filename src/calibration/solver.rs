@@ -177,7 +177,7 @@ impl Solver {
             return false;
         }
         // From the vertical alone the start is a guess where the field is nearly level.
-        self.odd = end.as_ref().err().copied().filter(|error| is_odd(error) && has_any(samples));
+        self.odd = end.as_ref().err().copied().filter(|error| is_odd(error) && samples.has_any());
         if self.odd.is_none() && !is_doubtful(end) {
             return false;
         }
@@ -360,10 +360,6 @@ const fn is_odd(error: &SolveError) -> bool {
     matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed)
 }
 
-fn has_any(samples: Samples<'_>) -> bool {
-    samples.any.iter().any(|piece| !piece.is_empty())
-}
-
 /// What is not a number is not good either.
 fn is_good(quality: &Quality, calibration: &Calibration) -> bool {
     is_accurate(quality) && calibration.b_vector_ut().norm() <= DOUBTFUL_IRON_UT
@@ -404,7 +400,7 @@ fn closed_form(
 fn first_start(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<(Start, bool), SolveError> {
     let rotation = prior.mount.body_from_sensor();
     let is_mounted_so = |start: &Start| Orientation::nearest(&start.w) == Orientation::NONE;
-    if has_any(samples)
+    if samples.has_any()
         && let Some(start) = response::tilted(samples, &rotation)
     {
         return Ok((start, false));

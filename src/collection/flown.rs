@@ -5,7 +5,7 @@ use core::fmt;
 use super::Progress;
 use super::dataset::SECTORS;
 use super::detector::Config;
-use crate::calibration::{Sample, Side};
+use crate::calibration::{Manoeuvre, Sample, Side};
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
 use crate::wire::decimal::Decimal;
@@ -38,6 +38,8 @@ pub enum Lack {
         /// How much of the circle, of [`SECTORS`].
         sectors: u8,
     },
+    /// This would tell most of what is still unknown.
+    Missing(Manoeuvre),
 }
 
 /// What to do otherwise, in words.
@@ -51,10 +53,10 @@ impl fmt::Display for Lack {
             Self::NoTilt { most_deg } => {
                 write!(
                     f,
-                    "the attitude tilts by {} deg at most; fly turns at 15 deg of bank or more, ",
+                    "the attitude tilts by {} deg at most; tilt by 15 deg or more to both sides, ",
                     Decimal::<1>(most_deg)
                 )?;
-                f.write_str("or if they were flown, check its unit: radians for degrees?")
+                f.write_str("or if that was flown, check its unit: radians for degrees?")
             }
             Self::LittleTilt { most_deg } => {
                 write!(
@@ -75,6 +77,7 @@ impl fmt::Display for Lack {
                 )?;
                 f.write_str("fly full circles")
             }
+            Self::Missing(manoeuvre) => write!(f, "missing: {manoeuvre}"),
         }
     }
 }
@@ -159,19 +162,30 @@ impl Flown {
         }
     }
 
+    /// Whether there is enough of it to say anything.
+    fn is_enough(&self) -> bool {
+        self.samples >= LIMITS.enough && self.lasted_ms >= LIMITS.enough_ms
+    }
+
+    /// That it hardly tilted, however it was flown.
+    pub fn no_tilt(&self) -> Option<Lack> {
+        let is_so = self.is_enough() && self.most_rad < LIMITS.no_tilt_rad;
+        is_so.then(|| Lack::NoTilt { most_deg: self.most_rad.to_degrees() })
+    }
+
     /// What was wrong with it as turns, of which so much was kept; nothing if that cannot be said.
     pub fn lack(&self, progress: &Progress) -> Option<Lack> {
-        let Limits { enough, enough_ms, no_tilt_rad, held_ms, arc_samples, arc_sectors, .. } = LIMITS;
-        if self.samples < enough || self.lasted_ms < enough_ms {
+        let Limits { held_ms, arc_samples, arc_sectors, .. } = LIMITS;
+        if !self.is_enough() {
             return None;
         }
         if 2 * u64::from(self.gaps) > u64::from(self.samples) {
             return Some(Lack::TooSlow { every_s: self.lasted_ms as f32 / self.samples as f32 / 1e3 });
         }
-        let most_deg = self.most_rad.to_degrees();
-        if self.most_rad < no_tilt_rad {
-            return Some(Lack::NoTilt { most_deg });
+        if let Some(lack) = self.no_tilt() {
+            return Some(lack);
         }
+        let most_deg = self.most_rad.to_degrees();
         match (self.left_ms >= held_ms, self.right_ms >= held_ms) {
             (false, false) => return Some(Lack::LittleTilt { most_deg }),
             (true, false) => return Some(Lack::OneSide(Side::Left)),
@@ -315,7 +329,9 @@ mod tests {
     #[test]
     fn it_is_of_this_collection() {
         let mut collector = Collector::new();
-        for (procedure, is_said) in [(Procedure::Turns, true), (Procedure::Level, false), (Procedure::Swing, false)] {
+        for (procedure, is_said) in
+            [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
+        {
             collector.begin(procedure);
             (0..300).for_each(|i| collector.push(banked(5.0, 0.0, i * 100)));
             assert_eq!(collector.lack().is_some(), is_said, "{procedure:?}");
@@ -333,7 +349,7 @@ mod tests {
             ),
             (
                 Lack::NoTilt { most_deg: 0.44 },
-                "the attitude tilts by 0.4 deg at most; fly turns at 15 deg of bank or more, or if they were flown, \
+                "the attitude tilts by 0.4 deg at most; tilt by 15 deg or more to both sides, or if that was flown, \
                  check its unit: radians for degrees?",
             ),
             (

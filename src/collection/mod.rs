@@ -55,6 +55,8 @@ pub struct Collector {
     /// Whether a turn has been flown since the collection began.
     turned: bool,
     flown: Flown,
+    /// Measurements of whatever was flown that were another than the last.
+    news: u32,
 }
 
 /// Progress of a collection, by part.
@@ -91,12 +93,13 @@ impl Collector {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            procedure: Procedure::Turns,
+            procedure: Procedure::Flight,
             detector: Detector::new(detector::Config::DEFAULT),
             dataset: Dataset::new(),
             marks: heapless::Vec::new(),
             turned: false,
             flown: Flown::NOTHING,
+            news: 0,
         }
     }
 
@@ -108,7 +111,7 @@ impl Collector {
             Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
             Procedure::Level | Procedure::Swing => {}
             Procedure::Tumble => self.dataset.push_any(sample),
-            Procedure::Flight => self.dataset.push_spread(sample),
+            Procedure::Flight => self.news = self.news.saturating_add(self.dataset.push_spread(sample).into()),
         }
     }
 
@@ -135,12 +138,23 @@ impl Collector {
         self.marks.clear();
         self.turned = false;
         self.flown = Flown::NOTHING;
+        self.news = 0;
     }
 
     /// Why samples are missing or show too little, as far as what was flown says it.
     #[must_use]
     pub fn lack(&self) -> Option<Lack> {
-        if self.procedure == Procedure::Turns { self.flown.lack(&self.progress()) } else { None }
+        match self.procedure {
+            Procedure::Turns => self.flown.lack(&self.progress()),
+            Procedure::Flight => self.flown.no_tilt(),
+            Procedure::Level | Procedure::Swing | Procedure::Tumble => None,
+        }
+    }
+
+    /// How many measurements of whatever was flown were another than the last, kept or not.
+    #[must_use]
+    pub fn news(&self) -> u32 {
+        self.news
     }
 
     /// How samples are collected.

@@ -1,5 +1,6 @@
 //! What goes into the state machine and comes out of it.
 
+use super::Prospect;
 use super::refusal::Refusal;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
@@ -148,6 +149,8 @@ pub struct Report {
     pub is_armed: bool,
     /// Progress of the collection.
     pub progress: Progress,
+    /// What the collection would end in by now, if it was tried.
+    pub prospect: Option<Prospect>,
     /// Settings in force.
     pub settings: Settings,
     /// The stored calibration, whether or not it fits this sensor and mounting.

@@ -1,4 +1,6 @@
-//! The one state machine of the module: uncalibrated -> collecting -> solving -> verifying -> calibrated.
+//! The one state machine of the module: uncalibrated -> collecting -> solving -> verifying -> calibrated. A collection of
+//! turns ends when there are enough; one of whatever is flown is solved on trial while it goes on ([`trials`]), and ends
+//! when it is good.
 //!
 //! [`Compass::step`] takes an [`Event`] and says what is to be done ([`Effect`]); it waits for nothing and touches no
 //! hardware. A solve is cut into [`Event::Advance`] steps, so that whoever drives the machine can do other work between
@@ -9,21 +11,24 @@ mod messages;
 mod refusal;
 #[cfg(test)]
 mod tests;
+mod trials;
 
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
 pub use refusal::Refusal;
+pub use trials::Prospect;
 
 use crate::acceptance::{self, Grounds, Incumbent, Policy};
 use crate::calibration::ladder::{self, Procedure, Selection};
 use crate::calibration::{Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver};
 use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
-use crate::collection::{Collector, Recent};
+use crate::collection::{Collector, Lack, Recent};
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
 use crate::magnetometer::Identity;
 use crate::settings::{OutOfRange, Settings};
 use crate::store::{Change, Generations, Record, StoreError};
 use crate::time::WrappingMillis;
+use trials::Trials;
 
 // A complete part has as many held-back samples as verification asks for.
 const _: () = assert!(Policy::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
@@ -76,6 +81,7 @@ pub struct Compass {
     saving: Option<Saving>,
     last: Option<Outcome>,
     advice: Option<Advice>,
+    trials: Trials,
 }
 
 impl Compass {
@@ -96,6 +102,7 @@ impl Compass {
             saving: None,
             last: None,
             advice: None,
+            trials: Trials::NONE,
         }
     }
 
@@ -138,6 +145,7 @@ impl Compass {
     pub fn state(&self) -> State {
         match self.phase {
             Phase::Collecting => State::Collecting,
+            _ if self.trials.runs => State::Collecting,
             Phase::Solving(_) => State::Solving,
             Phase::Verifying(_) => State::Verifying,
             Phase::Idle if matches!(self.saving, Some(Saving::Calibration(_))) => State::Verifying,
@@ -189,7 +197,11 @@ impl Compass {
             return Effect::None;
         }
         self.collector.push(sample);
-        if !self.collector.progress().is_complete() {
+        let is_complete = self.collector.progress().is_complete();
+        self.trials.runs = !is_complete
+            && self.collector.procedure() == Procedure::Flight
+            && self.trials.is_due(&self.collector, sample.time);
+        if !(is_complete || self.trials.runs) {
             return Effect::None;
         }
         match self.start_solving(None) {
@@ -204,13 +216,18 @@ impl Compass {
             return Err(Refusal::Armed);
         }
         if self.must_wait(command) {
-            return Err(Refusal::Busy);
+            if !self.trials.runs {
+                return Err(Refusal::Busy);
+            }
+            // Nobody asked for a trial, and nobody waits for it.
+            self.go_on();
         }
         match command {
             Command::CalStart(procedure) => {
                 self.sensor.ok_or(Refusal::NoSensor)?;
                 self.collector.begin(procedure);
                 self.recent = Recent::new();
+                self.trials = Trials::NONE;
                 self.phase = Phase::Collecting;
             }
             Command::CalMark(heading_deg) => return self.mark(heading_deg, now),
@@ -219,13 +236,14 @@ impl Compass {
                 _ => return Err(Refusal::NotCollecting),
             },
             Command::CalSolve(method) => {
-                self.start_solving(method).map_err(|refusal| refusal.because(self.collector.lack()))?;
+                self.start_solving(method).map_err(|refusal| refusal.because(self.lack()))?;
             }
             Command::CalAdvise => {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
             Command::CalAbort => {
-                self.collector.begin(Procedure::Turns);
+                self.collector.begin(Procedure::default());
+                self.trials = Trials::NONE;
                 self.phase = Phase::Idle;
             }
             Command::CalClear => return Ok(self.save(Saving::Clear)),
@@ -339,7 +357,15 @@ impl Compass {
     #[inline(never)]
     fn verify(&mut self) -> Effect {
         let Phase::Verifying(candidate) = &self.phase else { return Effect::None };
-        match self.accepted(candidate) {
+        let accepted = self.accepted(candidate);
+        if self.trials.runs {
+            let refusal = accepted.as_ref().err().cloned();
+            if !self.trials.end(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
+                self.go_on();
+                return Effect::None;
+            }
+        }
+        match accepted {
             Ok(record) => {
                 self.phase = Phase::Idle;
                 self.save(Saving::Calibration(record))
@@ -406,9 +432,25 @@ impl Compass {
         Effect::Reply(Ok(Reply::Done(self.state())))
     }
 
+    /// Goes on collecting after a trial, or instead of it.
+    fn go_on(&mut self) {
+        self.trials.runs = false;
+        self.phase = Phase::Collecting;
+    }
+
+    /// Why samples are missing, or show too little.
+    fn lack(&self) -> Option<Lack> {
+        self.collector.lack().or_else(|| self.trials.prospect.as_ref().and_then(Prospect::lack))
+    }
+
     /// A solve has ended; the samples stay for another with other settings.
     fn end(&mut self, outcome: Outcome) -> Effect {
-        let outcome = outcome.map_err(|refusal| refusal.because(self.collector.lack()));
+        let outcome = outcome.map_err(|refusal| refusal.because(self.lack()));
+        if let (true, Err(refusal)) = (self.trials.runs, &outcome) {
+            self.trials.prospect = Some(Prospect::none(refusal.clone()));
+            self.go_on();
+            return Effect::None;
+        }
         self.phase = Phase::Idle;
         self.last = Some(outcome.clone());
         Effect::Notify(outcome)
@@ -419,6 +461,7 @@ impl Compass {
             state: self.state(),
             is_armed: self.is_armed,
             progress: self.collector.progress(),
+            prospect: self.trials.prospect.clone(),
             settings: self.settings,
             current: self.generations.current.as_ref().map(Summary::from),
             has_previous: self.generations.previous.is_some(),

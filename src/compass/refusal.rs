@@ -137,7 +137,9 @@ impl fmt::Display for Refusal {
             Self::TooManyMarks => f.write_str("there is no room for another mark; cal solve"),
             Self::NotSolved => f.write_str("nothing was solved since the start; cal solve first"),
             Self::NoCalibration => f.write_str("there is no calibration in use; calibrate first"),
-            Self::NoSamples => f.write_str("there are no samples; cal start, then fly left and right turns"),
+            Self::NoSamples => {
+                f.write_str("there are no samples; cal start, then fly, turning and tilting to all sides")
+            }
             Self::Lacking { expected_rms_deg, lack, .. } => {
                 if let Some(expected_rms_deg) = *expected_rms_deg {
                     write!(f, "expected error {} deg; ", Decimal::<1>(expected_rms_deg))?;

@@ -783,7 +783,7 @@ fn refusals_have_codes_and_say_what_to_do() {
         (Refusal::TooManyMarks, "too-many-marks", "cal solve"),
         (Refusal::NotSolved, "not-solved", "cal solve first"),
         (Refusal::NoCalibration, "no-calibration", "calibrate first"),
-        (Refusal::NoSamples, "no-samples", "fly left and right turns"),
+        (Refusal::NoSamples, "no-samples", "turning and tilting"),
         (Refusal::NoSensor, "no-sensor", "check its wiring"),
         (Refusal::NothingToUndo, "nothing-to-undo", "no calibration before"),
         (Refusal::OutOfRange(OutOfRange("so")), "out-of-range", "so"),

@@ -378,7 +378,8 @@ mod tests {
         let error = |bias_deg, bank_percent| Setting::AttitudeError(AttitudeError { bias_deg, bank_percent });
         let set = Command::Set;
         let examples = [
-            ("cal start", Command::CalStart(Procedure::default())),
+            ("cal start", Command::CalStart(Procedure::Flight)),
+            ("cal start turns", Command::CalStart(Procedure::Turns)),
             ("cal start tumble", Command::CalStart(Procedure::Tumble)),
             ("cal mark 12.5", Command::CalMark(12.5)),
             ("cal stop", Command::CalStop),
@@ -401,6 +402,7 @@ mod tests {
             ("set align none", Command::Align(None)),
             ("set align 90.5 yes", Command::AlignSurely(90.5)),
             ("set attitude-error 0.5 2", set(error(0.5, 2.0))),
+            ("set accuracy 0.7", set(Setting::Accuracy(0.7))),
             ("set attitude-error default", set(Setting::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {
@@ -446,7 +448,7 @@ mod tests {
                 "set attitude-error default 1",
                 "unexpected-argument: too many words; it is set attitude-error DEG PERCENT",
             ),
-            ("cal start sideways", "bad-value: expected turns, flight, level, swing or tumble"),
+            ("cal start sideways", "bad-value: expected flight, turns, level, swing or tumble"),
             ("stream heading smoothed", "bad-value: expected raw or smooth"),
             ("stream heading smoot", "bad-value: expected raw or smooth"),
             ("cal mark north", "bad-value: expected a number, 0 to 360 deg"),

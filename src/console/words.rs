@@ -144,9 +144,13 @@ pub static ROWS: &[Row] = &[
     Row::new("version", "", "show the firmware's version").means(|_| Request::Version),
     Row::new("status", "", "show state, sensors, progress, settings, counters").means(|_| Request::Status),
     Row::new("cal", "", "calibration"),
-    Row::new("cal", "start", "begin collecting; turns and level headings solve by themselves, the rest by cal solve")
-        .takes(&[Slot::optional("PROCEDURE", Kind::Choice(procedure))])
-        .means(|given| Command::CalStart(given.choice(0, nth_procedure).unwrap_or_default()).into()),
+    Row::new(
+        "cal",
+        "start",
+        "begin collecting; flight, turns and level solve by themselves, swing and tumble by cal solve",
+    )
+    .takes(&[Slot::optional("PROCEDURE", Kind::Choice(procedure))])
+    .means(|given| Command::CalStart(given.choice(0, nth_procedure).unwrap_or_default()).into()),
     Row::new("cal", "mark", "in a swing: the magnetic heading the vehicle stands at")
         .takes(&[Slot::new("HEADING", HEADING)])
         .means(|given| Command::CalMark(given.number(0).unwrap_or(f32::NAN)).into()),
@@ -193,6 +197,9 @@ pub static ROWS: &[Row] = &[
             Slot::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
         ])
         .means(|given| set(Setting::AttitudeError(attitude_error(given)))),
+    Row::new("set", "accuracy", "the expected error at which collecting in flight is over")
+        .takes(&[Slot::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
+        .means(|given| set(Setting::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
     Row::new("reboot", "", "restart the module").means(|_| Request::Reboot),
 ];
 

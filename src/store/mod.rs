@@ -29,6 +29,7 @@ pub(crate) mod tests;
 mod v2;
 mod v3;
 mod v4;
+mod v5;
 
 use core::ops::Range;
 

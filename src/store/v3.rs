@@ -143,7 +143,7 @@ impl Settings {
 }
 
 impl Mount {
-    fn convert(self) -> Option<calibration::Orientation> {
+    pub fn convert(self) -> Option<calibration::Orientation> {
         calibration::Orientation::all().nth(usize::from(self.0))
     }
 }

@@ -269,7 +269,7 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
 /// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
 /// exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown apart.
 #[derive(Args)]
-#[command(after_long_help = format!("Routines, none longer than three minutes; after `cal start flight` it is solved by `cal solve`:\n\n{}", host_sim::routine::all_words()))]
+#[command(after_long_help = format!("Routines, none longer than three minutes; each solves by itself, `cal solve` at its end takes what there is:\n\n{}", host_sim::routine::all_words()))]
 struct Fly {
     /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place
     #[arg(long, default_value_t = 1, value_name = "N")]

@@ -85,11 +85,17 @@ impl Dataset {
     }
 
     /// Offers a sample of whatever is flown; keeps it if it tells more than one of those that are there. They lie where
-    /// those of turns and level flight would, of which there are none then.
-    pub fn push_spread(&mut self, sample: Sample) {
-        if !self.is_news(&sample) {
-            return;
+    /// those of turns and level flight would, of which there are none then. Whether it is another measurement than the
+    /// last, kept or not.
+    pub fn push_spread(&mut self, sample: Sample) -> bool {
+        let is_news = self.is_news(&sample);
+        if is_news {
+            self.exchange(sample);
         }
+        is_news
+    }
+
+    fn exchange(&mut self, sample: Sample) {
         // Counted with the left piece, whichever it will lie in.
         let purpose = self.left.take(&Config::TURNS, &sample);
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {

@@ -14,7 +14,11 @@ use crate::wire::decimal::Decimal;
 /// What `out` says.
 pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
     let Some(record) = &report.current else {
-        return error(out, "no-calibration", "nothing is stored; cal start, then fly left and right turns");
+        return error(
+            out,
+            "no-calibration",
+            "nothing is stored; cal start, then fly, and status tells what is missing",
+        );
     };
     writeln!(out, "ok {}", Numbered(record))?;
     coefficients(out, record)?;
@@ -115,7 +119,7 @@ pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
     if advice.gains() {
         writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
     } else {
-        writeln!(out, "advice: none; no circle would make it noticeably better")
+        writeln!(out, "advice: none; nothing to fly would make it noticeably better")
     }
 }
 

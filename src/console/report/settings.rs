@@ -13,10 +13,12 @@ pub(super) enum Line {
     Inclination,
     Mount,
     AttitudeError,
+    Accuracy,
 }
 
 impl Line {
-    pub const ALL: [Self; 5] = [Self::Stream, Self::Declination, Self::Inclination, Self::Mount, Self::AttitudeError];
+    pub const ALL: [Self; 6] =
+        [Self::Stream, Self::Declination, Self::Inclination, Self::Mount, Self::AttitudeError, Self::Accuracy];
 
     pub const fn of(setting: Setting) -> Self {
         match setting {
@@ -25,6 +27,7 @@ impl Line {
             Setting::Inclination(_) => Self::Inclination,
             Setting::Mount(_) => Self::Mount,
             Setting::AttitudeError(_) => Self::AttitudeError,
+            Setting::Accuracy(_) => Self::Accuracy,
         }
     }
 }
@@ -49,6 +52,7 @@ pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, sett
             let (bias, bank) = (AsTyped(bias_deg, 2), AsTyped(bank_percent, 1));
             write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
         }
+        Line::Accuracy => write!(out, "accuracy{between}{} deg wanted", AsTyped(settings.accuracy_deg, 1)),
     }
 }
 

@@ -8,10 +8,10 @@ use super::{Moved, Reason, Reset};
 use crate::calibration::ladder::Procedure;
 use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
-use crate::compass::Report;
+use crate::compass::{Prospect, Report, State};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, StackUse};
-use crate::wire::decimal::Decimal;
+use crate::wire::decimal::{AsTyped, Decimal};
 
 /// `status`.
 ///
@@ -23,6 +23,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
     progress(out, &report.progress)?;
+    if let (State::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
+        prospect(out, report.prospect.as_ref(), report.settings.accuracy_deg)?;
+    }
     match &report.current {
         Some(record) => {
             writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?;
@@ -65,6 +68,29 @@ fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
             let Coverage { samples, held_back, .. } = progress.left;
             writeln!(out, "attitudes: {samples} samples, {held_back} held back")
         }
+    }
+}
+
+/// How good a collection in flight is by now, and what it lacks.
+fn prospect(out: &mut impl Write, prospect: Option<&Prospect>, wanted_deg: f32) -> fmt::Result {
+    out.write_str("collecting: ")?;
+    let Some(Prospect { expected_deg, missing, is_at_floor, refusal }) = prospect else {
+        return writeln!(out, "not tried yet");
+    };
+    if let Some(expected_deg) = *expected_deg {
+        write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), AsTyped(wanted_deg, 1))?;
+    }
+    match (missing, refusal) {
+        (Some(manoeuvre), _) => write!(out, "; missing: {manoeuvre}")?,
+        (None, _) if *is_at_floor => out.write_str("; more of the same would not help, see set attitude-error")?,
+        (None, None) => out.write_str("; go on")?,
+        (None, Some(_)) => {}
+    }
+    match refusal {
+        Some(refusal) if expected_deg.is_none() || !refusal.is_for_want_of_samples() => {
+            writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.code())
+        }
+        _ => writeln!(out),
     }
 }
 

@@ -11,7 +11,8 @@
 //!
 //! `v3-first-half.bin` and `v3-second-half.bin` are the same of the last firmware of version 3, after the same flights and
 //! commands; `v4-first-half.bin` and `v4-second-half.bin` of the last one of version 4, which was given
-//! `set attitude-error 0.5 2` before the magnet.
+//! `set attitude-error 0.5 2` before the magnet; `v5-first-half.bin` and `v5-second-half.bin` of the last one of version 5,
+//! which was given `stream heading raw` besides.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -20,7 +21,7 @@ use testkit::flash::Cut;
 
 use super::*;
 use crate::settings::{AttitudeError, HeadingKind};
-use crate::store::{v2, v3, v4};
+use crate::store::{v2, v3, v4, v5};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
@@ -49,6 +50,11 @@ fn flash_of_v4() -> Flash {
     flash_of([include_bytes!("../testdata/v4-first-half.bin"), include_bytes!("../testdata/v4-second-half.bin")])
 }
 
+/// The flash as the last firmware of version 5 left it.
+fn flash_of_v5() -> Flash {
+    flash_of([include_bytes!("../testdata/v5-first-half.bin"), include_bytes!("../testdata/v5-second-half.bin")])
+}
+
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
 #[expect(clippy::too_many_lines, reason = "two records, number by number")]
 fn stored_by_v2() -> Stored {
@@ -61,6 +67,7 @@ fn stored_by_v2() -> Stored {
         mount: Orientation::from_name("roll180-yaw90").unwrap(),
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
+        accuracy_deg: 0.7,
     };
     let current = Record {
         calibration: Calibration {
@@ -343,6 +350,74 @@ fn what_version_4_stored_is_kept_to_the_last_digit() {
     assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_526, -4_689, 2_232]);
 }
 
+/// Its settings lack the wanted accuracy; its calibrations are those of its bytes.
+#[test]
+fn what_version_5_stored_is_kept_to_the_last_digit() {
+    let mut flash = flash_of_v5();
+    let found = load(&mut flash).unwrap();
+    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
+    let before = stored_by_v2().settings;
+    let expected = Settings { attitude_error, stream_heading: HeadingKind::Raw, ..before };
+    assert_eq!(found.settings, expected);
+    assert_eq!(found.settings.accuracy_deg.to_bits(), 0.7_f32.to_bits());
+    let current = found.generations.current.unwrap();
+    // As its console showed it.
+    assert_eq!(
+        (current.serial, current.quality.samples, current.quality.method.name()),
+        (2, 324, "maximum-likelihood")
+    );
+    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_480, -4_728, 2_191]);
+    let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
+    for half in [0, 1] {
+        let value = get(&mut flash, half).unwrap();
+        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
+        assert_eq!(*version, 5);
+        assert!(contents.ends_with(&generations), "half {half}");
+    }
+}
+
+/// Both headings, every value in its place, and what is checked now is checked.
+#[test]
+fn settings_of_version_5_are_read_one_by_one() {
+    let settings = v5::Settings {
+        declination_deg: Some(2.0),
+        inclination_deg: None,
+        align_deg: 12.0,
+        stream_on: false,
+        stream_rate_hz: 40,
+        mount: v3::Mount(5),
+        attitude_error: v4::AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
+        is_smooth: true,
+    };
+    let decoded = |settings: v5::Settings| {
+        let value = value_of(v5::VERSION, &(v5::Head { saves: 3, settings }, generations(4)));
+        Contents::decode(&value).map(|contents| (contents.saves, contents.stored))
+    };
+    let (saves, found) = decoded(settings).unwrap();
+    let expected = Settings {
+        declination_deg: Some(2.0),
+        inclination_deg: None,
+        align_deg: 12.0,
+        stream_on: false,
+        stream_rate_hz: 40,
+        mount: Orientation::from_name("roll180-yaw90").unwrap(),
+        attitude_error: AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
+        stream_heading: HeadingKind::Smooth,
+        accuracy_deg: 0.7,
+    };
+    assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
+    let raw = decoded(v5::Settings { is_smooth: false, ..settings }).unwrap().1;
+    assert_eq!(raw.settings.stream_heading, HeadingKind::Raw);
+    for bad in [v5::Settings { mount: v3::Mount(24), ..settings }, v5::Settings { stream_rate_hz: 0, ..settings }] {
+        assert_eq!(decoded(bad), Err(StoreError::Corrupt));
+    }
+    for length in [1, 20, 30, 300] {
+        let mut cut_short = value_of(v5::VERSION, &(v5::Head { saves: 3, settings }, generations(4)));
+        cut_short.truncate(length);
+        assert_eq!(Contents::decode(&sealed(cut_short)), Err(StoreError::Corrupt), "{length}");
+    }
+}
+
 /// The attitude source's error is checked as now, and what ends within it is not believed.
 #[test]
 fn values_out_of_range_are_refused_in_version_4_too() {
@@ -403,10 +478,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 5], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 6], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([5, 5], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([6, 6], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -549,6 +624,21 @@ fn later(version: u8) -> Vec<u8> {
     sealed(value)
 }
 
+/// Contents of version 5 with the calibrations of this one.
+fn present_as_v5() -> (v5::Head, Generations) {
+    let settings = v5::Settings {
+        declination_deg: None,
+        inclination_deg: None,
+        align_deg: 0.0,
+        stream_on: true,
+        stream_rate_hz: 10,
+        mount: v3::Mount(0),
+        attitude_error: v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 },
+        is_smooth: true,
+    };
+    (v5::Head { saves: 7, settings }, generations(4))
+}
+
 /// Stores that a later firmware has written to: once, so that the other half is this version's, the one's before or
 /// empty; or twice. It was the first half last, or the second.
 fn flashes_of_later() -> Vec<(String, Flash)> {
@@ -561,6 +651,7 @@ fn flashes_of_later() -> Vec<(String, Flash)> {
         ("version 2", Some(value_of(v2::VERSION, &before))),
         ("version 3", Some(value_of(v3::VERSION, &before))),
         ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
+        ("version 5", Some(value_of(v5::VERSION, &present_as_v5()))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),

@@ -1,0 +1,105 @@
+//! Trial solves: a collection in flight is solved now and then while it goes on, which tells how good it is by now, what is
+//! missing, and when it is over.
+
+use super::Refusal;
+use crate::calibration::{Advice, Envelope, Manoeuvre, Solution};
+use crate::collection::{Collector, Lack};
+use crate::time::WrappingMillis;
+
+/// Fixed numbers.
+struct Config {
+    /// No trial before there are so many samples to fit to: three for each unknown.
+    min_samples: u16,
+    /// Trials begin at least so far apart, milliseconds. A chip at 80 MHz solves for a quarter of a second, or for half a
+    /// second where it looks twice: a twentieth of its time.
+    apart_ms: u32,
+    /// So many measurements must have come since the last one: standing tells nothing new.
+    min_news: u32,
+    /// After so many measurements without any tilt, a minute of turning, what is good for level headings is good: what
+    /// tilts has done so by then.
+    level_news: u32,
+}
+
+const CONFIG: Config = Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600 };
+
+/// What a collection in flight would end in by now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prospect {
+    /// The heading error to expect, degrees RMS; none where no coefficients were found.
+    pub expected_deg: Option<f32>,
+    /// What would make it smaller; none if nothing would by much.
+    pub missing: Option<Manoeuvre>,
+    /// Whether more of the same would make it no smaller.
+    pub is_at_floor: bool,
+    /// Why it would not be accepted.
+    pub refusal: Option<Refusal>,
+}
+
+impl Prospect {
+    /// Of a trial that found nothing.
+    pub(super) fn none(refusal: Refusal) -> Self {
+        Self { expected_deg: None, missing: None, is_at_floor: false, refusal: Some(refusal) }
+    }
+
+    /// Of what a trial found, and why it would not be accepted.
+    pub(super) fn new(found: &Solution, refusal: Option<Refusal>) -> Self {
+        Self {
+            expected_deg: Some(found.quality.expected_rms_deg),
+            missing: found.advice.filter(Advice::gains).map(|advice| advice.manoeuvre),
+            is_at_floor: found.advice.as_ref().is_some_and(Advice::is_at_floor),
+            refusal,
+        }
+    }
+
+    /// What is wanting, in words for whoever is refused.
+    pub(super) fn lack(&self) -> Option<Lack> {
+        self.missing.map(Lack::Missing)
+    }
+
+    /// Whether the collection is over: it is as good as wanted, or nothing that could be flown would make it better.
+    /// What is refused for want of samples goes on.
+    fn is_over(&self, wanted_deg: f32) -> bool {
+        let is_good = self.expected_deg.is_some_and(|expected_deg| expected_deg <= wanted_deg);
+        let is_all = self.is_at_floor && self.missing.is_none();
+        let goes_on = self.refusal.as_ref().is_some_and(Refusal::is_for_want_of_samples);
+        (is_good || is_all) && !goes_on
+    }
+}
+
+/// The trials of a collection.
+#[derive(Debug)]
+pub(super) struct Trials {
+    /// Whether the solve that runs is a trial.
+    pub runs: bool,
+    /// When the last one began, and how many measurements there were then.
+    last: Option<(WrappingMillis, u32)>,
+    /// What came of the last one.
+    pub prospect: Option<Prospect>,
+}
+
+impl Trials {
+    pub const NONE: Self = Self { runs: false, last: None, prospect: None };
+
+    /// Whether it is time for one; if so, it counts as begun.
+    pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
+        let (samples, news) = (collector.progress().left.samples, collector.news());
+        let is_late = self.last.is_none_or(|(began, before)| {
+            now.since(began) >= CONFIG.apart_ms && news.wrapping_sub(before) >= CONFIG.min_news
+        });
+        let is_due = samples >= CONFIG.min_samples && is_late;
+        if is_due {
+            self.last = Some((now, news));
+        }
+        is_due
+    }
+
+    /// Takes what came of a trial; whether the collection is over with it.
+    pub fn end(&mut self, found: &Solution, refusal: Option<Refusal>, collector: &Collector, wanted_deg: f32) -> bool {
+        let prospect = Prospect::new(found, refusal);
+        let is_of_use = found.quality.envelope == Envelope::Banked || collector.news() >= CONFIG.level_news;
+        let is_over = is_of_use && prospect.is_over(wanted_deg);
+        self.runs = false;
+        self.prospect = Some(prospect);
+        is_over
+    }
+}
