@@ -23,8 +23,8 @@ pub enum Manoeuvre {
     Level,
     /// A turn on the spot, all round, without tilt.
     Round,
-    /// A tilt of some [`TILT_DEG`] while heading into a quarter of the circle.
-    Tilt(Towards, Quarter),
+    /// A tilt of some [`TILT_DEG`] while heading into a quarter of the circle, or all round it.
+    Tilt(Towards, Option<Quarter>),
 }
 
 /// To which side something tilts.
@@ -105,13 +105,17 @@ impl Quarter {
 }
 
 impl Manoeuvre {
-    /// What is tried, by its number, for an aircraft that banks into its turns or for one that does not.
-    fn nth(number: usize, banks: bool) -> Option<Self> {
-        if banks {
+    /// What is tried, by its number.
+    fn nth(number: usize, moves: Moves) -> Option<Self> {
+        if moves == Moves::Banks {
             return CIRCLES.get(number).copied();
         }
         let Some(number) = number.checked_sub(1) else { return Some(Self::Round) };
-        Some(Self::Tilt(*Towards::ALL.get(number / Quarter::ALL.len())?, Quarter::ALL[number % Quarter::ALL.len()]))
+        if moves == Moves::TiltsSomehow {
+            return Towards::ALL.get(number).map(|&towards| Self::Tilt(towards, None));
+        }
+        let quarters = Quarter::ALL.len();
+        Some(Self::Tilt(*Towards::ALL.get(number / quarters)?, Quarter::ALL.get(number % quarters).copied()))
     }
 
     fn attitude(self) -> Attitude {
@@ -126,7 +130,7 @@ impl Manoeuvre {
     /// Its headings on paper, evenly spread over the circle or the quarter, radians.
     fn headings_rad(self) -> impl Iterator<Item = f32> {
         let (first_rad, range_rad, samples) = match self {
-            Self::Tilt(_, quarter) => (quarter as u8 as f32 * FRAC_PI_2, FRAC_PI_2, SAMPLES / 4),
+            Self::Tilt(_, Some(quarter)) => (f32::from(quarter as u8) * FRAC_PI_2, FRAC_PI_2, SAMPLES / 4),
             _ => (0.0, TAU, SAMPLES),
         };
         (0..samples).map(move |i| first_rad + f32::from(i) * (range_rad / f32::from(samples)))
@@ -141,7 +145,11 @@ impl fmt::Display for Manoeuvre {
             Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
             Self::Round => f.write_str("turn once round, level"),
             Self::Tilt(towards, quarter) => {
-                write!(f, "tilt {} while heading {}", towards.name(), quarter.name())
+                write!(f, "tilt {} while ", towards.name())?;
+                match quarter {
+                    Some(quarter) => write!(f, "heading {}", quarter.name()),
+                    None => f.write_str("turning all round"),
+                }
             }
         }
     }
@@ -202,6 +210,20 @@ pub struct Assumed {
 /// a quarter of it has a quarter of them.
 const SAMPLES: u8 = 24;
 
+/// With more than this, degrees RMS, headings are not known well enough to name one.
+const MAX_NAMED_DEG: f32 = 3.0;
+
+/// How something moves, and how well that is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Moves {
+    /// It banks into its turns.
+    Banks,
+    /// It tilts as it likes.
+    Tilts,
+    /// The same, on headings that are not known.
+    TiltsSomehow,
+}
+
 /// How much bank goes with the rate of turn, as a correlation, in what banks into its turns.
 const BANKS: f32 = 0.5;
 
@@ -236,9 +258,13 @@ pub(super) fn advise(
     };
     let now = expected_error::expected(calibration, &covariance(information, Errors::All)?, envelope)?;
     let parameters = Parameters::new(unknowns);
-    let banks = banks_into_turns(samples);
+    let moves = match (banks_into_turns(samples), now.rms_deg <= MAX_NAMED_DEG) {
+        (true, _) => Moves::Banks,
+        (false, true) => Moves::Tilts,
+        (false, false) => Moves::TiltsSomehow,
+    };
     let (manoeuvre, with_it_deg) = (0..)
-        .map_while(|number| Manoeuvre::nth(number, banks))
+        .map_while(|number| Manoeuvre::nth(number, moves))
         .filter_map(|manoeuvre| {
             let mut supposed = information.clone();
             for heading_rad in manoeuvre.headings_rad() {
@@ -295,19 +321,24 @@ mod tests {
             (Towards::Ahead, Quarter::South, "tilt ahead while heading south to west", [0, -15]),
             (Towards::Back, Quarter::West, "tilt back while heading west to north", [0, 15]),
         ] {
-            assert_eq!(said(Manoeuvre::Tilt(towards, quarter)), (words.into(), deg));
+            assert_eq!(said(Manoeuvre::Tilt(towards, Some(quarter))), (words.into(), deg));
         }
+        let all_round = Manoeuvre::Tilt(Towards::Back, None);
+        assert_eq!(said(all_round), ("tilt back while turning all round".into(), [0, 15]));
     }
 
-    /// Seven circles; or a turn and each of sixteen tilts.
+    /// Seven circles; or a turn and each of sixteen tilts; or of four, where headings are not known.
     #[test]
     fn what_is_tried_is_what_it_can_fly() {
-        let tried = |banks| (0..).map_while(|number| Manoeuvre::nth(number, banks)).collect::<Vec<_>>();
-        assert_eq!(tried(true), CIRCLES);
-        let others = tried(false);
-        assert_eq!((others.len(), others[0]), (17, Manoeuvre::Round));
-        for (i, tilt) in others.iter().enumerate().skip(1) {
-            assert!(matches!(tilt, Manoeuvre::Tilt(..)) && !others[..i].contains(tilt), "{others:?}");
+        let tried = |moves| (0..).map_while(|number| Manoeuvre::nth(number, moves)).collect::<Vec<_>>();
+        assert_eq!(tried(Moves::Banks), CIRCLES);
+        for (moves, number, is_named) in [(Moves::Tilts, 17, true), (Moves::TiltsSomehow, 5, false)] {
+            let others = tried(moves);
+            assert_eq!((others.len(), others[0]), (number, Manoeuvre::Round));
+            for (i, tilt) in others.iter().enumerate().skip(1) {
+                assert!(!others[..i].contains(tilt), "{others:?}");
+                assert!(matches!(tilt, Manoeuvre::Tilt(_, quarter) if quarter.is_some() == is_named), "{others:?}");
+            }
         }
     }
 
@@ -362,9 +393,10 @@ mod tests {
         let are_even = |headings: &[f32]| headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5);
         assert!(are_even(&headings));
         for (quarter, first_deg) in Quarter::ALL.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
-            let headings: Vec<f32> = Manoeuvre::Tilt(Towards::Back, quarter).headings_rad().collect();
+            let headings: Vec<f32> = Manoeuvre::Tilt(Towards::Back, Some(quarter)).headings_rad().collect();
             assert!(are_even(&headings) && headings.len() == 6 && (headings[0] - first_deg.to_radians()).abs() < 1e-5);
         }
+        assert_eq!(Manoeuvre::Tilt(Towards::Back, None).headings_rad().count(), 24);
     }
 
     /// A tenth above what more of the same would leave.

@@ -336,6 +336,10 @@ mod tests {
             (0..300).for_each(|i| collector.push(banked(5.0, 0.0, i * 100)));
             assert_eq!(collector.lack().is_some(), is_said, "{procedure:?}");
         }
+        collector.begin(Procedure::Flight);
+        assert_eq!(collector.lack(), None);
+        (0..300).for_each(|i| collector.push(banked(1.9, 0.0, i * 100)));
+        assert!(matches!(collector.lack(), Some(Lack::NoTilt { .. })), "of whatever is flown nothing else is asked");
         collector.begin(Procedure::Turns);
         assert_eq!(collector.lack(), None);
     }
@@ -362,6 +366,7 @@ mod tests {
                 Lack::Arc { side: Side::Right, sectors: 5 },
                 "the right turns went through 5 of 12 sectors, too slow or too short; fly full circles",
             ),
+            (Lack::Missing(Manoeuvre::Round), "missing: turn once round, level"),
         ] {
             assert_eq!(lack.to_string(), words);
         }

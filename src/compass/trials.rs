@@ -103,3 +103,29 @@ impl Trials {
         is_over
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::acceptance::Rejection;
+
+    /// It is over when it is as good as wanted, or when neither more of the same nor anything else helps; unless what is
+    /// wrong with it is that samples are wanting.
+    #[test]
+    fn it_is_over_when_nothing_helps() {
+        let over = |expected_deg, missing, is_at_floor, refusal| {
+            Prospect { expected_deg, missing, is_at_floor, refusal }.is_over(1.0)
+        };
+        let missing = Some(Manoeuvre::Round);
+        assert!(over(Some(0.99), missing, false, None) && over(Some(1.0), None, false, None));
+        assert!(!over(Some(1.01), missing, false, None) && !over(Some(1.01), None, false, None));
+        assert!(over(Some(1.4), None, true, None));
+        assert!(!over(Some(1.4), missing, true, None), "something else would help");
+        assert!(!over(None, None, false, None) && !over(Some(f32::NAN), None, false, None));
+        let held_back = Refusal::Rejected(Rejection::TooFewHeldBack { have: 5, need: 8 });
+        let not_better = Refusal::Rejected(Rejection::NotBetter { candidate: 1.1, incumbent: 1.0 });
+        assert!(!over(Some(0.5), None, true, Some(held_back)), "more samples come");
+        assert!(over(Some(0.5), None, false, Some(not_better.clone())), "more would not change it");
+        assert!(!over(Some(1.4), None, false, Some(not_better)));
+    }
+}

@@ -2,44 +2,13 @@
 
 use core::f32::consts::TAU;
 
-use super::synthetic::{Airframe, Flight, Random, largest, quantile, rms, sample};
+use super::synthetic::{Airframe, Flight, Random, hovered, largest, quantile, rms, sample};
 use super::{NO_PRIOR, harsh};
 use crate::calibration::response::tilted;
 use crate::calibration::{Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
-
-/// A multirotor: it yaws once each way in hover, then yaws slowly on while it is pushed to all sides by 15 deg, four times
-/// a second. Which way it tilts has nothing to do with which way it turns.
-fn hovered(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
-    const STEP_S: f32 = 0.25;
-    let mut heading_rad = random.uniform(0.0, TAU);
-    (0..400_u16)
-        .map(|i| {
-            let t_s = f32::from(i) * STEP_S;
-            let rate_rad_s = if t_s < 20.0 {
-                0.35
-            } else if t_s < 40.0 {
-                -0.35
-            } else {
-                0.2
-            };
-            heading_rad += STEP_S * rate_rad_s;
-            let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
-            let truth = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
-            let measured = sample(airframe, truth, heading_rad, 0.4 * noise_deg, random);
-            let [roll_rad, pitch_rad] =
-                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * noise_deg).to_radians());
-            Sample {
-                attitude: Attitude { roll_rad, pitch_rad },
-                rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
-                time: WrappingMillis::new((t_s * 1000.0) as u32),
-                ..measured
-            }
-        })
-        .collect()
-}
 
 /// In pieces, as a collection keeps them: every other one lies in the second.
 fn in_pieces(samples: &[Sample]) -> [Vec<Sample>; 2] {
@@ -52,7 +21,7 @@ fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::Solut
     solve(Method::MaximumLikelihood, Samples { any: [&first, &second, &[]], ..Samples::default() }, prior)
 }
 
-/// TRUTH is the Cramer-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise, 0.1 to 0.2 deg here
+/// The Cramer-Rao bound is 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise, 0.1 to 0.2 deg here
 /// but near the magnetic poles.
 #[test]
 fn a_multirotor_that_is_pushed_to_all_sides_is_calibrated() {

@@ -1,5 +1,7 @@
 //! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
 
+use core::f32::consts::TAU;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
@@ -117,6 +119,37 @@ pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> V
             Sample {
                 attitude: Attitude { roll_rad, pitch_rad },
                 time: WrappingMillis::new(u32::from(i) * 400),
+                ..measured
+            }
+        })
+        .collect()
+}
+
+/// A multirotor: it yaws once each way in hover, then yaws slowly on while it is pushed to all sides by 15 deg, four times
+/// a second. Which way it tilts has nothing to do with which way it turns.
+pub fn hovered(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
+    const STEP_S: f32 = 0.25;
+    let mut heading_rad = random.uniform(0.0, TAU);
+    (0..400_u16)
+        .map(|i| {
+            let t_s = f32::from(i) * STEP_S;
+            let rate_rad_s = if t_s < 20.0 {
+                0.35
+            } else if t_s < 40.0 {
+                -0.35
+            } else {
+                0.2
+            };
+            heading_rad += STEP_S * rate_rad_s;
+            let tilt_deg = if t_s < 40.0 { 1.0 } else { 15.0 };
+            let truth = Attitude::from_deg(tilt_deg * (t_s / 1.7).sin(), tilt_deg * (t_s / 2.3).cos());
+            let measured = sample(airframe, truth, heading_rad, 0.4 * noise_deg, random);
+            let [roll_rad, pitch_rad] =
+                [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * noise_deg).to_radians());
+            Sample {
+                attitude: Attitude { roll_rad, pitch_rad },
+                rates: Rates::from_rad_s([0.0, 0.0, rate_rad_s]),
+                time: WrappingMillis::new((t_s * 1000.0) as u32),
                 ..measured
             }
         })

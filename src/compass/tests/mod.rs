@@ -1,5 +1,7 @@
 //! What the state machine promises, driven event by event.
 
+mod flight;
+
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};

@@ -1,0 +1,249 @@
+//! A collection of whatever is flown: it is tried while it goes on, tells what is missing, and ends when it is good.
+
+use super::*;
+use crate::calibration::Manoeuvre;
+use crate::calibration::tests::synthetic::hovered;
+
+/// A hundred seconds of a multirotor, four samples a second: yaw turns for forty, then pushes to all sides.
+fn hover(seed: u64) -> Vec<Sample> {
+    hovered(&airframe(), 0.3, &mut Random(seed))
+}
+
+impl Bed {
+    fn wanting(accuracy_deg: f32) -> Self {
+        let mut bed = Self::new();
+        bed.saved(Command::Set(Setting::Accuracy(accuracy_deg))).unwrap();
+        bed.done(Command::CalStart(Procedure::Flight));
+        bed
+    }
+
+    /// Takes samples, their time counted from its own, and runs each trial to its end. What ended the collection, and after
+    /// how many samples; nothing if it goes on.
+    fn hover(&mut self, samples: &[Sample]) -> Option<(Outcome, usize)> {
+        let began = self.now;
+        for (number, sample) in samples.iter().enumerate() {
+            self.now = began.wrapping_add(250 * number as u32);
+            let sample = Sample { time: self.time(), ..*sample };
+            assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
+            while self.compass.is_busy() {
+                assert_eq!(self.compass.state(), State::Collecting, "nobody asked for a solve");
+                match self.compass.step(Event::Advance) {
+                    Effect::None => {}
+                    end => return Some((self.settle(end), number)),
+                }
+            }
+        }
+        None
+    }
+
+    fn prospect(&mut self) -> Option<Prospect> {
+        self.report().prospect
+    }
+}
+
+#[test]
+fn it_ends_by_itself_when_it_is_as_good_as_wanted() {
+    let mut ends = Vec::new();
+    for accuracy_deg in [1.5, 0.5] {
+        let mut bed = Bed::wanting(accuracy_deg);
+        let (outcome, samples) = bed.hover(&hover(1)).unwrap();
+        let expected_deg = outcome.unwrap().quality.expected_rms_deg;
+        assert!(expected_deg <= accuracy_deg, "{expected_deg}");
+        assert_eq!(bed.compass.state(), State::Calibrated);
+        let calibration = bed.compass.in_use().unwrap().calibration;
+        assert!(rms(&airframe().errors_deg(&calibration)) < 3.0 * expected_deg);
+        ends.push(samples);
+    }
+    // Yaw turns alone do not do it, and what is wanted more exactly takes longer.
+    assert!(ends[0] > 160 && ends[0] < ends[1], "{ends:?}");
+}
+
+/// Wanted is what no flight gives: the collection goes on, and tells how good it is.
+#[test]
+fn it_goes_on_while_it_is_not_good_enough() {
+    let mut bed = Bed::wanting(0.2);
+    assert!(bed.prospect().is_none(), "not tried");
+    assert!(bed.hover(&hover(2)[..300]).is_none());
+    let Some(Prospect { expected_deg: Some(expected_deg), refusal: None, .. }) = bed.prospect() else {
+        panic!("{:?}", bed.prospect())
+    };
+    assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
+    // What is asked for takes what there is.
+    assert_eq!(bed.done(Command::CalSolve(None)), State::Solving);
+    let end = bed.solve();
+    let found = bed.settle(end).unwrap().quality.expected_rms_deg;
+    assert!(found <= expected_deg, "{found} {expected_deg}");
+}
+
+/// After yaw turns alone a tilt is missing, and whoever asks for a solve after a second of it is told so; before it, that
+/// there was none.
+#[test]
+fn what_is_missing_is_told() {
+    let mut bed = Bed::wanting(1.0);
+    assert!(bed.hover(&hover(3)[..160]).is_none());
+    bed.done(Command::CalSolve(None));
+    let end = bed.solve();
+    let refusal = bed.settle(end).unwrap_err();
+    assert!(refusal.to_string().contains("deg; the attitude tilts by 1.1 deg at most; tilt by 15"), "{refusal}");
+    let mut bed = Bed::wanting(1.0);
+    assert!(bed.hover(&hover(3)[..164]).is_none());
+    let prospect = bed.prospect().unwrap();
+    assert!(matches!(prospect.missing, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
+    bed.done(Command::CalSolve(None));
+    let end = bed.solve();
+    let refusal = bed.settle(end).unwrap_err();
+    assert_eq!(refusal.code(), "not-accurate");
+    assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
+    // The advice of the last trial is there to be asked for, in flight too.
+    assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+}
+
+/// Ten seconds, and ten measurements, and not before forty samples: of four a second one in some is held back.
+#[test]
+fn trials_are_ten_seconds_apart() {
+    let mut bed = Bed::wanting(0.2);
+    let mut began = Vec::new();
+    for (number, sample) in hover(4).into_iter().enumerate().take(200) {
+        let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
+        bed.compass.step(Event::Sample(sample));
+        if bed.compass.is_busy() {
+            began.push((number, bed.compass.collector.progress().left.samples));
+            bed.solve_trial();
+        }
+    }
+    assert_eq!(began[0].1, 40, "{began:?}");
+    assert!(began.windows(2).all(|pair| pair[1].0 - pair[0].0 == 40), "{began:?}");
+}
+
+/// Whoever stands after flying is not tried again: nothing has come. The flight goes on where it was.
+#[test]
+fn standing_is_no_reason_to_try_again() {
+    let mut bed = Bed::wanting(0.2);
+    let flown = hover(5);
+    assert!(bed.hover(&flown[..80]).is_none());
+    let mut tried = 0;
+    for _ in 0..600 {
+        bed.now = bed.now.wrapping_add(250);
+        let sample = Sample { time: bed.time(), ..flown[79] };
+        bed.compass.step(Event::Sample(sample));
+        tried += u8::from(bed.compass.is_busy());
+        bed.solve_trial();
+    }
+    assert_eq!(tried, 1, "of what came since the last one");
+    let before = bed.prospect();
+    assert_eq!(bed.prospect(), before);
+    assert!(bed.hover(&flown[160..]).is_none());
+    assert_ne!(bed.prospect(), before);
+}
+
+/// A vehicle that never tilts is good for level headings; it is over when a minute has shown no tilt, not when the first
+/// second has none. Ten samples a second, turning at 20 deg/s.
+#[test]
+fn what_may_still_tilt_is_waited_for() {
+    let rover = |tilt_deg: f32, samples: u16| -> Vec<Sample> {
+        let mut random = Random(6);
+        (0..samples)
+            .map(|i| {
+                let t_s = f32::from(i) * 0.1;
+                let attitude = Attitude::from_deg(tilt_deg * (t_s / 1.1).sin(), tilt_deg * (t_s / 1.7).cos());
+                let rates = Rates::from_rad_s([0.0, 0.0, 0.35]);
+                let field =
+                    crate::calibration::tests::synthetic::sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random)
+                        .field;
+                Sample { field, attitude, rates, time: WrappingMillis::new(u32::from(i) * 100) }
+            })
+            .collect()
+    };
+    let ends_after = |tilt_deg: f32| {
+        let mut bed = Bed::wanting(3.0);
+        for (number, sample) in rover(tilt_deg, 1500).into_iter().enumerate() {
+            bed.compass.step(Event::Sample(sample));
+            while bed.compass.is_busy() {
+                if matches!(bed.compass.step(Event::Advance), Effect::Save) {
+                    return number;
+                }
+            }
+        }
+        usize::MAX
+    };
+    let (level, tilted) = (ends_after(9.0), ends_after(11.0));
+    // Most are news; trials are a hundred samples apart.
+    assert!((600..1000).contains(&level), "{level}");
+    assert!(tilted < 400, "{tilted}");
+}
+
+/// What asks for nothing that the trial rests on waits for it no longer than for a step; all else ends it.
+#[test]
+fn a_trial_is_in_nobody_s_way() {
+    let trying = || {
+        let mut bed = Bed::wanting(0.2);
+        for (number, sample) in hover(7).into_iter().enumerate() {
+            bed.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
+            if bed.compass.is_busy() {
+                break;
+            }
+        }
+        assert!(bed.compass.is_busy());
+        bed
+    };
+    let mut bed = trying();
+    assert_eq!(bed.report().state, State::Collecting);
+    assert!(bed.compass.is_busy(), "a look changes nothing");
+    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+    assert!(!bed.compass.is_busy());
+    let mut bed = trying();
+    assert_eq!(bed.done(Command::CalSolve(None)), State::Solving);
+    assert_eq!(bed.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
+    let mut bed = trying();
+    bed.saved(Command::Set(Setting::Inclination(Some(55.0)))).unwrap();
+    assert_eq!((bed.compass.state(), bed.compass.is_busy()), (State::Collecting, false));
+    let mut bed = trying();
+    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    assert!(bed.prospect().is_none() && !bed.compass.is_busy());
+    let mut bed = trying();
+    assert_eq!(bed.done(Command::CalStart(Procedure::Turns)), State::Collecting);
+    assert!(!bed.compass.is_busy() && bed.prospect().is_none());
+}
+
+/// A wrong mounting shows in each trial: it is told while it is flown, and the collection goes on.
+#[test]
+fn what_would_be_refused_is_told_in_flight() {
+    let mut bed = Bed::new();
+    bed.saved(Command::Set(Setting::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    bed.done(Command::CalStart(Procedure::Flight));
+    assert!(bed.hover(&hover(8)).is_none());
+    let prospect = bed.prospect().unwrap();
+    let Some(Refusal::Solve(SolveError::MountContradicted { found })) = prospect.refusal else {
+        panic!("{prospect:?}")
+    };
+    assert_eq!((found, prospect.expected_deg), (Orientation::NONE, None));
+    // Mended, it goes on with what was collected.
+    bed.saved(Command::Set(Setting::Mount(Orientation::NONE))).unwrap();
+    bed.done(Command::CalSolve(None));
+    let end = bed.solve();
+    assert!(bed.settle(end).is_ok());
+}
+
+/// A second flight that shows nothing new is over, too, and says that the calibration in use stays.
+#[test]
+fn a_flight_that_is_no_better_ends() {
+    let mut refused = 0;
+    for seed in 0..8 {
+        let mut bed = Bed::wanting(0.5);
+        let (first, _) = bed.hover(&hover(20 + seed)).unwrap();
+        first.unwrap();
+        bed.done(Command::CalStart(Procedure::Flight));
+        let Some((second, _)) = bed.hover(&hover(40 + seed)) else { panic!("{seed}: it goes on") };
+        refused += usize::from(second.is_err_and(|refusal| refusal.code() == "not-better"));
+    }
+    assert!(refused >= 1, "{refused}");
+}
+
+impl Bed {
+    /// Runs a trial that does not end the collection.
+    fn solve_trial(&mut self) {
+        while self.compass.is_busy() {
+            assert!(matches!(self.compass.step(Event::Advance), Effect::None));
+        }
+    }
+}
