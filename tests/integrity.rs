@@ -141,12 +141,38 @@ fn a_clean_flight_raises_no_alarm() {
     }
 }
 
-/// A copter calibrates by its routine and flies about; its attitude is off by a degree when it is pushed.
+/// A copter and a VTOL calibrate by their routines and fly about; their attitude is off by a degree and more when they are
+/// pushed, and when they gain and lose their airspeed. Of 60 flights of the VTOL 0.004 % were bad, one sentence or two here.
 #[test]
-fn a_copter_s_clean_flight_raises_no_alarm() {
-    for row in rows_of(Plan { flights: 8, aircraft: Kind::Copter, ..PLAN }, &["clean"]) {
-        assert!(row.bad_percent == 0.0 && row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{row:?}");
-        assert!(all_accepted(&row), "{row:?}");
+fn a_clean_flight_of_what_hovers_raises_no_alarm() {
+    for (aircraft, bad_percent) in [(Kind::Copter, 0.0), (Kind::Vtol, 0.02)] {
+        for row in rows_of(Plan { flights: 8, aircraft, ..PLAN }, &["clean"]) {
+            assert!(row.bad_percent <= bad_percent, "{aircraft:?}: {row:?}");
+            assert!(row.empty_percent <= 0.1 && row.alarms_per_hour == 0.0, "{aircraft:?}: {row:?}");
+            assert!(all_accepted(&row), "{aircraft:?}: {row:?}");
+        }
+    }
+}
+
+/// Of a copter so much of what is sent is bad, and so much is not sent, percent. It tilts less than an aeroplane banks and
+/// its attitude is worse, so that less is seen: twice what thirty flights show, where a flight or two make it.
+#[test]
+fn what_changes_in_use_of_a_copter_is_seen_through_or_silenced() {
+    for (case, bad_percent, empty_percent) in
+        [("moved-2", 2.0, 5.0), ("moved-5", 1.0, 5.0), ("bias-2", 2.0, 5.0), ("late-300", 1.0, 15.0)]
+    {
+        for row in rows_of(Plan { flights: 8, aircraft: Kind::Copter, ..PLAN }, &[case]) {
+            assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
+            assert!(all_accepted(&row), "{row:?}");
+        }
+    }
+}
+
+/// What hovers always has a current: it is part of what is calibrated, and is expected so.
+#[test]
+fn the_current_of_hover_is_part_of_the_calibration() {
+    for row in rows_of(Plan { flights: 8, aircraft: Kind::Copter, ..PLAN }, &["current-5"]) {
+        assert!(all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
     }
 }
 

@@ -20,6 +20,7 @@ mod factored;
 mod iron;
 mod learnt;
 mod model;
+mod pushed;
 #[cfg(test)]
 mod tests;
 
@@ -43,6 +44,7 @@ use model::{
     BANK, BETA, DRIFT, Expected, INCLINATION, LATENCY, OFFSET, PITCH, Predicted, ROLL, STRENGTH, Seen, UNKNOWNS,
     Unknowns,
 };
+use pushed::Pushed;
 
 /// Fixed numbers of the watch. Variances are in radians and parts of the total field.
 #[derive(Clone, Copy, Debug)]
@@ -227,6 +229,7 @@ pub(super) struct Watch {
     /// For so long hard iron may move again, seconds.
     unsettled_s: f32,
     balance: Balance,
+    pushed: Pushed,
     moved: Moved,
     last: Option<Timestamp>,
     /// The gyro's run that the offset belongs to.
@@ -246,6 +249,7 @@ impl Watch {
             coefficients: 0.0,
             unsettled_s: 0.0,
             balance: Balance::NOTHING,
+            pushed: Pushed::NOT,
             moved: Moved::NOT,
             last: None,
             run: None,
@@ -275,6 +279,7 @@ impl Watch {
         }
         let step_s = self.last.map_or(FIRST_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last = Some(at);
+        self.pushed.see(seen.attitude, &seen.motion, step_s);
         self.wander(step_s);
         self.follow_the_gyro(&seen, turning, step_s);
         self.measure(watched, &seen, sample, turning, step_s);
@@ -355,7 +360,7 @@ impl Watch {
         let strength = self.learnt.as_ref().map_or(0.0, Learnt::strength_squared);
         let Motion { roll_rad_s, pitch_rad_s, .. } = seen.motion;
         let late_rad = self.config.jitter_s * libm::hypotf(roll_rad_s, pitch_rad_s);
-        let tilt_rad2 = alike * (variances.tilt_rad2 + late_rad * late_rad);
+        let tilt_rad2 = alike * (variances.tilt_rad2 + late_rad * late_rad + self.pushed.variance_rad2());
         let tan_squared = predicted.tan_dip * predicted.tan_dip;
         let [by_strength, by_dip, by_heading] = predicted.by_field();
         let measurements = [
@@ -458,7 +463,10 @@ impl Watch {
         self.adjustment = Adjustment {
             unknowns,
             variance_rad2: if is_settled { 0.0 } else { self.config.unsettled_times * variance_rad2 },
-            variances: self.learnt.as_ref().map(|learnt| learnt.variances(&self.config.learnt, own)),
+            variances: self.learnt.as_ref().map(|learnt| {
+                let Variances { strength, tilt_rad2 } = learnt.variances(&self.config.learnt, own);
+                Variances { strength, tilt_rad2: tilt_rad2 + self.pushed.variance_rad2() }
+            }),
             gyro: self.run.map(|run| (run, self.state.variance_of(OFFSET))),
             verdict: self.verdict(&unknowns, seen, &row, variance_rad2),
             iron: is_sure.then(|| Iron { change_ut: change * total_ut, sigma_ut: sigma * total_ut }),

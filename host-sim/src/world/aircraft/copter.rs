@@ -21,8 +21,19 @@ const PER_VELOCITY_S: f64 = 1.0;
 const PER_OFFSET_S2: f64 = 0.3;
 /// It holds the spot where it comes to rest, metres per second.
 const AT_REST_M_S: f64 = 1.0;
-/// Most tilt that it uses by itself, degrees: to brake, to hold the spot, to keep its speed.
-const MAX_OWN_TILT_DEG: f64 = 15.0;
+/// Limits of what it does and what is done to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Most tilt that it uses by itself, degrees: to brake, to hold the spot, to keep its speed.
+    pub own_tilt_deg: f64,
+    /// Most drag, m/s^2.
+    pub drag_m_s2: f64,
+}
+
+impl Limits {
+    /// A multirotor's: its drag is its rotors', which grows on.
+    pub const MULTIROTOR: Self = Self { own_tilt_deg: 15.0, drag_m_s2: f64::INFINITY };
+}
 /// More thrust against air from above, per metre per second.
 const THRUST_PER_GUST_S_M: f64 = 0.1;
 
@@ -45,6 +56,7 @@ impl Tilt {
 #[derive(Clone, Debug)]
 pub(super) struct Copter {
     config: Config,
+    limits: Limits,
     weather: Weather,
     air: Air,
     roll: Tilt,
@@ -58,9 +70,10 @@ pub(super) struct Copter {
 }
 
 impl Copter {
-    pub fn new(config: Config, weather: Weather, seed: u64) -> Self {
+    pub fn new(config: Config, limits: Limits, weather: Weather, seed: u64) -> Self {
         Self {
             config,
+            limits,
             weather,
             air: Air::new(weather, seed),
             roll: Tilt::default(),
@@ -93,8 +106,9 @@ impl Copter {
         let gust = north_east(self.heading_rad, [stirred.along_m_s, stirred.across_m_s]);
         let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
         let air_m_s = [wind_north + gust[0], wind_east + gust[1]];
-        let acceleration: [f64; 2] =
-            std::array::from_fn(|i| pulled[i] - (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_S);
+        let drag_m_s2 = std::array::from_fn(|i| (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_S);
+        let drag_m_s2 = limited(drag_m_s2, self.limits.drag_m_s2);
+        let acceleration: [f64; 2] = std::array::from_fn(|i| pulled[i] - drag_m_s2[i]);
         for (velocity, acceleration) in self.velocity_m_s.iter_mut().zip(acceleration) {
             *velocity += acceleration * STEP_S;
         }
@@ -120,7 +134,7 @@ impl Copter {
         if !(matches!(command.manner, Manner::OnTheSpot) && is_at_rest) {
             self.spot_m = position_m;
         }
-        let own_limit_m_s2 = GRAVITY_M_S2 * MAX_OWN_TILT_DEG.to_radians().tan();
+        let own_limit_m_s2 = GRAVITY_M_S2 * self.limits.own_tilt_deg.to_radians().tan();
         match command.manner {
             Manner::OnTheSpot => {
                 let back = std::array::from_fn(|i| {
@@ -146,6 +160,6 @@ impl Copter {
 
 /// The vector, no longer than that.
 fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
-    let share = most / vector[0].hypot(vector[1]).max(most);
+    let share = (most / vector[0].hypot(vector[1])).min(1.0);
     vector.map(|part| part * share)
 }

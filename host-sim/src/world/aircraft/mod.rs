@@ -26,7 +26,7 @@ pub use self::config::{Config, Kind};
 
 use self::air::Air;
 use self::boat::Boat;
-use self::copter::Copter;
+use self::copter::{Copter, Limits};
 use self::plane::Plane;
 use self::rover::Rover;
 use self::vtol::Vtol;
@@ -69,7 +69,7 @@ impl Vehicle {
     fn new(config: Config, weather: Weather, seed: u64) -> Self {
         match config.kind {
             Kind::Plane => Self::Plane(Plane::new(config, weather, seed)),
-            Kind::Copter => Self::Copter(Copter::new(config, weather, seed)),
+            Kind::Copter => Self::Copter(Copter::new(config, Limits::MULTIROTOR, weather, seed)),
             Kind::Vtol => Self::Vtol(Box::new(Vtol::new(config, weather, seed))),
             Kind::Rover => Self::Rover(Rover::new(config, seed)),
             Kind::Boat => Self::Boat(Boat::new(config, weather, seed)),
