@@ -18,9 +18,15 @@ struct Config {
     /// After so many measurements without any tilt, a minute of turning, what is good for level headings is good: what
     /// tilts has done so by then.
     level_news: u32,
+    /// After so many trials none of which was noticeably better than those before, a minute of flying, more of the same
+    /// makes it no better: the buffer is full of as good samples.
+    stalled_trials: u8,
+    /// What is left of an expected error that has become noticeably smaller.
+    noticeable: f32,
 }
 
-const CONFIG: Config = Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600 };
+const CONFIG: Config =
+    Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600, stalled_trials: 6, noticeable: 0.95 };
 
 /// What a collection in flight would end in by now.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,12 +79,14 @@ pub(super) struct Trials {
     pub runs: bool,
     /// When the last one began, and how many measurements there were then.
     last: Option<(WrappingMillis, u32)>,
+    /// The least error that any of them expected, degrees RMS, or nearly so; and how many came since.
+    best: (f32, u8),
     /// What came of the last one.
     pub prospect: Option<Prospect>,
 }
 
 impl Trials {
-    pub const NONE: Self = Self { runs: false, last: None, prospect: None };
+    pub const NONE: Self = Self { runs: false, last: None, best: (f32::INFINITY, 0), prospect: None };
 
     /// Whether it is time for one; if so, it counts as begun.
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
@@ -95,12 +103,24 @@ impl Trials {
 
     /// Takes what came of a trial; whether the collection is over with it.
     pub fn end(&mut self, found: &Solution, refusal: Option<Refusal>, collector: &Collector, wanted_deg: f32) -> bool {
-        let prospect = Prospect::new(found, refusal);
+        let mut prospect = Prospect::new(found, refusal);
+        prospect.is_at_floor |= self.is_stalled(found.quality.expected_rms_deg);
         let is_of_use = found.quality.envelope == Envelope::Banked || collector.news() >= CONFIG.level_news;
         let is_over = is_of_use && prospect.is_over(wanted_deg);
         self.runs = false;
         self.prospect = Some(prospect);
         is_over
+    }
+
+    /// Whether it has not become better for long, this one counted.
+    fn is_stalled(&mut self, expected_deg: f32) -> bool {
+        let (best_deg, since) = self.best;
+        self.best = if expected_deg <= CONFIG.noticeable * best_deg {
+            (expected_deg, 0)
+        } else {
+            (best_deg, since.saturating_add(1))
+        };
+        self.best.1 >= CONFIG.stalled_trials
     }
 }
 
@@ -108,6 +128,22 @@ impl Trials {
 mod tests {
     use super::*;
     use crate::acceptance::Rejection;
+
+    /// Six in a row that are not better by a twentieth than the best before; then a better one counts anew.
+    #[test]
+    fn what_does_not_become_better_is_at_its_floor() {
+        let mut trials = Trials::NONE;
+        assert!(!trials.is_stalled(2.0));
+        for _ in 0..5 {
+            assert!(!trials.is_stalled(1.91));
+        }
+        assert!(trials.is_stalled(1.91) && trials.is_stalled(3.0) && trials.is_stalled(f32::NAN));
+        assert!(!trials.is_stalled(1.89), "a twentieth less");
+        for deg in [1.85, 1.81, 1.80, 1.86, 2.5] {
+            assert!(!trials.is_stalled(deg));
+        }
+        assert!(trials.is_stalled(1.80), "all of them against 1.89");
+    }
 
     /// It is over when it is as good as wanted, or when neither more of the same nor anything else helps; unless what is
     /// wrong with it is that samples are wanting.

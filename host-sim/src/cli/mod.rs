@@ -211,9 +211,9 @@ struct Speed {
 struct Replay {
     /// The recording
     file: PathBuf,
-    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds, or what its `turns`
-    /// detector would have kept
-    #[arg(long, value_enum, default_value = "turns", value_name = "all|turns")]
+    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds; what its `turns` detector
+    /// would have kept; or what it would have kept of whatever was flown (`flight`), until that is good enough
+    #[arg(long, value_enum, default_value = "turns", value_name = "all|turns|flight")]
     samples: SamplesArgument,
     /// Unit of mx, my, mz: milligauss or microtesla
     #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
@@ -237,6 +237,7 @@ struct Replay {
 enum SamplesArgument {
     All,
     Turns,
+    Flight,
 }
 
 impl From<SamplesArgument> for host_sim::replay::Selected {
@@ -244,6 +245,7 @@ impl From<SamplesArgument> for host_sim::replay::Selected {
         match argument {
             SamplesArgument::All => Self::All,
             SamplesArgument::Turns => Self::Turns,
+            SamplesArgument::Flight => Self::Flight,
         }
     }
 }

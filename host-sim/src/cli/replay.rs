@@ -63,6 +63,7 @@ fn summary(rows: &[Row], replayed: &Replayed) -> Value {
         "latency_sigma_ms": latency(solution).map(|l| rounded(f64::from(l.sigma_s) * 1e3, 1)),
         "rows": rows.len(),
         "samples": replayed.samples,
+        "ended_s": replayed.ended_s.map(|seconds| rounded(seconds, 1)),
         "heading_rms_deg": rms(&replayed.score),
         "heading_mean_deg": replayed.score.map(|s| rounded(s.mean_deg, 3)),
         "within_one_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[0], 1)),
@@ -84,6 +85,9 @@ fn latency(solution: Option<&Solution>) -> Option<Latency> {
 
 fn show(rows: &[Row], replayed: &Replayed) {
     println!("{} rows, {} samples fitted to", rows.len(), replayed.samples);
+    if let Some(ended_s) = replayed.ended_s {
+        println!("the module would have had enough {ended_s:.0} s after the first row");
+    }
     if let Some(refusal) = refusal(replayed) {
         println!("the module would refuse: {}: {refusal}", refusal.code());
     }

@@ -1,5 +1,6 @@
 //! A recorded flight through the module's own instrument, collection, solver and acceptance.
 
+mod device;
 mod rates;
 pub mod recording;
 
@@ -26,6 +27,8 @@ pub enum Selected {
     All,
     /// What the device's turn detector would have kept.
     Turns,
+    /// What the device would have kept of whatever was flown, until it ends by itself.
+    Flight,
 }
 
 /// How to replay.
@@ -101,6 +104,8 @@ pub struct Replayed {
     pub lack: Option<Lack>,
     /// Samples that were fitted to.
     pub samples: usize,
+    /// When the collection of whatever was flown ended by itself, seconds after the first row; none if it did not.
+    pub ended_s: Option<f64>,
     /// A heading for each row; none without a solution.
     pub shown: Vec<Shown>,
     /// Against the reference, where there is one.
@@ -121,10 +126,16 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         readings_per_sample: config.readings_per_sample(),
     };
     let usable = fitted(rows, options, config);
+    let ended = match options.selected {
+        Selected::Flight => device::ends_after(&usable, options),
+        Selected::All | Selected::Turns => None,
+    };
     let (result, samples, lack) = match options.selected {
         Selected::All => from_all(&usable, &prior),
-        Selected::Turns => from_turns(&usable, &prior),
+        Selected::Turns => from_collected(&usable, Procedure::Turns, &prior),
+        Selected::Flight => from_collected(&usable[..ended.unwrap_or(usable.len())], Procedure::Flight, &prior),
     };
+    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(|last| f64::from(last.time.count()) / 1e3);
     let (solution, accepted) = match result {
         Ok((solution, accepted)) => (Some(solution), accepted),
         Err(error) => (None, Err(Refused::Solve(error))),
@@ -137,7 +148,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(Shown::sent_deg));
-    Replayed { solution, accepted, lack, samples, shown, score: raw, smooth, uncorrected }
+    Replayed { solution, accepted, lack, samples, ended_s, shown, score: raw, smooth, uncorrected }
 }
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
@@ -176,14 +187,15 @@ fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
 type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 
 /// Through the device's collection, ladder and verification.
-fn from_turns(samples: &[Sample], prior: &Prior) -> (Solved, usize, Option<Lack>) {
+fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, usize, Option<Lack>) {
     let mut collector = Collector::new();
+    collector.begin(procedure);
     for &sample in samples {
         collector.push(sample);
     }
-    let selection = Selection::of(collector.fit(), Procedure::Turns);
+    let selection = Selection::of(collector.fit(), procedure);
     let fit = selection.from(collector.fit());
-    let solved = ladder::choose(collector.fit(), Procedure::Turns)
+    let solved = ladder::choose(collector.fit(), procedure)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
     (solved, fit.all().count(), collector.lack())
