@@ -41,7 +41,7 @@ pub(super) use parameters::Parameters;
 pub(crate) use prediction::Prediction;
 pub(super) use prediction::{heading_by_field, horizontal_squared};
 pub(super) use priors::{Quantity, for_each_prior};
-pub(super) use squares::Squares;
+pub(crate) use squares::Squares;
 pub(super) use system::System;
 #[cfg(test)]
 pub(super) use unknowns::Row;
