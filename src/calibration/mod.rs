@@ -124,7 +124,7 @@ pub use solver::{Progress, Solver, solve};
 pub use uncertainty::{HeadingVariance, Uncertainty};
 pub(crate) use {least_squares::LeastSquares, plane::Plane};
 pub(crate) use {
-    likelihood::{Prediction, Squares},
+    likelihood::{Prediction, Row, Squares},
     response::centre,
 };
 

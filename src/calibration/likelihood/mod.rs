@@ -43,8 +43,7 @@ pub(super) use prediction::{heading_by_field, horizontal_squared};
 pub(super) use priors::{Quantity, for_each_prior};
 pub(crate) use squares::Squares;
 pub(super) use system::System;
-#[cfg(test)]
-pub(super) use unknowns::Row;
+pub(crate) use unknowns::Row;
 pub(super) use unknowns::Vector13;
 
 pub(super) use equations::CLIPPED_MEAN_SQUARE;
