@@ -122,7 +122,11 @@ pub use orientation::Orientation;
 pub use rates::Rates;
 pub use solver::{Progress, Solver, solve};
 pub use uncertainty::{HeadingVariance, Uncertainty};
-pub(crate) use {least_squares::LeastSquares, likelihood::Prediction, plane::Plane};
+pub(crate) use {least_squares::LeastSquares, plane::Plane};
+pub(crate) use {
+    likelihood::{Prediction, Row, Squares},
+    response::centre,
+};
 
 use core::fmt::Debug;
 

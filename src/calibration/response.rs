@@ -49,16 +49,16 @@ impl Response {
 /// Weight of the assumption that there is no hard iron, beside that of the samples.
 const SPHERE_RIDGE: f32 = 1e-4;
 
-/// A sphere through all samples: hard iron only. The fields are rotated by `rotation`
-/// first.
-pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<Start> {
-    let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
-    let number = fields().count() as f32;
-    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
+/// The centre of a sphere through all samples, in the chip's axes, and its radius, both in microtesla: the hard iron and
+/// the total field where there is no soft iron. `None` without samples, or if one is no number.
+#[inline(never)]
+pub(crate) fn centre(samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
+    let fields = || samples.all().map(|s| s.field.ut);
+    let mean = fields().sum::<Vector3<f32>>() / fields().count() as f32;
     // |m|^2 = 2 m . b + (r^2 - |b|^2), linear in b and the bracket; fields from their mean, for the digits.
     let mut system = LeastSquares::<4, 1>::new();
     let mut spread = 0.0;
-    for (field, _) in fields() {
+    for field in fields() {
         let p = field - mean;
         system.add(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
         spread += p.norm_squared();
@@ -69,15 +69,22 @@ pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
     }
     let solution = system.solve()?;
     let centre = solution.fixed_rows::<3>(0).into_owned();
-    let unit_ut = libm::sqrtf((solution[3] + centre.norm_squared()).max(1.0));
-    let b_ut = mean + centre;
-    let sin_dip = fields()
-        .map(|(field, s)| {
-            let level = s.attitude.level(Field::new(field - b_ut));
+    Some((mean + centre, libm::sqrtf((solution[3] + centre.norm_squared()).max(1.0))))
+}
+
+/// A sphere through all samples: hard iron only. The fields are rotated by `rotation`
+/// first.
+pub(super) fn sphere(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<Start> {
+    let (centre_ut, unit_ut) = centre(samples)?;
+    let b_ut = rotation * centre_ut;
+    let sin_dip = samples
+        .all()
+        .map(|s| {
+            let level = s.attitude.level(Field::new(rotation * s.field.ut - b_ut));
             level.ut.z / level.total_ut().max(1e-6)
         })
         .sum::<f32>()
-        / number;
+        / samples.all().count() as f32;
     let inclination_rad = trig::asin(sin_dip);
     Some(Start { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
 }

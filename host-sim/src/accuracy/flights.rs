@@ -36,6 +36,9 @@ pub struct Row {
     pub rms_worst_decile_deg: f64,
     /// RMS heading error over the bound of the readings that were kept, median over the airframes: what the solver adds.
     pub kept_ratio_median: f64,
+    /// Bound of the readings that were kept over that of as many, the best of the flight, median over the airframes: what
+    /// the choice adds.
+    pub choice_ratio_median: f64,
     /// Bound of as many readings, the best of the flight, median over the airframes, degrees.
     pub best_bound_median_deg: f64,
     /// RMS heading error over that bound, median over the airframes.
@@ -134,6 +137,7 @@ fn row(flight: Flight, trials: &[Tried]) -> Row {
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: quantile(kept_ratios, 0.5),
+        choice_ratio_median: quantile(trials.iter().map(|tried| tried.kept_bound_deg / tried.best_bound_deg), 0.5),
         best_bound_median_deg: quantile(trials.iter().map(|tried| tried.best_bound_deg), 0.5),
         best_ratio_median: ratio(0.5),
         best_ratio_worst_decile: ratio(0.9),

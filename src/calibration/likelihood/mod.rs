@@ -41,10 +41,9 @@ pub(super) use parameters::Parameters;
 pub(crate) use prediction::Prediction;
 pub(super) use prediction::{heading_by_field, horizontal_squared};
 pub(super) use priors::{Quantity, for_each_prior};
-pub(super) use squares::Squares;
+pub(crate) use squares::Squares;
 pub(super) use system::System;
-#[cfg(test)]
-pub(super) use unknowns::Row;
+pub(crate) use unknowns::Row;
 pub(super) use unknowns::Vector13;
 
 pub(super) use equations::CLIPPED_MEAN_SQUARE;

@@ -54,13 +54,13 @@ impl Prediction {
     }
 
     /// Derivative by the unknowns of `e_norm = |W x + d| - 1`: `n x^T` by `W`, `n` by `d`, none by `I`.
-    pub(in crate::calibration) fn norm_row(&self) -> Row {
+    pub(crate) fn norm_row(&self) -> Row {
         Row { by_field: self.direction, x: self.x, by_inclination: 0.0 }
     }
 
     /// Derivative by the unknowns of `e_dip = dip - I`: with `t` for [`towards_down`](Self::towards_down), `t x^T` by
     /// `W`, `t` by `d`, -1 by `I`.
-    pub(in crate::calibration) fn dip_row(&self) -> Row {
+    pub(crate) fn dip_row(&self) -> Row {
         Row { by_field: self.towards_down, x: self.x, by_inclination: -1.0 }
     }
 

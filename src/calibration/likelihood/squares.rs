@@ -7,7 +7,7 @@ use super::unknowns::{INCLINATION, PAIRS_OF_3, PAIRS_OF_4, Row, UNKNOWNS, Vector
 /// A sum of `weight row row^T`. A row is `k (x, 1)^T` but for its last element, so its square is all products of two of
 /// `k` and two of `(x, 1)`: sixty numbers, and thirteen of the last element's. 292 bytes.
 #[derive(Clone, Debug)]
-pub(in crate::calibration) struct Squares {
+pub(crate) struct Squares {
     /// By pairs of `k`'s components, then by pairs of `(x, 1)`'s.
     products: [[f32; 10]; 6],
     /// Of `k`'s and `(x, 1)`'s components with the last element.

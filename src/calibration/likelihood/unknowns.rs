@@ -14,9 +14,9 @@
 use nalgebra::{SVector, Vector3};
 
 /// Number of unknowns.
-pub(in crate::calibration) const UNKNOWNS: usize = 13;
+pub(crate) const UNKNOWNS: usize = 13;
 /// A value or a derivative for each unknown.
-pub(in crate::calibration) type Vector13 = SVector<f32, UNKNOWNS>;
+pub(crate) type Vector13 = SVector<f32, UNKNOWNS>;
 /// A value for each two unknowns.
 #[cfg(test)]
 pub(in crate::calibration) type Matrix13 = nalgebra::SMatrix<f32, UNKNOWNS, UNKNOWNS>;
@@ -78,7 +78,7 @@ pub(in crate::calibration) const fn of_product(k: usize, a: usize) -> usize {
 /// The derivative by the unknowns of what depends on one measurement: of `k . (W x + d)` and a multiple of `I`. It is
 /// `k x^T` by `W`, `k` by `d`: seven numbers that make thirteen, of whose squares sixty are different.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::calibration) struct Row {
+pub(crate) struct Row {
     /// `k`, the derivative by the corrected field.
     pub by_field: Vector3<f32>,
     /// The measurement less the mean.

@@ -97,23 +97,24 @@ impl Dataset {
 
     fn exchange(&mut self, sample: Sample) {
         // Counted with the left piece, whichever it will lie in.
-        let purpose = self.left.take(&Config::TURNS, &sample);
+        let purpose = self.left.take(&Config::FLIGHT, &sample);
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
             return;
         }
-        let samples = match purpose {
-            Purpose::Fit => self.spread().any,
-            Purpose::Verification => self.spread_held_back().any,
+        let there = match purpose {
+            Purpose::Fit => self.spread(),
+            Purpose::Verification => self.spread_held_back(),
         };
-        let lengths = samples.map(<[_]>::len);
-        let Some(mut place) = spread::weakest(samples.into_iter().flatten().chain([&sample])) else { return };
+        let lengths = there.any.map(<[_]>::len);
+        let weakest = spread::weakest(Samples { left: core::slice::from_ref(&sample), ..there });
+        // The first is the new one.
+        let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
         for (piece, length) in self.pieces(purpose).into_iter().zip(lengths) {
             if place < length {
                 return piece.replace(place, sample);
             }
             place -= length;
         }
-        // The weakest is the new one.
     }
 
     fn pieces(&mut self, purpose: Purpose) -> [&mut dyn Buffer; 3] {
