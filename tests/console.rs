@@ -52,7 +52,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal mark -1", "error out-of-range: "),
         ("cal mark north", "error bad-value: expected a number"),
         ("cal mark", "error missing-argument: "),
-        ("cal start sideways", "error bad-value: expected turns, flight, level, swing or tumble"),
+        ("cal start sideways", "error bad-value: expected flight, turns, level, swing or tumble"),
         ("Cal START Swing", "ok collecting"),
         ("cal start level now", "error unexpected-argument: "),
         ("cal abort", "ok uncalibrated"),
