@@ -264,7 +264,9 @@ mod tests {
         for tiny in [1e-15, 1e-8, 1e-4, 0.1] {
             let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);
             let mut system = LeastSquares::<3, 1>::new();
-            rows.iter().for_each(|row| system.add(row, [row.dot(&truth)], 1.0));
+            for row in rows {
+                system.add(&row, [row.dot(&truth)], 1.0);
+            }
             let error = (system.solve().unwrap() - truth).norm();
             assert!(error < 1e-5, "{tiny}: {error}");
         }

@@ -33,25 +33,59 @@ fn rows(centre_ut: &Vector3<f32>, sample: &Sample) -> [Row; 2] {
 /// readings those would be kept that it makes so.
 const NEW: f32 = 0.8;
 
-/// The place of the sample that tells least of all of these, of which the first is new; `None` if nothing can be told.
-#[inline(never)]
-pub(super) fn weakest(samples: Samples<'_>) -> Option<usize> {
-    let centre_ut = centre(samples).map(|(centre_ut, _)| centre_ut).filter(|ut| ut.iter().all(|c| c.is_finite()))?;
-    let mut squares = Squares::none();
-    for sample in samples.all() {
-        let [strength, dip] = rows(&centre_ut, sample);
-        // One as much as the other: a sensor may be the better one, or an attitude.
-        squares.add_two([&strength, &dip], [1.0; 2]);
+/// Beside a new sample the others are worth a little less.
+const BESIDE: f32 = 0.9;
+
+/// What a set of samples tells together. 0.8 KB.
+#[derive(Debug)]
+pub(super) struct Spread {
+    centre_ut: Vector3<f32>,
+    design: LeastSquares<13, 1>,
+    /// What the one that told least was worth.
+    least: f32,
+}
+
+impl Spread {
+    /// None is known.
+    pub const NONE: Self = Self { centre_ut: Vector3::new(0.0, 0.0, 0.0), design: LeastSquares::new(), least: 0.0 };
+
+    /// Whether a sample that is not among them may tell more than the one that told least, as far as the set is still what
+    /// it was. A look at it takes a thousandth of a look at all.
+    pub fn may_gain(&self, sample: &Sample) -> bool {
+        // Among them its leverage would be less.
+        let worth: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
+        // What is no number is looked at.
+        worth.is_nan() || NEW * worth > BESIDE * self.least
     }
-    let mut information = squares.triangle();
-    for (i, row) in information.iter_mut().enumerate() {
-        row[i] += RIDGE;
+
+    fn leverages(&self, sample: &Sample) -> [f32; 2] {
+        rows(&self.centre_ut, sample).map(|row| self.design.variance(&row.dense()))
     }
-    let design = LeastSquares::<_, 1>::of_normal_equations(information, [[0.0]; _]);
-    let worth = |sample: &Sample| rows(&centre_ut, sample).map(|row| design.variance(&row.dense())).iter().sum::<f32>();
-    let certain = core::iter::once(NEW).chain(core::iter::repeat(1.0));
-    let worths = samples.all().zip(certain).map(|(sample, certain)| certain * worth(sample)).enumerate();
-    worths.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(place, _)| place)
+
+    /// The place of the sample that tells least of all of these, of which the first is new; `None` if nothing can be told.
+    #[inline(never)]
+    pub fn weakest(&mut self, samples: Samples<'_>) -> Option<usize> {
+        *self = Self::NONE;
+        self.centre_ut =
+            centre(samples).map(|(centre_ut, _)| centre_ut).filter(|ut| ut.iter().all(|c| c.is_finite()))?;
+        let mut squares = Squares::none();
+        for sample in samples.all() {
+            let [strength, dip] = rows(&self.centre_ut, sample);
+            // One as much as the other: a sensor may be the better one, or an attitude.
+            squares.add_two([&strength, &dip], [1.0; 2]);
+        }
+        let mut information = squares.triangle();
+        for (i, row) in information.iter_mut().enumerate() {
+            row[i] += RIDGE;
+        }
+        self.design = LeastSquares::of_normal_equations(information, [[0.0]; _]);
+        let certain = core::iter::once(NEW).chain(core::iter::repeat(1.0));
+        let worth = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
+        let worths = samples.all().zip(certain).map(worth).enumerate();
+        let (place, least) = worths.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        self.least = least;
+        Some(place)
+    }
 }
 
 #[cfg(test)]
@@ -85,7 +119,8 @@ mod tests {
     }
 
     fn weakest_of(samples: &[Sample]) -> Option<usize> {
-        weakest(Samples { left: samples, ..Samples::default() })
+        let mut spread = Spread::NONE;
+        spread.weakest(Samples { left: samples, ..Samples::default() })
     }
 
     /// One of many alike, wherever they are.
@@ -168,6 +203,32 @@ mod tests {
             let samples: Vec<Sample> = core::iter::once(new).chain(others.iter().copied()).collect();
             assert_eq!(weakest_of(&samples) == Some(0), goes, "{roll_deg}");
         }
+    }
+
+    /// What the look at one sample says is what a look at all of them with it says, next to the limit too; and before any
+    /// look at all nothing is turned away.
+    #[test]
+    fn one_look_says_what_a_look_at_all_would() {
+        let samples = varied(&Matrix3::identity());
+        let mut known = Spread::NONE;
+        assert!(known.may_gain(&samples[0]));
+        known.weakest(Samples { left: &samples, ..Samples::default() }).unwrap();
+        let mut random = Random(5);
+        let mut said = [0; 2];
+        for _ in 0..200 {
+            let tilt_deg = random.uniform(0.0, 14.0);
+            let sample = at(random.uniform(0.0, TAU), tilt_deg, -tilt_deg, &Matrix3::identity());
+            let all = [&[sample], &samples[..]].concat();
+            let gains = weakest_of(&all) != Some(0);
+            said[usize::from(gains)] += 1;
+            assert!(!gains || known.may_gain(&sample), "{tilt_deg}");
+        }
+        assert!(said.iter().all(|&times| times > 20), "{said:?}");
+        let inside = at(0.3, 0.0, 0.0, &Matrix3::identity());
+        assert!(!known.may_gain(&inside));
+        assert_eq!(weakest_of(&[&[inside], &samples[..]].concat()), Some(0));
+        let no_number = Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..inside };
+        assert!(known.may_gain(&no_number), "the caller knows what to do with it");
     }
 
     #[test]

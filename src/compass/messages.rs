@@ -86,6 +86,7 @@ impl Command {
 }
 
 /// What is to be done next.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put a reply on")]
 #[derive(Debug)]
 pub enum Effect {
     /// Nothing.
@@ -99,6 +100,7 @@ pub enum Effect {
 }
 
 /// An answer that is not a refusal.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put a report on")]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.

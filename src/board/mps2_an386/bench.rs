@@ -6,7 +6,9 @@ use core::fmt::{self, Write as _};
 use core::hint::black_box;
 
 use autoswing::attitude::{Report, Source};
+use autoswing::calibration::ladder::Procedure;
 use autoswing::calibration::{Method, Prior, Progress, Rates, Sample, Samples, Solution, Solver};
+use autoswing::collection::Collector;
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
 use autoswing::instrument::{self, Correction, Instrument};
@@ -58,11 +60,13 @@ pub fn ask(number: u8) {
 
 /// Waits for tests to be asked for and runs them. Those that end badly end the run.
 pub async fn run(mut tx: UartTx) -> ! {
+    static COLLECTOR: StaticCell<Collector> = StaticCell::new();
     let mut turns = Turns::fly();
+    let collector = COLLECTOR.init_with(Collector::new);
     loop {
         let mut results = Results::new();
         let written = match ASKED.wait().await {
-            Test::Budgets => budgets(&mut turns, &mut results),
+            Test::Budgets => budgets(&mut turns, collector, &mut results),
             Test::Fault => cortex_m::asm::udf(),
             Test::Overflow => {
                 fill_stack(black_box(0));
@@ -89,7 +93,7 @@ fn fill_stack(depth: u32) -> u32 {
 }
 
 /// A line each, after the one that the console's prompt stands on: a name and the instructions it takes.
-fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
+fn budgets(turns: &mut Turns, collector: &mut Collector, out: &mut Results) -> fmt::Result {
     let (mut solve, mut late) = (0, 0);
     turns.delay(LATE_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
@@ -122,10 +126,12 @@ fn budgets(turns: &mut Turns, out: &mut Results) -> fmt::Result {
         }
     });
     let to_watch = watching(&solution);
+    let to_collect = collecting(collector);
     writeln!(out)?;
     for (name, count, done) in [
         ("heading", to_heading, found.is_ok()),
         ("watch", to_watch, to_watch > 0),
+        ("collect", to_collect, to_collect > 0),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
         ("mavlink", to_report, reports == 1),
         ("late", late, is_latency_found),
@@ -159,6 +165,23 @@ fn watching(solution: &Solution) -> u64 {
         while instrument.next_sample().is_some() {}
         if instrument.has_to_watch() {
             most = most.max(instructions(|| instrument.watch()));
+        }
+    }
+    most
+}
+
+/// The most that a sample of whatever is flown takes when there is no room for it: of twenty beyond what fills all buffers.
+#[inline(never)]
+fn collecting(collector: &mut Collector) -> u64 {
+    const FILLED: usize = 700;
+    let mut noise = Noise(2);
+    collector.begin(Procedure::Flight);
+    let mut most = 0;
+    for i in 0..FILLED + 20 {
+        let sample = sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
+        let count = instructions(|| collector.push(sample));
+        if i >= FILLED {
+            most = most.max(count);
         }
     }
     most

@@ -112,7 +112,7 @@ pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> V
     (0..samples)
         .map(|i| {
             let truth = Attitude::from_deg(random.normal() * 0.5, random.normal() * 0.5);
-            let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
+            let heading_rad = f32::from(i) / f32::from(samples) * TAU;
             let measured = sample(airframe, truth, heading_rad, 0.12, random);
             let [roll_rad, pitch_rad] =
                 [truth.roll_rad, truth.pitch_rad].map(|angle| angle + (random.normal() * 0.3).to_radians());
@@ -206,7 +206,7 @@ impl Flight {
         let sign = if side == Side::Left { -1.0 } else { 1.0 };
         let mut wander = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
         let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
-        let mut heading_rad = random.uniform(0.0, core::f32::consts::TAU);
+        let mut heading_rad = random.uniform(0.0, TAU);
         (0..self.samples)
             .map(|i| {
                 let roll_deg = sign * self.bank_deg + wander[0].next(random);

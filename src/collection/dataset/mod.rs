@@ -1,7 +1,7 @@
 //! Samples of left turns, right turns and level flight, in buffers of fixed capacity, evenly spread over heading.
 
 use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
-use super::spread;
+use super::spread::Spread;
 use crate::calibration::{Sample, Samples, Side};
 use crate::frames::{Attitude, wrap_pi};
 
@@ -52,6 +52,8 @@ pub(super) struct Dataset {
     level: PartSamples<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
     /// Distance that samples of all attitudes keep now, microtesla.
     apart_ut: f32,
+    /// What those to solve with told together when one was last held against all of them.
+    known: Spread,
 }
 
 impl Dataset {
@@ -62,6 +64,7 @@ impl Dataset {
             right: PartSamples::new(),
             level: PartSamples::new(),
             apart_ut: Apart::DEFAULT.distance_ut,
+            known: Spread::NONE,
         }
     }
 
@@ -97,16 +100,23 @@ impl Dataset {
 
     fn exchange(&mut self, sample: Sample) {
         // Counted with the left piece, whichever it will lie in.
-        let purpose = self.left.take(&Config::FLIGHT, &sample);
+        let purpose = self.left.take(&Config::TURNS, &sample);
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
             return;
         }
-        let there = match purpose {
-            Purpose::Fit => self.spread(),
-            Purpose::Verification => self.spread_held_back(),
+        if purpose == Purpose::Fit && !self.known.may_gain(&sample) {
+            return;
+        }
+        let Self { left, right, level, .. } = self;
+        let any = match purpose {
+            Purpose::Fit => [left.fit(), right.fit(), level.fit()],
+            Purpose::Verification => [left.held_back(), right.held_back(), level.held_back()],
         };
-        let lengths = there.any.map(<[_]>::len);
-        let weakest = spread::weakest(Samples { left: core::slice::from_ref(&sample), ..there });
+        let lengths = any.map(<[_]>::len);
+        let samples = Samples { left: core::slice::from_ref(&sample), any, ..Samples::default() };
+        let mut of_verification = Spread::NONE;
+        let known = if purpose == Purpose::Fit { &mut self.known } else { &mut of_verification };
+        let weakest = known.weakest(samples);
         // The first is the new one.
         let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
         for (piece, length) in self.pieces(purpose).into_iter().zip(lengths) {
@@ -155,6 +165,7 @@ impl Dataset {
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
+        self.known = Spread::NONE;
     }
 
     /// Samples to solve with, without marks.

@@ -217,18 +217,18 @@ fn times(samples: Samples<'_>) -> Vec<u32> {
 const ALL_FIT: usize = 2 * FIT_CAPACITY + LEVEL_FIT_CAPACITY;
 const ALL_HELD_BACK: usize = 2 * HELD_BACK_CAPACITY + LEVEL_HELD_BACK_CAPACITY;
 
-/// All there is room for, every eighth held back, in the order of time, and none lost.
+/// All there is room for, every fourth held back, in the order of time, and none lost.
 #[test]
 fn whatever_is_flown_is_kept_until_there_is_no_room() {
     let dataset = spread(flown(40));
     let (fit, held_back) = (times(dataset.spread()), times(dataset.spread_held_back()));
-    assert_eq!((fit.len(), held_back.len()), (350, 50));
-    assert_eq!(held_back[..3], [700, 1500, 2300]);
+    assert_eq!((fit.len(), held_back.len()), (300, 100));
+    assert_eq!(held_back[..3], [300, 700, 1100]);
     let mut all = [fit.clone(), held_back].concat();
     all.sort_unstable();
     assert_eq!(all, (0..400).map(|i| i * 100).collect::<Vec<_>>());
     assert!(fit.is_sorted());
-    assert_eq!(dataset.spread_coverage(), Coverage { samples: 350, held_back: 50, ..Coverage::default() });
+    assert_eq!(dataset.spread_coverage(), Coverage { samples: 300, held_back: 100, ..Coverage::default() });
     assert!(dataset.spread().left.is_empty() && dataset.spread_held_back().level.is_empty());
 }
 
@@ -244,8 +244,8 @@ fn what_tells_more_takes_the_place_of_what_tells_least() {
     for (samples, capacity) in [(dataset.spread(), ALL_FIT), (dataset.spread_held_back(), ALL_HELD_BACK)] {
         let banked = samples.any.into_iter().flatten().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         assert_eq!(times(samples).len(), capacity);
-        // Of 400 that were flown, one in eight to verify with.
-        let flown = if capacity == ALL_FIT { 350 } else { 50 };
+        // Of 400 that were flown, one in four to verify with.
+        let flown = if capacity == ALL_FIT { 300 } else { 100 };
         assert!(banked * 10 >= flown * 8 || banked * 10 >= capacity * 7, "{banked} of {flown}");
         for piece in samples.any {
             assert!(piece.is_sorted_by_key(|sample| sample.time.count()));
@@ -293,8 +293,8 @@ fn forgotten_is_forgotten_of_whatever_was_flown() {
     dataset.clear();
     assert_eq!(dataset.spread_coverage(), Coverage::default());
     // The round begins anew, too.
-    for sample in flown(20).take(8) {
+    for sample in flown(20).take(4) {
         dataset.push_spread(sample);
     }
-    assert_eq!(times(dataset.spread_held_back()), [700]);
+    assert_eq!(times(dataset.spread_held_back()), [300]);
 }

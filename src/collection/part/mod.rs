@@ -1,8 +1,8 @@
 //! Samples of one part of a flight, such as its left turns, in buffers of fixed capacity.
 //!
-//! Not more often than attitude errors change is a sample taken; every fourth is held back for verification, of whatever
-//! is flown every eighth. What it adds depends on where it lies on the part's circle ([`Circle`]), and for samples of all
-//! attitudes on how far it is from the others. A full buffer gives up what it has most of.
+//! Not more often than attitude errors change is a sample taken; every fourth is held back for verification. What it
+//! adds depends on where it lies on the part's circle ([`Circle`]), and for samples of all attitudes on how far it is
+//! from the others. A full buffer gives up what it has most of.
 
 use super::circle::{Circle, SECTORS};
 use crate::calibration::{Sample, Samples};
@@ -40,10 +40,6 @@ impl Config {
 
     /// For level flight, whose buffers are smaller: two circles.
     pub const LEVEL: Self = Self { sector_target: 4, target: 48, ..Self::TURNS };
-
-    /// For whatever is flown: what tells most is rare there, and one in eight of it is enough to verify with. More of it
-    /// would cost the fit of an aeroplane that wanders 2 %, of a copter 4 %.
-    pub const FLIGHT: Self = Self { hold_back_every: 8, ..Self::TURNS };
 
     /// Whether a buffer of this capacity can hold what makes the part complete.
     pub const fn fits(&self, capacity: usize) -> bool {

@@ -22,6 +22,7 @@ const MOST_RAD: f32 = 0.015;
 const AS_A_RULE_S: f32 = 20.0;
 
 /// How far the pitch is from what it is as a rule.
+#[expect(clippy::struct_field_names, reason = "the unit")]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pushed {
     /// The last pitch, radians; none before the first sample.
