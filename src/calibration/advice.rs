@@ -23,7 +23,7 @@ pub enum Manoeuvre {
     Level,
     /// A turn on the spot, all round, without tilt.
     Round,
-    /// A tilt of some [`TILT_DEG`] while heading into a quarter of the circle, or all round it.
+    /// A tilt of some 15 deg while heading into a quarter of the circle, or all round it.
     Tilt(Towards, Option<Quarter>),
 }
 

@@ -86,7 +86,10 @@ impl Command {
 }
 
 /// What is to be done next.
-#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put a reply on")]
+#[cfg_attr(
+    target_pointer_width = "64",
+    expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")
+)]
 #[derive(Debug)]
 pub enum Effect {
     /// Nothing.
@@ -100,7 +103,10 @@ pub enum Effect {
 }
 
 /// An answer that is not a refusal.
-#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put a report on")]
+#[cfg_attr(
+    target_pointer_width = "64",
+    expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")
+)]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.

@@ -1,5 +1,5 @@
 //! The one state machine of the module: uncalibrated -> collecting -> solving -> verifying -> calibrated. A collection of
-//! turns ends when there are enough; one of whatever is flown is solved on trial while it goes on ([`trials`]), and ends
+//! turns ends when there are enough; one of whatever is flown is solved on trial while it goes on (`trials.rs`), and ends
 //! when it is good.
 //!
 //! [`Compass::step`] takes an [`Event`] and says what is to be done ([`Effect`]); it waits for nothing and touches no
