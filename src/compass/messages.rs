@@ -103,10 +103,7 @@ pub enum Effect {
 }
 
 /// An answer that is not a refusal.
-#[cfg_attr(
-    target_pointer_width = "64",
-    expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")
-)]
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
 #[derive(Clone, Debug)]
 pub enum Reply {
     /// Done; the state the module is in now.
