@@ -67,7 +67,7 @@ fn stored_by_v2() -> Stored {
         mount: Orientation::from_name("roll180-yaw90").unwrap(),
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
-        accuracy_deg: 0.7,
+        accuracy_deg: 0.5,
     };
     let current = Record {
         calibration: Calibration {
@@ -359,7 +359,7 @@ fn what_version_5_stored_is_kept_to_the_last_digit() {
     let before = stored_by_v2().settings;
     let expected = Settings { attitude_error, stream_heading: HeadingKind::Raw, ..before };
     assert_eq!(found.settings, expected);
-    assert_eq!(found.settings.accuracy_deg.to_bits(), 0.7_f32.to_bits());
+    assert_eq!(found.settings.accuracy_deg.to_bits(), 0.5_f32.to_bits());
     let current = found.generations.current.unwrap();
     // As its console showed it.
     assert_eq!(
@@ -403,7 +403,7 @@ fn settings_of_version_5_are_read_one_by_one() {
         mount: Orientation::from_name("roll180-yaw90").unwrap(),
         attitude_error: AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
         stream_heading: HeadingKind::Smooth,
-        accuracy_deg: 0.7,
+        accuracy_deg: 0.5,
     };
     assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
     let raw = decoded(v5::Settings { is_smooth: false, ..settings }).unwrap().1;
