@@ -153,12 +153,11 @@ fn enough_held_back(policy: &Policy, grounds: &Grounds<'_>) -> Result<(), Reject
 /// own: what was seen between them is held back.
 fn fewest_held_back(grounds: &Grounds<'_>) -> u16 {
     let Grounds { fitted, held_back, .. } = grounds;
-    let any = |samples: &Samples<'_>| samples.any.iter().map(|piece| piece.len()).sum::<usize>();
     [
         (fitted.left.len(), held_back.left.len()),
         (fitted.right.len(), held_back.right.len()),
         (fitted.level.len(), held_back.level.len()),
-        (any(fitted), any(held_back)),
+        (fitted.number_of_any(), held_back.number_of_any()),
     ]
     .iter()
     .filter(|(fitted, _)| *fitted > 0)

@@ -190,7 +190,7 @@ impl Advice {
 }
 
 /// What is left of an error that has become noticeably smaller.
-const NOTICEABLE: f32 = 0.95;
+pub(crate) const NOTICEABLE: f32 = 0.95;
 
 /// The expected error over what more of the same samples would leave, when they are not worth flying for.
 const AT_FLOOR: f32 = 1.1;

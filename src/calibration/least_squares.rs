@@ -61,14 +61,10 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         system
     }
 
-    /// Of equations of weight one with the same value, each written as its row; `ridge` is what is known of every unknown
-    /// beforehand, as an information.
-    pub fn of_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M], ridge: f32) -> Self {
+    /// Of equations of weight one with the same value, each written as its row.
+    pub fn of_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M]) -> Self {
         let mut information = [[0.0; N]; N];
         let mut right = [[0.0; M]; N];
-        for (i, row) in information.iter_mut().enumerate() {
-            row[i] = ridge;
-        }
         for row in rows {
             for (i, (sums, right)) in information.iter_mut().zip(&mut right).enumerate() {
                 for (sum, x) in sums[i..].iter_mut().zip(&row.as_slice()[i..]) {

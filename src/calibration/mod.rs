@@ -122,7 +122,7 @@ pub use orientation::Orientation;
 pub use rates::Rates;
 pub use solver::{Progress, Solver, solve};
 pub use uncertainty::{HeadingVariance, Uncertainty};
-pub(crate) use {least_squares::LeastSquares, plane::Plane};
+pub(crate) use {advice::NOTICEABLE, least_squares::LeastSquares, plane::Plane};
 pub(crate) use {
     likelihood::{Prediction, Row, Squares},
     response::centre,
@@ -250,9 +250,14 @@ impl<'a> Samples<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 
+    /// How many are of whatever was flown.
+    pub(crate) fn number_of_any(&self) -> usize {
+        self.any.iter().map(|piece| piece.len()).sum()
+    }
+
     /// Whether any are of whatever was flown.
     pub(crate) fn has_any(&self) -> bool {
-        self.any.iter().any(|piece| !piece.is_empty())
+        self.number_of_any() > 0
     }
 }
 

@@ -105,7 +105,7 @@ pub(super) fn tilted(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
         let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
         SVector::<f32, 12>::from_iterator(row.iter().copied())
     });
-    let solution = LeastSquares::<12, 1>::of_rows(rows, [1.0], 0.0).solve()?;
+    let solution = LeastSquares::<12, 1>::of_rows(rows, [1.0]).solve()?;
     // Column by column, as they were taken.
     let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
     let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;

@@ -2,7 +2,7 @@
 //! missing, and when it is over.
 
 use super::Refusal;
-use crate::calibration::{Advice, Envelope, Manoeuvre, Solution};
+use crate::calibration::{Advice, Envelope, Manoeuvre, NOTICEABLE, Solution};
 use crate::collection::{Collector, Lack};
 use crate::time::WrappingMillis;
 
@@ -21,12 +21,9 @@ struct Config {
     /// After so many trials none of which was noticeably better than those before, a minute of flying, more of the same
     /// makes it no better: the buffer is full of as good samples.
     stalled_trials: u8,
-    /// What is left of an expected error that has become noticeably smaller.
-    noticeable: f32,
 }
 
-const CONFIG: Config =
-    Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600, stalled_trials: 6, noticeable: 0.95 };
+const CONFIG: Config = Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600, stalled_trials: 6 };
 
 /// What a collection in flight would end in by now.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,11 +112,8 @@ impl Trials {
     /// Whether it has not become better for long, this one counted.
     fn is_stalled(&mut self, expected_deg: f32) -> bool {
         let (best_deg, since) = self.best;
-        self.best = if expected_deg <= CONFIG.noticeable * best_deg {
-            (expected_deg, 0)
-        } else {
-            (best_deg, since.saturating_add(1))
-        };
+        self.best =
+            if expected_deg <= NOTICEABLE * best_deg { (expected_deg, 0) } else { (best_deg, since.saturating_add(1)) };
         self.best.1 >= CONFIG.stalled_trials
     }
 }

@@ -129,7 +129,7 @@ impl Contents {
 }
 
 impl Settings {
-    fn convert(&self) -> Option<settings::Settings> {
+    pub fn convert(&self) -> Option<settings::Settings> {
         Some(settings::Settings {
             declination_deg: self.declination_deg,
             inclination_deg: self.inclination_deg,
@@ -143,7 +143,7 @@ impl Settings {
 }
 
 impl Mount {
-    pub fn convert(self) -> Option<calibration::Orientation> {
+    fn convert(self) -> Option<calibration::Orientation> {
         calibration::Orientation::all().nth(usize::from(self.0))
     }
 }

@@ -154,7 +154,7 @@ impl Dataset {
 
     /// How many there are of whatever was flown. What they are worth is not in their number.
     pub fn spread_coverage(&self) -> Coverage {
-        let number = |samples: Samples<'_>| samples.all().count() as u16;
+        let number = |samples: Samples<'_>| samples.number_of_any() as u16;
         let (samples, held_back) = (number(self.spread()), number(self.spread_held_back()));
         Coverage { samples, held_back, ..Coverage::default() }
     }

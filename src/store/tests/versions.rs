@@ -379,21 +379,22 @@ fn what_version_5_stored_is_kept_to_the_last_digit() {
 /// Both headings, every value in its place, and what is checked now is checked.
 #[test]
 fn settings_of_version_5_are_read_one_by_one() {
-    let settings = v5::Settings {
+    let settings = v3::Settings {
         declination_deg: Some(2.0),
         inclination_deg: None,
         align_deg: 12.0,
         stream_on: false,
         stream_rate_hz: 40,
         mount: v3::Mount(5),
-        attitude_error: v4::AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
-        is_smooth: true,
     };
-    let decoded = |settings: v5::Settings| {
-        let value = value_of(v5::VERSION, &(v5::Head { saves: 3, settings }, generations(4)));
-        Contents::decode(&value).map(|contents| (contents.saves, contents.stored))
+    let error = v4::AttitudeError { bias_deg: 1.0, bank_percent: 3.0 };
+    let value = |settings: v3::Settings, is_smooth: bool| {
+        value_of(v5::VERSION, &(v3::Head { saves: 3, settings }, error, is_smooth, generations(4)))
     };
-    let (saves, found) = decoded(settings).unwrap();
+    let decoded = |settings, is_smooth| {
+        Contents::decode(&value(settings, is_smooth)).map(|contents| (contents.saves, contents.stored))
+    };
+    let (saves, found) = decoded(settings, true).unwrap();
     let expected = Settings {
         declination_deg: Some(2.0),
         inclination_deg: None,
@@ -406,13 +407,13 @@ fn settings_of_version_5_are_read_one_by_one() {
         accuracy_deg: 0.5,
     };
     assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
-    let raw = decoded(v5::Settings { is_smooth: false, ..settings }).unwrap().1;
+    let raw = decoded(settings, false).unwrap().1;
     assert_eq!(raw.settings.stream_heading, HeadingKind::Raw);
-    for bad in [v5::Settings { mount: v3::Mount(24), ..settings }, v5::Settings { stream_rate_hz: 0, ..settings }] {
-        assert_eq!(decoded(bad), Err(StoreError::Corrupt));
+    for bad in [v3::Settings { mount: v3::Mount(24), ..settings }, v3::Settings { stream_rate_hz: 0, ..settings }] {
+        assert_eq!(decoded(bad, true), Err(StoreError::Corrupt));
     }
     for length in [1, 20, 30, 300] {
-        let mut cut_short = value_of(v5::VERSION, &(v5::Head { saves: 3, settings }, generations(4)));
+        let mut cut_short = value(settings, true);
         cut_short.truncate(length);
         assert_eq!(Contents::decode(&sealed(cut_short)), Err(StoreError::Corrupt), "{length}");
     }
@@ -624,21 +625,6 @@ fn later(version: u8) -> Vec<u8> {
     sealed(value)
 }
 
-/// Contents of version 5 with the calibrations of this one.
-fn present_as_v5() -> (v5::Head, Generations) {
-    let settings = v5::Settings {
-        declination_deg: None,
-        inclination_deg: None,
-        align_deg: 0.0,
-        stream_on: true,
-        stream_rate_hz: 10,
-        mount: v3::Mount(0),
-        attitude_error: v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 },
-        is_smooth: true,
-    };
-    (v5::Head { saves: 7, settings }, generations(4))
-}
-
 /// Stores that a later firmware has written to: once, so that the other half is this version's, the one's before or
 /// empty; or twice. It was the first half last, or the second.
 fn flashes_of_later() -> Vec<(String, Flash)> {
@@ -651,7 +637,7 @@ fn flashes_of_later() -> Vec<(String, Flash)> {
         ("version 2", Some(value_of(v2::VERSION, &before))),
         ("version 3", Some(value_of(v3::VERSION, &before))),
         ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
-        ("version 5", Some(value_of(v5::VERSION, &present_as_v5()))),
+        ("version 5", Some(value_of(v5::VERSION, &(before.head, error, true, generations(4))))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),
