@@ -78,7 +78,8 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 }
 
 /// Without a plan, small. What is kept is nearly as good as the best set of as many readings; there is no chance in the
-/// choice, which costs 5 % of a copter and 6 % of an aeroplane: one in four is held back. The solver's part scatters by 4 % with so many.
+/// choice, which costs 5 % of a copter and 6 % of an aeroplane: one in four is held back. The solver's part scatters by
+/// 4 % with so many.
 #[test]
 fn whoever_wanders_is_calibrated_as_well_as_could_be_chosen_afterwards() {
     for (kind, most_by_choice) in [(Kind::Copter, 1.08), (Kind::Plane, 1.09)] {
