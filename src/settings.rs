@@ -28,6 +28,8 @@ pub struct Settings {
     pub stream_heading: HeadingKind,
     /// The heading error to expect at which a collection in flight is over, degrees RMS.
     pub accuracy_deg: f32,
+    /// Whether an uncalibrated module begins to collect by itself when it flies.
+    pub auto_on: bool,
 }
 
 /// One of the two headings of an instant.
@@ -110,6 +112,7 @@ impl Settings {
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
+        auto_on: true,
     };
 
     /// Declinations, degrees.
@@ -159,6 +162,8 @@ pub enum Setting {
     AttitudeError(AttitudeError),
     /// The heading error to expect at which a collection in flight is over, degrees RMS.
     Accuracy(f32),
+    /// Whether an uncalibrated module begins to collect by itself.
+    Auto(bool),
 }
 
 /// A value outside its range; what it must be.
@@ -175,13 +180,14 @@ impl Setting {
             | Self::StreamRateHz(_)
             | Self::StreamHeading(_)
             | Self::Declination(_)
-            | Self::Accuracy(_) => false,
+            | Self::Accuracy(_)
+            | Self::Auto(_) => false,
         }
     }
 
     const fn range(self) -> &'static str {
         match self {
-            Self::StreamOn(_) => "on or off",
+            Self::StreamOn(_) | Self::Auto(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
             Self::StreamHeading(_) => "a heading is raw or smooth",
             Self::Declination(_) => "a declination is -180 to 180 degrees",
@@ -210,6 +216,7 @@ impl Settings {
             Setting::Mount(mount) => changed.mount = mount,
             Setting::AttitudeError(error) => changed.attitude_error = error,
             Setting::Accuracy(deg) => changed.accuracy_deg = deg,
+            Setting::Auto(on) => changed.auto_on = on,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
     }
@@ -306,6 +313,8 @@ mod tests {
             (Setting::StreamOn(false), Settings { stream_on: false, ..before }),
             (Setting::StreamRateHz(5), Settings { stream_rate_hz: 5, ..before }),
             (Setting::StreamHeading(HeadingKind::Raw), Settings { stream_heading: HeadingKind::Raw, ..before }),
+            (Setting::Accuracy(1.5), Settings { accuracy_deg: 1.5, ..before }),
+            (Setting::Auto(false), Settings { auto_on: false, ..before }),
             (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
             (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
             (Setting::Mount(mount), Settings { mount, ..before }),
@@ -337,6 +346,8 @@ mod tests {
             (Setting::StreamOn(true), false),
             (Setting::StreamRateHz(1), false),
             (Setting::StreamHeading(HeadingKind::Raw), false),
+            (Setting::Accuracy(1.0), false),
+            (Setting::Auto(false), false),
         ] {
             assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
         }

@@ -3,7 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use autoswing::app::{self, Links, Platform, Watchdog};
+use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
 use autoswing::outlet::NmeaOutlet;
@@ -41,6 +41,8 @@ pub struct Rig {
     pub flash: Flash,
     /// The magnetometer chip.
     pub chip: Rc<RefCell<Lis3mdl>>,
+    /// Its lamp and its button.
+    pub panel: SimulatedPanel,
     bus: Bus,
     console_cable: Cable,
     autopilot_cable: Cable,
@@ -74,6 +76,36 @@ struct SimulatedWatchdog(Rc<ResetLine>);
 impl Watchdog for SimulatedWatchdog {
     fn feed(&mut self) {
         self.0.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+    }
+}
+
+/// Lamp and button of the module, from both sides.
+#[derive(Clone, Debug, Default)]
+pub struct SimulatedPanel {
+    is_lit: Rc<Cell<bool>>,
+    is_down: Rc<Cell<bool>>,
+}
+
+impl SimulatedPanel {
+    /// Whether the lamp is lit now.
+    #[must_use]
+    pub fn is_lit(&self) -> bool {
+        self.is_lit.get()
+    }
+
+    /// Presses the button, or lets it go.
+    pub fn press(&self, is_down: bool) {
+        self.is_down.set(is_down);
+    }
+}
+
+impl Panel for SimulatedPanel {
+    fn light(&mut self, on: bool) {
+        self.is_lit.set(on);
+    }
+
+    fn is_pressed(&self) -> bool {
+        self.is_down.get()
     }
 }
 
@@ -117,6 +149,7 @@ impl Rig {
             autopilot,
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
+            panel: SimulatedPanel::default(),
             bus,
             console_cable,
             autopilot_cable,
@@ -144,6 +177,7 @@ impl Rig {
         let store = Store::new(self.flash.clone(), 0..(STORE_PAGES * PAGE_BYTES) as u32);
         let platform = SimulatedPlatform(self.reset.clone());
         let dog = SimulatedWatchdog(self.reset.clone());
+        let panel = self.panel.clone();
         let simulation = &mut self.simulation;
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&l, driver).await });
@@ -157,6 +191,8 @@ impl Rig {
         });
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
+        let l = links.clone();
+        simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
         let l = links.clone();
         simulation.spawn(Level::Thread, "compass", async move {
             // The state machine with its samples: too large for a future inside a future.

@@ -4,13 +4,14 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either4, select4};
+use embassy_futures::select::{Either5, select5};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
 use super::links::{FoundSensor, Listener, count, listen, now, publish};
 use crate::acceptance::Policy;
+use crate::calibration::ladder::Procedure;
 use crate::compass::{Command, Compass, Effect, Event, Refusal};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
@@ -28,7 +29,7 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
     let mut sensor = listen(&links.sensor);
     loop {
         tell(links, &compass);
-        let event = next_event(links, &compass, &mut armed, &mut sensor).await;
+        let (event, asker) = next_event(links, &compass, &mut armed, &mut sensor).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = apart(store.save(change)).await;
@@ -38,12 +39,13 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
         // Before the reply: whoever reads it finds the module as it says.
         tell(links, &compass);
         match effect {
-            Effect::Reply(reply) => links.replies.send(reply).await,
+            Effect::Reply(reply) if asker == Asker::Person => links.replies.send(reply).await,
             Effect::Notify(outcome) => {
                 info!("solve ended, ok {=bool}", outcome.is_ok());
                 links.notices.signal(outcome);
             }
-            Effect::None | Effect::Save => {}
+            // Who pressed the button sees the lamp.
+            Effect::Reply(_) | Effect::None | Effect::Save => {}
         }
     }
 }
@@ -59,25 +61,42 @@ async fn apart<F: Future>(future: F) -> F::Output {
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
+/// Who waits for a reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asker {
+    Person,
+    Nobody,
+}
+
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
 /// Of what has happened, whether the autopilot is armed comes first: a command is judged by it.
 async fn next_event(
     links: &Links,
     compass: &Compass,
-    armed: &mut Listener<'_, bool, 1>,
+    armed: &mut Listener<'_, Option<bool>, 1>,
     sensor: &mut Listener<'_, FoundSensor, 2>,
-) -> Event {
+) -> (Event, Asker) {
+    let asked = |asked| (command(asked), Asker::Person);
+    let of = |event| (event, Asker::Nobody);
     if compass.is_busy() {
         // Between two steps of a solve the console gets its turn.
         yield_now().await;
-        let armed = armed.try_changed().map(Event::Armed);
-        return armed.unwrap_or_else(|| links.requests.try_receive().map_or(Event::Advance, command));
+        let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
+        return armed.unwrap_or_else(|| links.requests.try_receive().map_or(of(Event::Advance), asked));
     }
-    match select4(armed.changed(), links.requests.receive(), sensor.changed(), links.samples.receive()).await {
-        Either4::First(is_armed) => Event::Armed(is_armed),
-        Either4::Second(asked) => command(asked),
-        Either4::Third(found) => Event::SensorFound(found.identity, readings_per_sample(found.period_us)),
-        Either4::Fourth(sample) => Event::Sample(sample),
+    let next = select5(
+        armed.changed(),
+        links.requests.receive(),
+        sensor.changed(),
+        links.pressed.wait(),
+        links.samples.receive(),
+    );
+    match next.await {
+        Either5::First(is_armed) => of(Event::Armed(is_armed)),
+        Either5::Second(request) => asked(request),
+        Either5::Third(found) => of(Event::SensorFound(found.identity, readings_per_sample(found.period_us))),
+        Either5::Fourth(()) => of(command(Command::CalStart(Procedure::Flight))),
+        Either5::Fifth(sample) => of(Event::Sample(sample)),
     }
 }
 
@@ -96,4 +115,5 @@ fn say_unreadable(links: &Links, error: StoreError) {
 fn tell(links: &Links, compass: &Compass) {
     publish(&links.correction, compass.correction());
     publish(&links.settings, *compass.settings());
+    publish(&links.glance, compass.glance());
 }

@@ -10,7 +10,7 @@ use embassy_time::Instant;
 
 use crate::attitude::Report;
 use crate::calibration::Sample;
-use crate::compass::{Command, Outcome, Refusal, Reply};
+use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
@@ -56,10 +56,14 @@ pub struct Links {
     pub(super) notices: Signal<CriticalSectionRawMutex, Outcome>,
     /// To the console: hard iron that has moved, or is back where it was.
     pub(super) iron: Signal<CriticalSectionRawMutex, Option<Iron>>,
+    /// To the state machine: the button was held.
+    pub(super) pressed: Signal<CriticalSectionRawMutex, ()>,
+    /// To the lamp, which looks at it now and then.
+    pub(super) glance: Latest<Glance, 1>,
     /// To the instrument and to the state machine.
     pub(super) sensor: Latest<FoundSensor, 2>,
-    /// To the state machine: whether the autopilot is armed.
-    pub(super) armed: Latest<bool, 1>,
+    /// To the state machine: whether the autopilot is armed, if that is known.
+    pub(super) armed: Latest<Option<bool>, 1>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
     /// To the outlets.
@@ -82,6 +86,8 @@ impl Links {
             replies: Channel::new(),
             notices: Signal::new(),
             iron: Signal::new(),
+            pressed: Signal::new(),
+            glance: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
             correction: Watch::new(),

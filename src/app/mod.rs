@@ -7,6 +7,8 @@
 //! attitude ---reports---> instrument <--correction---------------------- compass <--requests--- console
 //!          ---armed----------------------------------------------------> compass
 //!                         instrument ---estimates---> outlet <--settings-- compass
+//! panel    <--glance, estimates------------------------------------------ compass
+//!          ---pressed--------------------------------------------------> compass
 //! watchdog <--heartbeats of the four, and <----------------------------- pulse
 //! ```
 //!
@@ -19,12 +21,14 @@ pub mod console;
 pub mod instrument;
 mod links;
 pub mod outlet;
+pub mod panel;
 pub mod sensor;
 #[cfg(test)]
 mod tests;
 pub mod watchdog;
 
 pub use links::Links;
+pub use panel::Panel;
 
 use crate::health::StackUse;
 

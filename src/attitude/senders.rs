@@ -117,10 +117,10 @@ impl Senders {
         next.is_some()
     }
 
-    /// Whether the autopilot that is believed has said so lately. What is not known is not armed.
+    /// Whether the autopilot that is believed is armed, if it has said so lately.
     #[must_use]
-    pub fn is_armed(&self, now: Timestamp) -> bool {
-        self.chosen.and_then(|chosen| self.heartbeat(now, chosen.source)).is_some_and(|heartbeat| heartbeat.is_armed)
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.chosen.and_then(|chosen| self.heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
     }
 
     /// The sender as the one to be believed, if it may be.
@@ -202,7 +202,7 @@ mod tests {
         }
 
         fn is_armed(&self) -> bool {
-            self.senders.is_armed(self.now())
+            self.senders.is_armed(self.now()) == Some(true)
         }
 
         /// So many seconds in which each sends attitude, 20 times a second, and says what it is once a second; how much

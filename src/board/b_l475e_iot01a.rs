@@ -5,7 +5,8 @@
 //! | magnetometer LIS3MDL, address 0x1E | I2C2: PB10 SCL, PB11 SDA | on the board |
 //! | console, 115200 8N1 | USART1: PB6 TX, PB7 RX | USB connector (ST-LINK's virtual COM port) |
 //! | autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
-//! | sign of life | PB14 | LED LD2 |
+//! | lamp | PB14 | LED LD2 |
+//! | button | PC13, low while it is down | user button B2 (blue) |
 //!
 //! # Priorities
 //!
@@ -21,7 +22,7 @@ use cortex_m::peripheral::SCB;
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::flash::{self, Flash};
-use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
@@ -88,7 +89,12 @@ pub fn start() -> ! {
         magnetometer: Lis3mdl::new(bus, lis3mdl::Config::default()),
         autopilot: uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
         console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
-        watchdog: Watchdog { watchdog, led: Output::new(p.PB14, Level::High, Speed::Low) },
+        watchdog: Watchdog(watchdog),
+        panel: Panel {
+            lamp: Output::new(p.PB14, Level::High, Speed::Low),
+            // The board has a resistor to pull it up.
+            button: Input::new(p.PC13, Pull::None),
+        },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
         platform: Platform,
         reset,
@@ -169,16 +175,28 @@ fn uart<T: usart::Instance>(
     (UartTx::new(tx), rx)
 }
 
-/// The watchdog; each time it is fed the LED changes.
-pub struct Watchdog {
-    watchdog: IndependentWatchdog<'static, IWDG>,
-    led: Output<'static>,
-}
+/// The watchdog.
+pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
 
 impl app::Watchdog for Watchdog {
     fn feed(&mut self) {
-        self.watchdog.pet();
-        self.led.toggle();
+        self.0.pet();
+    }
+}
+
+/// Lamp and button.
+pub struct Panel {
+    lamp: Output<'static>,
+    button: Input<'static>,
+}
+
+impl app::Panel for Panel {
+    fn light(&mut self, on: bool) {
+        self.lamp.set_level(on.into());
+    }
+
+    fn is_pressed(&self) -> bool {
+        self.button.is_low()
     }
 }
 

@@ -7,7 +7,7 @@ use autoswing::outlet::NmeaOutlet;
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 
-use super::chosen::{Magnetometer, Platform, StoreFlash, UartRx, UartTx, Watchdog};
+use super::chosen::{Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
 
 static LINKS: Links = Links::new();
 
@@ -17,6 +17,7 @@ pub struct Hardware {
     pub autopilot: (UartTx, UartRx),
     pub console: (UartTx, UartRx),
     pub watchdog: Watchdog,
+    pub panel: Panel,
     pub flash: StoreFlash,
     pub platform: Platform,
     /// Why the module started.
@@ -32,6 +33,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     above.spawn(spawned(instrument()));
     above.spawn(spawned(autopilot_outlet(autopilot_tx)));
     above.spawn(spawned(watch(hardware.watchdog)));
+    above.spawn(spawned(panel(hardware.panel)));
 
     let region = hardware.flash.region();
     let (console_tx, console_rx) = hardware.console;
@@ -68,6 +70,11 @@ async fn autopilot_outlet(tx: UartTx) -> ! {
 #[embassy_executor::task]
 async fn watch(watchdog: Watchdog) -> ! {
     app::watchdog::run(&LINKS, watchdog).await
+}
+
+#[embassy_executor::task]
+async fn panel(panel: Panel) -> ! {
+    app::panel::run(&LINKS, panel).await
 }
 
 #[embassy_executor::task]

@@ -32,8 +32,9 @@ impl Envelope {
 
     /// Where a method's result from these samples is meant to be used.
     pub(super) fn of(method: Method, samples: Samples<'_>) -> Self {
+        let has_any = samples.has_any();
         let is_level = |&Sample { attitude: Attitude { roll_rad, pitch_rad }, .. }: &Sample| {
-            roll_rad.abs() < Self::MIN_BANK_RAD && (!samples.has_any() || pitch_rad.abs() < Self::MIN_BANK_RAD)
+            roll_rad.abs() < Self::MIN_BANK_RAD && (!has_any || pitch_rad.abs() < Self::MIN_BANK_RAD)
         };
         match method {
             Method::Level => Self::Level,

@@ -16,8 +16,8 @@ use crate::trig;
 pub enum Event {
     /// A magnetometer answered; so many of its readings make a sample.
     SensorFound(Identity, u16),
-    /// The autopilot says that it is armed, or that it is not any more.
-    Armed(bool),
+    /// The autopilot says that it is armed, or that it is not any more; none: it says nothing.
+    Armed(Option<bool>),
     /// The next averaged sample of the flight.
     Sample(Sample),
     /// Somebody asked for something, at this time by the samples' clock.
@@ -31,8 +31,10 @@ pub enum Event {
 /// What can be asked of the module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
-    /// Begin collecting, from nothing.
+    /// Begin collecting, from nothing, or with what the module has collected by itself.
     CalStart(Procedure),
+    /// Begin collecting from nothing, whatever was collected; without a procedure by the one before.
+    CalStartAgain(Option<Procedure>),
     /// The vehicle stands at this magnetic heading, degrees.
     CalMark(f32),
     /// Stop collecting, keep the samples.
@@ -67,12 +69,14 @@ impl Command {
     pub const fn is_for_the_ground(self) -> bool {
         match self {
             Self::CalStart(Procedure::Swing)
+            | Self::CalStartAgain(Some(Procedure::Swing))
             | Self::CalMark(_)
             | Self::CalClear
             | Self::CalUndo
             | Self::Set(Setting::Mount(_))
             | Self::Restart => true,
             Self::CalStart(Procedure::Flight | Procedure::Turns | Procedure::Level | Procedure::Tumble)
+            | Self::CalStartAgain(_)
             | Self::CalStop
             | Self::CalSolve(_)
             | Self::CalAdvise
@@ -150,8 +154,12 @@ impl State {
 pub struct Report {
     /// The state.
     pub state: State,
-    /// Whether the autopilot is armed; not, if that is not known.
-    pub is_armed: bool,
+    /// Whether the autopilot is armed, if that is known.
+    pub is_armed: Option<bool>,
+    /// Whether the module began the collection by itself.
+    pub is_auto: bool,
+    /// Whether such a collection begins, or goes on, when the autopilot arms.
+    pub awaits_arming: bool,
     /// Progress of the collection.
     pub progress: Progress,
     /// What the collection would end in by now, if it was tried.

@@ -7,12 +7,15 @@
 //! them. The calibration in use is replaced only by one that [`acceptance`] lets through and that is
 //! completely written.
 
+mod auto;
+mod glance;
 mod messages;
 mod refusal;
 #[cfg(test)]
 mod tests;
 mod trials;
 
+pub use glance::Glance;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
 pub use refusal::Refusal;
 pub use trials::Prospect;
@@ -25,9 +28,10 @@ use crate::collection::{Collector, Lack, Recent};
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
 use crate::magnetometer::Identity;
-use crate::settings::{OutOfRange, Settings};
+use crate::settings::{OutOfRange, Setting, Settings};
 use crate::store::{Change, Generations, Record, StoreError};
 use crate::time::WrappingMillis;
+use auto::Auto;
 use trials::Trials;
 
 // A complete part has as many held-back samples as verification asks for.
@@ -74,7 +78,8 @@ pub struct Compass {
     settings: Settings,
     generations: Generations,
     sensor: Option<FoundSensor>,
-    is_armed: bool,
+    /// Whether the autopilot is armed, if that is known.
+    is_armed: Option<bool>,
     collector: Collector,
     recent: Recent,
     phase: Phase,
@@ -82,6 +87,7 @@ pub struct Compass {
     last: Option<Outcome>,
     advice: Option<Advice>,
     trials: Trials,
+    auto: Auto,
 }
 
 impl Compass {
@@ -95,7 +101,7 @@ impl Compass {
             settings,
             generations,
             sensor: None,
-            is_armed: false,
+            is_armed: None,
             collector: Collector::new(),
             recent: Recent::new(),
             phase: Phase::Idle,
@@ -103,6 +109,7 @@ impl Compass {
             last: None,
             advice: None,
             trials: Trials::NONE,
+            auto: Auto::NEW,
         }
     }
 
@@ -193,7 +200,8 @@ impl Compass {
     #[inline(never)]
     fn sample(&mut self, sample: Sample) -> Effect {
         self.recent.push(sample);
-        if !matches!(self.phase, Phase::Collecting) {
+        self.begin_by_itself();
+        if !self.collects() {
             return Effect::None;
         }
         self.collector.push(sample);
@@ -212,7 +220,8 @@ impl Compass {
 
     #[inline(never)]
     fn command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        if self.is_armed && command.is_for_the_ground() {
+        let swings = command == Command::CalStartAgain(None) && self.collector.procedure() == Procedure::Swing;
+        if self.is_armed == Some(true) && (command.is_for_the_ground() || swings) {
             return Err(Refusal::Armed);
         }
         if self.must_wait(command) {
@@ -223,16 +232,18 @@ impl Compass {
             self.go_on();
         }
         match command {
-            Command::CalStart(procedure) => {
+            Command::CalStart(procedure) => self.start(procedure)?,
+            Command::CalStartAgain(procedure) => {
                 self.sensor.ok_or(Refusal::NoSensor)?;
-                self.collector.begin(procedure);
-                self.recent = Recent::new();
-                self.trials = Trials::NONE;
-                self.phase = Phase::Collecting;
+                self.begin(procedure.unwrap_or(self.collector.procedure()));
+                self.hold();
             }
             Command::CalMark(heading_deg) => return self.mark(heading_deg, now),
             Command::CalStop => match self.phase {
-                Phase::Collecting => self.phase = Phase::Idle,
+                Phase::Collecting => {
+                    self.phase = Phase::Idle;
+                    self.hold();
+                }
                 _ => return Err(Refusal::NotCollecting),
             },
             Command::CalSolve(method) => {
@@ -242,15 +253,17 @@ impl Compass {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
             Command::CalAbort => {
-                self.collector.begin(Procedure::default());
-                self.trials = Trials::NONE;
-                self.phase = Phase::Idle;
+                self.forget();
+                self.hold();
             }
             Command::CalClear => return Ok(self.save(Saving::Clear)),
             Command::CalUndo => return self.undo(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
             Command::Set(setting) => {
                 let settings = self.settings.with(setting).map_err(Refusal::OutOfRange)?;
+                if let Setting::Auto(true) = setting {
+                    self.release(true);
+                }
                 return Ok(self.save(Saving::Settings(settings)));
             }
             Command::Align(heading_deg) => return self.align(heading_deg, false, now),
@@ -259,6 +272,36 @@ impl Compass {
             Command::Restart => {}
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
+    }
+
+    /// Begins to collect, or takes over what the module collects by itself.
+    fn start(&mut self, procedure: Procedure) -> Result<(), Refusal> {
+        self.sensor.ok_or(Refusal::NoSensor)?;
+        let collects = matches!(self.phase, Phase::Collecting);
+        if collects && !self.auto.began {
+            return Err(Refusal::Collecting { by: self.collector.procedure(), wanted: procedure });
+        }
+        if !(collects && procedure == self.collector.procedure()) {
+            self.begin(procedure);
+        }
+        self.hold();
+        Ok(())
+    }
+
+    /// Collects from nothing.
+    fn begin(&mut self, procedure: Procedure) {
+        self.collector.begin(procedure);
+        self.recent = Recent::new();
+        self.trials = Trials::NONE;
+        self.phase = Phase::Collecting;
+    }
+
+    /// Stops whatever runs and forgets the samples.
+    fn forget(&mut self) {
+        self.collector.begin(Procedure::default());
+        self.trials = Trials::NONE;
+        self.auto.began = false;
+        self.phase = Phase::Idle;
     }
 
     /// Whether a command has to wait for what runs. A save that has begun is finished: half a save is nobody's wish.
@@ -364,6 +407,8 @@ impl Compass {
                 self.go_on();
                 return Effect::None;
             }
+            // What the module began is over with it, whatever comes of it.
+            self.auto.began = false;
         }
         match accepted {
             Ok(record) => {
@@ -419,9 +464,13 @@ impl Compass {
             }
             (Saving::Clear, Ok(())) => {
                 self.generations.clear();
+                self.release(self.settings.auto_on);
                 self.done()
             }
             (Saving::Settings(settings), Ok(())) => {
+                if !settings.auto_on && self.settings.auto_on {
+                    self.release(false);
+                }
                 self.settings = settings;
                 self.done()
             }
@@ -451,7 +500,9 @@ impl Compass {
             self.go_on();
             return Effect::None;
         }
-        self.phase = Phase::Idle;
+        // What the module collects by itself goes on when somebody has asked in vain what there is by now.
+        self.auto.began &= outcome.is_err();
+        self.phase = if self.auto.began { Phase::Collecting } else { Phase::Idle };
         self.last = Some(outcome.clone());
         Effect::Notify(outcome)
     }
@@ -460,6 +511,8 @@ impl Compass {
         Report {
             state: self.state(),
             is_armed: self.is_armed,
+            is_auto: self.auto.began,
+            awaits_arming: self.awaits_arming(),
             progress: self.collector.progress(),
             prospect: self.trials.prospect.clone(),
             settings: self.settings,

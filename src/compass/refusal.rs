@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::acceptance::Rejection;
+use crate::calibration::ladder::Procedure;
 use crate::calibration::{Part, SolveError};
 use crate::collection::Lack;
 use crate::settings::OutOfRange;
@@ -16,6 +17,13 @@ pub enum Refusal {
     Armed,
     /// A solve or save is running.
     Busy,
+    /// `cal start` in a collection that a person began.
+    Collecting {
+        /// How it is collected.
+        by: Procedure,
+        /// How it was to be.
+        wanted: Procedure,
+    },
     /// `cal stop` without a collection.
     NotCollecting,
     /// `cal mark` outside a swing.
@@ -106,6 +114,7 @@ impl Refusal {
         match self {
             Self::Armed => "armed",
             Self::Busy => "busy",
+            Self::Collecting { .. } => "collecting",
             Self::NotCollecting => "not-collecting",
             Self::NotSwinging => "not-swinging",
             Self::NotSteady => "not-steady",
@@ -131,6 +140,9 @@ impl fmt::Display for Refusal {
         match self {
             Self::Armed => f.write_str("the autopilot is armed, and this is for the ground; land and disarm it first"),
             Self::Busy => f.write_str("a solve is running; wait for it, or cal abort"),
+            Self::Collecting { by, wanted } => {
+                write!(f, "{} is being collected; to forget that: cal start {} again", by.name(), wanted.name())
+            }
             Self::NotCollecting => f.write_str("nothing is being collected; cal start begins"),
             Self::NotSwinging => f.write_str("no compass swing is under way; cal start swing begins one"),
             Self::NotSteady => f.write_str("the vehicle must stand still for a second, with attitude coming in"),

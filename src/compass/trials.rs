@@ -32,8 +32,10 @@ pub struct Prospect {
     pub expected_deg: Option<f32>,
     /// What would make it smaller; none if nothing would by much.
     pub missing: Option<Manoeuvre>,
-    /// Whether more of the same would make it no smaller.
+    /// Whether more of the same would make it no smaller: what is left of it is what the attitude source may be off.
     pub is_at_floor: bool,
+    /// Whether trial after trial it has become no smaller, whatever was flown.
+    pub is_stalled: bool,
     /// Why it would not be accepted.
     pub refusal: Option<Refusal>,
 }
@@ -41,7 +43,7 @@ pub struct Prospect {
 impl Prospect {
     /// Of a trial that found nothing.
     pub(super) fn none(refusal: Refusal) -> Self {
-        Self { expected_deg: None, missing: None, is_at_floor: false, refusal: Some(refusal) }
+        Self { expected_deg: None, missing: None, is_at_floor: false, is_stalled: false, refusal: Some(refusal) }
     }
 
     /// Of what a trial found, and why it would not be accepted.
@@ -50,6 +52,7 @@ impl Prospect {
             expected_deg: Some(found.quality.expected_rms_deg),
             missing: found.advice.filter(Advice::gains).map(|advice| advice.manoeuvre),
             is_at_floor: found.advice.as_ref().is_some_and(Advice::is_at_floor),
+            is_stalled: false,
             refusal,
         }
     }
@@ -63,7 +66,7 @@ impl Prospect {
     /// What is refused for want of samples goes on.
     fn is_over(&self, wanted_deg: f32) -> bool {
         let is_good = self.expected_deg.is_some_and(|expected_deg| expected_deg <= wanted_deg);
-        let is_all = self.is_at_floor && self.missing.is_none();
+        let is_all = (self.is_at_floor || self.is_stalled) && self.missing.is_none();
         let goes_on = self.refusal.as_ref().is_some_and(Refusal::is_for_want_of_samples);
         (is_good || is_all) && !goes_on
     }
@@ -101,7 +104,7 @@ impl Trials {
     /// Takes what came of a trial; whether the collection is over with it.
     pub fn end(&mut self, found: &Solution, refusal: Option<Refusal>, collector: &Collector, wanted_deg: f32) -> bool {
         let mut prospect = Prospect::new(found, refusal);
-        prospect.is_at_floor |= self.is_stalled(found.quality.expected_rms_deg);
+        prospect.is_stalled = self.is_stalled(found.quality.expected_rms_deg);
         let is_of_use = found.quality.envelope == Envelope::Banked || collector.news() >= CONFIG.level_news;
         let is_over = is_of_use && prospect.is_over(wanted_deg);
         self.runs = false;
@@ -144,7 +147,10 @@ mod tests {
     #[test]
     fn it_is_over_when_nothing_helps() {
         let over = |expected_deg, missing, is_at_floor, refusal| {
-            Prospect { expected_deg, missing, is_at_floor, refusal }.is_over(1.0)
+            let prospect = Prospect { expected_deg, missing, is_at_floor, is_stalled: false, refusal };
+            let stalled = Prospect { is_at_floor: false, is_stalled: is_at_floor, ..prospect.clone() };
+            assert_eq!(prospect.is_over(1.0), stalled.is_over(1.0), "either is a reason");
+            prospect.is_over(1.0)
         };
         let missing = Some(Manoeuvre::Round);
         assert!(over(Some(0.99), missing, false, None) && over(Some(1.0), None, false, None));

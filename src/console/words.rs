@@ -149,8 +149,17 @@ pub static ROWS: &[Row] = &[
         "start",
         "begin collecting; flight, turns and level solve by themselves, swing and tumble by cal solve",
     )
-    .takes(&[Slot::optional("PROCEDURE", Kind::Choice(procedure))])
-    .means(|given| Command::CalStart(given.choice(0, nth_procedure).unwrap_or_default()).into()),
+    .takes(&[
+        Slot::optional("PROCEDURE", Kind::Choice(procedure_or_again)),
+        Slot::optional("again", Kind::Sure("again")),
+    ])
+    .means(|given| match (given.0, given.choice(0, nth_procedure)) {
+        ([Value::Choice(AGAIN), _] | [_, Value::Choice(_)], procedure) => Command::CalStartAgain(procedure).into(),
+        (_, procedure) => Command::CalStart(procedure.unwrap_or_default()).into(),
+    }),
+    Row::new("cal", "auto", "collect by itself while uncalibrated, as soon as the autopilot is armed")
+        .takes(&[Slot::new("SWITCH", Kind::Choice(switch))])
+        .means(|given| set(Setting::Auto(given.choice(0, nth_switch).unwrap_or(true)))),
     Row::new("cal", "mark", "in a swing: the magnetic heading the vehicle stands at")
         .takes(&[Slot::new("HEADING", HEADING)])
         .means(|given| Command::CalMark(given.number(0).unwrap_or(f32::NAN)).into()),
@@ -223,6 +232,21 @@ fn nth_procedure(number: usize) -> Option<Procedure> {
 
 fn procedure(number: usize) -> Option<&'static str> {
     nth_procedure(number).map(Procedure::name)
+}
+
+/// The word behind the procedures: the one before, from nothing.
+const AGAIN: usize = Procedure::ALL.len();
+
+fn procedure_or_again(number: usize) -> Option<&'static str> {
+    if number == AGAIN { Some("again") } else { procedure(number) }
+}
+
+fn nth_switch(number: usize) -> Option<bool> {
+    [true, false].get(number).copied()
+}
+
+fn switch(number: usize) -> Option<&'static str> {
+    nth_switch(number).map(|is_on| if is_on { "on" } else { "off" })
 }
 
 fn nth_kind(number: usize) -> Option<HeadingKind> {
@@ -298,6 +322,7 @@ mod tests {
     fn choices_are_what_they_are_called() {
         for number in 0..30 {
             assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
+            assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));
             assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), orientation(number).and_then(Orientation::from_name));
             assert_eq!(METHODS.get(number).copied(), method(number).and_then(Method::from_name));

@@ -3,15 +3,15 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::{StoreError, v2, v3, v4, v5};
+use super::{StoreError, v2, v3, v4, v5, v6};
 use crate::calibration::{Calibration, Latency, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
-/// into a module of its own, as `v5` did.
-pub(super) const VERSION: u8 = 6;
-/// Room for version, contents and CRC. The contents take at most 729 bytes: 346 for each record, 35 for settings and
+/// into a module of its own, as `v6` did.
+pub(super) const VERSION: u8 = 7;
+/// Room for version, contents and CRC. The contents take at most 730 bytes: 346 for each record, 36 for settings and
 /// the count of saves, and the tags of the options.
 pub(super) const VALUE_SIZE: usize = 736;
 
@@ -166,6 +166,7 @@ impl Contents {
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
             VERSION => Self::read(payload),
+            v6::VERSION => v6::read(payload),
             v5::VERSION => v5::read(payload),
             v4::VERSION => v4::read(payload),
             v2::VERSION | v3::VERSION => Self::read_before(version, payload),
@@ -214,15 +215,15 @@ mod tests {
         assert_eq!(Contents::decode(&value), Ok(contents()));
         assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 729 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 730 + 1 + CRC_SIZE);
     }
 
-    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v5` is.
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v6` is.
     #[test]
     fn the_bytes_of_this_version_stay_what_they_are() {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
-        assert_eq!((version, value.len(), crc), (6, 734, &[78, 93, 63, 49][..]));
+        assert_eq!((version, value.len(), crc), (7, 735, &[38, 57, 149, 240][..]));
     }
 
     /// A variant that is put between others moves those behind it, which no record with the first of them shows.
@@ -280,7 +281,7 @@ mod tests {
 
     #[test]
     fn another_version_is_named() {
-        for version in [0, 1, 7, 9, 255] {
+        for version in [0, 1, 8, 9, 255] {
             let value = sealed(vec![version, 1, 2, 3]);
             assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
         }

@@ -30,6 +30,7 @@ mod v2;
 mod v3;
 mod v4;
 mod v5;
+mod v6;
 
 use core::ops::Range;
 

@@ -36,7 +36,7 @@ fn with_compass(flash: Flash) -> Bed {
 }
 
 /// Asks the state machine, as the console does.
-fn ask(bed: &mut Bed, command: Command) -> Result<Reply, Refusal> {
+pub(super) fn ask(bed: &mut Bed, command: Command) -> Result<Reply, Refusal> {
     bed.links.requests.try_send(command).unwrap();
     bed.ms(1);
     bed.links.replies.try_receive().expect("an answer")
@@ -100,7 +100,7 @@ fn samples_become_a_correction() {
     let answered = Rc::clone(&replies);
     bed.run("person", |links| async move {
         for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
-            publish(&links.armed, command == Command::CalUndo);
+            publish(&links.armed, Some(command == Command::CalUndo));
             links.requests.send(command).await;
             let reply = links.replies.receive().await;
             answered.borrow_mut().push(reply);
@@ -118,9 +118,9 @@ fn samples_become_a_correction() {
 fn the_state_machine_hears_that_the_autopilot_is_armed() {
     let mut bed = with_compass(Flash::new(PAGES));
     assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
-    publish(&bed.links.armed, true);
+    publish(&bed.links.armed, Some(true));
     assert!(matches!(ask(&mut bed, Command::Restart), Err(Refusal::Armed)));
-    publish(&bed.links.armed, false);
+    publish(&bed.links.armed, Some(false));
     assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
 }
 
@@ -222,13 +222,13 @@ fn a_reboot_is_announced_first() {
 #[test]
 fn an_armed_module_does_not_reboot() {
     let (mut bed, line, port, board) = with_console();
-    publish(&bed.links.armed, true);
+    publish(&bed.links.armed, Some(true));
     let reply = type_line(&mut bed, &line, &port, "reboot");
     assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
     bed.ms(1_000);
     assert_eq!(board.0.get(), 0);
     assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: yes\r\n"));
-    publish(&bed.links.armed, false);
+    publish(&bed.links.armed, Some(false));
     assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: no\r\n"));
     assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
     bed.ms(50);

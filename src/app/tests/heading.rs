@@ -79,17 +79,17 @@ fn whether_the_autopilot_is_armed_is_told() {
     let heartbeat = |base_mode| HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() };
     line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
     bed.ms(1);
-    assert_eq!(armed.try_changed(), Some(true));
+    assert_eq!(armed.try_changed(), Some(Some(true)));
     bed.ms(9_950);
     assert_eq!(armed.try_changed(), None);
     bed.ms(200);
-    assert_eq!(armed.try_changed(), Some(false));
+    assert_eq!(armed.try_changed(), Some(None));
     line.put(&[frame_of(1, &heartbeat(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)), frame(0.1)].concat());
     bed.ms(1);
-    assert_eq!(armed.try_changed(), Some(true));
+    assert_eq!(armed.try_changed(), Some(Some(true)));
     line.put(&frame_of(1, &heartbeat(MavModeFlag::empty())));
     bed.ms(1);
-    assert_eq!(armed.try_changed(), Some(false));
+    assert_eq!(armed.try_changed(), Some(Some(false)));
 }
 
 /// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is.

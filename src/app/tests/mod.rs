@@ -3,6 +3,7 @@
 mod below;
 mod devices;
 mod heading;
+mod panel;
 mod sensor;
 mod watchdog;
 

@@ -124,6 +124,7 @@ pub fn start() -> ! {
         autopilot: (UartTx { uart: &AUTOPILOT, written: lockstep::autopilot_written }, &AUTOPILOT.received),
         console: (CONSOLE_TX, &CONSOLE.received),
         watchdog: Watchdog,
+        panel: Panel,
         flash: StoreFlash::new(),
         platform: Platform,
         reset,
@@ -145,6 +146,17 @@ pub struct Watchdog;
 
 impl app::Watchdog for Watchdog {
     fn feed(&mut self) {}
+}
+
+/// The machine has lamps and buttons, which nobody can see or press.
+pub struct Panel;
+
+impl app::Panel for Panel {
+    fn light(&mut self, _on: bool) {}
+
+    fn is_pressed(&self) -> bool {
+        false
+    }
 }
 
 /// What the console may ask of this board.

@@ -59,6 +59,26 @@ fn turns_of_no_side_are_as_good_as_turns() {
     }
 }
 
+/// Twelve times the samples leave a twelfth of the variance that is not lasting, and all of what is.
+#[test]
+fn what_lasts_is_what_more_of_the_same_leaves() {
+    for seed in 0..5 {
+        let mut random = Random(8150 + seed);
+        let airframe = harsh(&mut random);
+        let mut flown = |times: usize| {
+            let mut samples: Vec<Sample> = (0..times).flat_map(|_| hovered(&airframe, 0.6, &mut random)).collect();
+            samples.iter_mut().zip(0..).for_each(|(sample, i)| sample.time = WrappingMillis::new(250 * i));
+            solved(&samples, &NO_PRIOR).unwrap().advice.unwrap()
+        };
+        let (once, often) = (flown(1), flown(12));
+        let square = |deg: f32| deg * deg;
+        let lasting = square(once.floor_deg);
+        let predicted_deg = (lasting + (square(once.expected_deg) - lasting) / 12.0).sqrt();
+        assert!(once.expected_deg > 1.3 * once.floor_deg, "seed {seed}: {once:?}");
+        assert!((often.expected_deg / predicted_deg - 1.0).abs() < 0.2, "seed {seed}: {predicted_deg} {often:?}");
+    }
+}
+
 /// The vertical alone: exact without noise, whatever the hemisphere, the iron and the way it is flown.
 #[test]
 fn the_vertical_alone_gives_a_start() {

@@ -201,7 +201,7 @@ fn a_trial_is_in_nobody_s_way() {
     assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
     assert!(bed.prospect().is_none() && !bed.compass.is_busy());
     let mut bed = trying();
-    assert_eq!(bed.done(Command::CalStart(Procedure::Turns)), State::Collecting);
+    assert_eq!(bed.done(Command::CalStartAgain(None)), State::Collecting);
     assert!(!bed.compass.is_busy() && bed.prospect().is_none());
 }
 

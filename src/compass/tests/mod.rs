@@ -1,5 +1,6 @@
 //! What the state machine promises, driven event by event.
 
+mod auto;
 mod flight;
 
 use super::*;
@@ -244,20 +245,21 @@ fn what_is_for_the_ground_is_refused_while_armed() {
     let mut bed = Bed::with(Policy::DEFAULT, generations);
     let for_the_ground = [
         Command::CalStart(Procedure::Swing),
+        Command::CalStartAgain(Some(Procedure::Swing)),
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
         Command::Set(Setting::Mount(Orientation::NONE)),
         Command::Restart,
     ];
-    assert!(!bed.report().is_armed, "before anything is known");
-    assert!(matches!(bed.compass.step(Event::Armed(true)), Effect::None));
+    assert_eq!(bed.report().is_armed, None, "before anything is known");
+    assert!(matches!(bed.compass.step(Event::Armed(Some(true))), Effect::None));
     for command in for_the_ground {
         assert_eq!(bed.refused(command), Refusal::Armed, "{command:?}");
     }
-    assert!(bed.report().is_armed);
+    assert_eq!(bed.report().is_armed, Some(true));
     assert_eq!(bed.compass.generations, generations);
-    bed.compass.step(Event::Armed(false));
+    bed.compass.step(Event::Armed(Some(false)));
     assert_eq!(bed.done(Command::Restart), State::Calibrated);
     assert_eq!(bed.done(Command::CalStart(Procedure::Swing)), State::Collecting);
     bed.stand(some_field(), 8);
@@ -273,8 +275,9 @@ fn no_mark_is_taken_while_armed() {
     let mut bed = Bed::new();
     bed.done(Command::CalStart(Procedure::Swing));
     bed.stand(some_field(), 8);
-    bed.compass.step(Event::Armed(true));
+    bed.compass.step(Event::Armed(Some(true)));
     assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::Armed);
+    assert_eq!(bed.refused(Command::CalStartAgain(None)), Refusal::Armed, "it is a swing again");
     assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
 }
 
@@ -282,11 +285,12 @@ fn no_mark_is_taken_while_armed() {
 #[test]
 fn nothing_else_is_hindered_while_armed() {
     let mut bed = Bed::new();
-    bed.compass.step(Event::Armed(true));
+    bed.compass.step(Event::Armed(Some(true)));
     for procedure in [Procedure::Level, Procedure::Tumble, Procedure::Turns] {
         assert_eq!(bed.done(Command::CalStart(procedure)), State::Collecting);
+        assert_eq!(bed.done(Command::CalStartAgain(None)), State::Collecting);
+        assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
     }
-    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
     assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
     for setting in [
         Setting::StreamOn(false),
@@ -357,14 +361,24 @@ fn a_stopped_collection_keeps_its_samples() {
     assert!(bed.settle(end).is_ok());
 }
 
-/// A new start forgets what was collected before.
+/// A new start forgets what was collected before, which is asked for twice while it is collected.
 #[test]
 fn a_start_begins_from_nothing() {
-    let mut bed = Bed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&few_turns(&airframe(), 1));
-    bed.done(Command::CalStart(Procedure::Turns));
-    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    for stopped in [false, true] {
+        let mut bed = Bed::new();
+        bed.done(Command::CalStart(Procedure::Turns));
+        bed.fly(&few_turns(&airframe(), 1));
+        if stopped {
+            bed.done(Command::CalStop);
+            bed.done(Command::CalStart(Procedure::Turns));
+        } else {
+            let refused = bed.refused(Command::CalStart(Procedure::Turns));
+            assert_eq!(refused.code(), "collecting");
+            assert!(bed.report().progress.left.samples > 0);
+            bed.done(Command::CalStartAgain(None));
+        }
+        assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    }
 }
 
 #[test]
@@ -531,6 +545,7 @@ fn a_mark_takes_the_last_second_and_the_next_mark_another() {
     assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
     // Samples of before the swing do not count.
     bed.stand(some_field(), 8);
+    bed.done(Command::CalStop);
     bed.done(Command::CalStart(Procedure::Swing));
     assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSteady);
     bed.stand(some_field(), 8);
@@ -636,7 +651,7 @@ fn a_refusal_says_what_was_wrong_with_the_flight() {
     assert_eq!(refused.code(), "too-few-samples");
     assert_eq!(refused.to_string(), "only left turns were flown; fly right turns, too");
     // Another collection, another flight.
-    bed.done(Command::CalStart(Procedure::Turns));
+    bed.done(Command::CalStartAgain(None));
     assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
 }
 

@@ -14,11 +14,19 @@ pub(super) enum Line {
     Mount,
     AttitudeError,
     Accuracy,
+    Auto,
 }
 
 impl Line {
-    pub const ALL: [Self; 6] =
-        [Self::Stream, Self::Declination, Self::Inclination, Self::Mount, Self::AttitudeError, Self::Accuracy];
+    pub const ALL: [Self; 7] = [
+        Self::Stream,
+        Self::Declination,
+        Self::Inclination,
+        Self::Mount,
+        Self::AttitudeError,
+        Self::Accuracy,
+        Self::Auto,
+    ];
 
     pub const fn of(setting: Setting) -> Self {
         match setting {
@@ -28,6 +36,7 @@ impl Line {
             Setting::Mount(_) => Self::Mount,
             Setting::AttitudeError(_) => Self::AttitudeError,
             Setting::Accuracy(_) => Self::Accuracy,
+            Setting::Auto(_) => Self::Auto,
         }
     }
 }
@@ -36,7 +45,7 @@ impl Line {
 pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, settings: &Settings) -> fmt::Result {
     match line {
         Line::Stream => {
-            let on = if settings.stream_on { "on" } else { "off" };
+            let on = on_or_off(settings.stream_on);
             let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
             write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
         }
@@ -53,7 +62,15 @@ pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, sett
             write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
         }
         Line::Accuracy => write!(out, "accuracy{between}{} deg wanted", AsTyped(settings.accuracy_deg, 1)),
+        Line::Auto => {
+            let words = if settings.auto_on { "collects by itself while uncalibrated" } else { "collects when asked" };
+            write!(out, "auto{between}{}, {words}", on_or_off(settings.auto_on))
+        }
     }
+}
+
+const fn on_or_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
 }
 
 fn degrees(out: &mut impl Write, name: &str, between: &str, deg: Option<f32>, without: &str) -> fmt::Result {

@@ -6,7 +6,6 @@ use super::calibration::{Judged, latency};
 use super::settings::{Line, setting_line};
 use super::{Moved, Reason, Reset};
 use crate::calibration::ladder::Procedure;
-use crate::collection::Progress;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Prospect, Report, State};
 use crate::frames::Attitude;
@@ -21,8 +20,8 @@ use crate::wire::decimal::{AsTyped, Decimal};
 pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
-    writeln!(out, "armed: {}", if report.is_armed { "yes" } else { "no" })?;
-    progress(out, &report.progress)?;
+    writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
+    progress(out, report)?;
     if let (State::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
         prospect(out, report.prospect.as_ref(), report.settings.accuracy_deg)?;
     }
@@ -51,8 +50,11 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
 }
 
-fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
-    writeln!(out, "collection: {}", progress.procedure.name())?;
+fn progress(out: &mut impl Write, report: &Report) -> fmt::Result {
+    let progress = &report.progress;
+    let by_itself = if report.is_auto { ", by itself" } else { "" };
+    let waits = if report.awaits_arming { ", when the autopilot arms" } else { "" };
+    writeln!(out, "collection: {}{by_itself}{waits}", progress.procedure.name())?;
     match progress.procedure {
         Procedure::Turns => {
             writeln!(out, "left: {}", Side(&progress.left))?;
@@ -74,7 +76,7 @@ fn progress(out: &mut impl Write, progress: &Progress) -> fmt::Result {
 /// How good a collection in flight is by now, and what it lacks.
 fn prospect(out: &mut impl Write, prospect: Option<&Prospect>, wanted_deg: f32) -> fmt::Result {
     out.write_str("collecting: ")?;
-    let Some(Prospect { expected_deg, missing, is_at_floor, refusal }) = prospect else {
+    let Some(Prospect { expected_deg, missing, is_at_floor, is_stalled, refusal }) = prospect else {
         return writeln!(out, "not tried yet");
     };
     if let Some(expected_deg) = *expected_deg {
@@ -83,6 +85,7 @@ fn prospect(out: &mut impl Write, prospect: Option<&Prospect>, wanted_deg: f32) 
     match (missing, refusal) {
         (Some(manoeuvre), _) => write!(out, "; missing: {manoeuvre}")?,
         (None, _) if *is_at_floor => out.write_str("; more of the same would not help, see set attitude-error")?,
+        (None, _) if *is_stalled => out.write_str("; more of the same does not help")?,
         (None, None) => out.write_str("; go on")?,
         (None, Some(_)) => {}
     }

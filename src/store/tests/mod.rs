@@ -57,7 +57,14 @@ fn change(generations: &Generations) -> Change<'_> {
 /// Settings that are not the default ones.
 pub(super) fn settings() -> Settings {
     let stream_heading = HeadingKind::Raw;
-    Settings { declination_deg: Some(12.5), stream_on: false, stream_heading, accuracy_deg: 1.5, ..Settings::default() }
+    Settings {
+        declination_deg: Some(12.5),
+        stream_on: false,
+        stream_heading,
+        accuracy_deg: 1.5,
+        auto_on: false,
+        ..Settings::default()
+    }
 }
 
 /// The bytes of a version: its number, the contents in postcard's format, and the CRC-32 of both.

@@ -12,7 +12,8 @@
 //! `v3-first-half.bin` and `v3-second-half.bin` are the same of the last firmware of version 3, after the same flights and
 //! commands; `v4-first-half.bin` and `v4-second-half.bin` of the last one of version 4, which was given
 //! `set attitude-error 0.5 2` before the magnet; `v5-first-half.bin` and `v5-second-half.bin` of the last one of version 5,
-//! which was given `stream heading raw` besides.
+//! which was given `stream heading raw` besides; `v6-first-half.bin` and `v6-second-half.bin` of the last one of version 6,
+//! which was given `set accuracy 1.5` besides.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -21,7 +22,7 @@ use testkit::flash::Cut;
 
 use super::*;
 use crate::settings::{AttitudeError, HeadingKind};
-use crate::store::{v2, v3, v4, v5};
+use crate::store::{v2, v3, v4, v5, v6};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
@@ -55,6 +56,11 @@ fn flash_of_v5() -> Flash {
     flash_of([include_bytes!("../testdata/v5-first-half.bin"), include_bytes!("../testdata/v5-second-half.bin")])
 }
 
+/// The flash as the last firmware of version 6 left it.
+fn flash_of_v6() -> Flash {
+    flash_of([include_bytes!("../testdata/v6-first-half.bin"), include_bytes!("../testdata/v6-second-half.bin")])
+}
+
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
 #[expect(clippy::too_many_lines, reason = "two records, number by number")]
 fn stored_by_v2() -> Stored {
@@ -68,6 +74,7 @@ fn stored_by_v2() -> Stored {
         attitude_error: AttitudeError::DEFAULT,
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
+        auto_on: true,
     };
     let current = Record {
         calibration: Calibration {
@@ -376,6 +383,64 @@ fn what_version_5_stored_is_kept_to_the_last_digit() {
     }
 }
 
+/// Its settings lack whether it collects by itself; its calibrations are those of its bytes.
+#[test]
+fn what_version_6_stored_is_kept_to_the_last_digit() {
+    let mut flash = flash_of_v6();
+    let found = load(&mut flash).unwrap();
+    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
+    let before = stored_by_v2().settings;
+    let expected = Settings { attitude_error, stream_heading: HeadingKind::Raw, accuracy_deg: 1.5, ..before };
+    assert_eq!(found.settings, expected);
+    assert!(found.settings.auto_on);
+    let current = found.generations.current.unwrap();
+    // As its console showed it.
+    assert_eq!(
+        (current.serial, current.quality.samples, current.quality.method.name()),
+        (2, 214, "maximum-likelihood")
+    );
+    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_871, -4_891, 1_891]);
+    let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
+    for half in [0, 1] {
+        let value = get(&mut flash, half).unwrap();
+        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
+        assert_eq!(*version, 6);
+        assert!(contents.ends_with(&generations), "half {half}");
+    }
+}
+
+/// The wanted accuracy in its place, and checked; what has no calibrations behind it is none of it.
+#[test]
+fn settings_of_version_6_are_read_one_by_one() {
+    let settings = v3::Settings {
+        declination_deg: None,
+        inclination_deg: Some(60.0),
+        align_deg: 0.0,
+        stream_on: true,
+        stream_rate_hz: 10,
+        mount: v3::Mount(0),
+    };
+    let error = v4::AttitudeError { bias_deg: 1.0, bank_percent: 3.0 };
+    let value = |accuracy_deg: f32| {
+        value_of(v6::VERSION, &(v3::Head { saves: 3, settings }, error, false, accuracy_deg, generations(4)))
+    };
+    let Contents { saves, stored } = Contents::decode(&value(2.5)).unwrap();
+    assert_eq!((saves, stored.generations), (3, generations(4)));
+    assert_eq!(
+        stored.settings,
+        Settings {
+            inclination_deg: Some(60.0),
+            attitude_error: AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
+            stream_heading: HeadingKind::Raw,
+            accuracy_deg: 2.5,
+            ..Settings::DEFAULT
+        }
+    );
+    assert_eq!(Contents::decode(&value(3.5)), Err(StoreError::Corrupt));
+    let cut_short = value_of(v6::VERSION, &(v3::Head { saves: 3, settings }, error, false, 2.5_f32));
+    assert_eq!(Contents::decode(&cut_short), Err(StoreError::Corrupt));
+}
+
 /// Both headings, every value in its place, and what is checked now is checked.
 #[test]
 fn settings_of_version_5_are_read_one_by_one() {
@@ -405,6 +470,7 @@ fn settings_of_version_5_are_read_one_by_one() {
         attitude_error: AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
+        auto_on: true,
     };
     assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
     let raw = decoded(settings, false).unwrap().1;
@@ -479,10 +545,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 6], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 7], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([6, 6], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([7, 7], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -638,6 +704,7 @@ fn flashes_of_later() -> Vec<(String, Flash)> {
         ("version 3", Some(value_of(v3::VERSION, &before))),
         ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
         ("version 5", Some(value_of(v5::VERSION, &(before.head, error, true, generations(4))))),
+        ("version 6", Some(value_of(v6::VERSION, &(before.head, error, true, 1.5_f32, generations(4))))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),
