@@ -34,6 +34,13 @@ pub fn asin(sin: f32) -> f32 {
     libm::atan2f(sin, libm::sqrtf((1.0 - sin * sin).max(0.0)))
 }
 
+/// The length of what has these two sides at a right angle. For sides that are neither huge nor tiny: their squares are
+/// taken.
+#[must_use]
+pub fn hypot(a: f32, b: f32) -> f32 {
+    libm::sqrtf(a * a + b * b)
+}
+
 /// One over the cube root of a positive number, to the last digit or two.
 ///
 /// Newton's method for `y^-3 = x`, from a third of the exponent.
@@ -48,6 +55,14 @@ pub fn reciprocal_cbrt(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_long_side() {
+        for (a, b, c) in [(3.0, 4.0, 5.0), (-3e-3, 4e-3, 5e-3), (0.0, -2.0, 2.0), (0.0, 0.0, 0.0)] {
+            assert!((hypot(a, b) - c).abs() <= 1e-7 * c, "{a} {b}");
+        }
+        assert!(hypot(f32::NAN, 1.0).is_nan());
+    }
 
     /// 1e-7 is an f32's last digit at one.
     #[test]

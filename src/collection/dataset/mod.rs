@@ -4,6 +4,7 @@ use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
 use super::spread::Spread;
 use crate::calibration::{Sample, Samples, Side};
 use crate::frames::{Attitude, wrap_pi};
+use crate::trig;
 
 pub use super::circle::SECTORS;
 pub use super::part::Coverage;
@@ -37,7 +38,7 @@ const MIN_MOVE_UT: f32 = 1.0;
 const MIN_TILT_RAD: f32 = 0.026;
 
 fn has_moved(last: &Sample, sample: &Sample) -> bool {
-    let tilt_rad = libm::hypotf(
+    let tilt_rad = trig::hypot(
         wrap_pi(sample.attitude.roll_rad - last.attitude.roll_rad),
         sample.attitude.pitch_rad - last.attitude.pitch_rad,
     );

@@ -34,6 +34,7 @@ use crate::calibration::{Calibration, Sample, Uncertainty};
 use crate::frames::{Attitude, Field, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
+use crate::trig;
 use balance::Balance;
 use contradiction::{Contradiction, Deviation, PerKind, Verdict};
 use factored::{Factored, Measurement};
@@ -359,7 +360,7 @@ impl Watch {
         let alike = self.learnt.as_ref().map_or(1.0, |learnt| learnt.alike(&self.config.learnt));
         let strength = self.learnt.as_ref().map_or(0.0, Learnt::strength_squared);
         let Motion { roll_rad_s, pitch_rad_s, .. } = seen.motion;
-        let late_rad = self.config.jitter_s * libm::hypotf(roll_rad_s, pitch_rad_s);
+        let late_rad = self.config.jitter_s * trig::hypot(roll_rad_s, pitch_rad_s);
         let tilt_rad2 = alike * (variances.tilt_rad2 + late_rad * late_rad + self.pushed.variance_rad2());
         let tan_squared = predicted.tan_dip * predicted.tan_dip;
         let [by_strength, by_dip, by_heading] = predicted.by_field();
