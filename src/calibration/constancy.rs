@@ -30,12 +30,12 @@ use core::fmt;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Samples;
 use super::correlation::Correlation;
 use super::information::Information;
 use super::likelihood::unknowns::Vector13;
 use super::likelihood::{Equation, Equations, Likelihood, Parameters, System};
 use super::time_order::InTime;
+use super::{Samples, inverse};
 use crate::time::WrappingMillis;
 
 /// Instants at which a step is tried.
@@ -173,7 +173,7 @@ impl Sums {
             }
             gradient[axis] -= with.dot(to_likeliest);
         }
-        let beta = (information + self.digits()).try_inverse()? * gradient;
+        let beta = inverse(&(information + self.digits()))? * gradient;
         let significance = beta.dot(&gradient);
         significance.is_finite().then_some((beta, significance))
     }
@@ -194,7 +194,7 @@ impl Sums {
             }
             gradient[axis] -= self.with_unknowns[axis].dot(to_likeliest);
         }
-        Some(gradient.dot(&((variance + self.digits()).try_inverse()? * gradient)))
+        Some(gradient.dot(&(inverse(&(variance + self.digits()))? * gradient)))
     }
 
     fn digits(&self) -> Matrix3<f32> {

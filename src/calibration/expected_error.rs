@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::likelihood::heading_by_field;
 use super::likelihood::unknowns::{Vector12, coefficients_row};
 use super::uncertainty::Covariance;
-use super::{Calibration, Method, Sample, Samples};
+use super::{Calibration, Method, Sample, Samples, inverse};
 use crate::frames::{Attitude, Field, Level};
 use crate::trig;
 
@@ -134,7 +134,7 @@ struct Attitudes {
 impl Attitudes {
     /// `None` if the calibration has no inverse.
     fn new(calibration: &Calibration) -> Option<Self> {
-        let field_from_body = calibration.w_matrix().try_inverse()?;
+        let field_from_body = inverse(&calibration.w_matrix())?;
         Some(Self { field_from_body, inclination_rad: calibration.inclination_rad })
     }
 

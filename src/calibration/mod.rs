@@ -477,6 +477,12 @@ impl Quality {
     }
 }
 
+/// The inverse of a matrix, if it has one. One place for all of them: each of its own would be half a kilobyte of flash.
+#[inline(never)]
+pub(crate) fn inverse(m: &Matrix3<f32>) -> Option<Matrix3<f32>> {
+    m.try_inverse()
+}
+
 /// A matrix as an array of rows.
 pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, SVector, Vector3, Vector4};
 
-use super::Samples;
 use super::least_squares::LeastSquares;
+use super::{Samples, inverse};
 use crate::frames::Field;
 use crate::trig;
 
@@ -34,7 +34,7 @@ impl Response {
     pub fn start(&self) -> Option<Start> {
         // Total field in units of H0.
         let total = libm::sqrtf(1.0 + self.tan_inclination * self.tan_inclination);
-        let w = self.a_ut.try_inverse()? / total;
+        let w = inverse(&self.a_ut)? / total;
         let determinant = w.determinant();
         let unit_ut = trig::reciprocal_cbrt(determinant);
         (determinant > 0.0 && unit_ut.is_finite() && unit_ut > 0.0).then(|| Start {
@@ -109,7 +109,7 @@ pub(super) fn tilted(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<St
     // Column by column, as they were taken.
     let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
     let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;
-    let b_ut = mean - per_ut.try_inverse()? * offset;
+    let b_ut = mean - inverse(&per_ut)? * offset;
     let total = libm::sqrtf(fields().map(|(f, _)| (per_ut * (f - b_ut)).norm_squared()).sum::<f32>() / number);
     // A chip's axes are right-handed: what mirrors is of a field that points up.
     let sign = if per_ut.determinant() < 0.0 { -1.0 } else { 1.0 };

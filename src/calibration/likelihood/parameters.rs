@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Prediction;
 use super::unknowns::{INCLINATION, Vector13, d, w};
+use crate::calibration::inverse;
 use crate::frames::{Field, Tilt};
 
 /// One set of unknowns, in the unit of field: the corrected field is `W x + d`, `x` being the field less the mean of
@@ -44,7 +45,7 @@ impl Parameters {
 
     /// From the hard iron to the mean of all samples: `W^-1 d`. `None` when `W` has no inverse.
     pub fn mean_from_b(&self) -> Option<Vector3<f32>> {
-        self.w.try_inverse().map(|field_from_body| field_from_body * self.d)
+        inverse(&self.w).map(|field_from_body| field_from_body * self.d)
     }
 
     /// What these parameters make of a measurement, given as the field less the mean, at the tilt of its attitude.
@@ -56,6 +57,6 @@ impl Parameters {
     /// inverse.
     pub fn expected_field(&self, tilt: &Tilt, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth(1.0, self.inclination_rad, heading_rad);
-        Some(self.w.try_inverse()? * (tilt.body(level).ut - self.d))
+        Some(inverse(&self.w)? * (tilt.body(level).ut - self.d))
     }
 }

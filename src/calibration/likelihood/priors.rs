@@ -6,6 +6,7 @@
 
 use super::unknowns::{INCLINATION, Row, Vector13, d, w};
 use super::{Likelihood, Parameters};
+use crate::calibration::inverse;
 
 /// What is known beforehand, as an equation: `row . change` is `-residual`, give or take `sigma`.
 #[derive(Clone, Debug)]
@@ -81,7 +82,7 @@ fn iron_and_mounting(likelihood: &Likelihood, parameters: &Parameters, each: &mu
 /// a row of `W^-1`, `k (W^-1 d)^T` by `W`, `-k` by `d`. Without an inverse there is no `b`, and nothing to be known of
 /// it.
 fn hard_iron(likelihood: &Likelihood, parameters: &Parameters, each: &mut dyn FnMut(&PriorEquation)) {
-    let Some(field_from_body) = parameters.w.try_inverse() else { return };
+    let Some(field_from_body) = inverse(&parameters.w) else { return };
     let from_b = field_from_body * parameters.d;
     let sigma = likelihood.config.hard_iron_sigma_ut / likelihood.unit_ut;
     for i in 0..3 {

@@ -30,7 +30,7 @@ use core::ops::Range;
 use nalgebra::Vector3;
 
 use crate::attitude::{Motion, Turning};
-use crate::calibration::{Calibration, Sample, Uncertainty};
+use crate::calibration::{Calibration, Sample, Uncertainty, inverse};
 use crate::frames::{Attitude, Field, wrap_pi};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
@@ -200,7 +200,7 @@ impl Adjustment {
     pub fn in_force(&self, watched: &Watched<'_>) -> (Calibration, Uncertainty) {
         let Watched { calibration, uncertainty, readings_per_sample } = *watched;
         let beta_ut = model::beta(&self.unknowns) * calibration.total_ut;
-        let moved_ut = calibration.w_matrix().try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
+        let moved_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
         let adjusted = Calibration {
             b_ut: (calibration.b_vector_ut() + moved_ut).into(),
             inclination_rad: calibration.inclination_rad + self.unknowns[INCLINATION],
