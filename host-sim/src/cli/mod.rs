@@ -6,12 +6,14 @@ mod fly;
 mod integrity;
 mod print;
 mod replay;
+mod serve;
 mod table1;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use host_sim::world::WorldConfig;
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
@@ -32,6 +34,10 @@ enum Command {
     Fly(Fly),
     /// The same with the firmware as ARM code, in QEMU
     Emulate(Emulate),
+    /// Serve the simulated module: attach a terminal, an autopilot, an instrument or a simulator of your own to it
+    Serve(serve::Serve),
+    /// Type to a module: one that is served, or one of its own
+    Console(serve::Console),
     /// Compare the methods on the aircraft of the paper's table 1
     Table1(Table1),
     /// Send a recorded flight through the module's collection and solver
@@ -358,12 +364,19 @@ fn within(text: &str, min: f64, max: f64) -> Result<f64, String> {
 /// Why a command could not be carried out at all; exit code 2.
 struct Failure(String);
 
+/// The world of an iron's name or airframe file.
+fn iron(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
+    WorldConfig::named(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
+}
+
 /// Reads the command line and carries it out.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command.unwrap_or(Command::Fly(cli.fly)) {
         Command::Fly(options) => fly::run(&options),
         Command::Emulate(options) => fly::emulate(&options),
+        Command::Serve(options) => serve::serve(&options),
+        Command::Console(options) => serve::console(&options),
         Command::Table1(options) => table1::run(&options),
         Command::Replay(options) => replay::run(&options),
         Command::Bench(Bench::Accuracy(options)) => accuracy::run(&options),
