@@ -1,4 +1,5 @@
 //! The simulated module for those outside: what is served, on virtual time, and over real wires.
+#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read, Write};
@@ -29,7 +30,7 @@ fn served(options: Options, image: Option<&Image>) -> Served {
 
 /// Types a line, and gives what is printed within half a second, more than any answer takes.
 fn typed(served: &mut Served, line: &str) -> String {
-    served.take(CONSOLE);
+    drop(served.take(CONSOLE));
     served.feed(CONSOLE, format!("{line}\r").as_bytes());
     served.advance(SECOND_US / 2);
     String::from_utf8(served.take(CONSOLE)).unwrap()
@@ -37,7 +38,7 @@ fn typed(served: &mut Served, line: &str) -> String {
 
 /// The headings that come in some seconds; none where the field is empty.
 fn headings(served: &mut Served, seconds: u64) -> Vec<Option<f64>> {
-    served.take(AUTOPILOT);
+    drop(served.take(AUTOPILOT));
     served.advance(seconds * SECOND_US);
     sentences(&served.take(AUTOPILOT))
 }
@@ -260,7 +261,7 @@ impl Program {
         let number = self.places["ports"][port]["tcp"].as_u64().unwrap() as u16;
         let stream = TcpStream::connect(("127.0.0.1", number)).unwrap();
         // Only so that a module that says nothing fails this test instead of holding it up.
-        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream.set_read_timeout(Some(Duration::from_mins(2))).unwrap();
         stream
     }
 

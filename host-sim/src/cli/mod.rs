@@ -17,7 +17,8 @@ use host_sim::world::WorldConfig;
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
-/// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes.
+/// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes. Only `serve` and
+/// `console` go with the clock on the wall, and with what comes in.
 /// Exit codes: 0 calibrated, 1 the module refused, 2 the command was wrong.
 #[derive(Parser)]
 #[command(version, about, long_about, args_conflicts_with_subcommands = true)]

@@ -115,7 +115,7 @@ impl Served {
             rig.load_flash(image.bytes());
         }
         rig.world.set_sends_attitude(options.attitude != Attitude::Peer);
-        let pilot = Pilot::new(world, options.pattern, options.is_visited);
+        let pilot = Pilot::new(&world, options.pattern, options.is_visited);
         pilot.begin(&rig.world);
         let visits = options.is_visited.then(Visits::default);
         Self { rig, pilot, peer: Peer::default(), attitude: options.attitude, visits }

@@ -101,7 +101,7 @@ pub(super) struct Pilot {
 
 impl Pilot {
     /// A pilot who flies a pattern, or has nothing to do because somebody else's simulator flies.
-    pub fn new(world: WorldConfig, pattern: Pattern, is_visited: bool) -> Self {
+    pub fn new(world: &WorldConfig, pattern: Pattern, is_visited: bool) -> Self {
         let task = if is_visited { Task::Visited } else { Task::Pattern(pattern) };
         Self { kind: world.aircraft.kind, task, random: RefCell::new(Random::new(world.seed, Purpose::Legs)) }
     }
@@ -187,7 +187,9 @@ impl Pilot {
     fn fly_pattern(&self, world: &World) {
         if let Task::Pattern(pattern) = self.task {
             let legs = pattern.legs(self.kind, heading_deg(world), &mut self.random.borrow_mut());
-            legs.into_iter().for_each(|leg| world.fly(leg));
+            for leg in legs {
+                world.fly(leg);
+            }
         }
     }
 }

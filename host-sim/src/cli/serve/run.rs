@@ -51,7 +51,9 @@ impl Wiring {
             served.advance(pace.passed_us());
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 let bytes = served.take(port);
-                wires.iter_mut().for_each(|wire| wire.write(&bytes));
+                for wire in wires {
+                    wire.write(&bytes);
+                }
             }
             if let Some(complaint) = pace.complaint() {
                 eprintln!("{complaint}\r");

@@ -34,20 +34,20 @@ const BACKLOG: usize = 65_536;
 
 /// A stream that does not wait, with what it has not taken yet.
 struct Stream<S> {
-    stream: S,
+    far: S,
     backlog: VecDeque<u8>,
     /// Nobody is at the far end.
     is_away: bool,
 }
 
 impl<S: Read + Write> Stream<S> {
-    fn new(stream: S) -> Self {
-        Self { stream, backlog: VecDeque::new(), is_away: false }
+    fn new(far: S) -> Self {
+        Self { far, backlog: VecDeque::new(), is_away: false }
     }
 
     fn read(&mut self, most: usize) -> Vec<u8> {
         let mut bytes = vec![0; most];
-        let read = match self.stream.read(&mut bytes) {
+        let read = match self.far.read(&mut bytes) {
             Ok(0) if most > 0 => Err(ErrorKind::UnexpectedEof.into()),
             read => read,
         };
@@ -66,7 +66,7 @@ impl<S: Read + Write> Stream<S> {
             self.backlog.extend(bytes);
         }
         while !self.backlog.is_empty() {
-            match self.stream.write(self.backlog.as_slices().0) {
+            match self.far.write(self.backlog.as_slices().0) {
                 Ok(written) if written > 0 => drop(self.backlog.drain(..written)),
                 Err(error) if is_passing(&error) => return,
                 _ => {

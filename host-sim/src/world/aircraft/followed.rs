@@ -111,7 +111,8 @@ mod tests {
     fn it_rests_where_it_was_told_last() {
         let mut aircraft = Aircraft::new(Config::default(), Weather::default(), 1, 0);
         let state = told(&mut aircraft, Euler::from_deg(10.0, -5.0, 90.0), 400);
-        assert_eq!([state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s], [0.0; 3]);
+        let rates_rad_s = [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s];
+        assert!(rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() < f64::EPSILON), "{rates_rad_s:?}");
         assert!((state.heading_deg() - 90.0).abs() < 1e-9 && (state.pitch_rad.to_degrees() + 5.0).abs() < 1e-9);
     }
 }
