@@ -189,7 +189,14 @@ fn peer_frame(tick: u32) -> Vec<u8> {
 /// believes another sender after ten seconds without its own (README).
 #[test]
 fn who_is_attached_sends_the_attitude() {
-    for (attitude, is_believed) in [(Attitude::Auto, true), (Attitude::Own, false), (Attitude::Peer, true)] {
+    for (attitude, is_believed, believed) in [
+        // 50 a second: of the simulator's those of 1.5 s before, of the peer's those of 12 s from the tenth second on.
+        (Attitude::Auto, true, 165.0..185.0),
+        // Those of 14 s of the simulator's.
+        (Attitude::Own, false, 670.0..710.0),
+        // All of the peer's.
+        (Attitude::Peer, true, 600.0..602.0),
+    ] {
         let options = Options { attitude, pattern: Pattern::Level, is_visited: false };
         let mut served = served(options, None);
         let has_own = attitude != Attitude::Peer;
@@ -201,6 +208,7 @@ fn who_is_attached_sends_the_attitude() {
         served.feed(AUTOPILOT, &peer_frame(600));
         let status = typed(&mut served, "status");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
+        assert!(believed.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
         served.advance(12 * SECOND_US);
         let status = typed(&mut served, "status");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");

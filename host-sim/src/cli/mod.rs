@@ -29,19 +29,14 @@ struct Cli {
     fly: Fly,
 }
 
+// What each does is said where its options are: here it would hide all but the first line of that.
 #[derive(Subcommand)]
 enum Command {
-    /// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default)
     Fly(Fly),
-    /// The same with the firmware as ARM code, in QEMU
     Emulate(Emulate),
-    /// Serve the simulated module: attach a terminal, an autopilot, an instrument or a simulator of your own to it
     Serve(serve::Serve),
-    /// Type to a module: one that is served, or one of its own
     Console(serve::Console),
-    /// Compare the methods on the aircraft of the paper's table 1
     Table1(Table1),
-    /// Send a recorded flight through the module's collection and solver
     Replay(Replay),
     /// Measure accuracy or speed
     #[command(subcommand)]
@@ -50,13 +45,9 @@ enum Command {
 
 #[derive(Subcommand)]
 enum Bench {
-    /// Random airframes: heading error of each method over the Cramer-Rao bound, and whether sigma is true
     Accuracy(Accuracy),
-    /// Faults in flight and while calibrating: how much of what is sent as good is not
     Integrity(Integrity),
-    /// Time of a solve, and of simulated flight
     Speed(Speed),
-    /// Instructions of a Cortex-M4 against their limits, counted in QEMU
     Budget(Budget),
 }
 
@@ -199,7 +190,7 @@ enum SourceArgument {
     Mavlink,
 }
 
-/// Time of a solve by each method, and simulated seconds a second of flight, on this machine.
+/// Time of a solve by each method, and simulated seconds a second of flight, on this machine
 #[derive(Args)]
 struct Speed {
     /// Print one JSON object instead of the text
@@ -272,7 +263,7 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
     }
 }
 
-/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading.
+/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default).
 ///
 /// The routine is what a person flies, drives or steers by hand with such a vehicle; all of them are listed below. The
 /// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
@@ -311,7 +302,9 @@ struct Fly {
     console: bool,
 }
 
-/// The same mission with the firmware as ARM code: QEMU's mps2-an386, a Cortex-M4F with QEMU's own magnetometer.
+/// The same with the firmware as ARM code, in QEMU.
+///
+/// QEMU's mps2-an386 is a Cortex-M4F with QEMU's own magnetometer.
 ///
 /// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that
 /// a run is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.

@@ -44,7 +44,8 @@ pub struct Serve {
     #[arg(long, value_name = "PORT")]
     tcp: Option<u16>,
     /// Lie as somebody else's simulator says: UDP datagrams to this port of this computer (0: any that is free), each a
-    /// text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north, 20 a second or more
+    /// text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north, 20 a second or more.
+    /// The simulator's own attitude then says that it is disarmed
     #[arg(long, value_name = "PORT")]
     world: Option<u16>,
     /// Who sends the module its attitude: the simulator but while somebody at the autopilot's port does (auto), always the
@@ -319,5 +320,27 @@ impl<'a> Keeper<'a> {
             self.kept = changes;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use crate::cli::Cli;
+
+    /// A line over a subcommand in the list of them would hide all but the first line of what is said there.
+    #[test]
+    fn the_help_of_every_command_is_the_whole_of_it() {
+        let cli = Cli::command();
+        cli.clone().debug_assert();
+        let commands = cli.get_subcommands().flat_map(|command| [command].into_iter().chain(command.get_subcommands()));
+        let mut seen = 0;
+        for command in commands.filter(|command| !["bench", "help", "speed"].contains(&command.get_name())) {
+            let long = command.get_long_about().map(ToString::to_string).unwrap_or_default();
+            assert!(long.lines().count() > 2, "{}: {long}", command.get_name());
+            seen += 1;
+        }
+        assert_eq!(seen, 9, "fly, emulate, serve, console, table1, replay; of bench accuracy, integrity, budget");
     }
 }
