@@ -295,13 +295,16 @@ impl Drop for Program {
     }
 }
 
+/// What has not come in so many bytes will not come: twenty seconds of headings at five times their pace.
+const MOST: usize = 80_000;
+
 /// Reads until something has come.
 fn read_until(from: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
     let mut read = Vec::new();
     while !is_there(&read) {
         let mut bytes = [0; 1024];
         let more = from.read(&mut bytes).unwrap();
-        assert!(more > 0, "ended after {:?}", String::from_utf8_lossy(&read));
+        assert!(more > 0 && read.len() < MOST, "not in {:?}", String::from_utf8_lossy(&read));
         read.extend(&bytes[..more]);
     }
     read
