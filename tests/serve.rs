@@ -72,7 +72,7 @@ const HEADING_BOUND_DEG: f64 = 2.5;
 #[test]
 fn what_a_person_types_is_answered_and_flash_survives() {
     let mut first = served(Options::default(), None);
-    assert!(typed(&mut first, "status").contains("ok uncalibrated"));
+    assert!(typed(&mut first, "status").contains("calibration: none"));
     assert!(typed(&mut first, "frobnicate").contains("error unknown-command: "));
     assert!(headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
@@ -357,7 +357,7 @@ fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
         let mut printed = console.stdout.take().unwrap();
         let mut keys = console.stdin.take().unwrap();
         keys.write_all(b"\rstatus\r").unwrap();
-        read_until(&mut printed, contains("ok uncalibrated"));
+        read_until(&mut printed, contains("calibration: none"));
         drop(keys);
         assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
     }
