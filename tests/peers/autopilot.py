@@ -49,16 +49,10 @@ class Aircraft:
         return math.radians(self.roll_rate_deg_s), turn * math.sin(roll), turn * math.cos(roll)
 
 
-def bank_deg(seconds, aircraft):
-    """Three circles and a little to the right, as many to the left, then to the heading."""
+def turning(seconds):
+    """Three circles and a little to the right, as many to the left, and again: a busy computer loses some of it."""
     circles_s = 3.2 * 360.0 / TURN_RATE_DEG_S
-    if seconds < 3.0:
-        return 0.0
-    if seconds < 3.0 + circles_s:
-        return BANK_DEG
-    if seconds < 3.0 + 2.0 * circles_s:
-        return -BANK_DEG
-    return max(-BANK_DEG, min(BANK_DEG, wrap_180(HEADING_DEG - aircraft.heading_deg)))
+    return BANK_DEG if int(seconds / circles_s) % 2 == 0 else -BANK_DEG
 
 
 class Flight:
@@ -71,10 +65,10 @@ class Flight:
         self.began = time.monotonic()
         self.flown_s, self.beats = 0.0, 0
 
-    def go_on(self):
-        """Flies on for a period, in the time that it takes."""
+    def go_on(self, bank_deg):
+        """Flies on at a bank for a period, in the time that it takes."""
         aircraft, mav = self.aircraft, self.link.mav
-        aircraft.fly(bank_deg(self.flown_s, aircraft), PERIOD_S)
+        aircraft.fly(bank_deg, PERIOD_S)
         self.flown_s += PERIOD_S
         time.sleep(max(0.0, self.began + self.flown_s / SPEED - time.monotonic()))
         self.module.lie(aircraft.roll_deg, 0.0, aircraft.heading_deg)
@@ -89,8 +83,8 @@ class Flight:
 def calibrate(module, flight):
     """Flies until the module says that it has calibrated."""
     while not re.search("note (calibrated: .*|refused .*)\r\n", module.printed):
-        flight.go_on()
-        assert flight.flown_s < 400.0, f"no calibration: {module.printed}"
+        flight.go_on(turning(flight.flown_s))
+        assert flight.flown_s < 800.0, f"no calibration: {module.type('status', 'saves: ')}"
         if select.select([module.console], [], [], 0.0)[0]:
             module.listen()
 
@@ -103,7 +97,8 @@ def check_headings(module, flight):
     until_s = flight.flown_s + 60.0
     while good < 20:
         assert flight.flown_s < until_s, "no headings"
-        flight.go_on()
+        error_deg = wrap_180(HEADING_DEG - flight.aircraft.heading_deg)
+        flight.go_on(max(-BANK_DEG, min(BANK_DEG, error_deg)))
         if not select.select([nmea], [], [], 0.0)[0]:
             continue
         *lines, read = (read + nmea.recv(4096)).split(b"\r\n")
