@@ -8,6 +8,7 @@
 //! | [`rig`], [`emulator`] | the two there are: simulated here, and as ARM code in QEMU |
 //! | [`routine`] | what a person flies to calibrate, aircraft by aircraft |
 //! | [`mission`] | the flight that calibrates, on either |
+//! | [`serve`] | the module for those outside: who types, flies, listens, or brings a simulator of their own |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
 //! | [`replay`] | a recorded flight through the module's collection and solver |
@@ -35,5 +36,6 @@ pub mod report;
 pub mod rig;
 pub mod routine;
 pub mod score;
+pub mod serve;
 pub mod transcript;
 pub mod world;

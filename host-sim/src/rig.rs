@@ -23,6 +23,8 @@ use crate::world::{World, WorldConfig};
 
 /// Pages of the store, as on the board.
 const STORE_PAGES: usize = 8;
+/// Bytes of it.
+pub const STORE_BYTES: usize = STORE_PAGES * PAGE_BYTES;
 
 /// The watchdog's period, as on the board.
 const WATCHDOG_US: u64 = 2_000_000;
@@ -159,6 +161,16 @@ impl Rig {
         rig
     }
 
+    /// Puts these contents into the flash and starts the module anew, as it would from a board's. False, and nothing done,
+    /// when they are not [`STORE_BYTES`].
+    pub fn load_flash(&mut self, contents: &[u8]) -> bool {
+        let fits = self.flash.restore(contents);
+        if fits {
+            self.power_on(ResetCause::PowerOn);
+        }
+        fits
+    }
+
     /// Cuts the power: the module's tasks are gone at this instant, wherever they were.
     pub fn power_off(&mut self) {
         self.simulation.power_off();
@@ -174,7 +186,7 @@ impl Rig {
         let (console_rx, console_tx) = self.console_cable.module();
         let (autopilot_rx, autopilot_tx) = self.autopilot_cable.module();
         let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Config::default());
-        let store = Store::new(self.flash.clone(), 0..(STORE_PAGES * PAGE_BYTES) as u32);
+        let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
         let dog = SimulatedWatchdog(self.reset.clone());
         let panel = self.panel.clone();

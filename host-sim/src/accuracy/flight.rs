@@ -137,7 +137,7 @@ fn straight(random: &mut Random) -> Leg {
 }
 
 /// Anything that such a vehicle does.
-fn wandering(kind: Kind, random: &mut Random) -> Leg {
+pub(crate) fn wandering(kind: Kind, random: &mut Random) -> Leg {
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
     let choices = if kind.hovers() { 5.0 } else { 2.0 };
     match random.uniform(0.0, choices) as u8 {

@@ -17,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::print::{coefficients, right_aligned, shortest};
-use super::{Emulate, Failure, Fly};
+use super::{Emulate, Failure, Fly, iron};
 
 /// Where the report goes when a person does not say.
 const DEFAULT_REPORT: &str = "report";
@@ -38,7 +38,7 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
 
 /// `--aircraft` names a kind; before there was more than one it named the iron, and still does.
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {
-    let named = |iron: &str| WorldConfig::named(iron, options.seed).map_err(|error| Failure(error.to_string()));
+    let named = |name: &str| iron(name, options.seed);
     let world = match (Kind::from_name(&options.aircraft), &options.airframe) {
         (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.carried_by(kind),
         (None, None) => named(&options.aircraft)?,
@@ -199,7 +199,12 @@ mod tests {
         let both = asked(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
         assert!(both.contains("plane, copter, vtol, rover, boat"), "{both}");
         let none = asked(&["--aircraft", "zeppelin"]).unwrap_err();
-        assert!(none.starts_with("zeppelin: ") && none.contains("`copter`") && none.contains("`table1`"), "{none}");
+        assert!(
+            none.starts_with("airframe-unreadable: zeppelin: ")
+                && none.contains("`copter`")
+                && none.contains("`table1`"),
+            "{none}"
+        );
         assert!(asked(&["--current", "-1"]).is_err() && asked(&["--current", "201"]).is_err());
     }
 }

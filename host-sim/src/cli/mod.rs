@@ -6,16 +6,19 @@ mod fly;
 mod integrity;
 mod print;
 mod replay;
+mod serve;
 mod table1;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use host_sim::world::WorldConfig;
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
-/// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes.
+/// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes. Only `serve` and
+/// `console` go with the clock on the wall, and with what comes in.
 /// Exit codes: 0 calibrated, 1 the module refused, 2 the command was wrong.
 #[derive(Parser)]
 #[command(version, about, long_about, args_conflicts_with_subcommands = true)]
@@ -26,15 +29,14 @@ struct Cli {
     fly: Fly,
 }
 
+// What each does is said where its options are: here it would hide all but the first line of that.
 #[derive(Subcommand)]
 enum Command {
-    /// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default)
     Fly(Fly),
-    /// The same with the firmware as ARM code, in QEMU
     Emulate(Emulate),
-    /// Compare the methods on the aircraft of the paper's table 1
+    Serve(serve::Serve),
+    Console(serve::Console),
     Table1(Table1),
-    /// Send a recorded flight through the module's collection and solver
     Replay(Replay),
     /// Measure accuracy or speed
     #[command(subcommand)]
@@ -43,13 +45,9 @@ enum Command {
 
 #[derive(Subcommand)]
 enum Bench {
-    /// Random airframes: heading error of each method over the Cramer-Rao bound, and whether sigma is true
     Accuracy(Accuracy),
-    /// Faults in flight and while calibrating: how much of what is sent as good is not
     Integrity(Integrity),
-    /// Time of a solve, and of simulated flight
     Speed(Speed),
-    /// Instructions of a Cortex-M4 against their limits, counted in QEMU
     Budget(Budget),
 }
 
@@ -192,7 +190,7 @@ enum SourceArgument {
     Mavlink,
 }
 
-/// Time of a solve by each method, and simulated seconds a second of flight, on this machine.
+/// Time of a solve by each method, and simulated seconds a second of flight, on this machine
 #[derive(Args)]
 struct Speed {
     /// Print one JSON object instead of the text
@@ -265,7 +263,7 @@ impl From<UnitArgument> for host_sim::replay::recording::Unit {
     }
 }
 
-/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading.
+/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default).
 ///
 /// The routine is what a person flies, drives or steers by hand with such a vehicle; all of them are listed below. The
 /// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
@@ -304,7 +302,9 @@ struct Fly {
     console: bool,
 }
 
-/// The same mission with the firmware as ARM code: QEMU's mps2-an386, a Cortex-M4F with QEMU's own magnetometer.
+/// The same with the firmware as ARM code, in QEMU.
+///
+/// QEMU's mps2-an386 is a Cortex-M4F with QEMU's own magnetometer.
 ///
 /// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that
 /// a run is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.
@@ -358,12 +358,19 @@ fn within(text: &str, min: f64, max: f64) -> Result<f64, String> {
 /// Why a command could not be carried out at all; exit code 2.
 struct Failure(String);
 
+/// The world of an iron's name or airframe file.
+fn iron(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
+    WorldConfig::named(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
+}
+
 /// Reads the command line and carries it out.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command.unwrap_or(Command::Fly(cli.fly)) {
         Command::Fly(options) => fly::run(&options),
         Command::Emulate(options) => fly::emulate(&options),
+        Command::Serve(options) => serve::serve(&options),
+        Command::Console(options) => serve::console(&options),
         Command::Table1(options) => table1::run(&options),
         Command::Replay(options) => replay::run(&options),
         Command::Bench(Bench::Accuracy(options)) => accuracy::run(&options),

@@ -130,6 +130,13 @@ impl Autopilot {
         self.held = Command { bank_rad, pitch_rad, ..Command::default() };
     }
 
+    /// Drops the plan and does what it does at the end of one: goes on wings level, or hovers.
+    pub fn rest(&mut self) {
+        self.plan.clear();
+        self.active = None;
+        self.held = Command { manner: self.rest, ..Command::default() };
+    }
+
     /// Legs not finished, the one under way included.
     #[must_use]
     pub fn legs_left(&self) -> usize {

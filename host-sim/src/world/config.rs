@@ -57,6 +57,8 @@ pub enum ConfigError {
         /// The reason.
         reason: String,
     },
+    /// What is in this file cannot be used.
+    InFile(String, Box<Self>),
     /// The file is not of the format; where and why.
     Format(String),
     /// A number makes no sense.
@@ -72,6 +74,19 @@ pub enum ConfigError {
     },
 }
 
+impl ConfigError {
+    /// A stable code for scripts.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Unreadable { .. } => "airframe-unreadable",
+            Self::InFile(_, error) => error.code(),
+            Self::Format(_) => "airframe-format",
+            Self::OutOfRange { .. } => "airframe-out-of-range",
+        }
+    }
+}
+
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -79,6 +94,7 @@ impl fmt::Display for ConfigError {
                 let kinds = Kind::ALL.map(Kind::name).join("`, `");
                 write!(f, "{path}: {reason} (expected `{kinds}`, `table1`, `random` or an airframe file)")
             }
+            Self::InFile(path, error) => write!(f, "{path}: {error}"),
             Self::Format(message) => f.write_str(message.trim_end()),
             Self::OutOfRange { setting, value, min, max } => {
                 write!(f, "{setting} is {value}; it must lie in {min} to {max}")
@@ -124,7 +140,7 @@ impl WorldConfig {
     pub fn from_file(path: &Path, seed: u64) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| ConfigError::Unreadable { path: path.display().to_string(), reason: error.to_string() })?;
-        Self::from_toml(&text, seed)
+        Self::from_toml(&text, seed).map_err(|error| ConfigError::InFile(path.display().to_string(), Box::new(error)))
     }
 
     /// Reads the text of an airframe file.

@@ -35,6 +35,7 @@ use self::attitude_source::AttitudeSource;
 use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
 use self::earth::Earth;
+use self::rotation::Euler;
 pub use self::state::TrueState;
 use crate::clock;
 use crate::devices::lis3mdl::FieldSource;
@@ -50,6 +51,7 @@ struct Inner {
     history: VecDeque<TrueState>,
     disturbance_ut: Vector3<f64>,
     is_armed: bool,
+    sends_attitude: bool,
 }
 
 /// The world: a handle, cloned freely. It moves on when somebody asks for a time that it has not reached, so asking
@@ -69,6 +71,7 @@ impl World {
             history,
             disturbance_ut: Vector3::zeros(),
             is_armed: false,
+            sends_attitude: true,
         })))
     }
 
@@ -115,6 +118,11 @@ impl World {
         self.up_to_now().aircraft.autopilot_mut().command(bank_deg, pitch_deg);
     }
 
+    /// Drops the flight plan: the aircraft goes on wings level, or hovers.
+    pub fn rest(&self) {
+        self.up_to_now().aircraft.autopilot_mut().rest();
+    }
+
     /// Appends a leg to the flight plan.
     pub fn fly(&self, leg: Leg) {
         self.up_to_now().aircraft.autopilot_mut().fly(leg);
@@ -129,6 +137,27 @@ impl World {
     /// Carries the aircraft from now on: on level ground, at a heading, on a bench.
     pub fn carry(&self, how: Carried) {
         self.up_to_now().aircraft.carry(how);
+    }
+
+    /// Lets the aircraft move by itself again, from where it was when that ended.
+    pub fn let_go(&self) {
+        self.up_to_now().aircraft.let_go();
+    }
+
+    /// Brings the aircraft to an attitude that somebody else says it has now; see `aircraft/followed.rs`.
+    pub fn follow(&self, told: Euler) {
+        self.up_to_now().aircraft.follow(told);
+    }
+
+    /// Lets the attitude source send, as it does from the beginning, or be silent: somebody else has the line.
+    pub fn set_sends_attitude(&self, sends: bool) {
+        self.0.borrow_mut().sends_attitude = sends;
+    }
+
+    /// Whether the attitude source sends.
+    #[must_use]
+    pub fn sends_attitude(&self) -> bool {
+        self.0.borrow().sends_attitude
     }
 
     /// Fault: adds a field in the chip's axes, microtesla, from now on, as a switched-on motor or a passing ferry

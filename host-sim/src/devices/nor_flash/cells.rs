@@ -36,6 +36,19 @@ impl Cells {
         &self.bytes
     }
 
+    /// Takes these bytes for what is stored; a double word that is not erased has been programmed. False, and nothing
+    /// done, when there are more or fewer.
+    pub fn restore(&mut self, bytes: &[u8]) -> bool {
+        if bytes.len() != self.bytes.len() {
+            return false;
+        }
+        self.bytes.copy_from_slice(bytes);
+        for (programmed, word) in self.programmed.iter_mut().zip(bytes.chunks_exact(WORD_BYTES)) {
+            *programmed = word != [ERASED; WORD_BYTES];
+        }
+        true
+    }
+
     pub fn flip_bits(&mut self, offset: usize, mask: u8) {
         self.bytes[offset] ^= mask;
     }

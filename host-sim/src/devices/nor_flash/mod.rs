@@ -140,6 +140,12 @@ impl Flash {
         self.0.borrow().cells.bytes().to_vec()
     }
 
+    /// Stores what [`contents`](Self::contents) gave. False, and nothing stored, when it was a device of another size.
+    #[must_use]
+    pub fn restore(&self, contents: &[u8]) -> bool {
+        self.0.borrow_mut().cells.restore(contents)
+    }
+
     /// Fault: inverts bits of one byte, as radiation or age would.
     ///
     /// # Panics

@@ -141,6 +141,12 @@ impl HostEnd {
         self.to_host.borrow_mut().take(usize::MAX, clock::now_us())
     }
 
+    /// Bytes sent that have not arrived.
+    #[must_use]
+    pub fn unsent(&self) -> usize {
+        self.to_module.borrow().outstanding(clock::now_us())
+    }
+
     /// Waits until there is something to [`receive`](Self::receive).
     pub async fn readable(&self) {
         poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;

@@ -10,11 +10,13 @@
 //! | `vtol.rs` | the two in one |
 //! | `surface.rs` | rough ground and waves |
 //! | `rover.rs`, `boat.rs` | what lies as the surface below it does |
+//! | `followed.rs` | as somebody else's simulator says |
 
 mod air;
 mod boat;
 mod config;
 mod copter;
+mod followed;
 mod plane;
 mod rover;
 mod surface;
@@ -27,10 +29,12 @@ pub use self::config::{Config, Kind};
 use self::air::Air;
 use self::boat::Boat;
 use self::copter::{Copter, Limits};
+use self::followed::Followed;
 use self::plane::Plane;
 use self::rover::Rover;
 use self::vtol::Vtol;
 use super::autopilot::{Autopilot, Command};
+use super::rotation::Euler;
 use super::state::TrueState;
 use super::weather::Weather;
 
@@ -102,13 +106,23 @@ pub struct Carried {
     pub heading_rate_deg_s: f64,
 }
 
+/// What moves it.
+#[derive(Clone, Debug)]
+enum Moved {
+    /// It moves by itself.
+    ByItself,
+    /// It is carried, since so many microseconds.
+    Carried(Carried, u64),
+    /// It moves as somebody else says.
+    Followed(Followed),
+}
+
 /// The aircraft and its autopilot.
 #[derive(Clone, Debug)]
 pub struct Aircraft {
     vehicle: Vehicle,
     autopilot: Autopilot,
-    /// How it is carried, and since when, microseconds; none if it moves by itself.
-    carried: Option<(Carried, u64)>,
+    moved: Moved,
     state: TrueState,
 }
 
@@ -120,7 +134,7 @@ impl Aircraft {
         let mut aircraft = Self {
             vehicle: Vehicle::new(config, weather, seed),
             autopilot: Autopilot::new(config.kind.hovers()),
-            carried: None,
+            moved: Moved::ByItself,
             state: TrueState { time_us: start_us, heading_rad, ..TrueState::default() },
         };
         // The first step finds attitude and rates that belong together. What lies on ground or water has its attitude from
@@ -152,15 +166,30 @@ impl Aircraft {
 
     /// Carries it from now on.
     pub fn carry(&mut self, how: Carried) {
-        self.carried = Some((how, self.state.time_us));
+        self.moved = Moved::Carried(how, self.state.time_us);
     }
 
-    /// Moves on, or is carried on, by one step.
+    /// Lets it move by itself again, from where it was when that ended.
+    pub fn let_go(&mut self) {
+        self.moved = Moved::ByItself;
+    }
+
+    /// Brings it to an attitude that somebody else says it has now; see `followed.rs`.
+    pub fn follow(&mut self, told: Euler) {
+        let before = if let Moved::Followed(followed) = &self.moved { Some(followed) } else { None };
+        self.moved = Moved::Followed(Followed::told(before, &self.state, told));
+    }
+
+    /// Moves on, or is moved on, by one step.
     pub fn step(&mut self) {
-        if let Some((how, since_us)) = self.carried {
-            self.state = self.carried_state(how, since_us);
-            return;
+        match &self.moved {
+            Moved::ByItself => self.fly_on(),
+            Moved::Carried(how, since_us) => self.state = self.carried_state(*how, *since_us),
+            Moved::Followed(followed) => self.state = followed.after_a_step(&self.state),
         }
+    }
+
+    fn fly_on(&mut self) {
         let command = self.autopilot.step(&self.state);
         let before = &self.state;
         let motion = self.vehicle.step(command, before);

@@ -242,8 +242,8 @@ impl AttitudeSource {
         frame.raw_bytes().to_vec()
     }
 
-    /// Sends attitude at its rate and a heartbeat every second, for ever: a task of the world. The faults act on every
-    /// attitude message, in their order.
+    /// Sends attitude at its rate and a heartbeat every second, for ever, while the [world lets
+    /// it](World::set_sends_attitude): a task of the world. The faults act on every attitude message, in their order.
     pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
         let latency_us = (self.config.latency_ms * 1e3) as u64;
@@ -254,7 +254,10 @@ impl AttitudeSource {
             Timer::at(Instant::from_micros(now_us)).await;
             if now_us >= heartbeat_us && self.identity.heartbeats.is_some() {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
-                uart.send(&self.heartbeat_message(world.is_armed()));
+                let heartbeat = self.heartbeat_message(world.is_armed());
+                if world.sends_attitude() {
+                    uart.send(&heartbeat);
+                }
             }
             let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
             let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
@@ -262,7 +265,11 @@ impl AttitudeSource {
             for fault in &mut faults {
                 fault.tamper(now_us, &mut message);
             }
-            uart.send(&self.encode(&message));
+            // Silent it goes on with its noise, which is that of its instant whoever else has sent.
+            let frame = self.encode(&message);
+            if world.sends_attitude() {
+                uart.send(&frame);
+            }
         }
     }
 }

@@ -1,0 +1,81 @@
+"""gpsd as a navigation program: it tells its clients the module's heading with the position.
+
+gpsd tells a heading along with a position, so this script is also what joins the two on a boat, a multiplexer: it passes on
+the module's sentences and, once a second, those of a GPS that stands still.
+"""
+
+import datetime
+import json
+import socket
+import subprocess
+import threading
+
+import pynmea2
+
+from served import HEADING_BOUND_DEG, PATIENCE_S, Served, wrap_180
+
+HEADING_DEG = 217.0
+
+
+def position():
+    """A GPS over Xi'an: the first sentence of an instant, and the last."""
+    time, date = datetime.datetime.now(datetime.timezone.utc).strftime("%H%M%S.00 %d%m%y").split()
+    rmc = (time, "A", "3415.00", "N", "10856.00", "E", "0.0", "", date, "", "", "A")
+    gga = (time, "3415.00", "N", "10856.00", "E", "1", "10", "0.9", "400.0", "M", "-30.0", "M", "", "")
+    return [f"{sentence}\r\n".encode() for sentence in (pynmea2.RMC("GP", "RMC", rmc), pynmea2.GGA("GP", "GGA", gga))]
+
+
+def multiplex(module, listener):
+    """Joins the two for who connects."""
+    gpsd, _ = listener.accept()
+    try:
+        # Three sentences, ten times a second. What belongs to an instant stands between the GPS's two.
+        for number, line in enumerate(module.connect(module.tcp).makefile("rb")):
+            if number % 30 == 0:
+                first, last = position()
+                gpsd.sendall(first)
+            gpsd.sendall(line)
+            if number % 30 == 3:
+                gpsd.sendall(last)
+    except OSError:
+        # It has ended.
+        pass
+
+
+def headings(client):
+    """Magnetic headings that gpsd tells: before version 3.23 with the position, since then as an attitude."""
+    for line in client:
+        told = json.loads(line)
+        heading = {"TPV": told.get("magtrack"), "ATT": told.get("mheading", told.get("heading"))}.get(told["class"])
+        if heading is not None:
+            yield heading
+
+
+def connected(port, gpsd):
+    """A client of a gpsd that has just been started."""
+    while True:
+        assert gpsd.poll() is None, "gpsd has ended"
+        try:
+            return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+        except ConnectionRefusedError:
+            pass
+
+
+with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
+    module.hold(HEADING_DEG)
+    threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()
+    free.bind(("127.0.0.1", 0))
+    port = free.getsockname()[1]
+    free.close()
+    command = ["gpsd", "-N", "-n", "-S", str(port), f"tcp://127.0.0.1:{listener.getsockname()[1]}"]
+    gpsd = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        client = connected(port, gpsd)
+        client.sendall(b'?WATCH={"enable":true,"json":true};\n')
+        told = headings(client.makefile())
+        heard = [next(told) for _ in range(5)]
+    finally:
+        gpsd.terminate()
+        gpsd.wait()
+    assert all(abs(wrap_180(deg - HEADING_DEG)) < HEADING_BOUND_DEG for deg in heard), heard
+print(f"gpsd: {heard}")

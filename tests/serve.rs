@@ -1,0 +1,418 @@
+//! The simulated module for those outside: what is served, on virtual time, and over real wires.
+#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
+
+use std::fs;
+use std::io::{BufRead as _, BufReader, Read, Write};
+use std::net::{TcpStream, UdpSocket};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use host_sim::nmea::Reader;
+use host_sim::rig::STORE_BYTES;
+use host_sim::score::wrap_180;
+use host_sim::serve::{AUTOPILOT, Attitude, CONSOLE, Image, Options, Pattern, Served, Visits};
+use host_sim::world::WorldConfig;
+use mavlink::dialects::common::ATTITUDE_DATA;
+use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use testkit::random::Random;
+
+const SECOND_US: u64 = 1_000_000;
+
+fn served(options: Options, image: Option<&Image>) -> Served {
+    let mut served = Served::new(WorldConfig::table1(1), options, image);
+    served.advance(SECOND_US);
+    served
+}
+
+/// Types a line, and gives what is printed within half a second, more than any answer takes.
+fn typed(served: &mut Served, line: &str) -> String {
+    drop(served.take(CONSOLE));
+    served.feed(CONSOLE, format!("{line}\r").as_bytes());
+    served.advance(SECOND_US / 2);
+    String::from_utf8(served.take(CONSOLE)).unwrap()
+}
+
+/// The headings that come in some seconds; none where the field is empty.
+fn headings(served: &mut Served, seconds: u64) -> Vec<Option<f64>> {
+    drop(served.take(AUTOPILOT));
+    served.advance(seconds * SECOND_US);
+    sentences(&served.take(AUTOPILOT))
+}
+
+fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
+    let mut reader = Reader::default();
+    let received = bytes.iter().filter_map(|&byte| reader.push(0, byte));
+    received.filter(|sentence| sentence.kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
+}
+
+/// The flash of a module that was served while a person typed `cal start turns`.
+static CALIBRATED: LazyLock<Image> = LazyLock::new(|| {
+    let mut served = served(Options::default(), None);
+    assert!(typed(&mut served, "cal start turns").contains("ok collecting"));
+    let mut session = String::new();
+    // Four circles each way at 12 deg/s are 240 s.
+    for _ in 0..300 {
+        served.advance(SECOND_US);
+        session.push_str(&String::from_utf8(served.take(CONSOLE)).unwrap());
+        if session.contains("note calibrated: expected error") {
+            return served.flash();
+        }
+    }
+    panic!("it did not calibrate: {session}");
+});
+
+/// What a heading may be off, degrees: a calibration of this airframe by 1.0 (README), and attitude that is off by three
+/// of its sigmas, 0.2 of bias and 0.3 of noise, for each of which the heading pays the tangent of 54 deg.
+const HEADING_BOUND_DEG: f64 = 2.5;
+
+#[test]
+fn what_a_person_types_is_answered_and_flash_survives() {
+    let mut first = served(Options::default(), None);
+    assert!(typed(&mut first, "status").contains("calibration: none"));
+    assert!(typed(&mut first, "frobnicate").contains("error unknown-command: "));
+    assert!(headings(&mut first, 1).iter().all(Option::is_none));
+    drop(first);
+    let mut again = served(Options::default(), Some(&CALIBRATED));
+    assert!(typed(&mut again, "status").contains("ok calibrated"));
+    let headings = headings(&mut again, 3);
+    assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
+}
+
+/// Whoever paces it against a clock does not change what it does.
+#[test]
+fn it_is_the_same_in_whatever_pieces_time_goes_on() {
+    let flown = |pieces_us: &[u64]| {
+        let options = Options { pattern: Pattern::Wandering, ..Options::default() };
+        let mut served = Served::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
+        let mut pieces = pieces_us.iter().cycle();
+        for typed in [&b"status\r"[..], b"cal start\r", b"status\r"] {
+            let until_us = served.now_us() + 20 * SECOND_US;
+            served.feed(CONSOLE, typed);
+            while served.now_us() < until_us {
+                served.advance((*pieces.next().unwrap()).min(until_us - served.now_us()));
+            }
+        }
+        (served.take(CONSOLE), served.take(AUTOPILOT))
+    };
+    let whole = flown(&[20 * SECOND_US]);
+    assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
+    assert!(whole == flown(&[7_300, 1, 250_000, 99_999]), "other bytes");
+}
+
+/// A bank of 25 deg turns an aeroplane of 22 m/s by 11.9 deg/s: 30 s for a circle, and the legs of before are dropped.
+#[test]
+fn the_pilot_flies_what_he_is_told() {
+    let mut served = served(Options::default(), None);
+    assert_eq!(served.order("turn 25 -360").unwrap(), "ok flies as ordered");
+    served.order("heading 90 30").unwrap();
+    let mut banks = Vec::new();
+    for _ in 0..30 {
+        served.advance(SECOND_US);
+        banks.push(number_after(&served.order("status").unwrap(), "roll "));
+    }
+    let [shortest, longest] = [banks.iter().copied().fold(0.0, f64::max), banks.iter().copied().fold(0.0, f64::min)];
+    assert!(longest < -20.0 && shortest < 5.0, "to the left only: {banks:?}");
+    served.advance(30 * SECOND_US);
+    let heading_deg = number_after(&served.order("status").unwrap(), "magnetic heading ");
+    assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
+
+    assert!(typed(&mut served, "reboot").contains("error armed: "));
+    assert_eq!(served.order("land").unwrap(), "ok lands");
+    // Five seconds to level out, one to the next heartbeat.
+    served.advance(7 * SECOND_US);
+    assert_eq!(served.order("turn 25 90").unwrap_err().code(), "landed");
+    assert!(served.order("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
+    assert!(typed(&mut served, "reboot").contains("started by reboot"));
+    served.order("takeoff").unwrap();
+    served.advance(2 * SECOND_US);
+    assert!(typed(&mut served, "reboot").contains("error armed: "));
+    assert_eq!(served.order("loop 3").unwrap_err().code(), "unknown-order");
+}
+
+fn number_after(text: &str, words: &str) -> f64 {
+    let rest = text.split_once(words).unwrap_or_else(|| panic!("{words} in {text}")).1;
+    rest.split([',', ' ', ';']).next().unwrap().parse().unwrap()
+}
+
+const VISITED: Options = Options { pattern: Pattern::Routine, attitude: Attitude::Auto, is_visited: true };
+
+#[test]
+fn attitudes_of_another_simulator_turn_the_heading() {
+    let mut served = served(VISITED, Some(&CALIBRATED));
+    for deg in [90.0, 200.0, 345.0] {
+        for _ in 0..60 {
+            served.told(format!("0 0 {deg}").as_bytes()).unwrap();
+            served.advance(SECOND_US / 20);
+        }
+        let headings = headings(&mut served, 2);
+        let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - deg));
+        let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
+        assert!(headings.len() >= 19 && worst < HEADING_BOUND_DEG, "{deg}: {headings:?}");
+    }
+    assert_eq!(served.order("turn 25 90").unwrap_err().code(), "flown-by-another");
+}
+
+#[test]
+fn what_is_no_attitude_is_counted_and_not_followed() {
+    let mut served = served(VISITED, None);
+    served.told(b"10 5 90").unwrap();
+    served.advance(SECOND_US);
+    let before = served.order("status").unwrap();
+    let mut random = Random(7);
+    for (number, bad) in [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate() {
+        let code = served.told(bad).unwrap_err().code();
+        assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
+    }
+    served.advance(SECOND_US);
+    assert_eq!(served.visits(), Some(Visits { followed: 1, malformed: 5 }));
+    let after = served.order("status").unwrap();
+    let lies = |status: &str| status.split_once("as told: ").unwrap().1.split_once(';').unwrap().0.to_owned();
+    assert_eq!(lies(&after), lies(&before));
+    assert!(lies(&after).contains("roll 10.0, pitch 5.0, magnetic heading 90.0 deg"), "{after}");
+    assert!(after.ends_with("1 attitudes told, 5 malformed"), "{after}");
+}
+
+/// An autopilot with a bank of its own, which nobody else has.
+fn peer_frame(tick: u32) -> Vec<u8> {
+    let roll = 0.7 + 0.001 * (tick % 7) as f32;
+    let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
+    let mut frame = MAVLinkV2MessageRaw::new();
+    frame.serialize_message_data(MavHeader { system_id: 9, component_id: 1, sequence: tick as u8 }, &theirs);
+    frame.raw_bytes().to_vec()
+}
+
+/// Who is attached has the line: the simulator falls silent, and speaks again three seconds after he does. The module
+/// believes another sender after ten seconds without its own (README).
+#[test]
+fn who_is_attached_sends_the_attitude() {
+    for (attitude, is_believed, believed) in [
+        // 50 a second: of the simulator's those of 1.5 s before, of the peer's those of 12 s from the tenth second on.
+        (Attitude::Auto, true, 165.0..185.0),
+        // Those of 14 s of the simulator's.
+        (Attitude::Own, false, 670.0..710.0),
+        // All of the peer's.
+        (Attitude::Peer, true, 600.0..602.0),
+    ] {
+        let options = Options { attitude, pattern: Pattern::Level, is_visited: false };
+        let mut served = served(options, None);
+        let has_own = attitude != Attitude::Peer;
+        assert_eq!(typed(&mut served, "status").contains("attitude: none"), !has_own, "{attitude:?}");
+        for tick in 0..600 {
+            served.feed(AUTOPILOT, &peer_frame(tick));
+            served.advance(SECOND_US / 50);
+        }
+        served.feed(AUTOPILOT, &peer_frame(600));
+        let status = typed(&mut served, "status");
+        assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
+        assert!(believed.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
+        served.advance(12 * SECOND_US);
+        let status = typed(&mut served, "status");
+        assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
+        assert!(!status.contains("attitude: roll 40."), "{status}");
+    }
+}
+
+/// Bytes of all kinds at both ports, then a person: it answers. There is never more on its way than a real line carries.
+#[test]
+fn no_bytes_stop_it() {
+    let mut served = served(Options::default(), None);
+    let mut random = Random(5);
+    for _ in 0..200 {
+        for port in [CONSOLE, AUTOPILOT, 2, usize::MAX] {
+            let mut bytes = random.bytes(served.room(port).min(300));
+            // What says reboot or clear by chance would be obeyed.
+            bytes.retain(|byte| !byte.is_ascii_alphabetic());
+            served.feed(port, &bytes);
+        }
+        served.advance(SECOND_US / 100);
+    }
+    assert!(served.room(AUTOPILOT) < 1152 && served.room(2) == 0);
+    served.advance(2 * SECOND_US);
+    // But for an attitude of the simulator's own, 40 bytes.
+    assert!(served.room(AUTOPILOT) >= 1152 - 40);
+    typed(&mut served, "");
+    assert!(typed(&mut served, "version").contains("ok autoswing"));
+}
+
+/// `host-sim` as it is built. What waits for it waits for its bytes; it is ended when the test is.
+struct Program {
+    child: Child,
+    says: BufReader<ChildStdout>,
+    places: Value,
+}
+
+fn host_sim(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+impl Program {
+    fn serve(arguments: &[&str]) -> Self {
+        let mut child = host_sim(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
+        let mut says = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        says.read_line(&mut line).unwrap();
+        let places = serde_json::from_str(&line).unwrap();
+        Self { child, says, places }
+    }
+
+    fn pty(&self, port: usize) -> String {
+        self.places["ports"][port]["pty"].as_str().unwrap().to_owned()
+    }
+
+    fn tcp(&self, port: usize) -> TcpStream {
+        let number = self.places["ports"][port]["tcp"].as_u64().unwrap() as u16;
+        let stream = TcpStream::connect(("127.0.0.1", number)).unwrap();
+        // Only so that a module that says nothing fails this test instead of holding it up.
+        stream.set_read_timeout(Some(Duration::from_mins(2))).unwrap();
+        stream
+    }
+
+    fn order(&mut self, line: &str) -> String {
+        writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
+        let mut answer = String::new();
+        self.says.read_line(&mut answer).unwrap();
+        answer
+    }
+
+    /// Ctrl-C; the exit code.
+    fn interrupt(&mut self) -> Option<i32> {
+        kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
+        self.child.wait().unwrap().code()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        // It has ended, unless the test has failed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What has not come in so many bytes will not come: twenty seconds of headings at five times their pace.
+const MOST: usize = 80_000;
+
+/// Reads until something has come.
+fn read_until(from: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+    let mut read = Vec::new();
+    while !is_there(&read) {
+        let mut bytes = [0; 1024];
+        let more = from.read(&mut bytes).unwrap();
+        assert!(more > 0 && read.len() < MOST, "not in {:?}", String::from_utf8_lossy(&read));
+        read.extend(&bytes[..more]);
+    }
+    read
+}
+
+fn contains(words: &str) -> impl Fn(&[u8]) -> bool + '_ {
+    move |read| String::from_utf8_lossy(read).contains(words)
+}
+
+#[test]
+fn over_tcp_it_answers_streams_follows_and_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("flash.bin");
+    CALIBRATED.write(&flash).unwrap();
+    let mut program =
+        Program::serve(&["--tcp", "0", "--world", "0", "--speed", "5", "--flash", flash.to_str().unwrap()]);
+    let mut console = program.tcp(CONSOLE);
+    console.write_all(b"version\r").unwrap();
+    read_until(&mut console, contains("ok autoswing 0.1.0\r\n> "));
+    let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let world = program.places["world"].as_u64().unwrap() as u16;
+    udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
+    udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
+    // Two hear the same, and each long enough to hear it turn.
+    for mut listener in [program.tcp(AUTOPILOT), program.tcp(AUTOPILOT)] {
+        let is_east =
+            |read: &[u8]| sentences(read).iter().flatten().any(|deg| wrap_180(deg - 90.0).abs() < HEADING_BOUND_DEG);
+        read_until(&mut listener, is_east);
+    }
+    assert!(program.order("status").contains("1 attitudes told, 1 malformed"));
+    assert!(program.order("land").starts_with("error flown-by-another: "));
+    console.write_all(b"set declination 7\r").unwrap();
+    read_until(&mut console, contains("ok declination 7.0 deg"));
+    assert_eq!(program.interrupt(), Some(0));
+    drop(program);
+    let image = Image::read(&flash).unwrap().unwrap();
+    assert!(image != *CALIBRATED, "what was set is kept");
+    let mut again = served(Options::default(), Some(&image));
+    let status = typed(&mut again, "status");
+    assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
+}
+
+/// The program that types is a real one, too, and so is the pseudo-terminal.
+#[test]
+fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
+    let mut program = Program::serve(&["--speed", "5"]);
+    let path = program.pty(CONSOLE);
+    for _ in 0..2 {
+        let mut console = host_sim(&["console", &path]).spawn().unwrap();
+        let mut printed = console.stdout.take().unwrap();
+        let mut keys = console.stdin.take().unwrap();
+        keys.write_all(b"\rstatus\r").unwrap();
+        read_until(&mut printed, contains("calibration: none"));
+        drop(keys);
+        assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
+    }
+    let mut nmea = fs::File::open(program.pty(AUTOPILOT)).unwrap();
+    read_until(&mut nmea, contains("$HCHDM,,M*07\r\n"));
+    assert_eq!(program.interrupt(), Some(0));
+    drop(nmea);
+    assert!(!Path::new(&path).exists());
+}
+
+#[test]
+fn a_console_of_its_own_needs_nobody_who_serves() {
+    let mut console = host_sim(&["console", "--speed", "5"]).spawn().unwrap();
+    console.stdin.take().unwrap().write_all(b"version\r").unwrap();
+    let Output { status, stdout, .. } = console.wait_with_output().unwrap();
+    assert!(status.success() && contains("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
+}
+
+/// Each with its code and what it is about, on the error output; exit code 2.
+#[test]
+fn what_cannot_be_served_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let flash = file("short.bin", &vec![0xFF; STORE_BYTES - 1]);
+    let garbage = file("garbage.toml", b"\xff\xfe[[");
+    let format = file("format.toml", b"[airframe]\nsoft_iron = 1\n");
+    let range = file(
+        "range.toml",
+        b"[airframe]\nsoft_iron = [[9,0,0],[0,9,0],[0,0,9]]\nhard_iron_ut = [0,0,0]\nmounting_deg = [0,0,0]\n",
+    );
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let tcp = taken.local_addr().unwrap().port().to_string();
+    let taken_world = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let udp = taken_world.local_addr().unwrap().port().to_string();
+    drop(taken.incoming());
+    for (arguments, code, about) in [
+        (["serve", "--flash", &flash], "flash-size", "16383"),
+        (["serve", "--flash", "/nowhere/flash.bin"], "flash-unwritable", "/nowhere/flash.bin"),
+        (["serve", "--airframe", "/nowhere/a.toml"], "airframe-unreadable", "/nowhere/a.toml"),
+        (["serve", "--airframe", &garbage], "airframe-unreadable", &garbage),
+        (["serve", "--airframe", &format], "airframe-format", &format),
+        (["serve", "--airframe", &range], "airframe-out-of-range", &range),
+        (["serve", "--tcp", &tcp], "tcp-unavailable", &tcp),
+        (["serve", "--world", &udp], "world-unavailable", &udp),
+        (["console", "--tcp", "1"], "no-module", "TCP port 1"),
+        (["console", "/nowhere/pts", "--speed=1"], "no-module", "/nowhere/pts"),
+        (["serve", "--pattern", "eights"], "invalid value 'eights'", "routine, circles, wandering, level"),
+    ] {
+        let Output { status, stderr, .. } = host_sim(&arguments).output().unwrap();
+        let said = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(code) && said.contains(about), "{arguments:?}: {said}");
+    }
+}
