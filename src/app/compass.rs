@@ -25,11 +25,17 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
     }
     let Stored { settings, generations } = stored.unwrap_or_default();
     let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
+    drive(links, &mut store, &mut compass).await
+}
+
+/// Runs the machine for ever. It is made where it stays, by whoever calls this: one that is used where it is made was seen to
+/// be made on the stack, which has no room for it, and copied.
+async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass) -> ! {
     let mut armed = listen(&links.armed);
     let mut sensor = listen(&links.sensor);
     loop {
-        tell(links, &compass);
-        let (event, asker) = next_event(links, &compass, &mut armed, &mut sensor).await;
+        tell(links, compass);
+        let (event, asker) = next_event(links, compass, &mut armed, &mut sensor).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = apart(store.save(change)).await;
@@ -37,7 +43,7 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
             effect = compass.step(Event::Saved(result));
         }
         // Before the reply: whoever reads it finds the module as it says.
-        tell(links, &compass);
+        tell(links, compass);
         match effect {
             Effect::Reply(reply) if asker == Asker::Person => links.replies.send(reply).await,
             Effect::Notify(outcome) => {
