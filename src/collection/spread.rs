@@ -15,7 +15,11 @@
 //! away from the field, which leaves the derivative's direction as it is, and the reading's own is taken back. What is left
 //! shows in no residual, and pulls nothing.
 
-use crate::calibration::{Calibration, LeastSquares, Prediction, Quality, Row, Sample, Samples, Squares, centre};
+use nalgebra::Vector3;
+
+use crate::calibration::{
+    Calibration, LeastSquares, Orientation, Prediction, Quality, Row, Sample, Samples, Squares, centre,
+};
 
 /// What is known of each unknown beforehand, in dips: keeps what was never flown from being infinitely dear, and above
 /// what `f32` can tell from nothing in a sum over all samples.
@@ -32,7 +36,7 @@ const MAX_OFF_RAD: f32 = 0.05;
 #[derive(Clone, Debug)]
 struct View {
     calibration: Calibration,
-    /// Of a dip that is off, what is the reading's and not the attitude's; nothing by a sphere, which tells no dip.
+    /// Of a dip that is off, what is the reading's and not the attitude's.
     of_reading: f32,
     /// A sample that is new is worth so much less than it seems: noise makes it seem worth more, by a sphere more so.
     new: f32,
@@ -41,19 +45,25 @@ struct View {
 }
 
 impl View {
-    /// By a sphere, about nothing as yet.
-    const BY_SPHERE: Self = Self {
+    /// Not at all as yet. Nothing but zeros, which take no flash where a collection begins.
+    const NONE: Self = Self {
         calibration: Calibration {
-            w: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            w: [[0.0; 3]; 3],
             b_ut: [0.0; 3],
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
         },
         of_reading: 0.0,
-        new: 0.8,
+        new: 0.0,
         is_learnt: false,
     };
+
+    /// From the middle of a sphere.
+    fn from_centre(centre_ut: Vector3<f32>) -> Self {
+        let calibration = Calibration { b_ut: centre_ut.into(), ..Calibration::uncalibrated(Orientation::NONE) };
+        Self { calibration, of_reading: 0.0, new: 0.8, is_learnt: false }
+    }
 
     /// By coefficients that fit as well as this.
     fn by(calibration: &Calibration, quality: &Quality) -> Self {
@@ -64,11 +74,16 @@ impl View {
 
     /// What a sample says, of its strength and of its dip. By the direction of its reading, without its size, and as far as
     /// the reading was off towards the vertical, by where it was not.
+    #[inline(never)]
     fn rows(&self, sample: &Sample) -> [Row; 2] {
         let field_ut = self.calibration.apply(sample.field).ut;
         let direction = field_ut / field_ut.norm().max(MIN_UT);
-        let tilt = sample.attitude_after(self.calibration.latency_s).tilt();
-        let seen = Prediction::new(direction, &direction, &tilt);
+        let latency_s = self.calibration.latency_s;
+        let attitude = if latency_s == 0.0 { sample.attitude } else { sample.attitude_after(latency_s) };
+        let seen = Prediction::new(direction, &direction, &attitude.tilt());
+        if !self.is_learnt {
+            return [seen.norm_row(), seen.dip_row()];
+        }
         let off_rad = self.of_reading * (seen.dip_rad - self.calibration.inclination_rad);
         let off_rad = off_rad.clamp(-MAX_OFF_RAD, MAX_OFF_RAD);
         // A small turn in the plane of field and vertical.
@@ -93,16 +108,28 @@ pub(super) struct Spread {
 
 impl Spread {
     /// None is known.
-    pub const NONE: Self = Self { view: View::BY_SPHERE, design: LeastSquares::new(), least: 0.0 };
+    pub const NONE: Self = Self { view: View::NONE, design: LeastSquares::new(), least: 0.0 };
 
     /// None is known of another set, whose samples are seen as these are.
     pub fn of_others(&self) -> Self {
-        Self { view: self.view.clone(), ..Self::NONE }
+        Self { view: self.view.clone(), design: LeastSquares::new(), least: 0.0 }
+    }
+
+    /// Knows nothing again.
+    pub fn forget(&mut self) {
+        self.see(View::NONE);
     }
 
     /// Sees samples by coefficients from now on, which fit as well as this.
     pub fn learn(&mut self, calibration: &Calibration, quality: &Quality) {
-        *self = Self { view: View::by(calibration, quality), ..Self::NONE };
+        self.see(View::by(calibration, quality));
+    }
+
+    fn see(&mut self, view: View) {
+        // Not all at once: that would be a kilobyte of flash.
+        self.view = view;
+        self.design = LeastSquares::new();
+        self.least = 0.0;
     }
 
     /// Whether a sample that is not among them may tell more than the one that told least, as far as the set is still what
@@ -111,7 +138,7 @@ impl Spread {
         // Among them its leverage would be less.
         let worth: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
         // What is no number is looked at, and so is all while none is known.
-        worth.is_nan() || self.view.new * worth > BESIDE * self.least
+        worth.is_nan() || self.view.new * worth >= BESIDE * self.least
     }
 
     fn leverages(&self, sample: &Sample) -> [f32; 2] {
@@ -124,7 +151,7 @@ impl Spread {
         self.design = LeastSquares::new();
         if !self.view.is_learnt {
             let (centre_ut, _) = centre(samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
-            self.view.calibration.b_ut = centre_ut.into();
+            self.view = View::from_centre(centre_ut);
         }
         let mut squares = Squares::none();
         for sample in samples.all() {
@@ -150,7 +177,7 @@ impl Spread {
 mod tests {
     use core::f32::consts::TAU;
 
-    use nalgebra::{Matrix3, Vector3};
+    use nalgebra::Matrix3;
     use testkit::random::Random;
 
     use super::super::testing::sample;
@@ -297,7 +324,7 @@ mod tests {
             w: core::array::from_fn(|i| core::array::from_fn(|j| w[(i, j)])),
             b_ut: [60.0, -45.0, 80.0],
             inclination_rad: 1.1,
-            ..View::BY_SPHERE.calibration
+            ..View::NONE.calibration
         };
         View { calibration, of_reading, new: 0.9, is_learnt: true }
     }
@@ -310,10 +337,7 @@ mod tests {
         const NOISE: f32 = 0.01;
         let bent = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);
         let centre_ut = Vector3::new(60.0, -45.0, 80.0);
-        let by_sphere = View {
-            calibration: Calibration { b_ut: centre_ut.into(), ..View::BY_SPHERE.calibration },
-            ..View::BY_SPHERE
-        };
+        let by_sphere = View::from_centre(centre_ut);
         // What the dip's row changes by, of its size, at the most.
         let change = |view: &View, noisy: &dyn Fn(&Sample) -> Sample| {
             varied(&bent)
@@ -358,12 +382,16 @@ mod tests {
         let inside = at(0.3, 0.0, 0.0, &Matrix3::identity());
         assert!(!spread.may_gain(&inside));
         let Calibration { b_ut: before_ut, .. } = spread.view.calibration;
-        spread = Spread { view: learnt(&Matrix3::identity(), 0.5), ..Spread::NONE };
+        spread.see(learnt(&Matrix3::identity(), 0.5));
         assert!(spread.may_gain(&inside));
         spread.weakest(Samples { left: &samples, ..Samples::default() }).unwrap();
         assert!(!spread.may_gain(&inside));
         assert_ne!(before_ut, spread.view.calibration.b_ut, "a sphere is not quite the truth");
-        assert_eq!(spread.of_others().view.calibration, learnt(&Matrix3::identity(), 0.5).calibration);
+        let mut others = spread.of_others();
+        assert_eq!(others.view.calibration, spread.view.calibration);
+        assert!(others.may_gain(&inside), "what these tell, those do not");
+        others.forget();
+        assert_eq!(others.view.calibration, View::NONE.calibration);
     }
 
     #[test]

@@ -171,7 +171,7 @@ impl Dataset {
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
-        self.known = Spread::NONE;
+        self.known.forget();
     }
 
     /// Samples to solve with, without marks.
