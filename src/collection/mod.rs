@@ -133,6 +133,12 @@ impl Collector {
         }
     }
 
+    /// Whether anything was found that tells samples apart.
+    #[cfg(test)]
+    pub fn has_learnt(&self) -> bool {
+        self.dataset.has_learnt()
+    }
+
     /// Takes a sample at a given heading; whether there was room for it.
     pub fn mark(&mut self, mark: Mark) -> bool {
         self.marks.push(mark).is_ok()

@@ -132,6 +132,12 @@ impl Spread {
         self.least = 0.0;
     }
 
+    /// Whether samples are seen by coefficients.
+    #[cfg(test)]
+    pub fn has_learnt(&self) -> bool {
+        self.view.is_learnt
+    }
+
     /// Whether a sample that is not among them may tell more than the one that told least, as far as the set is still what
     /// it was. A look at it takes a thousandth of a look at all.
     pub fn may_gain(&self, sample: &Sample) -> bool {

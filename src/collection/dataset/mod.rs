@@ -104,6 +104,12 @@ impl Dataset {
         self.known.learn(calibration, quality);
     }
 
+    /// Whether they are.
+    #[cfg(test)]
+    pub fn has_learnt(&self) -> bool {
+        self.known.has_learnt()
+    }
+
     fn exchange(&mut self, sample: Sample) {
         // Counted with the left piece, whichever it will lie in.
         let purpose = self.left.take(&Config::TURNS, &sample);
