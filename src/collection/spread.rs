@@ -126,9 +126,8 @@ impl Spread {
     }
 
     fn see(&mut self, view: View) {
-        // Not all at once: that would be a kilobyte of flash.
+        // Whatever the design tells is more than nothing: all are looked at next.
         self.view = view;
-        self.design = LeastSquares::new();
         self.least = 0.0;
     }
 
