@@ -135,7 +135,7 @@ impl Collector {
 
     /// Whether anything was found that tells samples apart.
     #[cfg(test)]
-    pub fn has_learnt(&self) -> bool {
+    pub(crate) fn has_learnt(&self) -> bool {
         self.dataset.has_learnt()
     }
 

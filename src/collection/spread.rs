@@ -391,7 +391,11 @@ mod tests {
         assert!(spread.may_gain(&inside));
         spread.weakest(Samples { left: &samples, ..Samples::default() }).unwrap();
         assert!(!spread.may_gain(&inside));
-        assert_ne!(before_ut, spread.view.calibration.b_ut, "a sphere is not quite the truth");
+        assert_ne!(
+            before_ut.map(f32::to_bits),
+            spread.view.calibration.b_ut.map(f32::to_bits),
+            "nor is it a sphere again"
+        );
         let mut others = spread.of_others();
         assert_eq!(others.view.calibration, spread.view.calibration);
         assert!(others.may_gain(&inside), "what these tell, those do not");
