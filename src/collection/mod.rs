@@ -22,7 +22,7 @@ pub use flown::Lack;
 pub use recent::Recent;
 
 use crate::calibration::ladder::Procedure;
-use crate::calibration::{Mark, Sample, Samples, Side};
+use crate::calibration::{Mark, Method, Sample, Samples, Side, Solution};
 use dataset::{Coverage, Dataset};
 use detector::Detector;
 use flown::Flown;
@@ -123,6 +123,20 @@ impl Collector {
             // Not before the first turn: until then the aircraft may stand beside a hangar.
             self.dataset.push_level(sample);
         }
+    }
+
+    /// Takes what a trial solve found: samples of whatever is flown are told apart by it from now on. What is not of all
+    /// coefficients tells nothing.
+    pub fn learn(&mut self, found: &Solution) {
+        if found.quality.method == Method::MaximumLikelihood {
+            self.dataset.learn(&found.calibration, &found.quality);
+        }
+    }
+
+    /// Whether anything was found that tells samples apart.
+    #[cfg(test)]
+    pub(crate) fn has_learnt(&self) -> bool {
+        self.dataset.has_learnt()
     }
 
     /// Takes a sample at a given heading; whether there was room for it.

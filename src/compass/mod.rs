@@ -18,7 +18,7 @@ mod trials;
 pub use glance::Glance;
 pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
 pub use refusal::Refusal;
-pub use trials::Prospect;
+pub use trials::{Pace, Prospect};
 
 use crate::acceptance::{self, Grounds, Incumbent, Policy};
 use crate::calibration::ladder::{self, Procedure, Selection};
@@ -403,6 +403,7 @@ impl Compass {
         let accepted = self.accepted(candidate);
         if self.trials.runs {
             let refusal = accepted.as_ref().err().cloned();
+            self.collector.learn(candidate);
             if !self.trials.end(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
                 self.go_on();
                 return Effect::None;

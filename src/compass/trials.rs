@@ -72,23 +72,18 @@ impl Prospect {
     }
 }
 
-/// The trials of a collection.
-#[derive(Debug)]
-pub(super) struct Trials {
-    /// Whether the solve that runs is a trial.
-    pub runs: bool,
-    /// When the last one began, and how many measurements there were then.
+/// When a collection is solved on trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// When the last trial began, and how many measurements there were then.
     last: Option<(WrappingMillis, u32)>,
-    /// The least error that any of them expected, degrees RMS, or nearly so; and how many came since.
-    best: (f32, u8),
-    /// What came of the last one.
-    pub prospect: Option<Prospect>,
 }
 
-impl Trials {
-    pub const NONE: Self = Self { runs: false, last: None, best: (f32::INFINITY, 0), prospect: None };
+impl Pace {
+    /// No trial yet.
+    pub const NONE: Self = Self { last: None };
 
-    /// Whether it is time for one; if so, it counts as begun.
+    /// Whether it is time for a trial; if so, it counts as begun.
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         let (samples, news) = (collector.progress().left.samples, collector.news());
         let is_late = self.last.is_none_or(|(began, before)| {
@@ -99,6 +94,27 @@ impl Trials {
             self.last = Some((now, news));
         }
         is_due
+    }
+}
+
+/// The trials of a collection.
+#[derive(Debug)]
+pub(super) struct Trials {
+    /// Whether the solve that runs is a trial.
+    pub runs: bool,
+    pace: Pace,
+    /// The least error that any of them expected, degrees RMS, or nearly so; and how many came since.
+    best: (f32, u8),
+    /// What came of the last one.
+    pub prospect: Option<Prospect>,
+}
+
+impl Trials {
+    pub const NONE: Self = Self { runs: false, pace: Pace::NONE, best: (f32::INFINITY, 0), prospect: None };
+
+    /// Whether it is time for one; if so, it counts as begun.
+    pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
+        self.pace.is_due(collector, now)
     }
 
     /// Takes what came of a trial; whether the collection is over with it.

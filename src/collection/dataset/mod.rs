@@ -2,7 +2,7 @@
 
 use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
 use super::spread::Spread;
-use crate::calibration::{Sample, Samples, Side};
+use crate::calibration::{Calibration, Quality, Sample, Samples, Side};
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
 
@@ -99,6 +99,17 @@ impl Dataset {
         is_news
     }
 
+    /// From now on samples of whatever is flown are chosen by coefficients that fit as well as this.
+    pub fn learn(&mut self, calibration: &Calibration, quality: &Quality) {
+        self.known.learn(calibration, quality);
+    }
+
+    /// Whether they are.
+    #[cfg(test)]
+    pub fn has_learnt(&self) -> bool {
+        self.known.has_learnt()
+    }
+
     fn exchange(&mut self, sample: Sample) {
         // Counted with the left piece, whichever it will lie in.
         let purpose = self.left.take(&Config::TURNS, &sample);
@@ -108,15 +119,15 @@ impl Dataset {
         if purpose == Purpose::Fit && !self.known.may_gain(&sample) {
             return;
         }
-        let Self { left, right, level, .. } = self;
+        let Self { left, right, level, known, .. } = self;
         let any = match purpose {
             Purpose::Fit => [left.fit(), right.fit(), level.fit()],
             Purpose::Verification => [left.held_back(), right.held_back(), level.held_back()],
         };
         let lengths = any.map(<[_]>::len);
         let samples = Samples { left: core::slice::from_ref(&sample), any, ..Samples::default() };
-        let mut of_verification = Spread::NONE;
-        let known = if purpose == Purpose::Fit { &mut self.known } else { &mut of_verification };
+        let mut of_verification = known.of_others();
+        let known = if purpose == Purpose::Fit { known } else { &mut of_verification };
         let weakest = known.weakest(samples);
         // The first is the new one.
         let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
@@ -166,7 +177,7 @@ impl Dataset {
         self.right.clear();
         self.level.clear();
         self.apart_ut = Apart::DEFAULT.distance_ut;
-        self.known = Spread::NONE;
+        self.known.forget();
     }
 
     /// Samples to solve with, without marks.

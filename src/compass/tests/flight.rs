@@ -58,12 +58,14 @@ fn it_ends_by_itself_when_it_is_as_good_as_wanted() {
     assert!(ends[0] > 160 && ends[0] < ends[1], "{ends:?}");
 }
 
-/// Wanted is what no flight gives: the collection goes on, and tells how good it is.
+/// Wanted is what no flight gives: the collection goes on, told by what the trial found, and tells how good it is; another
+/// one begins untold.
 #[test]
 fn it_goes_on_while_it_is_not_good_enough() {
     let mut bed = Bed::wanting(0.2);
-    assert!(bed.prospect().is_none(), "not tried");
+    assert!(bed.prospect().is_none() && !bed.compass.collector.has_learnt(), "not tried");
     assert!(bed.hover(&hover(2)[..300]).is_none());
+    assert!(bed.compass.collector.has_learnt());
     let Some(Prospect { expected_deg: Some(expected_deg), refusal: None, .. }) = bed.prospect() else {
         panic!("{:?}", bed.prospect())
     };
@@ -73,6 +75,8 @@ fn it_goes_on_while_it_is_not_good_enough() {
     let end = bed.solve();
     let found = bed.settle(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
+    bed.compass.collector.begin(Procedure::Flight);
+    assert!(!bed.compass.collector.has_learnt());
 }
 
 /// After yaw turns alone a tilt is missing, and whoever asks for a solve after a second of it is told so; before it, that
