@@ -13,6 +13,7 @@ use super::likelihood::{
 use super::roughness::Roughness;
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
+use super::unevenness::Unevenness;
 use super::{Latency, Rates, Samples};
 use crate::frames::Attitude;
 use crate::trig;
@@ -103,6 +104,7 @@ pub(super) struct Information {
     /// Sigma of the latency, seconds: what is not known of it is not known of the coefficients.
     latency_sigma_s: f32,
     correlation: Correlation,
+    unevenness: Unevenness,
     roughness: Roughness,
     /// What a change of the iron in mid-flight did to the gradient; nothing, unless the samples show one.
     pub changed: Vector13,
@@ -120,6 +122,7 @@ impl Information {
             latency: LatencyEvidence::default(),
             latency_sigma_s: 0.0,
             correlation: Correlation::default(),
+            unevenness: Unevenness::default(),
             roughness: Roughness::default(),
             changed: Vector13::zeros(),
         }
@@ -148,6 +151,7 @@ impl Information {
             // sigma of what he gives.
             let norm = if scan.is_some() { equations.norm.clipped() } else { 0.0 };
             self.correlation.add(part, [norm, dip]);
+            self.unevenness.add(sample.attitude, dip);
             self.roughness.add(part, sample.time, equations.norm.clipped());
             if let Some(scan) = &mut scan {
                 scan.add(&self.system, sample.time, &equations);
@@ -186,7 +190,8 @@ impl Information {
     /// Errors of an attitude source stay alike for about half a second, and what the model leaves out of the field for
     /// as long as it lasts. With lag-1 autocorrelations of the dip's and the norm's residuals, and `x = 2 rho / (1 -
     /// rho)` of each, the estimator's covariance is
-    /// `H^-1 (H + x_dip H_dip + x_norm H_norm) H^-1`, where `H_norm = H - H_dip - H_priors`.
+    /// `H^-1 (H + x_dip H_dip + x_norm H_norm) H^-1`, where `H_norm = H - H_dip - H_priors`, and `1 + x_dip` is that times
+    /// what dips scatter [more](super::unevenness) where they tell most.
     ///
     /// Added to it are the considered errors of the attitude source, what a change of the iron did, and the distance to
     /// the most likely coefficients, which is nothing where these were sought but is the error of a closed form.
@@ -207,6 +212,7 @@ impl Information {
             *column = self.system.covariance_times(&units.row(i))?;
         }
         let [mut of_norm, of_dip] = self.correlation.excess();
+        let of_dip = (1.0 + of_dip) * self.unevenness.ratio() - 1.0;
         let mut doubted = Vector13::zeros();
         covariance.fill(|i, j| {
             if errors == Errors::Lasting {

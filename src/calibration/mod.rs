@@ -69,6 +69,7 @@
 //! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
 //! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
 //! | `correlation.rs` | how alike the errors of neighbouring samples are |
+//! | `unevenness.rs` | how much more dips scatter where they tell most |
 //! | `roughness.rs` | how much of the norms' scatter is white |
 //! | `constancy.rs` | whether the iron stayed what it was: `time_order.rs` merges the parts of a flight for it |
 //! | `bank_scale.rs` | whether the attitude source reads all of the bank |
@@ -108,6 +109,7 @@ mod time_order;
 mod turns;
 mod two_plane;
 mod uncertainty;
+mod unevenness;
 pub mod verification;
 
 pub use advice::{Advice, Assumed, Manoeuvre, Quarter, Towards};
