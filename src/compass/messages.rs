@@ -90,10 +90,7 @@ impl Command {
 }
 
 /// What is to be done next.
-#[cfg_attr(
-    target_pointer_width = "64",
-    expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")
-)]
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
 #[derive(Debug)]
 pub enum Effect {
     /// Nothing.
