@@ -45,14 +45,12 @@ enum Lamp {
 
 impl Lamp {
     /// Whether it is lit, so long after the beginning of a round.
-    const fn is_lit(self, ms: u16) -> bool {
+    fn is_lit(self, ms: u16) -> bool {
         match self {
             Self::Of(Glance::Waiting) => ms < SHORT_MS,
             Self::Of(Glance::Collecting(percent)) => {
                 // Something of each second is light and something is dark, whatever the share.
-                let percent = if percent < 10 { 10 } else { percent };
-                let lit_ms = (if percent > 90 { 90 } else { percent }) as u16 * 10;
-                ms % 1000 < lit_ms
+                ms % 1000 < u16::from(percent.clamp(10, 90)) * 10
             }
             Self::Of(Glance::Calibrated) => ms >= SHORT_MS,
             Self::Of(Glance::Refused) | Self::Trouble => (ms / SHORT_MS).is_multiple_of(2),

@@ -232,12 +232,8 @@ impl Compass {
             self.go_on();
         }
         match command {
-            Command::CalStart(procedure) => self.start(procedure)?,
-            Command::CalStartAgain(procedure) => {
-                self.sensor.ok_or(Refusal::NoSensor)?;
-                self.begin(procedure.unwrap_or(self.collector.procedure()));
-                self.hold();
-            }
+            Command::CalStart(procedure) => self.start(procedure, false)?,
+            Command::CalStartAgain(procedure) => self.start(procedure.unwrap_or(self.collector.procedure()), true)?,
             Command::CalMark(heading_deg) => return self.mark(heading_deg, now),
             Command::CalStop => match self.phase {
                 Phase::Collecting => {
@@ -274,10 +270,10 @@ impl Compass {
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
 
-    /// Begins to collect, or takes over what the module collects by itself.
-    fn start(&mut self, procedure: Procedure) -> Result<(), Refusal> {
+    /// Begins to collect, or takes over what the module collects by itself, unless that is to be forgotten.
+    fn start(&mut self, procedure: Procedure, forgets: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
-        let collects = matches!(self.phase, Phase::Collecting);
+        let collects = matches!(self.phase, Phase::Collecting) && !forgets;
         if collects && !self.auto.began {
             return Err(Refusal::Collecting { by: self.collector.procedure(), wanted: procedure });
         }

@@ -357,56 +357,41 @@ fn what_version_4_stored_is_kept_to_the_last_digit() {
     assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_526, -4_689, 2_232]);
 }
 
-/// Its settings lack the wanted accuracy; its calibrations are those of its bytes.
-#[test]
-fn what_version_5_stored_is_kept_to_the_last_digit() {
-    let mut flash = flash_of_v5();
+/// Of a version whose calibrations are those of its bytes: they are kept to the last digit, and so are its settings, which
+/// are given. What its console showed of the one in use: samples, and hard iron in nanotesla.
+fn assert_kept_as_it_is(mut flash: Flash, version: u8, settings: Settings, shown: (u16, [i32; 3])) {
     let found = load(&mut flash).unwrap();
-    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
-    let before = stored_by_v2().settings;
-    let expected = Settings { attitude_error, stream_heading: HeadingKind::Raw, ..before };
-    assert_eq!(found.settings, expected);
-    assert_eq!(found.settings.accuracy_deg.to_bits(), 0.5_f32.to_bits());
+    assert_eq!(found.settings, settings);
     let current = found.generations.current.unwrap();
-    // As its console showed it.
-    assert_eq!(
-        (current.serial, current.quality.samples, current.quality.method.name()),
-        (2, 324, "maximum-likelihood")
-    );
-    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_480, -4_728, 2_191]);
+    assert_eq!((current.serial, current.quality.method.name()), (2, "maximum-likelihood"));
+    let b_nt = current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32);
+    assert_eq!((current.quality.samples, b_nt), shown);
     let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
     for half in [0, 1] {
         let value = get(&mut flash, half).unwrap();
-        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
-        assert_eq!(*version, 5);
+        let (found, contents) = value[..value.len() - 4].split_first().unwrap();
+        assert_eq!(*found, version);
         assert!(contents.ends_with(&generations), "half {half}");
     }
 }
 
-/// Its settings lack whether it collects by itself; its calibrations are those of its bytes.
+/// Its settings lack the wanted accuracy.
+#[test]
+fn what_version_5_stored_is_kept_to_the_last_digit() {
+    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
+    let settings = Settings { attitude_error, stream_heading: HeadingKind::Raw, ..stored_by_v2().settings };
+    assert_eq!(settings.accuracy_deg.to_bits(), 0.5_f32.to_bits());
+    assert_kept_as_it_is(flash_of_v5(), 5, settings, (324, [15_480, -4_728, 2_191]));
+}
+
+/// Its settings lack whether it collects by itself.
 #[test]
 fn what_version_6_stored_is_kept_to_the_last_digit() {
-    let mut flash = flash_of_v6();
-    let found = load(&mut flash).unwrap();
     let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
     let before = stored_by_v2().settings;
-    let expected = Settings { attitude_error, stream_heading: HeadingKind::Raw, accuracy_deg: 1.5, ..before };
-    assert_eq!(found.settings, expected);
-    assert!(found.settings.auto_on);
-    let current = found.generations.current.unwrap();
-    // As its console showed it.
-    assert_eq!(
-        (current.serial, current.quality.samples, current.quality.method.name()),
-        (2, 214, "maximum-likelihood")
-    );
-    assert_eq!(current.calibration.b_ut.map(|ut| (ut * 1000.0).round() as i32), [15_871, -4_891, 1_891]);
-    let generations = postcard::to_slice(&found.generations, &mut [0; VALUE_SIZE]).unwrap().to_vec();
-    for half in [0, 1] {
-        let value = get(&mut flash, half).unwrap();
-        let (version, contents) = value[..value.len() - 4].split_first().unwrap();
-        assert_eq!(*version, 6);
-        assert!(contents.ends_with(&generations), "half {half}");
-    }
+    let settings = Settings { attitude_error, stream_heading: HeadingKind::Raw, accuracy_deg: 1.5, ..before };
+    assert!(settings.auto_on);
+    assert_kept_as_it_is(flash_of_v6(), 6, settings, (214, [15_871, -4_891, 1_891]));
 }
 
 /// The wanted accuracy in its place, and checked; what has no calibrations behind it is none of it.
