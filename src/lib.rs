@@ -16,11 +16,11 @@
 //! |---|---|
 //! | [`frames`], [`time`] | fields in frames, attitude, instants, as types |
 //! | [`calibration`] | from samples to the twelve coefficients, with their uncertainty |
-//! | [`heading`], [`attitude`] | a corrected field to a heading; attitude in time |
+//! | [`heading`], [`attitude`], [`earth`] | a corrected field to a heading; attitude in time; place and day |
 //! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, NMEA |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
 //! | [`collection`], [`acceptance`], [`store`] | which samples are kept, whether a result is, and where |
-//! | [`compass`], [`outlet`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
+//! | [`compass`], [`outlet`], [`port`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
 //! | [`settings`], [`health`] | what the user chose, how the module is |
 //!
 //! # The way of a sample (read the modules in this order)
@@ -54,6 +54,7 @@ pub mod calibration;
 pub mod collection;
 pub mod compass;
 pub mod console;
+pub mod earth;
 pub mod frames;
 pub mod heading;
 pub mod health;
@@ -61,6 +62,7 @@ pub mod instrument;
 mod log;
 pub mod magnetometer;
 pub mod outlet;
+pub mod port;
 pub mod settings;
 pub mod store;
 pub mod time;

@@ -1,0 +1,89 @@
+//! Where on Earth, and on which day: what the Earth's field depends on.
+
+/// A place, as an autopilot tells it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Latitude, degrees, north positive.
+    pub latitude_deg: f32,
+    /// Longitude, degrees, east positive.
+    pub longitude_deg: f32,
+    /// Height above mean sea level, metres.
+    pub height_m: f32,
+}
+
+impl Place {
+    /// A place, if there is one there: latitude -90..=90, longitude -180..=180 deg, height -1,000..=100,000 m. What a
+    /// receiver without a fix sends, latitude and longitude of exactly nothing, is none.
+    #[must_use]
+    pub fn new(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Option<Self> {
+        let exists = latitude_deg.abs() <= 90.0
+            && longitude_deg.abs() <= 180.0
+            && (-1_000.0..=100_000.0).contains(&height_m)
+            && !(latitude_deg == 0.0 && longitude_deg == 0.0);
+        exists.then_some(Self { latitude_deg, longitude_deg, height_m })
+    }
+}
+
+/// A day: so many since 1970-01-01, UTC. Good until 2149.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Day(u16);
+
+impl Day {
+    /// 2020-01-01: what a clock says that was never set is earlier.
+    const FIRST: u64 = 18_262;
+
+    /// The day of a Unix time, seconds; none before 2020, which is a clock that was never set, and none after 2149.
+    #[must_use]
+    pub fn from_unix_s(seconds: u64) -> Option<Self> {
+        let days = seconds / 86_400;
+        (days >= Self::FIRST).then(|| u16::try_from(days).ok().map(Self))?
+    }
+
+    /// Days since 1970-01-01.
+    #[must_use]
+    pub const fn since_1970(self) -> u16 {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each limit from both sides.
+    #[test]
+    fn a_place_is_on_earth() {
+        for (latitude_deg, longitude_deg, height_m) in
+            [(90.0, 180.0, 0.0), (-90.0, -180.0, -1_000.0), (0.0, 1e-7, 100_000.0), (1e-7, 0.0, 0.0)]
+        {
+            assert!(Place::new(latitude_deg, longitude_deg, height_m).is_some(), "{latitude_deg} {longitude_deg}");
+        }
+        let nan = f32::NAN;
+        for (latitude_deg, longitude_deg, height_m) in [
+            (90.001, 0.0, 0.0),
+            (-90.001, 0.0, 0.0),
+            (1.0, 180.1, 0.0),
+            (1.0, -180.1, 0.0),
+            (1.0, 1.0, -1_001.0),
+            (1.0, 1.0, 100_010.0),
+            (0.0, 0.0, 50.0),
+            (nan, 1.0, 1.0),
+            (1.0, nan, 1.0),
+            (1.0, 1.0, nan),
+        ] {
+            assert!(Place::new(latitude_deg, longitude_deg, height_m).is_none(), "{latitude_deg} {longitude_deg}");
+        }
+    }
+
+    /// From 2020-01-01 (`date -d 2020-01-01 +%s`) until the number ends, from both sides.
+    #[test]
+    fn a_day_is_of_a_clock_that_was_set() {
+        let day = |seconds| Day::from_unix_s(seconds).map(Day::since_1970);
+        assert_eq!(day(1_577_836_800), Some(18_262));
+        assert_eq!(day(1_577_836_799), None);
+        assert_eq!(day(0), None);
+        assert_eq!(day(65_536 * 86_400 - 1), Some(u16::MAX));
+        assert_eq!(day(65_536 * 86_400), None);
+        assert_eq!(day(u64::MAX), None);
+    }
+}
