@@ -15,7 +15,8 @@ use crate::calibration::ladder::Procedure;
 use crate::compass::{Command, Compass, Effect, Event, Refusal};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
-use crate::port::{Order, PortNumber};
+use crate::port::Order;
+use crate::settings::PortNumber;
 use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.

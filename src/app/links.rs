@@ -16,8 +16,9 @@ use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
-use crate::port::{Order, PORTS, PortNumber, ProtocolKind};
+use crate::port::Order;
 use crate::settings::Settings;
+use crate::settings::{PORTS, PortNumber, ProtocolKind};
 use crate::time::Timestamp;
 
 /// Something with the instant at which it was ready.

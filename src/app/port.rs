@@ -11,8 +11,9 @@ use super::Links;
 use super::links::{Stamped, count, listen, now};
 use crate::compass::Glance;
 use crate::health::Counters;
-use crate::port::{Baud, Facts, Heard, Output, Port, PortNumber, PortSettings};
+use crate::port::{Facts, Heard, Output, Port};
 use crate::settings::Settings;
+use crate::settings::{Baud, PortNumber, PortSettings};
 
 /// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
 const PAUSE: Duration = Duration::from_micros(200);

@@ -1,7 +1,8 @@
 //! A port: the protocols that it can speak, and which it does.
 
-use super::{Facts, Heard, Mavlink, Nmea, Order, Output, Protocol, ProtocolKind};
+use super::{Facts, Heard, Mavlink, Nmea, Order, Output, Protocol};
 use crate::compass::Refusal;
+use crate::settings::ProtocolKind;
 use crate::time::Timestamp;
 
 /// A line whose far end says nothing that is understood for so long is searched anew, microseconds.

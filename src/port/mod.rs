@@ -7,13 +7,11 @@ mod ear;
 mod line;
 mod nmea;
 mod pace;
-mod settings;
 
 pub use ear::Mavlink;
 pub use line::Port;
 pub use nmea::Nmea;
 pub use pace::Pace;
-pub use settings::{Baud, PORTS, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 use crate::attitude::Report;
 use crate::compass::{Glance, Refusal};

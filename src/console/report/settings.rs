@@ -2,8 +2,8 @@
 
 use core::fmt::{self, Write};
 
-use crate::port::{PortNumber, PortSettings};
 use crate::settings::{AttitudeError, Setting, Settings};
+use crate::settings::{PortNumber, PortSettings};
 use crate::wire::decimal::{AsTyped, Decimal};
 
 /// Settings that are told together.

@@ -10,7 +10,7 @@ use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Prospect, Report, State};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, StackUse};
-use crate::port::ProtocolKind;
+use crate::settings::ProtocolKind;
 use crate::wire::decimal::{AsTyped, Decimal};
 
 /// `status`.
