@@ -3,6 +3,10 @@
 //! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
 //! tell, passes on what it has [`Heard`], and writes its [`Output`].
 
+mod msp;
+
+pub use msp::Msp;
+
 use crate::attitude::Report;
 use crate::compass::{Glance, Refusal};
 use crate::earth::{Day, Place};
