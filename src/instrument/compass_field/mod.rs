@@ -60,8 +60,6 @@ const MAX_GAP_US: u64 = 500_000;
 struct Map([[f32; 4]; 3]);
 
 impl Map {
-    const NOTHING: Self = Self([[0.0; 4]; 3]);
-
     /// That of a calibration, turned by an alignment, in the true strength if that is known.
     fn new(calibration: &Calibration, correction: &Correction) -> Self {
         let (sin, cos) = trig::sin_cos(correction.align_deg.to_radians());

@@ -47,8 +47,8 @@ pub struct Msp {
     compass: Pace,
     attitude: Pace,
     others: Pace,
-    /// How many of the others have been asked for; wraps.
-    asked: u8,
+    /// Which of the others is asked for next.
+    next: usize,
 }
 
 impl Msp {
@@ -63,7 +63,7 @@ impl Msp {
             compass: Pace::new(),
             attitude: Pace::new(),
             others: Pace::new(),
-            asked: 0,
+            next: 0,
         }
     }
 
@@ -72,6 +72,14 @@ impl Msp {
         let (source, sender_time) = (Source::default(), WrappingMillis::new(0));
         let attitude = self.firmware?.attitude(angles)?;
         Some(Heard::Attitude(Report { source, sender_time, attitude, rates_rad_s: [0.0; 3] }))
+    }
+
+    /// The next of the others.
+    fn other(&mut self) -> Function {
+        let [first, ..] = OTHERS;
+        let function = OTHERS.get(self.next).copied().unwrap_or(first);
+        self.next = (self.next + 1) % OTHERS.len();
+        function
     }
 
     /// Whether an attitude may be asked for: none is under way, or it does not come.
@@ -120,9 +128,7 @@ impl Protocol for Msp {
             out.message(&compass(INSTANCE, facts.estimate.at.wrapping_millis().count(), field));
         }
         if self.others.is_due(now, OTHERS_HZ) {
-            let function = OTHERS.get(usize::from(self.asked) % OTHERS.len());
-            self.asked = self.asked.wrapping_add(1);
-            function.is_some_and(|function| out.message(&request(*function)));
+            out.message(&request(self.other()));
         }
         let is_of_use = self.firmware.is_some_and(|firmware| firmware != Firmware::Other);
         if is_of_use && self.may_ask(now) && self.attitude.is_due(now, ATTITUDE_HZ) {
