@@ -8,6 +8,7 @@ use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::{self, Iron};
 use crate::magnetometer::Identity;
+use crate::port::{PORTS, PortNumber, ProtocolKind};
 
 /// What the module shows of itself beside the state machine's report.
 #[derive(Clone, Debug)]
@@ -30,6 +31,20 @@ pub struct Health {
     pub uptime_s: u32,
     /// How deep the stack has been, where that is known.
     pub stack: Option<StackUse>,
+    /// What is spoken on the ports; of one that searches `auto`.
+    pub ports: [ProtocolKind; PORTS],
+}
+
+impl Health {
+    /// What is spoken on a port.
+    #[must_use]
+    pub const fn port(&self, number: PortNumber) -> ProtocolKind {
+        let [one, two] = self.ports;
+        match number {
+            PortNumber::One => one,
+            PortNumber::Two => two,
+        }
+    }
 }
 
 /// The deepest the stack has been since the start.
@@ -119,11 +134,11 @@ counters! {
     attitude_rates,
     /// Errors of the attitude line itself.
     attitude_line_errors,
-    /// Messages sent by outlets, of one or more sentences each.
+    /// Messages for ports, of one or more sentences each.
     messages,
     /// Messages among them that held no heading.
     messages_empty,
-    /// Messages that could not be written.
+    /// Messages that could not be written, or had no room.
     write_errors,
     /// Readings for which no attitude came.
     unpaired,

@@ -20,7 +20,7 @@
 //! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, NMEA |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
 //! | [`collection`], [`acceptance`], [`store`] | which samples are kept, whether a result is, and where |
-//! | [`compass`], [`outlet`], [`port`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
+//! | [`compass`], [`port`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
 //! | [`settings`], [`health`] | what the user chose, how the module is |
 //!
 //! # The way of a sample (read the modules in this order)
@@ -29,7 +29,7 @@
 //! pairs it with the attitude interpolated to that instant ([`attitude`]) and averages -> [`calibration::Sample`]
 //! -> [ turn detector and dataset ([`collection`]) -> solver ([`calibration`]) -> [`acceptance`] on held-back samples
 //! -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading ([`heading`])
-//! -> an [`outlet`] -> NMEA out ([`wire`]).
+//! -> a [`port`] -> a field to an autopilot's compass, NMEA ([`wire`]).
 //!
 //! The asynchronous tasks that move it along are in [`app`]; they run unchanged on a board and, in virtual time, on
 //! the host. What is board-specific is in `board`, which exists only when built for bare metal.
@@ -61,7 +61,6 @@ pub mod health;
 pub mod instrument;
 mod log;
 pub mod magnetometer;
-pub mod outlet;
 pub mod port;
 pub mod settings;
 pub mod store;

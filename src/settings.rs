@@ -5,6 +5,7 @@ use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{Consider, Orientation};
+use crate::port::{Baud, PortNumber, PortsSettings, ProtocolKind};
 
 /// What the user has chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,10 @@ pub struct Settings {
     pub accuracy_deg: f32,
     /// Whether an uncalibrated module begins to collect by itself when it flies.
     pub auto_on: bool,
+    /// What is spoken on the ports, and how fast.
+    pub ports: PortsSettings,
+    /// Whether a true yaw is told to an autopilot that takes one instead of its own.
+    pub tells_vision: bool,
 }
 
 /// One of the two headings of an instant.
@@ -113,6 +118,8 @@ impl Settings {
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,
+        ports: PortsSettings::DEFAULT,
+        tells_vision: false,
     };
 
     /// Declinations, degrees.
@@ -164,6 +171,12 @@ pub enum Setting {
     Accuracy(f32),
     /// Whether an uncalibrated module begins to collect by itself.
     Auto(bool),
+    /// What is spoken on a port.
+    Protocol(PortNumber, ProtocolKind),
+    /// How fast a port is.
+    Baud(PortNumber, Baud),
+    /// Whether a true yaw is told to an autopilot.
+    Vision(bool),
 }
 
 /// A value outside its range; what it must be.
@@ -181,13 +194,16 @@ impl Setting {
             | Self::StreamHeading(_)
             | Self::Declination(_)
             | Self::Accuracy(_)
-            | Self::Auto(_) => false,
+            | Self::Auto(_)
+            | Self::Protocol(..)
+            | Self::Baud(..)
+            | Self::Vision(_) => false,
         }
     }
 
     const fn range(self) -> &'static str {
         match self {
-            Self::StreamOn(_) | Self::Auto(_) => "on or off",
+            Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
             Self::StreamHeading(_) => "a heading is raw or smooth",
             Self::Declination(_) => "a declination is -180 to 180 degrees",
@@ -195,6 +211,8 @@ impl Setting {
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
             Self::AttitudeError(_) => "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent",
             Self::Accuracy(_) => "an accuracy is 0.2 to 3 degrees",
+            Self::Protocol(..) => "a protocol that this firmware was built with",
+            Self::Baud(..) => "57600, 115200, 230400 or 460800 baud",
         }
     }
 }
@@ -217,6 +235,9 @@ impl Settings {
             Setting::AttitudeError(error) => changed.attitude_error = error,
             Setting::Accuracy(deg) => changed.accuracy_deg = deg,
             Setting::Auto(on) => changed.auto_on = on,
+            Setting::Protocol(port, protocol) => changed.ports.of_mut(port).protocol = protocol,
+            Setting::Baud(port, baud) => changed.ports.of_mut(port).baud = baud,
+            Setting::Vision(on) => changed.tells_vision = on,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
     }
@@ -315,6 +336,7 @@ mod tests {
             (Setting::StreamHeading(HeadingKind::Raw), Settings { stream_heading: HeadingKind::Raw, ..before }),
             (Setting::Accuracy(1.5), Settings { accuracy_deg: 1.5, ..before }),
             (Setting::Auto(false), Settings { auto_on: false, ..before }),
+            (Setting::Vision(true), Settings { tells_vision: true, ..before }),
             (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
             (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
             (Setting::Mount(mount), Settings { mount, ..before }),
@@ -324,6 +346,20 @@ mod tests {
             ),
         ] {
             assert_eq!(before.with(setting), Ok(after));
+        }
+    }
+
+    #[test]
+    fn a_port_s_setting_changes_that_port() {
+        for port in PortNumber::ALL {
+            let before = Settings::DEFAULT;
+            let mut ports = before.ports;
+            ports.of_mut(port).protocol = ProtocolKind::Msp;
+            assert_eq!(before.with(Setting::Protocol(port, ProtocolKind::Msp)), Ok(Settings { ports, ..before }));
+            ports.of_mut(port).baud = Baud::B230400;
+            let both = Settings { ports, ..before };
+            let changed = before.with(Setting::Protocol(port, ProtocolKind::Msp)).unwrap();
+            assert_eq!(changed.with(Setting::Baud(port, Baud::B230400)), Ok(both));
         }
     }
 
@@ -348,6 +384,9 @@ mod tests {
             (Setting::StreamHeading(HeadingKind::Raw), false),
             (Setting::Accuracy(1.0), false),
             (Setting::Auto(false), false),
+            (Setting::Protocol(PortNumber::One, ProtocolKind::Msp), false),
+            (Setting::Baud(PortNumber::One, Baud::B57600), false),
+            (Setting::Vision(true), false),
         ] {
             assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
         }

@@ -41,11 +41,11 @@ fn garbage(seed: u64, bytes: usize) -> Vec<u8> {
 
 /// Headings in the next seconds, and sentences without one.
 fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
-    let _ = emulator.autopilot().receive();
+    let _ = emulator.instrument().receive();
     emulator.run_for_s(seconds);
     let mut reader = Reader::default();
     let received: Vec<_> = emulator
-        .autopilot()
+        .instrument()
         .receive_timed()
         .into_iter()
         .filter_map(|timed| reader.push(timed.at_us, timed.byte))
@@ -153,7 +153,7 @@ fn one_seed_is_one_run() {
         emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
         let status = emulator.type_line("status");
-        (status, emulator.autopilot().receive())
+        (status, emulator.instrument().receive())
     };
     assert_eq!(run(), run());
 }

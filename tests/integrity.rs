@@ -313,11 +313,11 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         assert!(rig.printed().contains("note calibrated"));
         rig.world.carry(Carried { heading_deg: 77.0, ..Carried::default() });
         rig.run_for_s(1.0);
-        let _ = rig.autopilot.receive();
+        let _ = rig.instrument.receive();
         let mut reader = Reader::default();
         rig.run_for_s(600.0);
         let sent: Vec<_> = rig
-            .autopilot
+            .instrument
             .receive_timed()
             .into_iter()
             .filter_map(|timed| reader.push(timed.at_us, timed.byte))

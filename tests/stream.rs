@@ -22,16 +22,16 @@ fn calibrated() -> Rig {
     }
     rig.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
     rig.run_for_s(25.0);
-    let _ = rig.autopilot.receive();
+    let _ = rig.instrument.receive();
     rig
 }
 
 fn listen(rig: &mut Rig, seconds: f64) -> Vec<Received> {
-    let _ = rig.autopilot.receive();
+    let _ = rig.instrument.receive();
     rig.run_for_s(seconds);
     let mut reader = Reader::default();
     let received =
-        rig.autopilot.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
+        rig.instrument.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
     // The first line may have begun before.
     assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);
     received
@@ -91,9 +91,9 @@ fn an_uncalibrated_module_sends_empty_headings() {
 fn variation_is_sent_when_it_is_set() {
     let mut rig = calibrated();
     let sentence = |rig: &mut Rig| {
-        let _ = rig.autopilot.receive();
+        let _ = rig.instrument.receive();
         rig.run_for_s(0.3);
-        let text = String::from_utf8(rig.autopilot.receive()).unwrap();
+        let text = String::from_utf8(rig.instrument.receive()).unwrap();
         text.split("\r\n").find(|line| line.starts_with("$HCHDG")).unwrap().to_owned()
     };
     assert!(sentence(&mut rig).contains(",,,,*"));

@@ -175,7 +175,7 @@ impl<M: Module> Mission<'_, M> {
         // It stands on the ground again: an armed module would not be restarted. The world flies on meanwhile.
         self.module.world().set_armed(false);
         self.module.run_for_s(HEARTBEAT_S);
-        let _ = self.module.autopilot().receive();
+        let _ = self.module.instrument().receive();
         self.type_line("reboot");
         self.module.world().set_armed(true);
         let mut errors_deg: Vec<f64> = Vec::new();
@@ -186,7 +186,7 @@ impl<M: Module> Mission<'_, M> {
             self.module.world().fly(leg);
             while self.module.world().legs_left() > 0 && self.piece() {
                 (self.watch)(Stage::Stream, done as f64 / legs.len() as f64);
-                for timed in self.module.autopilot().receive_timed() {
+                for timed in self.module.instrument().receive_timed() {
                     let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") else {
                         continue;
                     };

@@ -27,6 +27,9 @@ pub trait Module {
     /// The far end of the autopilot's cable.
     fn autopilot(&self) -> &HostEnd;
 
+    /// The far end of the instrument's cable.
+    fn instrument(&self) -> &HostEnd;
+
     /// Microseconds since the simulation began.
     fn now_us(&self) -> u64;
 

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
-use autoswing::outlet::NmeaOutlet;
+use autoswing::port::PortNumber;
 use autoswing::store::Store;
 use embassy_time::{Duration, Timer};
 
@@ -30,15 +30,17 @@ pub const STORE_BYTES: usize = STORE_PAGES * PAGE_BYTES;
 const WATCHDOG_US: u64 = 2_000_000;
 const _: () = assert!(WATCHDOG_US > app::watchdog::LONGEST_WITHOUT_FEED_US);
 
-/// A module in an aircraft, with cables to its two ports.
+/// A module in an aircraft, with cables to its ports.
 pub struct Rig {
     simulation: Simulation,
     /// The world it flies in.
     pub world: World,
     /// The far end of the console's cable.
     pub console: HostEnd,
-    /// The far end of the autopilot's cable.
+    /// The far end of the autopilot's cable, at the first port.
     pub autopilot: HostEnd,
+    /// The far end of the instrument's cable, at the second.
+    pub instrument: HostEnd,
     /// The flash chip.
     pub flash: Flash,
     /// The magnetometer chip.
@@ -48,6 +50,7 @@ pub struct Rig {
     bus: Bus,
     console_cable: Cable,
     autopilot_cable: Cable,
+    instrument_cable: Cable,
     reset: Rc<ResetLine>,
 }
 
@@ -125,6 +128,7 @@ impl Rig {
         let world = World::new(config);
         let console_cable = Cable::new(CableConfig::default());
         let autopilot_cable = Cable::new(CableConfig::default());
+        let instrument_cable = Cable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field);
         let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, field);
         let bus = Bus::new();
@@ -149,12 +153,14 @@ impl Rig {
             world,
             console: console_cable.host(),
             autopilot,
+            instrument: instrument_cable.host(),
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
             panel: SimulatedPanel::default(),
             bus,
             console_cable,
             autopilot_cable,
+            instrument_cable,
             reset,
         };
         rig.power_on(ResetCause::PowerOn);
@@ -184,7 +190,6 @@ impl Rig {
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(Links::new());
         let (console_rx, console_tx) = self.console_cable.module();
-        let (autopilot_rx, autopilot_tx) = self.autopilot_cable.module();
         let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Config::default());
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
@@ -194,13 +199,11 @@ impl Rig {
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "sensor", async move { app::sensor::run(&l, driver).await });
         let l = links.clone();
-        simulation.spawn(Level::Interrupt, "attitude", async move { app::attitude::run(&l, autopilot_rx).await });
-        let l = links.clone();
         simulation.spawn(Level::Interrupt, "instrument", async move { app::instrument::run(&l).await });
-        let l = links.clone();
-        simulation.spawn(Level::Interrupt, "outlet", async move {
-            app::outlet::run(&l, NmeaOutlet, autopilot_tx).await;
-        });
+        for (number, cable) in PortNumber::ALL.into_iter().zip([&self.autopilot_cable, &self.instrument_cable]) {
+            let (l, (rx, tx)) = (links.clone(), cable.module());
+            simulation.spawn(Level::Interrupt, "port", async move { app::port::run(&l, number, rx, tx).await });
+        }
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();
@@ -234,6 +237,10 @@ impl Module for Rig {
 
     fn autopilot(&self) -> &HostEnd {
         &self.autopilot
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        &self.instrument
     }
 
     fn now_us(&self) -> u64 {

@@ -4,7 +4,7 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either5, select5};
+use embassy_futures::select::{Either6, select6};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
@@ -15,6 +15,7 @@ use crate::calibration::ladder::Procedure;
 use crate::compass::{Command, Compass, Effect, Event, Refusal};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
+use crate::port::{Order, PortNumber};
 use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
@@ -45,13 +46,17 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         // Before the reply: whoever reads it finds the module as it says.
         tell(links, compass);
         match effect {
-            Effect::Reply(reply) if asker == Asker::Person => links.replies.send(reply).await,
+            Effect::Reply(reply) => match asker {
+                Asker::Person => links.replies.send(reply).await,
+                Asker::Port(number, order) => answer(links, number, order, reply.map(|_| ())),
+                // Who pressed the button sees the lamp.
+                Asker::Nobody => {}
+            },
             Effect::Notify(outcome) => {
                 info!("solve ended, ok {=bool}", outcome.is_ok());
                 links.notices.signal(outcome);
             }
-            // Who pressed the button sees the lamp.
-            Effect::Reply(_) | Effect::None | Effect::Save => {}
+            Effect::None | Effect::Save => {}
         }
     }
 }
@@ -71,7 +76,25 @@ async fn apart<F: Future>(future: F) -> F::Output {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asker {
     Person,
+    Port(PortNumber, Order),
     Nobody,
+}
+
+/// What is asked for on a port, in the state machine's words.
+const fn ordered(order: Order) -> Command {
+    match order {
+        Order::Start => Command::CalStart(Procedure::Flight),
+        Order::Accept => Command::CalSolve(None),
+        Order::Cancel => Command::CalAbort,
+        Order::Reboot => Command::Restart,
+    }
+}
+
+fn answer(links: &Links, number: PortNumber, order: Order, result: Result<(), Refusal>) {
+    if order == Order::Reboot && result.is_ok() {
+        links.restart.signal(());
+    }
+    links.port(number).answers.signal((order, result));
 }
 
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
@@ -84,25 +107,30 @@ async fn next_event(
 ) -> (Event, Asker) {
     let asked = |asked| (command(asked), Asker::Person);
     let of = |event| (event, Asker::Nobody);
+    let from = |(number, order)| (command(ordered(order)), Asker::Port(number, order));
     if compass.is_busy() {
         // Between two steps of a solve the console gets its turn.
         yield_now().await;
         let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
-        return armed.unwrap_or_else(|| links.requests.try_receive().map_or(of(Event::Advance), asked));
+        let request = || links.requests.try_receive().ok().map(asked);
+        let order = || links.orders.try_receive().ok().map(from);
+        return armed.or_else(request).or_else(order).unwrap_or(of(Event::Advance));
     }
-    let next = select5(
+    let next = select6(
         armed.changed(),
         links.requests.receive(),
+        links.orders.receive(),
         sensor.changed(),
         links.pressed.wait(),
         links.samples.receive(),
     );
     match next.await {
-        Either5::First(is_armed) => of(Event::Armed(is_armed)),
-        Either5::Second(request) => asked(request),
-        Either5::Third(found) => of(Event::SensorFound(found.identity, readings_per_sample(found.period_us))),
-        Either5::Fourth(()) => of(command(Command::CalStart(Procedure::Flight))),
-        Either5::Fifth(sample) => of(Event::Sample(sample)),
+        Either6::First(is_armed) => of(Event::Armed(is_armed)),
+        Either6::Second(request) => asked(request),
+        Either6::Third(order) => from(order),
+        Either6::Fourth(found) => of(Event::SensorFound(found.identity, readings_per_sample(found.period_us))),
+        Either6::Fifth(()) => of(command(Command::CalStart(Procedure::Flight))),
+        Either6::Sixth(sample) => of(Event::Sample(sample)),
     }
 }
 

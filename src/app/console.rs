@@ -1,11 +1,12 @@
 //! Talks to a person, or to a script.
 
-use core::fmt::Write as _;
+use core::fmt::{self, Write as _};
 
-use embassy_futures::select::{Either3, select3};
+use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
+use super::links::Text;
 use super::{Links, Platform};
 use crate::compass::{Command, Outcome, Refusal, Reply};
 use crate::console::session::Session;
@@ -44,17 +45,19 @@ pub async fn run(
             let answer = if is_told(request) && answer.is_ok() { ask(links, Command::Report).await } else { answer };
             talk.answer(request, answer, &platform);
             if restarts {
-                drain(&mut talk.session, &mut tx).await;
-                Timer::after(LAST_WORDS).await;
-                platform.reboot();
+                links.restart.signal(());
             }
             continue;
         }
-        match select3(rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
-            Either3::First(Ok(number)) if number > 0 => read = 0..number,
-            Either3::First(_) => Timer::after(PAUSE).await,
-            Either3::Second(outcome) => talk.outcome(&outcome),
-            Either3::Third(iron) => talk.session.notice(|out| report::iron(out, iron.as_ref())),
+        match select4(links.restart.wait(), rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
+            Either4::First(()) => {
+                Timer::after(LAST_WORDS).await;
+                platform.reboot();
+            }
+            Either4::Second(Ok(number)) if number > 0 => read = 0..number,
+            Either4::Second(_) => Timer::after(PAUSE).await,
+            Either4::Third(outcome) => talk.outcome(&outcome),
+            Either4::Fourth(iron) => talk.note(|out| report::iron(out, iron.as_ref())),
         }
     }
 }
@@ -117,7 +120,17 @@ impl Talk<'_> {
     #[inline(never)]
     fn outcome(&mut self, outcome: &Outcome) {
         let loss = Loss::between(&self.began, &self.links.counts());
-        self.session.notice(|out| report::outcome(out, outcome, loss));
+        self.note(|out| report::outcome(out, outcome, loss));
+    }
+
+    /// Tells something that nobody has asked for, here and on the ports.
+    #[inline(never)]
+    fn note(&mut self, write: impl FnOnce(&mut Text) -> fmt::Result) {
+        let mut text = Text::new();
+        // What does not fit is left away.
+        let _ = write(&mut text);
+        self.session.notice(|out| out.write_str(&text));
+        self.links.texts.sender().send(text);
     }
 
     fn health(&self, platform: &impl Platform) -> Health {
@@ -133,6 +146,7 @@ impl Talk<'_> {
             reset: self.reset.clone(),
             uptime_s: Instant::now().as_secs() as u32,
             stack: platform.stack(),
+            ports: self.links.spoken(),
         }
     }
 }

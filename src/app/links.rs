@@ -1,19 +1,22 @@
 //! The wires between tasks.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::cell::Cell;
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::{Receiver, Watch};
 use embassy_time::Instant;
 
-use crate::attitude::Report;
+use crate::attitude::{Lines, Report};
 use crate::calibration::Sample;
 use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
+use crate::port::{Order, PORTS, PortNumber, ProtocolKind};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 
@@ -42,9 +45,6 @@ pub(super) type Latest<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>
 /// A task's end of a [`Latest`].
 pub(super) type Listener<'a, T, const N: usize> = Receiver<'a, CriticalSectionRawMutex, T, N>;
 
-/// The most outlets that can run at once: one for each port, and one to spare.
-pub(super) const OUTLETS: usize = 3;
-
 /// All wires between tasks. The tasks run at two priorities, so every wire is closed by a critical section, of some
 /// hundred instructions at most.
 pub struct Links {
@@ -66,10 +66,18 @@ pub struct Links {
     pub(super) armed: Latest<Option<bool>, 1>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
-    /// To the outlets.
-    pub(super) settings: Latest<Settings, OUTLETS>,
-    /// To the outlets; the console looks at it now and then.
-    pub(super) estimates: Latest<Estimate, OUTLETS>,
+    /// To the ports.
+    pub(super) settings: Latest<Settings, PORTS>,
+    /// To the ports: what the console notes.
+    pub(super) texts: Latest<Text, PORTS>,
+    /// To the ports; the console looks at it now and then.
+    pub(super) estimates: Latest<Estimate, PORTS>,
+    /// To the state machine: what is asked for on a port.
+    pub(super) orders: Queue<(PortNumber, Order), 1>,
+    /// To the console, which can do it: restart.
+    pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
+    ports: [Wires; PORTS],
+    lines: Mutex<CriticalSectionRawMutex, Cell<Lines>>,
     pub(super) counters: Counters,
     pub(super) heartbeats: Heartbeats,
 }
@@ -92,10 +100,53 @@ impl Links {
             armed: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
+            texts: Watch::new(),
             estimates: Watch::new(),
+            orders: Channel::new(),
+            restart: Signal::new(),
+            ports: [const { Wires::new() }; PORTS],
+            lines: Mutex::new(Cell::new(Lines::new())),
             counters: Counters::new(),
             heartbeats: Heartbeats::new(),
         }
+    }
+
+    /// A port's own.
+    pub(super) const fn port(&self, number: PortNumber) -> &Wires {
+        let [one, two] = &self.ports;
+        match number {
+            PortNumber::One => one,
+            PortNumber::Two => two,
+        }
+    }
+
+    /// Whether a report of attitude that came on a port is taken: one port's is at a time.
+    pub(super) fn takes_attitude_of(&self, number: PortNumber, at: Timestamp, report: &Report) -> bool {
+        self.lines.lock(|lines| {
+            let mut all = lines.get();
+            let takes = all.takes(at, number as u8, report.has_rates());
+            lines.set(all);
+            takes
+        })
+    }
+
+    /// A port tells what it speaks, and whether the autopilot there is armed. It is, if that of any port is.
+    pub(super) fn port_is(&self, number: PortNumber, spoken: ProtocolKind, is_armed: Option<bool>) {
+        let wires = self.port(number);
+        wires.spoken.store(spoken as u8, Ordering::Relaxed);
+        wires.armed.store(is_armed.map_or(UNKNOWN, u8::from), Ordering::Relaxed);
+        let armed = |number| self.port(number).armed.load(Ordering::Relaxed);
+        let [one, two] = PortNumber::ALL.map(armed);
+        let most = if one == UNKNOWN || (two != UNKNOWN && two > one) { two } else { one };
+        publish(&self.armed, (most != UNKNOWN).then_some(most == u8::from(true)));
+    }
+
+    /// What is spoken on the ports.
+    pub(super) fn spoken(&self) -> [ProtocolKind; PORTS] {
+        PortNumber::ALL.map(|number| {
+            let spoken = self.port(number).spoken.load(Ordering::Relaxed);
+            ProtocolKind::ALL.into_iter().find(|kind| *kind as u8 == spoken).unwrap_or(ProtocolKind::Auto)
+        })
     }
 
     /// The counters as they are now.
@@ -149,46 +200,62 @@ pub(super) fn count(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
+/// A line of the console's, for ports.
+pub(super) type Text = heapless::String<TEXT>;
+
+/// Characters of the longest note, and a little.
+const TEXT: usize = 200;
+
+/// No autopilot has said whether it is armed.
+const UNKNOWN: u8 = 2;
+
+/// The wires of one port.
+pub(super) struct Wires {
+    /// A sign of life; 0 of a port that does not run.
+    pub heartbeat: AtomicU32,
+    /// What became of an order that came there.
+    pub answers: Signal<CriticalSectionRawMutex, (Order, Result<(), Refusal>)>,
+    spoken: AtomicU8,
+    armed: AtomicU8,
+}
+
+impl Wires {
+    const fn new() -> Self {
+        Self {
+            heartbeat: AtomicU32::new(0),
+            answers: Signal::new(),
+            spoken: AtomicU8::new(ProtocolKind::Auto as u8),
+            armed: AtomicU8::new(UNKNOWN),
+        }
+    }
+}
+
 /// Signs of life, one counter each.
 #[derive(Debug)]
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
-    pub attitude: AtomicU32,
     pub instrument: AtomicU32,
-    /// Of each outlet that runs.
-    pub outlets: [AtomicU32; OUTLETS],
     /// The executor of the tasks below those.
     pub below: AtomicU32,
 }
 
-/// The first of the signs of life are of tasks that every board runs, one outlet among them.
-pub(super) const ALWAYS_THERE: usize = 5;
+/// The first of the signs of life are of tasks that every board runs, the first port among them.
+pub(super) const ALWAYS_THERE: usize = 4;
 
 /// Signs of life that the watchdog looks at.
-pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + OUTLETS;
+pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORTS;
 
 impl Heartbeats {
     pub const fn new() -> Self {
-        Self {
-            sensor: AtomicU32::new(0),
-            attitude: AtomicU32::new(0),
-            instrument: AtomicU32::new(0),
-            outlets: [const { AtomicU32::new(0) }; OUTLETS],
-            below: AtomicU32::new(0),
-        }
+        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), below: AtomicU32::new(0) }
     }
+}
 
-    /// Shows life of an outlet for the first time; where it shows life from now on.
-    pub fn outlet_begins(&self) -> &AtomicU32 {
-        let is_free = |beat: &&AtomicU32| beat.compare_exchange(0, 1, Ordering::Relaxed, Ordering::Relaxed).is_ok();
-        let [first, ..] = &self.outlets;
-        // There is one for each: `listen` has given the outlet its end of the wires.
-        self.outlets.iter().find(is_free).unwrap_or(first)
-    }
-
-    /// All of them. That of an outlet that does not run stays 0.
-    pub fn snapshot(&self) -> [u32; HEARTBEATS] {
-        let Self { sensor, attitude, instrument, below, outlets: [first, second, third] } = self;
-        [sensor, attitude, instrument, below, first, second, third].map(|beat| beat.load(Ordering::Relaxed))
+impl Links {
+    /// All signs of life. That of a port that does not run stays 0.
+    pub(super) fn life(&self) -> [u32; HEARTBEATS] {
+        let Heartbeats { sensor, instrument, below } = &self.heartbeats;
+        let [one, two] = PortNumber::ALL.map(|number| &self.port(number).heartbeat);
+        [sensor, instrument, below, one, two].map(|beat| beat.load(Ordering::Relaxed))
     }
 }

@@ -4,24 +4,25 @@
 //! ```text
 //! interrupt executor                                                    thread executor
 //! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
-//! attitude ---reports---> instrument <--correction---------------------- compass <--requests--- console
-//!          ---armed----------------------------------------------------> compass
-//!                         instrument ---estimates---> outlet <--settings-- compass
-//! panel    <--glance, estimates------------------------------------------ compass
-//!          ---pressed--------------------------------------------------> compass
-//! watchdog <--heartbeats of the four, and <----------------------------- pulse
+//! port   ----reports----> instrument <--correction---------------------- compass <--requests--- console
+//!        <---estimates--- instrument
+//!        ----armed, orders---------------------------------------------> compass
+//!        <---settings, answers------------------------------------------ compass
+//!        <---texts-------------------------------------------------------------------------- console
+//! panel  <---glance, estimates------------------------------------------ compass
+//!        ----pressed---------------------------------------------------> compass
+//! watchdog <-signs of life of those, and <------------------------------ pulse
 //! ```
 //!
 //! What makes a heading runs above everything that may take long (a solve, an erase, a person), so none of that delays
 //! a sentence. All wires between tasks are in one [`Links`]; there are no globals.
 
-pub mod attitude;
 pub mod compass;
 pub mod console;
 pub mod instrument;
 mod links;
-pub mod outlet;
 pub mod panel;
+pub mod port;
 pub mod sensor;
 #[cfg(test)]
 mod tests;
@@ -29,6 +30,7 @@ pub mod watchdog;
 
 pub use links::Links;
 pub use panel::Panel;
+pub use port::SetBaud;
 
 use crate::health::StackUse;
 

@@ -25,13 +25,13 @@ pub async fn pulse(links: &Links) -> ! {
     }
 }
 
-/// Feeds when sensor, attitude, instrument, every outlet that runs and the lower executor have each shown life since the
+/// Feeds when sensor, instrument, every port that runs and the lower executor have each shown life since the
 /// last look, and only then.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
-    let mut before = links.heartbeats.snapshot();
+    let mut before = links.life();
     loop {
         Timer::after(LOOK).await;
-        let now = links.heartbeats.snapshot();
+        let now = links.life();
         if all_live(&before, &now) {
             watchdog.feed();
         }
@@ -39,7 +39,7 @@ pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     }
 }
 
-/// Whether each has shown life; of the outlets after the first, those that ever have.
+/// Whether each has shown life; of the ports after the first, those that ever have.
 fn all_live(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
     let does_not_run = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
     now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || does_not_run(i, *now))

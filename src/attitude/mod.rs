@@ -1,6 +1,7 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
 mod clock;
+mod lines;
 mod motion;
 mod plausibility;
 mod rates;
@@ -11,6 +12,7 @@ use core::f32::consts::FRAC_PI_2;
 use crate::frames::{Attitude, Body, Field, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
 use clock::SenderClock;
+pub use lines::Lines;
 use motion::Integral;
 pub use motion::{Motion, Turning};
 use plausibility::{Freeze, Spikes};
@@ -67,7 +69,7 @@ pub struct Report {
 impl Report {
     /// Whether its source gives rates: those of what moves are never all nothing, and no gyro reads more than
     /// [`MAX_RATE_RAD_S`].
-    fn has_rates(&self) -> bool {
+    pub(crate) fn has_rates(&self) -> bool {
         self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
             && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_RATE_RAD_S)
     }

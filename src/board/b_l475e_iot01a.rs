@@ -4,7 +4,8 @@
 //! |---|---|---|
 //! | magnetometer LIS3MDL, address 0x1E | I2C2: PB10 SCL, PB11 SDA | on the board |
 //! | console, 115200 8N1 | USART1: PB6 TX, PB7 RX | USB connector (ST-LINK's virtual COM port) |
-//! | autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
+//! | port 1: autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
+//! | port 2: instrument, 115200 8N1 | USART2: PD5 TX, PD6 RX | PMOD connector |
 //! | lamp | PB14 | LED LD2 |
 //! | button | PC13, low while it is down | user button B2 (blue) |
 //!
@@ -45,6 +46,7 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL4 => dma::InterruptHandler<DMA1_CH4>;
     DMA1_CHANNEL5 => dma::InterruptHandler<DMA1_CH5>;
     USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
+    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
     UART4 => usart::BufferedInterruptHandler<peripherals::UART4>;
     FLASH => flash::InterruptHandler;
 });
@@ -74,6 +76,7 @@ static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 pub fn start() -> ! {
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
+    static INSTRUMENT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static OTHER_TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::cause();
@@ -87,7 +90,10 @@ pub fn start() -> ! {
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2) };
     let hardware = Hardware {
         magnetometer: Lis3mdl::new(bus, lis3mdl::Config::default()),
-        autopilot: uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
+        ports: [
+            uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
+            uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
+        ],
         console: uart(p.USART1, p.PB7, p.PB6, Irqs, CONSOLE_BUFFERS.init(UartBuffers::NEW)),
         watchdog: Watchdog(watchdog),
         panel: Panel {
@@ -125,6 +131,7 @@ fn clocks() -> embassy_stm32::Config {
 /// Those that the HAL does not set by its configuration. Its clock has the highest priority, as it comes.
 fn set_priorities() {
     interrupt::USART1.set_priority(UART_PRIORITY);
+    interrupt::USART2.set_priority(UART_PRIORITY);
     interrupt::UART4.set_priority(UART_PRIORITY);
     interrupt::I2C2_EV.set_priority(SENSOR_BUS_PRIORITY);
     interrupt::I2C2_ER.set_priority(SENSOR_BUS_PRIORITY);

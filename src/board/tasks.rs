@@ -3,7 +3,7 @@
 
 use autoswing::app::{self, Links};
 use autoswing::health::ResetCause;
-use autoswing::outlet::NmeaOutlet;
+use autoswing::port::{PORTS, PortNumber};
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 
@@ -14,7 +14,8 @@ static LINKS: Links = Links::new();
 /// What a board brings up for the tasks.
 pub struct Hardware {
     pub magnetometer: Magnetometer,
-    pub autopilot: (UartTx, UartRx),
+    /// The autopilot's, and an instrument's.
+    pub ports: [(UartTx, UartRx); PORTS],
     pub console: (UartTx, UartRx),
     pub watchdog: Watchdog,
     pub panel: Panel,
@@ -27,11 +28,11 @@ pub struct Hardware {
 /// Spawns all tasks: those that make headings above, on an executor that interrupts the other, those that may take long
 /// below.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
-    let (autopilot_tx, autopilot_rx) = hardware.autopilot;
     above.spawn(spawned(sensor(hardware.magnetometer)));
-    above.spawn(spawned(attitude(autopilot_rx)));
     above.spawn(spawned(instrument()));
-    above.spawn(spawned(autopilot_outlet(autopilot_tx)));
+    for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(hardware.ports) {
+        above.spawn(spawned(port(number, tx, rx)));
+    }
     above.spawn(spawned(watch(hardware.watchdog)));
     above.spawn(spawned(panel(hardware.panel)));
 
@@ -42,7 +43,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     below.spawn(spawned(pulse()));
 }
 
-/// Each task is spawned once, and there is room for one of each, so this cannot fail.
+/// Each task is spawned once, and a port's once for each port; there is room for them, so this cannot fail.
 pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
     token.expect("one task of each")
 }
@@ -53,18 +54,13 @@ async fn sensor(magnetometer: Magnetometer) -> ! {
 }
 
 #[embassy_executor::task]
-async fn attitude(rx: UartRx) -> ! {
-    app::attitude::run(&LINKS, rx).await
-}
-
-#[embassy_executor::task]
 async fn instrument() -> ! {
     app::instrument::run(&LINKS).await
 }
 
-#[embassy_executor::task]
-async fn autopilot_outlet(tx: UartTx) -> ! {
-    app::outlet::run(&LINKS, NmeaOutlet, tx).await
+#[embassy_executor::task(pool_size = PORTS)]
+async fn port(number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
+    app::port::run(&LINKS, number, rx, tx).await
 }
 
 #[embassy_executor::task]

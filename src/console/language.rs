@@ -348,6 +348,7 @@ mod tests {
     use crate::calibration::ladder::Procedure;
     use crate::calibration::{Method, Orientation};
     use crate::compass::Command;
+    use crate::port::{Baud, PortNumber, ProtocolKind};
     use crate::settings::{AttitudeError, HeadingKind, Setting};
 
     fn command(line: &str) -> Command {
@@ -407,6 +408,12 @@ mod tests {
             ("set align 90.5 yes", Command::AlignSurely(90.5)),
             ("set attitude-error 0.5 2", set(error(0.5, 2.0))),
             ("set accuracy 0.7", set(Setting::Accuracy(0.7))),
+            ("set port1 mavlink", set(Setting::Protocol(PortNumber::One, ProtocolKind::Mavlink))),
+            ("set port2 msp", set(Setting::Protocol(PortNumber::Two, ProtocolKind::Msp))),
+            ("set baud1 460800", set(Setting::Baud(PortNumber::One, Baud::B460800))),
+            ("set baud2 57600", set(Setting::Baud(PortNumber::Two, Baud::B57600))),
+            ("set vision on", set(Setting::Vision(true))),
+            ("set vision off", set(Setting::Vision(false))),
             ("set attitude-error default", set(Setting::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {
@@ -454,6 +461,8 @@ mod tests {
                 "unexpected-argument: too many words; it is set attitude-error DEG PERCENT",
             ),
             ("cal start sideways", "bad-value: expected flight, turns, level, swing, tumble or again"),
+            ("set port1 can", "bad-value: expected auto, mavlink, msp or nmea"),
+            ("set baud2 9600", "bad-value: expected 57600, 115200, 230400 or 460800"),
             ("cal auto maybe", "bad-value: expected on or off"),
             ("stream heading smoothed", "bad-value: expected raw or smooth"),
             ("stream heading smoot", "bad-value: expected raw or smooth"),

@@ -8,6 +8,7 @@ use super::Request;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
+use crate::port::{Baud, PortNumber, ProtocolKind};
 use crate::settings::{AttitudeError, HeadingKind, Setting, Settings};
 
 /// A command, or the first word of several.
@@ -209,8 +210,26 @@ pub static ROWS: &[Row] = &[
     Row::new("set", "accuracy", "the expected error at which collecting in flight is over")
         .takes(&[Slot::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
         .means(|given| set(Setting::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
+    Row::new("set", "port1", "what is spoken on the first port; auto: what the autopilot there speaks")
+        .takes(&[PROTOCOL])
+        .means(|given| set(protocol_of(PortNumber::One, given))),
+    Row::new("set", "port2", "what is spoken on the second port")
+        .takes(&[PROTOCOL])
+        .means(|given| set(protocol_of(PortNumber::Two, given))),
+    Row::new("set", "baud1", "how fast the first port is")
+        .takes(&[BAUD])
+        .means(|given| set(baud_of(PortNumber::One, given))),
+    Row::new("set", "baud2", "how fast the second port is")
+        .takes(&[BAUD])
+        .means(|given| set(baud_of(PortNumber::Two, given))),
+    Row::new("set", "vision", "tell a MAVLink autopilot true yaw, to be used instead of its own; needs a declination")
+        .takes(&[Slot::new("SWITCH", Kind::Choice(switch))])
+        .means(|given| set(Setting::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
     Row::new("reboot", "", "restart the module").means(|_| Request::Reboot),
 ];
+
+const PROTOCOL: Slot = Slot::new("PROTOCOL", Kind::Choice(protocol));
+const BAUD: Slot = Slot::new("BAUD", Kind::Choice(baud));
 
 /// Methods, the best first.
 const METHODS: [Method; 6] = [
@@ -263,6 +282,30 @@ fn nth_orientation(number: usize) -> Option<Orientation> {
 
 fn orientation(number: usize) -> Option<&'static str> {
     nth_orientation(number).map(Orientation::name)
+}
+
+fn nth_protocol(number: usize) -> Option<ProtocolKind> {
+    ProtocolKind::ALL.get(number).copied()
+}
+
+fn protocol(number: usize) -> Option<&'static str> {
+    nth_protocol(number).map(ProtocolKind::name)
+}
+
+fn protocol_of(port: PortNumber, given: &Given) -> Setting {
+    Setting::Protocol(port, given.choice(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
+}
+
+fn nth_baud(number: usize) -> Option<Baud> {
+    Baud::ALL.get(number).copied()
+}
+
+fn baud(number: usize) -> Option<&'static str> {
+    nth_baud(number).map(Baud::name)
+}
+
+fn baud_of(port: PortNumber, given: &Given) -> Setting {
+    Setting::Baud(port, given.choice(0, nth_baud).unwrap_or(Baud::B115200))
 }
 
 fn attitude_error(given: &Given) -> AttitudeError {
@@ -323,6 +366,8 @@ mod tests {
         for number in 0..30 {
             assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
             assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));
+            assert_eq!(nth_protocol(number), protocol(number).and_then(ProtocolKind::from_name));
+            assert_eq!(nth_baud(number), baud(number).and_then(Baud::from_name));
             assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
             assert_eq!(nth_orientation(number), orientation(number).and_then(Orientation::from_name));
             assert_eq!(METHODS.get(number).copied(), method(number).and_then(Method::from_name));

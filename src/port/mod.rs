@@ -3,9 +3,19 @@
 //! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
 //! tell, passes on what it has [`Heard`], and writes its [`Output`].
 
+mod ear;
+mod line;
 mod msp;
+mod nmea;
+mod pace;
+mod settings;
 
+pub use ear::Mavlink;
+pub use line::Port;
 pub use msp::Msp;
+pub use nmea::Nmea;
+pub use pace::Pace;
+pub use settings::{Baud, PORTS, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 use crate::attitude::Report;
 use crate::compass::{Glance, Refusal};
@@ -53,14 +63,18 @@ pub struct Facts<'a> {
     pub settings: &'a Settings,
     /// The state machine at a glance.
     pub glance: Glance,
-    /// Whether a heading is to be told in the way that replaces the autopilot's own yaw.
-    pub tells_vision: bool,
 }
 
 /// Bytes to be written. A message that does not fit is left away whole.
 #[derive(Debug, Default)]
 pub struct Output {
     bytes: heapless::Vec<u8, OUTPUT>,
+    /// Messages since the start; wraps, as the others do.
+    pub told: u32,
+    /// Those among them that had no heading to tell.
+    pub empty: u32,
+    /// Those that were left away, or lost.
+    pub lost: u32,
 }
 
 /// The longest there is at once: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller ones; or three NMEA sentences
@@ -71,12 +85,19 @@ impl Output {
     /// Nothing to write.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: heapless::Vec::new() }
+        Self { bytes: heapless::Vec::new(), told: 0, empty: 0, lost: 0 }
     }
 
-    /// Appends a message; whether there was room for it.
-    pub fn message(&mut self, message: &[u8]) -> bool {
-        self.bytes.extend_from_slice(message).is_ok()
+    /// Appends a message, of several parts; whether there was room for it.
+    pub fn message(&mut self, parts: &[&[u8]]) -> bool {
+        self.told = self.told.wrapping_add(1);
+        let before = self.bytes.len();
+        let fits = parts.iter().all(|part| self.bytes.extend_from_slice(part).is_ok());
+        if !fits {
+            self.bytes.truncate(before);
+            self.lost = self.lost.wrapping_add(1);
+        }
+        fits
     }
 
     /// What is to be written.
@@ -90,6 +111,12 @@ impl Output {
         let number = number.min(self.bytes.len());
         self.bytes.rotate_left(number);
         self.bytes.truncate(self.bytes.len() - number);
+    }
+
+    /// The line has failed: what was to be written is lost.
+    pub fn fail(&mut self) {
+        self.bytes.clear();
+        self.lost = self.lost.wrapping_add(1);
     }
 }
 
@@ -118,16 +145,26 @@ pub trait Protocol {
 mod tests {
     use super::*;
 
+    /// What there is to tell of an estimate.
+    pub(super) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Facts<'a> {
+        Facts { now: estimate.at, estimate, settings, glance: Glance::Calibrated }
+    }
+
     #[test]
     fn a_message_is_written_whole_or_not_at_all() {
         let mut out = Output::new();
-        assert!(out.message(&[1; OUTPUT - 1]));
-        assert!(!out.message(&[2; 2]));
+        assert!(out.message(&[&[1; OUTPUT - 2], &[1]]));
+        assert!(!out.message(&[&[2], &[2]]));
         assert_eq!(out.pending(), [1; OUTPUT - 1]);
-        assert!(out.message(&[3]));
+        assert!(out.message(&[&[3]]));
+        assert_eq!((out.told, out.lost), (3, 1));
         out.written(OUTPUT - 2);
         assert_eq!(out.pending(), [1, 3]);
-        out.written(100);
+        out.fail();
+        assert!(out.pending().is_empty());
+        assert_eq!(out.lost, 2);
+        assert!(out.message(&[&[4; OUTPUT]]));
+        out.written(usize::MAX);
         assert!(out.pending().is_empty());
     }
 }

@@ -3,17 +3,17 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::{StoreError, v2, v3, v4, v5, v6};
+use super::{StoreError, v2, v3, v4, v5, v6, v7};
 use crate::calibration::{Calibration, Latency, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::Settings;
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
-/// into a module of its own, as `v6` did.
-pub(super) const VERSION: u8 = 7;
-/// Room for version, contents and CRC. The contents take at most 730 bytes: 346 for each record, 36 for settings and
+/// into a module of its own, as `v7` did.
+pub(super) const VERSION: u8 = 8;
+/// Room for version, contents and CRC. The contents take at most 735 bytes: 346 for each record, 41 for settings and
 /// the count of saves, and the tags of the options.
-pub(super) const VALUE_SIZE: usize = 736;
+pub(super) const VALUE_SIZE: usize = 744;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
@@ -166,6 +166,7 @@ impl Contents {
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
             VERSION => Self::read(payload),
+            v7::VERSION => v7::read(payload),
             v6::VERSION => v6::read(payload),
             v5::VERSION => v5::read(payload),
             v4::VERSION => v4::read(payload),
@@ -196,6 +197,7 @@ mod tests {
     use super::*;
     use crate::calibration::{Envelope, Method};
     use crate::magnetometer::Model;
+    use crate::port::{Baud, ProtocolKind};
     use crate::settings::{AttitudeError, HeadingKind};
     use crate::store::tests::{record, sealed, settings, value_of};
 
@@ -215,15 +217,15 @@ mod tests {
         assert_eq!(Contents::decode(&value), Ok(contents()));
         assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 730 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 735 + 1 + CRC_SIZE);
     }
 
-    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v6` is.
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v7` is.
     #[test]
     fn the_bytes_of_this_version_stay_what_they_are() {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
-        assert_eq!((version, value.len(), crc), (7, 735, &[38, 57, 149, 240][..]));
+        assert_eq!((version, value.len(), crc), (8, 740, &[184, 4, 175, 199][..]));
     }
 
     /// A variant that is put between others moves those behind it, which no record with the first of them shows.
@@ -237,6 +239,8 @@ mod tests {
         assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc]);
         assert_numbers(&[Envelope::Banked, Envelope::Level]);
         assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
+        assert_numbers(&ProtocolKind::ALL);
+        assert_numbers(&Baud::ALL);
         assert_numbers(&[
             Method::Level,
             Method::FourEllipse,
@@ -281,7 +285,7 @@ mod tests {
 
     #[test]
     fn another_version_is_named() {
-        for version in [0, 1, 8, 9, 255] {
+        for version in [0, 1, 9, 10, 255] {
             let value = sealed(vec![version, 1, 2, 3]);
             assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
         }

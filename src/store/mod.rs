@@ -31,6 +31,7 @@ mod v3;
 mod v4;
 mod v5;
 mod v6;
+mod v7;
 
 use core::ops::Range;
 

@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::contents::{self, Record, Stored};
 use crate::calibration;
 use crate::magnetometer;
+use crate::port::PortsSettings;
 use crate::settings;
 
 /// The number of this version.
@@ -137,6 +138,7 @@ impl Settings {
             stream_on: self.stream_on,
             stream_rate_hz: self.stream_rate_hz,
             mount: self.mount.convert()?,
+            ports: PortsSettings::BEFORE_THERE_WERE_TWO,
             ..settings::Settings::DEFAULT
         })
     }

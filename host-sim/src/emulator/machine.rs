@@ -54,7 +54,7 @@ pub enum Message {
     Step,
     /// It is about to look at the sensor.
     Sensor,
-    /// It has written to the autopilot, and goes on by itself.
+    /// It has written to the instrument, and goes on by itself.
     Written,
 }
 
@@ -65,6 +65,8 @@ pub struct Go {
     pub console: Vec<u8>,
     /// Bytes to the autopilot port.
     pub autopilot: Vec<u8>,
+    /// Bytes to the instrument port.
+    pub instrument: Vec<u8>,
     /// Whether the sensor's data wire is broken.
     pub sensor_broken: bool,
     /// A test that the bench image is to run.
@@ -100,6 +102,7 @@ pub struct Machine {
     qmp: Qmp,
     console: UnixStream,
     autopilot: UnixStream,
+    instrument: UnixStream,
     lockstep: UnixStream,
     /// Sockets and flash; gone with this value.
     _directory: TempDir,
@@ -114,19 +117,20 @@ impl Machine {
         let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
         let flash = directory.path().join("flash.bin");
         fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;
-        let sockets = ["console", "autopilot", "lockstep", "qmp"].map(|name| directory.path().join(name));
+        let sockets = ["console", "autopilot", "lockstep", "instrument", "qmp"].map(|name| directory.path().join(name));
         let log = directory.path().join("log");
         let stderr = fs::File::create(&log).map_err(|error| EmulatorError::Connection("log", error))?;
         let child = command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
         let mut qemu = Qemu { child, log };
-        let [console, autopilot, lockstep, qmp] = &sockets;
+        let [console, autopilot, lockstep, instrument, qmp] = &sockets;
         let console = not_waited_for(qemu.connect("console", console)?)?;
         let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
+        let instrument = not_waited_for(qemu.connect("instrument port", instrument)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
         // With an image for another machine it may end before it has answered.
         qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
-        Ok(Self { qemu, qmp, console, autopilot, lockstep, _directory: directory })
+        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, _directory: directory })
     }
 
     /// Waits for the machine's next message; with it come its clock's ticks since its last reset.
@@ -165,18 +169,21 @@ impl Machine {
         let send = |stream: &mut UnixStream, bytes: &[u8], what| {
             stream.write_all(bytes).map_err(|error| EmulatorError::Connection(what, error))
         };
-        let [console, autopilot] = [&go.console, &go.autopilot].map(|bytes| &bytes[..bytes.len().min(MOST_BYTES)]);
+        let [console, autopilot, instrument] =
+            [&go.console, &go.autopilot, &go.instrument].map(|bytes| &bytes[..bytes.len().min(MOST_BYTES)]);
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
-        let message = [console.len() as u8, autopilot.len() as u8, go.flags()];
+        send(&mut self.instrument, instrument, "instrument port")?;
+        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, go.flags()];
         send(&mut self.lockstep, &message, "lockstep")
     }
 
-    /// What the machine has written to console and autopilot so far.
-    pub fn written(&mut self) -> Result<[Vec<u8>; 2], EmulatorError> {
+    /// What the machine has written to console, autopilot and instrument so far.
+    pub fn written(&mut self) -> Result<[Vec<u8>; 3], EmulatorError> {
         Ok([
             available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
             available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
+            available(&mut self.instrument).map_err(|error| EmulatorError::Connection("instrument port", error))?,
         ])
     }
 
@@ -237,7 +244,7 @@ impl Drop for Qemu {
     }
 }
 
-fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, qmp]: &[PathBuf; 4]) -> Command {
+fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
     let mut command = Command::new(super::QEMU);
     command
         // Stopped until all are connected, lest the first bytes be lost.
@@ -254,7 +261,7 @@ fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, qmp]: &[Pa
         .arg(format!("unix:{},server=on,wait=off", qmp.display()))
         .stdin(Stdio::null())
         .stdout(Stdio::null());
-    for socket in [console, autopilot, lockstep] {
+    for socket in [console, autopilot, lockstep, instrument] {
         command.arg("-serial").arg(format!("unix:{},server=on,wait=off", socket.display()));
     }
     command

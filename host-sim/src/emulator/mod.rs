@@ -53,8 +53,10 @@ pub struct Emulator {
     world: World,
     console: HostEnd,
     autopilot: HostEnd,
+    instrument: HostEnd,
     console_wire: Wire,
     autopilot_wire: Wire,
+    instrument_wire: Wire,
     machine: Machine,
     noise: Random,
     field_set_us: Option<u64>,
@@ -80,17 +82,19 @@ impl Emulator {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
-        let (console_cable, autopilot_cable) = (cable(), cable());
-        let (console, autopilot) = (console_cable.host(), autopilot_cable.host());
+        let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
+        let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
         let source = world.attitude_source().run(world.clone(), autopilot.clone(), vec![]);
         simulation.spawn(Level::World, "attitude source", source);
         Ok(Self {
             console_wire: Wire::new(&console_cable, &mut simulation),
             autopilot_wire: Wire::new(&autopilot_cable, &mut simulation),
+            instrument_wire: Wire::new(&instrument_cable, &mut simulation),
             simulation,
             world,
             console,
             autopilot,
+            instrument,
             machine: Machine::start(image)?,
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
@@ -145,9 +149,10 @@ impl Emulator {
             return Ok(());
         }
         self.catch_up(ticks / TICKS_PER_US);
-        let [console, autopilot] = self.machine.written()?;
+        let [console, autopilot, instrument] = self.machine.written()?;
         self.console_wire.write(&console);
         self.autopilot_wire.write(&autopilot);
+        self.instrument_wire.write(&instrument);
         match message {
             Message::Written => {
                 self.way.written(ticks);
@@ -164,6 +169,7 @@ impl Emulator {
         let go = Go {
             console: self.console_wire.take(),
             autopilot: self.autopilot_wire.take(),
+            instrument: self.instrument_wire.take(),
             sensor_broken: self.sensor_broken,
             test: self.asked.take(),
         };
@@ -208,6 +214,10 @@ impl Module for Emulator {
 
     fn autopilot(&self) -> &HostEnd {
         &self.autopilot
+    }
+
+    fn instrument(&self) -> &HostEnd {
+        &self.instrument
     }
 
     fn now_us(&self) -> u64 {

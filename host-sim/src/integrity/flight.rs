@@ -188,7 +188,7 @@ fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judg
         rig.world.fly(leg);
     }
     let mut reader = Reader::default();
-    let _ = rig.autopilot.receive();
+    let _ = rig.instrument.receive();
     while rig.now_us() < end_us {
         if rig.world.legs_left() < 2 {
             for leg in usage::next(kind, &mut random) {
@@ -198,7 +198,7 @@ fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judg
         if rig.run_for_s(PIECE_S) != Ran::Time {
             return;
         }
-        for timed in rig.autopilot.receive_timed() {
+        for timed in rig.instrument.receive_timed() {
             if let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") {
                 let true_deg = rig.world.true_state(timed.at_us).heading_deg();
                 judge(timed.at_us, &judged(received, true_deg));

@@ -43,13 +43,11 @@ pub struct Port {
     cable: fn(&Rig) -> &HostEnd,
 }
 
-/// The ports that the module has, in their order; a port more of the firmware is a line more here.
-///
-/// The reference board has another UART, which the firmware does not use yet: it gets its line with the firmware's task
-/// for it. Until then there is nothing to be attached to.
+/// The ports that the module has, in their order.
 pub const PORTS: &[Port] = &[
     Port { name: "console", carries: "a terminal", cable: |rig| &rig.console },
-    Port { name: "autopilot", carries: "MAVLink attitude in, NMEA heading out", cable: |rig| &rig.autopilot },
+    Port { name: "port 1", carries: "an autopilot: MAVLink or MSP, found by itself", cable: |rig| &rig.autopilot },
+    Port { name: "port 2", carries: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
 /// Where in [`PORTS`] the console is, and the autopilot's port.

@@ -8,8 +8,10 @@ use std::rc::Rc;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
+use crate::app::SetBaud;
 use crate::frames::Field;
 use crate::magnetometer::{Error, Identity, Magnetometer, Model, Reading};
+use crate::port::Baud;
 
 pub const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 
@@ -124,6 +126,8 @@ impl Read for Line {
 #[derive(Clone, Default)]
 pub struct Port {
     pub written: Rc<RefCell<Vec<u8>>>,
+    /// How fast it was made to be, one after the other.
+    pub bauds: Rc<RefCell<Vec<Baud>>>,
     pub mood: Rc<Cell<Mood>>,
 }
 
@@ -151,5 +155,11 @@ impl Write for Port {
 
     async fn flush(&mut self) -> Result<(), ErrorKind> {
         Ok(())
+    }
+}
+
+impl SetBaud for Port {
+    fn set_baud(&mut self, baud: Baud) {
+        self.bauds.borrow_mut().push(baud);
     }
 }

@@ -4,6 +4,7 @@ mod below;
 mod devices;
 mod heading;
 mod panel;
+mod port;
 mod sensor;
 mod watchdog;
 

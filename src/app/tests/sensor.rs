@@ -69,7 +69,7 @@ fn a_sensor_that_fails_when_it_is_verified_is_lost() {
         bed.ms(1_450);
         let counts = bed.links.counts();
         assert_eq!((counts.sensor_upsets, counts.sensor_errors), (0, 1), "{mood:?}");
-        assert_eq!(bed.links.heartbeats.snapshot()[0], counts.readings + 1);
+        assert_eq!(bed.links.life()[0], counts.readings + 1);
     }
 }
 
@@ -81,7 +81,7 @@ fn a_missing_sensor_is_looked_for_every_fifth_of_a_second() {
     bed.ms(999);
     assert_eq!(chip.inits.get(), 5, "at 0, 200, 400, 600 and 800 ms");
     assert_eq!(bed.links.counts().sensor_errors, 5);
-    assert_eq!(bed.links.heartbeats.snapshot()[0], 5);
+    assert_eq!(bed.links.life()[0], 5);
     assert!(bed.links.sensor.try_get().is_none());
     chip.init.set(Mood::Works);
     bed.ms(1);

@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 use std::rc::Rc;
+use std::sync::atomic::AtomicU32;
 
 use embassy_time::Timer;
 
@@ -9,6 +10,7 @@ use super::Bed;
 use crate::app::links::{ALWAYS_THERE, HEARTBEATS, Heartbeats, count};
 use crate::app::watchdog::{self, LONGEST_WITHOUT_FEED_US};
 use crate::app::{Links, Watchdog};
+use crate::port::PortNumber;
 
 #[derive(Clone, Default)]
 struct Dog(Rc<Cell<u32>>);
@@ -19,9 +21,10 @@ impl Watchdog for Dog {
     }
 }
 
-fn all(heartbeats: &Heartbeats) -> [&core::sync::atomic::AtomicU32; HEARTBEATS] {
-    let Heartbeats { sensor, attitude, instrument, below, outlets: [first, second, third] } = heartbeats;
-    [sensor, attitude, instrument, below, first, second, third]
+fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
+    let Heartbeats { sensor, instrument, below } = &links.heartbeats;
+    let [one, two] = PortNumber::ALL.map(|number| &links.port(number).heartbeat);
+    [sensor, instrument, below, one, two]
 }
 
 /// Tasks that live, but for one that falls silent after a second.
@@ -31,7 +34,7 @@ fn with_silent(silent: Option<usize>) -> (Bed, Dog) {
     bed.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
     bed.run("tasks", |links: Rc<Links>| async move {
         for ms in (0..).step_by(100) {
-            for (i, beat) in all(&links.heartbeats).into_iter().enumerate() {
+            for (i, beat) in all(&links).into_iter().enumerate() {
                 if silent != Some(i) || ms < 1000 {
                     count(beat);
                 }
@@ -62,32 +65,21 @@ fn it_starves_when_any_one_falls_silent() {
     }
 }
 
-/// A board with one outlet is fed; one whose first outlet never comes to life is not.
+/// A board with one port is fed; one whose first port never comes to life is not.
 #[test]
-fn outlets_that_do_not_run_are_not_waited_for() {
+fn ports_that_do_not_run_are_not_waited_for() {
     for (living, fed) in [(ALWAYS_THERE, 10), (ALWAYS_THERE - 1, 0)] {
         let (mut bed, dog) = (Bed::new(), Dog::default());
         let kept = dog.clone();
         bed.run("watchdog", |links| async move { watchdog::run(&links, kept).await });
         bed.run("tasks", move |links: Rc<Links>| async move {
             loop {
-                all(&links.heartbeats).into_iter().take(living).for_each(count);
+                all(&links).into_iter().take(living).for_each(count);
                 Timer::after_millis(100).await;
             }
         });
         bed.ms(7_050);
         assert_eq!(dog.0.get(), fed, "{living} tasks");
-    }
-}
-
-/// Each outlet has a sign of life of its own.
-#[test]
-fn every_outlet_shows_its_own_life() {
-    let heartbeats = Heartbeats::new();
-    for number in 1..=3 {
-        count(heartbeats.outlet_begins());
-        let lives = heartbeats.snapshot().iter().skip(ALWAYS_THERE - 1).filter(|beat| **beat == 2).count();
-        assert_eq!(lives, number);
     }
 }
 
@@ -103,5 +95,5 @@ fn the_lower_executor_shows_that_it_gets_round() {
     let mut bed = Bed::new();
     bed.run("pulse", |links| async move { watchdog::pulse(&links).await });
     bed.ms(999);
-    assert_eq!(bed.links.heartbeats.snapshot(), [0, 0, 0, 5, 0, 0, 0]);
+    assert_eq!(bed.links.life(), [0, 0, 5, 0, 0]);
 }

@@ -7,7 +7,7 @@
 //! QEMU may take more or less to restart.
 //!
 //! To the world: a [`Message`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
-//! console and to the autopilot port, and a byte of [`Go`].
+//! console, to the autopilot port and to the instrument port, and a byte of [`Go`].
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,7 +17,7 @@ use embassy_time::{Duration, Instant, Timer};
 
 use super::registers::Interrupt;
 use super::uart::Uart;
-use super::{AUTOPILOT, CONSOLE, LOCKSTEP, clock};
+use super::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, clock};
 
 /// As the reference board's receiver is woken: by 16 bytes at 115200 baud or a pause, 1.4 ms.
 const STEP: Duration = Duration::from_millis(2);
@@ -31,7 +31,7 @@ enum Message {
     Step = b'T' as isize,
     /// The machine waits: it is about to look at the sensor.
     Sensor = b'S' as isize,
-    /// The machine goes on: it has written to the autopilot.
+    /// The machine goes on: it has written to the instrument.
     Written = b'W' as isize,
 }
 
@@ -74,8 +74,8 @@ pub fn before_sensor() {
     wait(Message::Sensor, None);
 }
 
-/// After something was written to the autopilot.
-pub fn autopilot_written() {
+/// After something was written to the instrument.
+pub fn instrument_written() {
     critical_section::with(|_| clock::freeze(|ticks| send(Message::Written, ticks)));
 }
 
@@ -91,9 +91,10 @@ fn wait(message: Message, due: Option<Instant>) {
         clock::freeze(|ticks| {
             send(message, due.map_or(ticks, |due| due.as_micros() * clock::TICKS_PER_US));
             let others = mask_others();
-            let [console, autopilot, go] = core::array::from_fn(|_| take(&LOCKSTEP));
+            let [console, autopilot, instrument, go] = core::array::from_fn(|_| take(&LOCKSTEP));
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
+            receive(&INSTRUMENT, instrument);
             // What was taken without a wait would interrupt later, and now and then.
             forget_interrupts();
             SENSOR_BROKEN.store(go & Go::SENSOR_BROKEN != 0, Ordering::Relaxed);
@@ -135,7 +136,7 @@ fn forget_interrupts() {
     }
 }
 
-const RECEIVERS: [Interrupt; 3] = [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx];
+const RECEIVERS: [Interrupt; 4] = [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx, Interrupt::Uart3Rx];
 
 /// Nothing but the UARTs may end the wait. Returns what was enabled.
 fn mask_others() -> u32 {

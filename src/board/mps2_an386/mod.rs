@@ -4,7 +4,8 @@
 //! |---|---|
 //! | magnetometer LSM303DLHC, address 0x1E (QEMU's own model) | bit-banged I2C at 0x4002A000 |
 //! | console | UART0 |
-//! | autopilot | UART1 |
+//! | autopilot (port 1) | UART1 |
+//! | instrument (port 2) | UART3 |
 //! | the simulated world, see [`lockstep`] | UART2 |
 //!
 //! # Priorities
@@ -46,6 +47,7 @@ pub type UartRx = &'static Received;
 
 static CONSOLE: Uart = Uart::new(Peripheral::Uart0);
 static AUTOPILOT: Uart = Uart::new(Peripheral::Uart1);
+static INSTRUMENT: Uart = Uart::new(Peripheral::Uart3);
 static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
@@ -61,6 +63,7 @@ static STEP_TASK: InterruptExecutor = InterruptExecutor::new();
 static __INTERRUPTS: [Vector; 32] = Vector::table(&[
     (Interrupt::Uart0Rx, on_console),
     (Interrupt::Uart1Rx, on_autopilot),
+    (Interrupt::Uart3Rx, on_instrument),
     (Interrupt::DualTimer, clock::on_interrupt),
     (Interrupt::StepTask, on_step_task),
     (Interrupt::HeadingTasks, on_heading_tasks),
@@ -73,6 +76,10 @@ extern "C" fn on_console() {
 
 extern "C" fn on_autopilot() {
     while AUTOPILOT.receive() {}
+}
+
+extern "C" fn on_instrument() {
+    while INSTRUMENT.receive() {}
 }
 
 extern "C" fn on_step_task() {
@@ -91,10 +98,11 @@ extern "C" fn on_other_tasks() {
 }
 
 /// Priorities, the lower the more urgent.
-const PRIORITIES: [(Interrupt, u8); 7] = [
+const PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::Uart0Rx, 0x20),
     (Interrupt::Uart1Rx, 0x20),
     (Interrupt::Uart2Rx, 0x20),
+    (Interrupt::Uart3Rx, 0x20),
     (Interrupt::DualTimer, 0x40),
     (Interrupt::StepTask, 0x40),
     (Interrupt::HeadingTasks, 0x60),
@@ -110,18 +118,21 @@ pub fn start() -> ! {
             unsafe { core.NVIC.set_priority(interrupt, priority) };
         }
     }
-    for uart in [&CONSOLE, &AUTOPILOT, &LOCKSTEP] {
+    for uart in [&CONSOLE, &AUTOPILOT, &INSTRUMENT, &LOCKSTEP] {
         uart.enable();
     }
     clock::start();
     lockstep::started();
-    for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx] {
+    for interrupt in [Interrupt::DualTimer, Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart3Rx] {
         // SAFETY: their handlers are in the table above.
         unsafe { NVIC::unmask(interrupt) };
     }
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
-        autopilot: (UartTx { uart: &AUTOPILOT, written: lockstep::autopilot_written }, &AUTOPILOT.received),
+        ports: [
+            (UartTx { uart: &AUTOPILOT, written: || {} }, &AUTOPILOT.received),
+            (UartTx { uart: &INSTRUMENT, written: lockstep::instrument_written }, &INSTRUMENT.received),
+        ],
         console: (CONSOLE_TX, &CONSOLE.received),
         watchdog: Watchdog,
         panel: Panel,

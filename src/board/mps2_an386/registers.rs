@@ -35,6 +35,7 @@ pub enum Peripheral {
     Uart0 = 0x4000_4000,
     Uart1 = 0x4000_5000,
     Uart2 = 0x4000_6000,
+    Uart3 = 0x4000_7000,
     FpgaIo = 0x4002_8000,
     SensorBus = 0x4002_A000,
 }
@@ -46,6 +47,7 @@ pub enum Interrupt {
     Uart1Rx = 2,
     Uart2Rx = 4,
     DualTimer = 10,
+    Uart3Rx = 18,
     /// Of the port GPIO 2, which is not used: runs the lockstep with the world.
     StepTask = 15,
     /// Of the port GPIO 0: runs the executor of the tasks that make headings.

@@ -1,5 +1,7 @@
 //! A UART transmitter that always comes back.
 
+use autoswing::app::SetBaud;
+use autoswing::port::Baud;
 use embassy_stm32::usart::{BufferedUartTx, Error};
 use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{ErrorType, Write};
@@ -16,6 +18,13 @@ impl UartTx {
     /// Wraps a transmitter whose buffer is larger than [`CHUNK`](Self::CHUNK).
     pub fn new(tx: BufferedUartTx<'static>) -> Self {
         Self(tx)
+    }
+}
+
+impl SetBaud for UartTx {
+    fn set_baud(&mut self, baud: Baud) {
+        // 80 MHz can be divided to any of them. What is being sent at this instant is garbled, as it would be anyway.
+        let _ = self.0.set_baudrate(baud.bits_per_s());
     }
 }
 

@@ -2,6 +2,7 @@
 
 use core::fmt::{self, Write};
 
+use crate::port::{PortNumber, PortSettings};
 use crate::settings::{AttitudeError, Setting, Settings};
 use crate::wire::decimal::{AsTyped, Decimal};
 
@@ -15,10 +16,12 @@ pub(super) enum Line {
     AttitudeError,
     Accuracy,
     Auto,
+    Port(PortNumber),
+    Vision,
 }
 
 impl Line {
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
@@ -26,6 +29,9 @@ impl Line {
         Self::AttitudeError,
         Self::Accuracy,
         Self::Auto,
+        Self::Port(PortNumber::One),
+        Self::Port(PortNumber::Two),
+        Self::Vision,
     ];
 
     pub const fn of(setting: Setting) -> Self {
@@ -37,6 +43,8 @@ impl Line {
             Setting::AttitudeError(_) => Self::AttitudeError,
             Setting::Accuracy(_) => Self::Accuracy,
             Setting::Auto(_) => Self::Auto,
+            Setting::Protocol(port, _) | Setting::Baud(port, _) => Self::Port(port),
+            Setting::Vision(_) => Self::Vision,
         }
     }
 }
@@ -66,6 +74,11 @@ pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, sett
             let words = if settings.auto_on { "collects by itself while uncalibrated" } else { "collects when asked" };
             write!(out, "auto{between}{}, {words}", on_or_off(settings.auto_on))
         }
+        Line::Port(port) => {
+            let PortSettings { protocol, baud } = settings.ports.of(port);
+            write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.name(), baud.name())
+        }
+        Line::Vision => write!(out, "vision{between}{}", on_or_off(settings.tells_vision)),
     }
 }
 

@@ -10,6 +10,7 @@ use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Prospect, Report, State};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, StackUse};
+use crate::port::ProtocolKind;
 use crate::wire::decimal::{AsTyped, Decimal};
 
 /// `status`.
@@ -41,6 +42,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     }
     for line in Line::ALL {
         setting_line(out, line, ": ", &report.settings)?;
+        if let Line::Port(port) = line {
+            spoken(out, report.settings.ports.of(port).protocol, health.port(port))?;
+        }
         writeln!(out)?;
     }
     counters(out, &health.counts)?;
@@ -48,6 +52,15 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+/// What was found on a port that finds out.
+fn spoken(out: &mut impl Write, chosen: ProtocolKind, spoken: ProtocolKind) -> fmt::Result {
+    match (chosen, spoken) {
+        (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", nobody heard yet"),
+        (ProtocolKind::Auto, spoken) => write!(out, ", found {}", spoken.name()),
+        _ => Ok(()),
+    }
 }
 
 fn progress(out: &mut impl Write, report: &Report) -> fmt::Result {

@@ -8,9 +8,8 @@
 //! firmware it is stays one of the questions: the signs hang on it, and an autopilot can be exchanged while the module
 //! runs.
 
-use super::{Facts, Heard, Output, Protocol};
+use super::{Facts, Heard, Output, Pace, Protocol};
 use crate::attitude::{Report, Source};
-use crate::outlet::Pace;
 use crate::time::{Timestamp, WrappingMillis};
 use crate::wire::msp::{Angles, Firmware, Function, Message, Receiver, compass, request};
 
@@ -42,6 +41,7 @@ pub struct Msp {
     receiver: Receiver,
     firmware: Option<Firmware>,
     armed: Option<(Timestamp, bool)>,
+    heard_at: Option<Timestamp>,
     /// When the attitude was asked for that has not come yet.
     asked_at: Option<Timestamp>,
     compass: Pace,
@@ -59,11 +59,25 @@ impl Msp {
             receiver: Receiver::new(),
             firmware: None,
             armed: None,
+            heard_at: None,
             asked_at: None,
             compass: Pace::new(),
             attitude: Pace::new(),
             others: Pace::new(),
             next: 0,
+        }
+    }
+
+    /// When the far end last said something in this protocol, whatever it was. It says nothing unless it is asked.
+    #[must_use]
+    pub const fn heard_at(&self) -> Option<Timestamp> {
+        self.heard_at
+    }
+
+    /// Asks now and then who is there, and says nothing else: on a line whose protocol is being searched.
+    pub fn search(&mut self, now: Timestamp, out: &mut Output) {
+        if self.others.is_due(now, OTHERS_HZ) {
+            out.message(&[&request(Function::FcVariant)]);
         }
     }
 
@@ -98,6 +112,7 @@ impl Msp {
 impl Protocol for Msp {
     fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
         let message = self.receiver.push(byte)?;
+        self.heard_at = Some(at);
         if matches!(message, Message::Attitude(_) | Message::Refused(Function::Attitude)) {
             self.asked_at = None;
         }
@@ -125,14 +140,14 @@ impl Protocol for Msp {
         if let Some(field) = facts.estimate.compass
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.message(&compass(INSTANCE, facts.estimate.at.wrapping_millis().count(), field));
+            out.message(&[&compass(INSTANCE, facts.estimate.at.wrapping_millis().count(), field)]);
         }
         if self.others.is_due(now, OTHERS_HZ) {
-            out.message(&request(self.other()));
+            out.message(&[&request(self.other())]);
         }
         let is_of_use = self.firmware.is_some_and(|firmware| firmware != Firmware::Other);
         if is_of_use && self.may_ask(now) && self.attitude.is_due(now, ATTITUDE_HZ) {
-            self.asked_at = out.message(&request(Function::Attitude)).then_some(now);
+            self.asked_at = out.message(&[&request(Function::Attitude)]).then_some(now);
         }
     }
 }

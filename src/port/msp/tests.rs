@@ -182,6 +182,23 @@ fn half_an_answer_is_forgotten() {
     assert_eq!((heard.len(), msp.rejected()), (1, 0));
 }
 
+/// Four times a second, and nothing else; any answer tells that it is this protocol, and nothing else does.
+#[test]
+fn a_search_asks_who_is_there() {
+    let mut msp = Msp::new();
+    let mut out = Output::new();
+    for us in (0..1_000_000).step_by(12_500) {
+        msp.search(at(us), &mut out);
+    }
+    assert_eq!(out.pending(), request(Function::FcVariant).repeat(4));
+    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.byte(at(0), byte).is_none()));
+    assert_eq!(msp.heard_at(), None);
+    assert!(hear(&mut msp, 7, b'!', Function::FcVariant, &[]).is_empty());
+    assert_eq!(msp.heard_at(), Some(at(7)));
+    assert!(hear(&mut msp, 8, b'>', Function::FcVariant, b"INAV").is_empty());
+    assert_eq!(msp.heard_at(), Some(at(8)));
+}
+
 /// Ten answers without one, and what was said of arming is no longer known.
 #[test]
 fn armed_is_forgotten() {
@@ -225,15 +242,9 @@ fn what_is_broken_is_counted() {
 fn a_request_that_does_not_fit_is_made_later() {
     let mut msp = known(b"ARDU");
     let mut out = Output::new();
-    assert!(out.message(&[0; 380]));
+    assert!(out.message(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
-    let facts = Facts {
-        now: at(0),
-        estimate: &Estimate::NOTHING,
-        settings: &settings,
-        glance: Glance::Waiting,
-        tells_vision: false,
-    };
+    let facts = Facts { now: at(0), estimate: &Estimate::NOTHING, settings: &settings, glance: Glance::Waiting };
     msp.poll(&facts, &mut out);
     assert_eq!(out.pending().len(), 380);
     assert!(poll(&mut msp, 25_000, &Estimate::NOTHING).iter().any(|frame| function(frame) == 108));

@@ -21,8 +21,9 @@ use std::format;
 use testkit::flash::Cut;
 
 use super::*;
+use crate::port::{PortNumber, PortsSettings, ProtocolKind};
 use crate::settings::{AttitudeError, HeadingKind};
-use crate::store::{v2, v3, v4, v5, v6};
+use crate::store::{v2, v3, v4, v5, v6, v7};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
@@ -75,6 +76,8 @@ fn stored_by_v2() -> Stored {
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,
+        ports: PortsSettings::BEFORE_THERE_WERE_TWO,
+        tells_vision: false,
     };
     let current = Record {
         calibration: Calibration {
@@ -418,11 +421,37 @@ fn settings_of_version_6_are_read_one_by_one() {
             attitude_error: AttitudeError { bias_deg: 1.0, bank_percent: 3.0 },
             stream_heading: HeadingKind::Raw,
             accuracy_deg: 2.5,
+            ports: PortsSettings::BEFORE_THERE_WERE_TWO,
             ..Settings::DEFAULT
         }
     );
     assert_eq!(Contents::decode(&value(3.5)), Err(StoreError::Corrupt));
     let cut_short = value_of(v6::VERSION, &(v3::Head { saves: 3, settings }, error, false, 2.5_f32));
+    assert_eq!(Contents::decode(&cut_short), Err(StoreError::Corrupt));
+}
+
+/// Whether it collects by itself in its place, and the sentences where they were.
+#[test]
+fn settings_of_version_7_are_read_one_by_one() {
+    let settings = v3::Settings {
+        declination_deg: None,
+        inclination_deg: None,
+        align_deg: 0.0,
+        stream_on: true,
+        stream_rate_hz: 10,
+        mount: v3::Mount(0),
+    };
+    let error = v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 };
+    let head = (v3::Head { saves: 3, settings }, error, true, 2.5_f32);
+    for auto_on in [true, false] {
+        let value = value_of(v7::VERSION, &(head, auto_on, generations(4)));
+        let Contents { saves, stored } = Contents::decode(&value).unwrap();
+        assert_eq!((saves, stored.generations), (3, generations(4)));
+        let ports = PortsSettings::BEFORE_THERE_WERE_TWO;
+        assert_eq!(stored.settings, Settings { accuracy_deg: 2.5, auto_on, ports, ..Settings::DEFAULT });
+        assert_eq!(ports.of(PortNumber::One).protocol, ProtocolKind::Nmea);
+    }
+    let cut_short = value_of(v7::VERSION, &(head, true));
     assert_eq!(Contents::decode(&cut_short), Err(StoreError::Corrupt));
 }
 
@@ -456,6 +485,8 @@ fn settings_of_version_5_are_read_one_by_one() {
         stream_heading: HeadingKind::Smooth,
         accuracy_deg: 0.5,
         auto_on: true,
+        ports: PortsSettings::BEFORE_THERE_WERE_TWO,
+        tells_vision: false,
     };
     assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
     let raw = decoded(settings, false).unwrap().1;
@@ -530,10 +561,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 7], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 8], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([7, 7], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([8, 8], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -690,6 +721,7 @@ fn flashes_of_later() -> Vec<(String, Flash)> {
         ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
         ("version 5", Some(value_of(v5::VERSION, &(before.head, error, true, generations(4))))),
         ("version 6", Some(value_of(v6::VERSION, &(before.head, error, true, 1.5_f32, generations(4))))),
+        ("version 7", Some(value_of(v7::VERSION, &(before.head, error, true, (1.5_f32, false), generations(4))))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),

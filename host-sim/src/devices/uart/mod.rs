@@ -11,6 +11,8 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::Poll;
 
+use autoswing::app::SetBaud;
+use autoswing::port::Baud;
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 
@@ -102,7 +104,11 @@ impl Cable {
     #[must_use]
     pub fn module(&self) -> (Receiver, Transmitter) {
         self.to_module.borrow_mut().clear_received(clock::now_us());
-        let transmitter = Transmitter { line: Rc::clone(&self.to_host), buffer: self.transmit_buffer };
+        let transmitter = Transmitter {
+            line: Rc::clone(&self.to_host),
+            back: Rc::clone(&self.to_module),
+            buffer: self.transmit_buffer,
+        };
         (Receiver { line: Rc::clone(&self.to_module) }, transmitter)
     }
 }
@@ -194,6 +200,8 @@ impl Read for Receiver {
 /// The module's transmitter. Dropping it, as a power cut does, loses what is not out yet.
 pub struct Transmitter {
     line: Rc<RefCell<Line>>,
+    /// The other direction, which is as fast.
+    back: Rc<RefCell<Line>>,
     buffer: usize,
 }
 
@@ -226,6 +234,15 @@ impl Write for Transmitter {
         let sent_us = self.line.borrow().free_at_us();
         Timer::at(Instant::from_micros(sent_us)).await;
         Ok(())
+    }
+}
+
+/// Whoever is at the far end is set alike.
+impl SetBaud for Transmitter {
+    fn set_baud(&mut self, baud: Baud) {
+        for line in [&self.line, &self.back] {
+            line.borrow_mut().set_baud(baud.bits_per_s());
+        }
     }
 }
 

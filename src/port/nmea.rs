@@ -1,28 +1,38 @@
 //! NMEA 0183: heading, heading with variation, and the heading's quality.
 
-use super::{Message, Outlet};
+use super::{Facts, Output, Pace};
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::settings::{HeadingKind, Settings};
+use crate::settings::HeadingKind;
 use crate::wire::nmea;
 
-/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`, with the heading of `stream heading`.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NmeaOutlet;
+/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`, with the heading of `stream heading`. It hears nothing:
+/// what an instrument says is not for a compass.
+#[derive(Debug, Default)]
+pub struct Nmea {
+    pace: Pace,
+}
 
-impl Outlet for NmeaOutlet {
-    fn rate_hz(&self, settings: &Settings) -> Option<u8> {
-        settings.stream_on.then_some(settings.stream_rate_hz)
+impl Nmea {
+    /// The first sentences are due at once.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { pace: Pace::new() }
     }
 
-    fn tell(&mut self, estimate: &Estimate, settings: &Settings, message: &mut Message) {
+    /// Appends the sentences that are due.
+    pub fn poll(&mut self, facts: &Facts<'_>, out: &mut Output) {
+        let Facts { estimate, settings, .. } = facts;
+        if !(settings.stream_on && self.pace.is_due(estimate.at, settings.stream_rate_hz)) {
+            return;
+        }
         let (heading, kind) = told(estimate, settings.stream_heading);
         let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
-        for sentence in
-            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)]
-        {
-            // Three sentences always fit.
-            let _ = message.extend_from_slice(sentence.as_bytes());
+        let [hdm, hdg, quality] =
+            [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
+        out.message(&[hdm.as_bytes(), hdg.as_bytes(), quality.as_bytes()]);
+        if heading.is_err() {
+            out.empty = out.empty.wrapping_add(1);
         }
     }
 }
@@ -38,11 +48,16 @@ fn told(estimate: &Estimate, wanted: HeadingKind) -> (Result<Heading, NoHeading>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::port::tests::facts;
+    use crate::settings::Settings;
+    use crate::time::Timestamp;
 
     fn text(estimate: &Estimate, settings: &Settings) -> String {
-        let mut message = Message::new();
-        NmeaOutlet.tell(estimate, settings, &mut message);
-        String::from_utf8(message.to_vec()).unwrap()
+        let mut out = Output::new();
+        Nmea::new().poll(&facts(estimate, settings), &mut out);
+        assert_eq!(out.told, u32::from(!out.pending().is_empty()));
+        assert_eq!(out.empty, u32::from(estimate.heading.is_err()));
+        String::from_utf8(out.pending().to_vec()).unwrap()
     }
 
     const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_rad2: 0.0 };
@@ -86,10 +101,18 @@ mod tests {
         }
     }
 
+    /// Ten seconds of readings 12.5 ms apart.
     #[test]
     fn the_rate_is_the_one_that_was_set_and_off_is_off() {
-        let settings = Settings { stream_rate_hz: 25, ..Settings::DEFAULT };
-        assert_eq!(NmeaOutlet.rate_hz(&settings), Some(25));
-        assert_eq!(NmeaOutlet.rate_hz(&Settings { stream_on: false, ..settings }), None);
+        for (stream_on, stream_rate_hz, sentences) in [(true, 25, 250), (true, 10, 100), (false, 25, 0)] {
+            let settings = Settings { stream_on, stream_rate_hz, ..Settings::DEFAULT };
+            let (mut nmea, mut out) = (Nmea::new(), Output::new());
+            for reading in 0..800 {
+                let estimate = Estimate { at: Timestamp::from_us(reading * 12_500), ..Estimate::NOTHING };
+                nmea.poll(&facts(&estimate, &settings), &mut out);
+                out.written(usize::MAX);
+            }
+            assert_eq!(out.told, sentences);
+        }
     }
 }

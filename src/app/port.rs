@@ -1,0 +1,112 @@
+//! Runs a port: reads bytes and passes on what is heard in them, waits for estimates, and writes what is to be told.
+
+use core::future::pending;
+use core::sync::atomic::Ordering;
+
+use embassy_futures::select::{Either4, select4};
+use embassy_time::{Duration, Timer};
+use embedded_io_async::{Read, Write};
+
+use super::Links;
+use super::links::{Stamped, count, listen, now};
+use crate::compass::Glance;
+use crate::health::Counters;
+use crate::port::{Baud, Facts, Heard, Output, Port, PortNumber, PortSettings};
+use crate::settings::Settings;
+
+/// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
+const PAUSE: Duration = Duration::from_micros(200);
+
+/// A port whose speed can be chosen.
+pub trait SetBaud {
+    /// From now on it is this fast, in both directions.
+    fn set_baud(&mut self, baud: Baud);
+}
+
+/// Runs a port for ever. It begins at the speed of [`Settings::DEFAULT`].
+pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
+    let mut estimates = listen(&links.estimates);
+    let mut changes = listen(&links.settings);
+    let mut texts = listen(&links.texts);
+    let wires = links.port(number);
+    let mut settings = Settings::DEFAULT;
+    let mut port = Port::new(settings.ports.of(number).protocol);
+    let mut counted = Counted::default();
+    let mut bytes = [0; 64];
+    loop {
+        let written = async {
+            match port.output.pending() {
+                [] => pending().await,
+                bytes => tx.write(bytes).await,
+            }
+        };
+        // Estimates first: a line in error is always ready.
+        match select4(estimates.changed(), written, wires.answers.wait(), rx.read(&mut bytes)).await {
+            Either4::First(estimate) => {
+                count(&wires.heartbeat);
+                if let Some(changed) = changes.try_changed() {
+                    adapt(&mut port, &mut tx, settings.ports.of(number), changed.ports.of(number));
+                    settings = changed;
+                }
+                if let Some(text) = texts.try_changed() {
+                    port.note(&text);
+                }
+                let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
+                port.poll(&Facts { now: now(), estimate: &estimate, settings: &settings, glance });
+                links.port_is(number, port.spoken(now()), port.is_armed(now()));
+            }
+            Either4::Second(Ok(number)) if number > 0 => port.output.written(number),
+            Either4::Second(_) => port.output.fail(),
+            Either4::Third((order, result)) => port.answer(order, result.as_ref().copied()),
+            Either4::Fourth(Ok(read)) if read > 0 => {
+                hear(links, number, &mut port, bytes.get(..read).unwrap_or_default());
+            }
+            Either4::Fourth(_) => {
+                count(&links.counters.attitude_line_errors);
+                Timer::after(PAUSE).await;
+            }
+        }
+        counted.see(&port, &links.counters);
+    }
+}
+
+fn adapt(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: PortSettings) {
+    port.choose(changed.protocol);
+    if changed.baud != before.baud {
+        tx.set_baud(changed.baud);
+    }
+}
+
+/// Passes on what is in some bytes.
+fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
+    for &byte in bytes {
+        let at = now();
+        match port.byte(at, byte) {
+            Some(Heard::Attitude(report)) if links.takes_attitude_of(number, at, &report) => {
+                count(&links.counters.attitude_reports);
+                links.offer(&links.reports, Stamped { at, value: report });
+            }
+            Some(Heard::Attitude(_) | Heard::Foreign) => count(&links.counters.attitude_foreign),
+            // Somebody asks again where it is not answered.
+            Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
+            None | Some(Heard::Place(_) | Heard::Day(_)) => {}
+        }
+    }
+    links.port_is(number, port.spoken(now()), port.is_armed(now()));
+}
+
+/// What of a port's counts is in the module's already.
+#[derive(Debug, Default)]
+struct Counted([u32; 4]);
+
+impl Counted {
+    fn see(&mut self, port: &Port, counters: &Counters) {
+        let Output { told, empty, lost, .. } = port.output;
+        let now = [told, empty, lost, port.rejected()];
+        let of = [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
+        for ((counter, now), before) in of.into_iter().zip(now).zip(&mut self.0) {
+            counter.fetch_add(now.wrapping_sub(*before), Ordering::Relaxed);
+            *before = now;
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! Ports: what comes in is passed on, what is to be told goes out.
+
+use std::rc::Rc;
+
+use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+
+use super::Bed;
+use super::devices::{Line, Mood, Port};
+use crate::app::links::{Stamped, listen, publish};
+use crate::app::port;
+use crate::attitude::Report;
+use crate::heading::{Heading, NoHeading};
+use crate::instrument::Estimate;
+use crate::port::{Baud, PortNumber, ProtocolKind};
+use crate::settings::{Setting, Settings};
+use crate::time::Timestamp;
+
+fn frame(roll: f32) -> Vec<u8> {
+    frame_of(1, &ATTITUDE_DATA { time_boot_ms: 77, roll, ..Default::default() })
+}
+
+fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message_data(MavHeader { system_id, component_id: 1, sequence: 0 }, data);
+    raw.raw_bytes().to_vec()
+}
+
+/// A port, the line into it, and what it has written.
+fn with_port(bed: &mut Bed, number: PortNumber) -> (Line, Port) {
+    let (line, port) = (Line::default(), Port::default());
+    let (rx, tx) = (line.clone(), port.clone());
+    bed.run("port", move |links| async move { port::run(&links, number, rx, tx).await });
+    bed.ms(1);
+    (line, port)
+}
+
+fn with_line() -> (Bed, Line) {
+    let mut bed = Bed::new();
+    let (line, _) = with_port(&mut bed, PortNumber::One);
+    (bed, line)
+}
+
+/// A port that says sentences.
+fn with_sentences() -> (Bed, Port) {
+    let mut bed = Bed::new();
+    let (_, port) = with_port(&mut bed, PortNumber::Two);
+    (bed, port)
+}
+
+fn rolls(bed: &Bed) -> Vec<f32> {
+    let reports = std::iter::from_fn(|| bed.links.reports.try_receive().ok());
+    reports.map(|report| report.value.attitude.roll_rad).collect()
+}
+
+/// Estimates every 12.5 ms for so long.
+fn stream(bed: &mut Bed, heading: Result<Heading, NoHeading>, ms: u64) {
+    let until = bed.simulation.now_us() + ms * 1000;
+    while bed.simulation.now_us() < until {
+        let at = Timestamp::from_us(bed.simulation.now_us());
+        bed.links.estimates.sender().send(Estimate { at, heading, ..Estimate::NOTHING });
+        bed.simulation.run_for(12_500);
+    }
+}
+
+const NORTH: Result<Heading, NoHeading> = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_rad2: 0.0 });
+
+#[test]
+fn reports_are_passed_on_with_their_arrival_and_counted() {
+    let (mut bed, line) = with_line();
+    bed.ms(4);
+    let mut broken = frame(0.2);
+    broken[15] ^= 1;
+    line.put(&[frame(0.1), broken, frame(0.3)].concat());
+    bed.ms(1);
+    let reports: Vec<Stamped<Report>> = std::iter::from_fn(|| bed.links.reports.try_receive().ok()).collect();
+    let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
+    assert_eq!(rolls, [0.1, 0.3]);
+    assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
+    let counts = bed.links.counts();
+    assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
+}
+
+/// Two aircraft on one line; the second says that it is an autopilot.
+#[test]
+fn attitude_of_others_is_counted_and_not_passed_on() {
+    let (mut bed, line) = with_line();
+    line.put(&frame(0.1));
+    bed.ms(1);
+    let theirs = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
+    let heartbeat =
+        HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
+    line.put(&[frame_of(2, &theirs), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &theirs)].concat());
+    bed.ms(1);
+    assert_eq!(rolls(&bed), [0.1, 0.2]);
+    let counts = bed.links.counts();
+    assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
+}
+
+/// Attitude on both ports, with rates on the second: that of the first is taken until it comes there.
+#[test]
+fn attitude_of_one_port_is_taken_at_a_time() {
+    let mut bed = Bed::new();
+    let (one, _) = with_port(&mut bed, PortNumber::One);
+    let (two, _) = with_port(&mut bed, PortNumber::Two);
+    let with_rates = |roll| frame_of(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
+    for (line, report) in [(&one, frame(0.1)), (&two, with_rates(0.2)), (&one, frame(0.3)), (&two, with_rates(0.4))] {
+        line.put(&report);
+        bed.ms(1);
+    }
+    assert_eq!(rolls(&bed), [0.1, 0.2, 0.4]);
+    assert_eq!(bed.links.counts().attitude_foreign, 1);
+}
+
+const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+
+fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
+    [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
+}
+
+/// Told when it changes, and given up ten seconds after the last heartbeat, on a silent line too.
+#[test]
+fn whether_the_autopilot_is_armed_is_told() {
+    let (mut bed, line) = with_line();
+    let links = Rc::clone(&bed.links);
+    let mut armed = listen(&links.armed);
+    line.put(&heartbeat(ARMED));
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(Some(true)));
+    stream(&mut bed, NORTH, 9_900);
+    assert_eq!(armed.try_changed(), None);
+    stream(&mut bed, NORTH, 200);
+    assert_eq!(armed.try_changed(), Some(None));
+    line.put(&heartbeat(ARMED));
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(Some(true)));
+    line.put(&heartbeat(MavModeFlag::empty()));
+    bed.ms(1);
+    assert_eq!(armed.try_changed(), Some(Some(false)));
+}
+
+/// Whichever port it is on; a port without an autopilot says nothing about it.
+#[test]
+fn armed_is_what_any_port_s_autopilot_says() {
+    let mut bed = Bed::new();
+    let lines = PortNumber::ALL.map(|number| with_port(&mut bed, number).0);
+    let links = Rc::clone(&bed.links);
+    let mut told = |line: usize, base_mode| {
+        lines[line].put(&heartbeat(base_mode));
+        bed.ms(1);
+        links.armed.try_get().flatten()
+    };
+    assert_eq!(told(1, MavModeFlag::empty()), Some(false));
+    assert_eq!(told(0, ARMED), Some(true));
+    assert_eq!(told(1, MavModeFlag::empty()), Some(true));
+    assert_eq!(told(1, ARMED), Some(true));
+    assert_eq!(told(0, MavModeFlag::empty()), Some(true));
+    assert_eq!(told(1, MavModeFlag::empty()), Some(false));
+}
+
+/// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is; what
+/// is to be told is told.
+#[test]
+fn a_line_in_error_is_counted_and_gets_a_pause() {
+    let mut bed = Bed::new();
+    let (line, port) = with_port(&mut bed, PortNumber::Two);
+    line.mood.set(Mood::Ends);
+    bed.ms(10);
+    let ended = bed.links.counts().attitude_line_errors;
+    assert!((45..=55).contains(&ended), "{ended}");
+    line.mood.set(Mood::Fails);
+    bed.ms(10);
+    let errors = bed.links.counts().attitude_line_errors;
+    assert!((90..=110).contains(&errors), "{errors}");
+    stream(&mut bed, NORTH, 1_000);
+    assert_eq!(port.text().matches("$HCHDM").count(), 11, "one of them at once");
+    line.mood.set(Mood::Works);
+    line.put(&frame(0.1));
+    bed.ms(1);
+    assert_eq!(bed.links.counts().attitude_reports, 1);
+}
+
+#[test]
+fn a_port_writes_at_its_rate_and_counts() {
+    let (mut bed, port) = with_sentences();
+    stream(&mut bed, NORTH, 1_000);
+    let text = port.text();
+    assert_eq!(text.matches("$HCHDM,000.0,M").count(), 10, "{text}");
+    assert_eq!(text.matches("\r\n").count(), 30, "{text}");
+    let counts = bed.links.counts();
+    assert_eq!((counts.messages, counts.messages_empty, counts.write_errors), (10, 0, 0));
+    stream(&mut bed, Err(NoHeading::Uncalibrated), 1_000);
+    let counts = bed.links.counts();
+    assert_eq!((counts.messages, counts.messages_empty), (20, 10));
+    assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
+    assert_eq!(bed.links.life(), [0, 0, 0, 0, 160], "one for each estimate");
+}
+
+#[test]
+fn a_port_follows_its_settings() {
+    let (mut bed, port) = with_sentences();
+    publish(&bed.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
+    stream(&mut bed, NORTH, 1_000);
+    assert_eq!(port.text().matches("$HCHDM").count(), 40);
+    publish(&bed.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
+    stream(&mut bed, NORTH, 1_000);
+    assert_eq!(port.text(), "");
+    publish(&bed.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
+    stream(&mut bed, NORTH, 200);
+    assert!(port.text().contains("$HCHDG,000.0,,,2.0,E"));
+    assert_eq!(bed.links.spoken(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
+    let other = Settings::DEFAULT.with(Setting::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
+    publish(&bed.links.settings, other);
+    stream(&mut bed, NORTH, 1_000);
+    assert!(!port.text().contains('$'));
+    assert_eq!(bed.links.spoken(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
+}
+
+/// Each port its own, and once for each change.
+#[test]
+fn a_port_is_as_fast_as_it_is_set() {
+    let mut bed = Bed::new();
+    let ports = PortNumber::ALL.map(|number| with_port(&mut bed, number).1);
+    let bauds = || [ports[0].bauds.take(), ports[1].bauds.take()];
+    stream(&mut bed, NORTH, 100);
+    assert_eq!(bauds(), [vec![], vec![]]);
+    let settings = Settings::DEFAULT.with(Setting::Baud(PortNumber::Two, Baud::B460800)).unwrap();
+    publish(&bed.links.settings, settings);
+    stream(&mut bed, NORTH, 100);
+    publish(&bed.links.settings, Settings { stream_on: false, ..settings });
+    stream(&mut bed, NORTH, 100);
+    assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
+}
+
+/// A port that refuses, and one that takes nothing: counted, and what is told afterwards is of then.
+#[test]
+fn a_broken_port_is_counted_and_goes_on() {
+    let (mut bed, port) = with_sentences();
+    port.mood.set(Mood::Fails);
+    stream(&mut bed, NORTH, 1_000);
+    assert_eq!((bed.links.counts().messages, bed.links.counts().write_errors), (10, 10));
+    port.mood.set(Mood::Hangs);
+    stream(&mut bed, NORTH, 1_000);
+    let errors = bed.links.counts().write_errors - 10;
+    assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
+    port.mood.set(Mood::Works);
+    stream(&mut bed, NORTH, 1_000);
+    let sentences = port.text().matches("$HCHDM").count();
+    assert!((10..=15).contains(&sentences), "{sentences}");
+}
