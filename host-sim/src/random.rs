@@ -53,6 +53,8 @@ pub enum Purpose {
     PitchPush = 21,
     /// Direction of the iron that a current makes.
     Current = 22,
+    /// Delays and troubles of an autopilot's answers.
+    Msp = 23,
 }
 
 /// A stream of random numbers.

@@ -130,6 +130,9 @@ impl Compass {
                 .is_none_or(|record| record.calibration.knows_inclination(record.quality.method)),
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
+            mount: self.sensor.map(|_| self.settings.mount),
+            total_ut: None,
+            is_armed: self.is_armed,
         }
     }
 

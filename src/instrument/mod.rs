@@ -43,6 +43,7 @@
 //! ```
 
 mod averager;
+mod compass_field;
 mod pairing;
 mod sensor;
 mod smoother;
@@ -51,11 +52,12 @@ mod tests;
 mod watch;
 
 use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track, Turning};
-use crate::calibration::{Calibration, Sample, Uncertainty};
+use crate::calibration::{Calibration, Orientation, Sample, Uncertainty};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::magnetometer::Reading;
 use crate::time::Timestamp;
+use compass_field::CompassField;
 use pairing::Pairing;
 use sensor::{Fault, SensorCheck};
 use smoother::Smoother;
@@ -141,6 +143,13 @@ pub struct Correction {
     pub align_deg: f32,
     /// Where the attitude of samples comes from.
     pub sample_attitude: SampleAttitude,
+    /// How the chip sits, once it is known which chip it is: by this the field is told as it is read, as long as no
+    /// calibration has been in use.
+    pub mount: Option<Orientation>,
+    /// Total intensity of the Earth's field here and now, microtesla, if it is known.
+    pub total_ut: Option<f32>,
+    /// Whether the autopilot is armed, if it has said so.
+    pub is_armed: Option<bool>,
 }
 
 impl Correction {
@@ -150,7 +159,17 @@ impl Correction {
         knows_inclination: true,
         align_deg: 0.0,
         sample_attitude: SampleAttitude::Interpolated,
+        mount: None,
+        total_ut: None,
+        is_armed: None,
     };
+
+    /// Whether headings by the other one are the same.
+    fn is_alike(&self, other: &Self) -> bool {
+        self.calibration == other.calibration
+            && self.knows_inclination == other.knows_inclination
+            && self.align_deg.to_bits() == other.align_deg.to_bits()
+    }
 }
 
 /// Where the attitude of samples comes from.
@@ -170,6 +189,10 @@ pub struct Estimate {
     /// The corrected field in body axes, in the sensor's own microtesla. None without a calibration, and when the
     /// sensor is silent or saturated. It needs no attitude, and alignment is not in it.
     pub body: Option<Field<Body>>,
+    /// What an autopilot's compass is to read, microtesla: the field corrected by the calibration as the watch has adjusted
+    /// it, alignment included, in the true strength where that is known. None while it is not to be trusted; it needs no
+    /// attitude. A module that has not had a calibration yet tells the field as it is read.
+    pub compass: Option<Field<Body>>,
     /// The heading, alignment included, or why there is none.
     pub heading: Result<Heading, NoHeading>,
     /// The same smoothed by the attitude source's body rates; none without a heading, and while the rates are not there,
@@ -186,6 +209,7 @@ impl Estimate {
     pub const NOTHING: Self = Self {
         at: Timestamp::START,
         body: None,
+        compass: None,
         heading: Err(NoHeading::SensorSilent),
         smooth: None,
         attitude: None,
@@ -231,12 +255,18 @@ pub struct Instrument {
     unwatched: Option<(Timestamp, Sample)>,
     /// The calibration in use as the watch has adjusted it.
     in_force: Option<(Calibration, Uncertainty)>,
+    compass_field: CompassField,
+    /// When the watch last saw a sample.
+    watched_at: Timestamp,
     /// Reports in a row whose rates were not believed.
     doubted_rates: u8,
 }
 
 /// After so many reports in a row whose rates contradict them, a fifth of a second, the rates are wrong.
 const RATES_ARE_WRONG: u8 = 10;
+
+/// Without an attitude the watch sees nothing: that it last saw a disturbed field counts for so long, microseconds.
+const DISTURBED_US: u64 = 10_000_000;
 
 impl Instrument {
     /// An instrument without a calibration. In a function of its own, for what it is put together from lies on the stack
@@ -255,6 +285,8 @@ impl Instrument {
             watch: Watch::new(watch::Config::DEFAULT),
             unwatched: None,
             in_force: None,
+            compass_field: CompassField::NEW,
+            watched_at: Timestamp::START,
             doubted_rates: 0,
         }
     }
@@ -267,12 +299,14 @@ impl Instrument {
             self.pairing.reset();
         }
         let is_another = correction.calibration != self.correction.calibration;
-        if correction != self.correction {
+        if !correction.is_alike(&self.correction) {
             self.smoother.reset();
         }
         self.correction = correction;
         if is_another {
             self.watch_anew();
+        } else {
+            self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
         }
     }
 
@@ -283,6 +317,7 @@ impl Instrument {
         self.watch = Watch::new(watch::Config::DEFAULT);
         self.unwatched = None;
         self.in_force = self.correction.calibration;
+        self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
     }
 
     /// The sensor is another one, with this time between two readings, microseconds; after so many equal ones an axis of
@@ -299,6 +334,7 @@ impl Instrument {
     pub fn on_attitude(&mut self, at: Timestamp, report: Report) {
         let before = self.track.doubted().rates;
         self.track.push(at, report);
+        self.compass_field.see_attitude(at, report.attitude);
         let is_doubted = self.track.doubted().rates != before;
         self.doubted_rates = if is_doubted { self.doubted_rates.saturating_add(1) } else { 0 };
         if self.doubted_rates == RATES_ARE_WRONG {
@@ -327,7 +363,9 @@ impl Instrument {
         let heading =
             fault.map_or_else(|| self.heading(reading.field, attitude, turning.as_ref()), |fault| Err(fault.into()));
         let smooth = self.smoother.smooth(at, heading.as_ref().ok(), turning);
-        Estimate { at, body, heading, smooth, attitude: attitude.ok(), iron: self.iron() }
+        let compass =
+            self.compass_field.tell(at, reading.field).filter(|_| self.is_trusted(at, reading.field, &heading));
+        Estimate { at, body, compass, heading, smooth, attitude: attitude.ok(), iron: self.iron() }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
@@ -378,6 +416,8 @@ impl Instrument {
         let watched = Watched { calibration, uncertainty, readings_per_sample };
         self.watch.see(&watched, at, &sample, turning);
         self.in_force = Some(self.watch.adjustment().in_force(&watched));
+        self.watched_at = at;
+        self.compass_field.follow(&self.correction, self.in_force.as_ref());
     }
 
     /// Hard iron that has moved since the calibration, once it is sure.
@@ -422,6 +462,35 @@ impl Instrument {
             Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
             Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),
         }
+    }
+
+    /// Whether the field of a reading can be told as that of a compass, by what became of its heading. What only an attitude
+    /// is missing for, or an attitude contradicts, is judged by its strength.
+    fn is_trusted(&self, at: Timestamp, field: Field<Sensor>, heading: &Result<Heading, NoHeading>) -> bool {
+        match heading {
+            // The latter is told as it is read, or not at all: that is the field's own affair.
+            Ok(_) | Err(NoHeading::Uncalibrated) => true,
+            Err(NoHeading::AttitudeStale | NoHeading::AttitudeFrozen | NoHeading::AttitudeContradicted) => {
+                !self.is_field_blamed(at) && self.is_as_strong(field)
+            }
+            Err(_) => false,
+        }
+    }
+
+    /// Whether the watch has seen, while there was an attitude, that the field is not as calibrated.
+    fn is_field_blamed(&self, at: Timestamp) -> bool {
+        match self.watch.adjustment().verdict {
+            Err(NoHeading::FieldChanged) => true,
+            Err(NoHeading::FieldDisturbed) => at.us_since(self.watched_at) <= DISTURBED_US,
+            _ => false,
+        }
+    }
+
+    /// Whether a field has the strength that it has by the calibration in force.
+    fn is_as_strong(&self, field: Field<Sensor>) -> bool {
+        let most = self.config.heading.max_total_deviation;
+        let of_total = |calibration: &Calibration| calibration.apply(field).total_ut() / calibration.total_ut;
+        self.in_force.as_ref().is_some_and(|(calibration, _)| (of_total(calibration) - 1.0).abs() <= most)
     }
 
     #[inline(never)]

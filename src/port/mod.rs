@@ -5,11 +5,13 @@
 
 mod ear;
 mod line;
+mod msp;
 mod nmea;
 mod pace;
 
 pub use ear::Mavlink;
 pub use line::Port;
+pub use msp::Msp;
 pub use nmea::Nmea;
 pub use pace::Pace;
 

@@ -2,4 +2,5 @@
 
 pub mod decimal;
 pub mod mavlink;
+pub mod msp;
 pub mod nmea;

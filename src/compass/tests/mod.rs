@@ -163,11 +163,24 @@ fn some_field() -> Field<Sensor> {
     airframe().field(Attitude::default(), 0.7)
 }
 
+/// The mounting only with a sensor: before, nobody knows whether there is a calibration for it.
+#[test]
+fn a_correction_says_how_the_sensor_sits_and_whether_it_is_armed() {
+    let mut compass = Compass::new(Policy::DEFAULT, Settings::DEFAULT, Generations::default());
+    assert_eq!(compass.correction(), Correction::NONE);
+    compass.step(Event::Armed(Some(false)));
+    assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::NONE });
+    let mut bed = Bed::new();
+    let mount = Orientation::from_name("yaw90").unwrap();
+    bed.done(Command::Set(Setting::Mount(mount)));
+    assert_eq!(bed.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
+}
+
 #[test]
 fn full_turns_each_way_end_in_a_calibration() {
     let mut bed = Bed::new();
     assert_eq!(bed.compass.state(), State::Uncalibrated);
-    assert_eq!(bed.compass.correction(), Correction::NONE);
+    assert_eq!(bed.compass.correction(), Correction { mount: Some(Orientation::NONE), ..Correction::NONE });
     bed.done(Command::CalStart(Procedure::Turns));
     bed.fly(&turns(&airframe(), 1));
     // It solves by itself.

@@ -268,6 +268,12 @@ impl Watch {
         &self.adjustment
     }
 
+    /// As if it had been said by what was seen.
+    #[cfg(test)]
+    pub fn set_verdict(&mut self, verdict: Result<(), NoHeading>) {
+        self.adjustment.verdict = verdict;
+    }
+
     /// Takes a sample whose last reading was at `at`, and what the gyro says of the sample's instant.
     #[inline(never)]
     pub fn see(&mut self, watched: &Watched<'_>, at: Timestamp, sample: &Sample, turning: Option<Turning>) {

@@ -1,0 +1,251 @@
+use super::*;
+use crate::compass::Glance;
+use crate::earth::{Day, Place};
+use crate::frames::{Attitude, Field};
+use crate::instrument::Estimate;
+use crate::settings::Settings;
+
+/// Estimates come 80 times a second.
+const PERIOD_US: u64 = 12_500;
+
+fn at(us: u64) -> Timestamp {
+    Timestamp::from_us(1_000_000 + us)
+}
+
+fn told(us: u64) -> Estimate {
+    Estimate { at: at(us), compass: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::NOTHING }
+}
+
+/// The frames that are written at an instant.
+fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
+    let mut out = Output::new();
+    let facts =
+        Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated, tells_vision: false };
+    msp.poll(&facts, &mut out);
+    let mut rest = out.pending();
+    let mut frames = Vec::new();
+    while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
+        let (frame, others) = rest.split_at(9 + usize::from(*length));
+        frames.push(frame.to_vec());
+        rest = others;
+    }
+    assert!(rest.is_empty());
+    frames
+}
+
+fn function(frame: &[u8]) -> u16 {
+    u16::from_le_bytes([frame[4], frame[5]])
+}
+
+fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
+    let [f0, f1] = function.to_le_bytes();
+    let mut frame = [&[b'$', b'X', direction, 0, f0, f1, payload.len() as u8, 0], payload].concat();
+    let crc = crc::Crc::<u8>::new(&crc::CRC_8_DVB_S2).checksum(&frame[3..]);
+    frame.push(crc);
+    frame
+}
+
+fn hear(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<Heard> {
+    frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.byte(at(us), byte)).collect()
+}
+
+const ANGLES: [u8; 6] = [100, 0, 50, 0, 0, 0];
+const STATUS_ARMED: [u8; 11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0];
+const STATUS_DISARMED: [u8; 11] = [0; 11];
+
+/// One whose autopilot has said what it is.
+fn known(name: &[u8]) -> Msp {
+    let mut msp = Msp::new();
+    assert!(hear(&mut msp, 0, b'>', Function::FcVariant, name).is_empty());
+    msp
+}
+
+/// What is asked for in so many seconds, if an attitude is answered after so long a time or never.
+fn asked(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
+    let mut asked = Vec::new();
+    let mut answer_us = None;
+    for us in (0..seconds * 1_000_000).step_by(500) {
+        if answer_us.is_some_and(|at_us| us >= at_us) {
+            answer_us = None;
+            assert_eq!(hear(msp, us, b'>', Function::Attitude, &ANGLES).len(), 1);
+        }
+        if us % PERIOD_US == 0 {
+            for frame in poll(msp, us, &Estimate::NOTHING) {
+                asked.push((us, function(&frame)));
+                if function(&frame) == Function::Attitude as u16 {
+                    answer_us = answered_after_us.map(|after_us| us + after_us);
+                }
+            }
+        }
+    }
+    asked
+}
+
+fn number_of(asked: &[(u64, u16)], function: Function) -> usize {
+    asked.iter().filter(|(_, asked)| *asked == function as u16).count()
+}
+
+/// From the first estimate on, 50 a second of the 80, each with its own reading's time; none while there is none.
+#[test]
+fn the_compass_is_told_from_power_up() {
+    let mut msp = Msp::new();
+    let expected = compass(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
+    assert_eq!(poll(&mut msp, 0, &told(0))[0], expected);
+    let mut number = 0;
+    for i in 1..=400 {
+        let frames = poll(&mut msp, i * PERIOD_US, &told(i * PERIOD_US));
+        number += frames.iter().filter(|frame| function(frame) == 0x1F04).count();
+    }
+    assert!((249..=251).contains(&number), "in 5 s: {number}");
+    for i in 401..500 {
+        let distrusted = Estimate { at: at(i * PERIOD_US), ..Estimate::NOTHING };
+        assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
+    }
+    assert!(poll(&mut msp, 500 * PERIOD_US, &told(0)).iter().any(|frame| function(frame) == 0x1F04), "at once again");
+}
+
+/// Before it is known whose signs they are, an attitude is neither asked for nor passed on.
+#[test]
+fn without_the_firmware_there_is_no_attitude() {
+    for name in [None, Some(b"PX4X")] {
+        let mut msp = name.map_or_else(Msp::new, |name| known(name));
+        assert!(hear(&mut msp, 0, b'>', Function::Attitude, &ANGLES).is_empty());
+        let asked = asked(&mut msp, 10, None);
+        assert_eq!(number_of(&asked, Function::Attitude), 0);
+        assert_eq!(number_of(&asked, Function::FcVariant), 10);
+    }
+    // The first thing that is asked.
+    assert_eq!(function(&poll(&mut Msp::new(), 0, &Estimate::NOTHING)[0]), Function::FcVariant as u16);
+}
+
+/// 10 deg to the right, 5 deg up or down; no clock and no rates.
+#[test]
+fn an_attitude_is_passed_on_with_the_firmware_s_signs() {
+    for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
+        let heard = hear(&mut known(name), 0, b'>', Function::Attitude, &ANGLES);
+        let [Heard::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
+        let expected = Attitude::from_deg(10.0, pitch_deg);
+        assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
+        assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
+        assert_eq!((report.rates_rad_s, report.sender_time), ([0.0; 3], WrappingMillis::new(0)));
+    }
+    // Another autopilot on the same line.
+    let mut msp = known(b"ARDU");
+    assert!(hear(&mut msp, 0, b'>', Function::FcVariant, b"INAV").is_empty());
+    let heard = hear(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
+    assert!(matches!(heard[..], [Heard::Attitude(report)] if report.attitude.pitch_rad < 0.0));
+}
+
+/// As often as answers come: 50 a second at most, and fewer from a slow autopilot, in steps of the estimates. The others
+/// about once a second each.
+#[test]
+fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
+    for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
+        let mut msp = known(b"ARDU");
+        let asked = asked(&mut msp, 10, Some(after_us));
+        let number = number_of(&asked, Function::Attitude);
+        assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
+        for other in OTHERS {
+            assert!((9..=11).contains(&number_of(&asked, other)), "{other:?}");
+        }
+    }
+}
+
+/// No answer at all, and refusals: it goes on asking, every 50 ms and at the full rate.
+#[test]
+fn what_is_not_answered_stops_nothing() {
+    let mut msp = known(b"INAV");
+    let unanswered = asked(&mut msp, 10, None);
+    let attitudes: Vec<u64> =
+        unanswered.iter().filter(|(_, function)| *function == Function::Attitude as u16).map(|(us, _)| *us).collect();
+    assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
+    // Not before its time, though polled just before.
+    let mut msp = known(b"INAV");
+    let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::NOTHING).iter().any(|f| function(f) == 108);
+    assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
+    // A refusal is an answer.
+    assert!(hear(&mut msp, 51_000, b'!', Function::Attitude, &[]).is_empty());
+    assert!(is_asked(&mut msp, 70_000));
+    assert!(hear(&mut msp, 71_000, b'!', Function::Status, &[]).is_empty());
+    assert!(!is_asked(&mut msp, 90_000), "that was not the answer to this");
+}
+
+/// Half an answer, and then nothing: the next answer is whole, and not the end of that.
+#[test]
+fn half_an_answer_is_forgotten() {
+    let mut msp = known(b"ARDU");
+    poll(&mut msp, 0, &Estimate::NOTHING);
+    let answer = frame(b'>', Function::Attitude as u16, &ANGLES);
+    assert!(answer[..12].iter().all(|&byte| msp.byte(at(10_000), byte).is_none()));
+    poll(&mut msp, 50_000, &Estimate::NOTHING);
+    let heard: Vec<_> = answer.iter().filter_map(|&byte| msp.byte(at(60_000), byte)).collect();
+    assert_eq!((heard.len(), msp.rejected()), (1, 0));
+}
+
+/// Four times a second, and nothing else; any answer tells that it is this protocol, and nothing else does.
+#[test]
+fn a_search_asks_who_is_there() {
+    let mut msp = Msp::new();
+    let mut out = Output::new();
+    for us in (0..1_000_000).step_by(12_500) {
+        msp.search(at(us), &mut out);
+    }
+    assert_eq!(out.pending(), request(Function::FcVariant).repeat(4));
+    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.byte(at(0), byte).is_none()));
+    assert_eq!(msp.heard_at(), None);
+    assert!(hear(&mut msp, 7, b'!', Function::FcVariant, &[]).is_empty());
+    assert_eq!(msp.heard_at(), Some(at(7)));
+    assert!(hear(&mut msp, 8, b'>', Function::FcVariant, b"INAV").is_empty());
+    assert_eq!(msp.heard_at(), Some(at(8)));
+}
+
+/// Ten answers without one, and what was said of arming is no longer known.
+#[test]
+fn armed_is_forgotten() {
+    let mut msp = Msp::new();
+    assert_eq!(msp.is_armed(at(0)), None);
+    assert!(hear(&mut msp, 0, b'>', Function::Status, &STATUS_ARMED).is_empty());
+    assert_eq!((msp.is_armed(at(10_000_000)), msp.is_armed(at(10_000_001))), (Some(true), None));
+    assert!(hear(&mut msp, 11_000_000, b'>', Function::Status, &STATUS_DISARMED).is_empty());
+    assert_eq!(msp.is_armed(at(11_000_000)), Some(false));
+    assert!(hear(&mut msp, 12_000_000, b'!', Function::Status, &[]).is_empty());
+    assert_eq!(msp.is_armed(at(12_000_000)), Some(false), "a refusal says nothing");
+}
+
+#[test]
+fn place_and_day_are_passed_on() {
+    let mut msp = Msp::new();
+    let mut gps = [2, 9, 0, 0, 0, 0, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
+    gps[2..6].copy_from_slice(&500_000_000_i32.to_le_bytes());
+    gps[6..10].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
+    let place = Place::new(50.0, -10.0, 300.0).unwrap();
+    assert_eq!(hear(&mut msp, 0, b'>', Function::RawGps, &gps), [Heard::Place(place)]);
+    gps[0] = 0;
+    assert!(hear(&mut msp, 0, b'>', Function::RawGps, &gps).is_empty(), "no fix");
+    let day = Day::from_unix_s(1_709_164_800).unwrap();
+    let rtc = [0xE8, 0x07, 2, 29, 0, 0, 0, 0, 0];
+    assert_eq!(hear(&mut msp, 0, b'>', Function::Rtc, &rtc), [Heard::Day(day)]);
+    assert!(hear(&mut msp, 0, b'>', Function::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
+}
+
+#[test]
+fn what_is_broken_is_counted() {
+    let mut msp = known(b"ARDU");
+    let mut broken = frame(b'>', Function::Attitude as u16, &ANGLES);
+    broken[9] ^= 1;
+    assert!(broken.iter().all(|&byte| msp.byte(at(0), byte).is_none()));
+    assert_eq!(msp.rejected(), 1);
+}
+
+/// A full output: what does not fit is not waited for.
+#[test]
+fn a_request_that_does_not_fit_is_made_later() {
+    let mut msp = known(b"ARDU");
+    let mut out = Output::new();
+    assert!(out.message(&[&[0; 380]]));
+    let settings = Settings::DEFAULT;
+    let facts = Facts { now: at(0), estimate: &Estimate::NOTHING, settings: &settings, glance: Glance::Waiting };
+    msp.poll(&facts, &mut out);
+    assert_eq!(out.pending().len(), 380);
+    assert!(poll(&mut msp, 25_000, &Estimate::NOTHING).iter().any(|frame| function(frame) == 108));
+}

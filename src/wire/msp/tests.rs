@@ -1,0 +1,293 @@
+use super::*;
+use testkit::random::Random;
+
+fn hex(text: &str) -> Vec<u8> {
+    text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
+}
+
+/// A frame as an autopilot sends it.
+fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
+    let mut frame = vec![b'$', b'X', direction, 0];
+    frame.extend(function.to_le_bytes());
+    frame.extend((payload.len() as u16).to_le_bytes());
+    frame.extend(payload);
+    frame.push(0);
+    seal(&mut frame);
+    frame
+}
+
+fn reply(function: Function, payload: &[u8]) -> Vec<u8> {
+    frame(b'>', function as u16, payload)
+}
+
+fn attitude(roll: i16, pitch: i16) -> Vec<u8> {
+    reply(Function::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 359_i16.to_le_bytes()].concat())
+}
+
+fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> Message {
+    Message::Attitude(Angles { roll_decideg, pitch_decideg })
+}
+
+/// All messages in a stream, and how many frames were rejected.
+fn all(stream: &[u8]) -> (Vec<Message>, u32) {
+    let mut receiver = Receiver::new();
+    let messages = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    (messages, receiver.rejected)
+}
+
+fn one(stream: &[u8]) -> Option<Message> {
+    match all(stream) {
+        (messages, 0) if messages.len() == 1 => Some(messages[0]),
+        (messages, 1) if messages.is_empty() => None,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Byte for byte what ArduPlane and INAV took, and CRC-8/DVB-S2's check value, 0xBC of "123456789".
+#[test]
+fn what_is_sent_is_what_autopilots_take() {
+    assert_eq!(checksum(b"123456789"), 0xBC);
+    assert_eq!(request(Function::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
+    let sent = compass(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
+    assert_eq!(sent.to_vec(), hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
+    for (function, number) in [
+        (Function::FcVariant, 2),
+        (Function::Status, 101),
+        (Function::RawGps, 106),
+        (Function::Attitude, 108),
+        (Function::Rtc, 247),
+    ] {
+        assert_eq!(request(function).to_vec(), frame(b'<', number, &[]));
+    }
+    assert_eq!(compass(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
+}
+
+/// To the nearest milligauss; what is too large is as large as can be said.
+#[test]
+fn a_field_is_told_in_milligauss() {
+    let told = |ut: f32| {
+        let sent = compass(0, 0, Field::from_ut(ut, 0.0, ut));
+        assert_eq!((sent[13], sent[14]), (sent[17], sent[18]));
+        i16::from_le_bytes([sent[13], sent[14]])
+    };
+    let expected = [
+        (48.24, 482),
+        (48.26, 483),
+        (-48.24, -482),
+        (-48.26, -483),
+        (3_276.7, 32_767),
+        (1e9, 32_767),
+        (-1e9, -32_768),
+        (f32::INFINITY, 32_767),
+        (f32::NAN, 0),
+    ];
+    for (ut, milligauss) in expected {
+        assert_eq!(told(ut), milligauss, "{ut} uT");
+    }
+}
+
+/// Each reply with the length that it has had from the beginning, with more, and with a byte less, which is refused.
+#[test]
+fn replies_are_understood_with_what_later_versions_append() {
+    let status = [0, 0, 0, 0, 0, 0, 0x01, 0x02, 0, 0, 3];
+    let gps = [2, 11, 0x80, 0xB2, 0xE6, 0x0E, 0x80, 0xC7, 0x1C, 0xFB, 0x2C, 0x01, 5, 0, 6, 0];
+    let place = Place::new(25.0, -82_000_000_i32 as f32 * 1e-7, 300.0);
+    let date = [0xE8, 0x07, 2, 29, 23, 59, 59, 0xE7, 0x03];
+    let day = Day::from_unix_s(1_709_164_800);
+    let expected = [
+        (Function::FcVariant, b"INAV".to_vec(), Message::FcVariant(Firmware::Inav)),
+        (Function::Status, status.to_vec(), Message::Armed(true)),
+        (Function::RawGps, gps.to_vec(), Message::RawGps(place)),
+        (Function::Attitude, hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
+        (Function::Rtc, date.to_vec(), Message::Rtc(day)),
+    ];
+    for (function, payload, message) in expected {
+        assert_eq!(one(&reply(function, &payload)), Some(message));
+        let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD - payload.len()]].concat();
+        assert_eq!(one(&reply(function, &longer)), Some(message), "with more");
+        if function != Function::Rtc {
+            assert_eq!(one(&reply(function, &payload[1..])), None, "{function:?} that is too short");
+        }
+    }
+    // More than any firmware sends passes by, whole.
+    let (messages, rejected) = all(&[reply(Function::Attitude, &[0; MAX_PAYLOAD + 1]), attitude(1, 2)].concat());
+    assert_eq!((messages, rejected), (vec![angles_of(1, 2)], 0));
+}
+
+#[test]
+fn firmwares_are_told_by_their_names() {
+    let names: [(&[u8], _); 5] = [
+        (b"ARDU", Firmware::ArduPilot),
+        (b"INAV", Firmware::Inav),
+        (b"BTFL", Firmware::Betaflight),
+        (b"inav", Firmware::Other),
+        (b"BTFLX", Firmware::Betaflight),
+    ];
+    for (name, firmware) in names {
+        assert_eq!(one(&reply(Function::FcVariant, name)), Some(Message::FcVariant(firmware)));
+    }
+}
+
+/// 12.3 deg to the right, 5 deg up: as each firmware says it, and as it is.
+#[test]
+fn the_sign_of_pitch_is_that_of_the_firmware() {
+    let expected = Attitude::from_deg(12.3, 5.0);
+    for (firmware, pitch_decideg) in [(Firmware::ArduPilot, 50), (Firmware::Inav, -50), (Firmware::Betaflight, -50)] {
+        let found = firmware.attitude(Angles { roll_decideg: 123, pitch_decideg }).unwrap();
+        assert!((found.roll_rad - expected.roll_rad).abs() < 1e-6, "{firmware:?} {found:?}");
+        assert!((found.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{firmware:?} {found:?}");
+    }
+    assert_eq!(Firmware::Other.attitude(Angles { roll_decideg: 0, pitch_decideg: 0 }), None);
+}
+
+/// Each limit from both sides.
+#[test]
+fn angles_that_cannot_be_are_refused() {
+    for (roll, pitch, possible) in
+        [(1800, 900, true), (-1800, -900, true), (1801, 0, false), (-1801, 0, false), (0, 901, false), (0, -901, false)]
+    {
+        let expected = possible.then(|| angles_of(roll, pitch));
+        assert_eq!(one(&attitude(roll, pitch)), expected, "{roll} {pitch}");
+    }
+}
+
+/// The first bit of the boxes, whatever the others say.
+#[test]
+fn armed_is_the_first_box() {
+    for (flags, is_armed) in [([1, 0], true), ([0xFE, 0xFF], false), ([0xFF, 0], true), ([0, 1], false)] {
+        let payload = [[9; 6].as_slice(), &flags, &[1, 1, 1]].concat();
+        assert_eq!(one(&reply(Function::Status, &payload)), Some(Message::Armed(is_armed)), "{flags:?}");
+    }
+}
+
+/// No fix, no place; and a place below the sea.
+#[test]
+fn a_place_wants_a_fix() {
+    let gps = |fix: u8, latitude: i32, height_m: i16| {
+        let mut payload = vec![fix, 9];
+        payload.extend(latitude.to_le_bytes());
+        payload.extend((-10_000_000_i32).to_le_bytes());
+        payload.extend(height_m.to_le_bytes());
+        payload.extend([0; 6]);
+        one(&reply(Function::RawGps, &payload))
+    };
+    let place = |latitude_deg, height_m| Some(Message::RawGps(Place::new(latitude_deg, -1.0, height_m)));
+    assert_eq!(gps(1, 315_000_000, -400), place(31.5, -400.0));
+    assert_eq!(gps(2, -315_000_000, 32_767), place(-31.5, 32_767.0));
+    assert_eq!(gps(0, 315_000_000, 0), Some(Message::RawGps(None)));
+    // An answer, but no place on Earth.
+    assert_eq!(gps(2, 910_000_000, 0), Some(Message::RawGps(None)));
+}
+
+/// Seconds of `date -u -d ... +%s`.
+#[test]
+fn a_day_is_a_date_or_seconds() {
+    let of_date = |year: u16, month, day| {
+        let [y0, y1] = year.to_le_bytes();
+        one(&reply(Function::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
+    };
+    let day = |seconds| Some(Message::Rtc(Day::from_unix_s(seconds)));
+    for (year, month, date, seconds) in [
+        (2020, 1, 1, 1_577_836_800),
+        (2024, 2, 29, 1_709_164_800),
+        (2024, 3, 1, 1_709_251_200),
+        (2026, 12, 31, 1_798_675_200),
+        (2100, 3, 1, 4_107_542_400),
+    ] {
+        assert_eq!(of_date(year, month, date), day(seconds), "{year}-{month}-{date}");
+        assert!(Day::from_unix_s(seconds).is_some());
+    }
+    // A clock that was never set, and dates that are none.
+    for (year, month, date) in [(1900, 1, 0), (2019, 12, 31), (2026, 0, 1), (2026, 13, 1), (2026, 1, 0), (2026, 1, 32)]
+    {
+        assert_eq!(of_date(year, month, date), Some(Message::Rtc(None)), "{year}-{month}-{date}");
+    }
+    for year in [0, 1, u16::MAX] {
+        assert_eq!(of_date(year, 1, 1), Some(Message::Rtc(None)));
+    }
+    let of_seconds = |seconds: u32| one(&reply(Function::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
+    assert_eq!(of_seconds(1_709_164_800), day(1_709_164_800));
+    assert_eq!(of_seconds(0), Some(Message::Rtc(None)));
+    assert_eq!(one(&reply(Function::Rtc, &[0; 5])), None);
+}
+
+/// An error frame, and a reply of nothing, end the waiting.
+#[test]
+fn refusals_are_answers() {
+    for function in Function::ALL {
+        assert_eq!(one(&frame(b'!', function as u16, &[])), Some(Message::Refused(function)));
+        assert_eq!(one(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])), Some(Message::Refused(function)));
+        assert_eq!(one(&reply(function, &[])), Some(Message::Refused(function)));
+    }
+}
+
+/// Version 1, requests, other functions and longer ones pass by without a word.
+#[test]
+fn what_is_not_wanted_passes_by() {
+    let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 6 ^ 108 ^ 1 ^ 2 ^ 3];
+    let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
+    let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
+    let stream =
+        [&attitude(1, 2)[..], &version_1, &request(Function::Attitude), &other, &noise, &attitude(3, 4)].concat();
+    assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
+}
+
+/// Whatever bit of a frame is wrong, it is refused or passed by, and the next one is taken.
+#[test]
+fn a_damaged_frame_costs_itself_alone() {
+    let good = attitude(123, -45);
+    for bit in 0..good.len() * 8 {
+        let mut bad = good.clone();
+        bad[bit / 8] ^= 1 << (bit % 8);
+        // A length that lies waits for what comes later.
+        let stream = [bad, good.clone(), attitude(1, 2), vec![0; MAX_FRAME]].concat();
+        let mut receiver = Receiver::new();
+        let found: Vec<_> = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
+        let expected = [angles_of(123, -45), angles_of(1, 2)];
+        assert_eq!(found, expected, "bit {bit}");
+        assert!(receiver.rejected <= 1);
+    }
+}
+
+/// Cut anywhere, the rest joined to whole frames.
+#[test]
+fn a_cut_frame_costs_itself_alone() {
+    let good = attitude(123, -45);
+    for kept in 0..good.len() {
+        let stream = [&good[..kept], &attitude(5, 6), &good, &[0; MAX_FRAME]].concat();
+        assert_eq!(all(&stream).0, [angles_of(5, 6), angles_of(123, -45)], "{kept} bytes kept");
+    }
+}
+
+/// The beginning of a frame, and then nothing for a while: what comes next is not its end.
+#[test]
+fn a_beginning_can_be_forgotten() {
+    let good = attitude(123, -45);
+    let mut receiver = Receiver::new();
+    assert!(good[..10].iter().all(|&byte| receiver.push(byte).is_none()));
+    receiver.forget();
+    let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push(byte)).collect();
+    assert_eq!((found.as_slice(), receiver.rejected), (&[angles_of(123, -45)][..], 0));
+    assert_eq!(good.iter().filter_map(|&byte| receiver.push(byte)).count(), 1);
+}
+
+/// 100,000 pieces of garbage with true beginnings among them: nothing is made of them but refusals and luck, and after each
+/// hundred a whole frame is understood.
+#[test]
+fn nothing_that_comes_stops_the_receiver() {
+    let mut random = Random(5);
+    let mut receiver = Receiver::new();
+    let starts: [&[u8]; 5] = [b"$", b"$X", b"$X>\0\x6C\0\x06\0", b"$X>\0\x65\0\x40\0", b"$X!\0\xF7\0\xFF\xFF"];
+    for piece in 0..100_000 {
+        let number = random.bits() as usize % 24;
+        let start = starts[random.bits() as usize % starts.len()];
+        let bytes = [if random.bits() % 2 == 0 { start } else { &[] }, &random.bytes(number)].concat();
+        let _ = bytes.iter().filter_map(|&byte| receiver.push(byte)).count();
+        if piece % 100 == 0 {
+            let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push(byte)).count();
+            let found: Vec<_> = attitude(-7, 8).iter().filter_map(|&byte| receiver.push(byte)).collect();
+            assert_eq!(found, [angles_of(-7, 8)]);
+        }
+    }
+    assert!(receiver.rejected > 1_000, "{}", receiver.rejected);
+}
