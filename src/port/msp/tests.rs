@@ -19,8 +19,7 @@ fn told(us: u64) -> Estimate {
 /// The frames that are written at an instant.
 fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = Output::new();
-    let facts =
-        Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated, tells_vision: false };
+    let facts = Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated };
     msp.poll(&facts, &mut out);
     let mut rest = out.pending();
     let mut frames = Vec::new();
