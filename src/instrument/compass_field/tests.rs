@@ -25,8 +25,8 @@ fn corrected(calibration: Calibration) -> Correction {
     Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE }
 }
 
-fn armed(is_armed: bool, correction: Correction) -> Correction {
-    Correction { is_armed: Some(is_armed), ..correction }
+fn armed(is_armed: bool, correction: &Correction) -> Correction {
+    Correction { is_armed: Some(is_armed), ..correction.clone() }
 }
 
 fn with(correction: Correction) -> Instrument {
@@ -223,7 +223,7 @@ fn what_is_told_is_by_the_calibration_in_force() {
     instrument.compass_field.follow(&instrument.correction, instrument.in_force.as_ref());
     assert!(is_near(read(&mut instrument, 0, SOME).compass, iron.apply(SOME)));
     // Arming changes nothing of it, and nothing is blended.
-    instrument.correct_with(armed(true, corrected(calibration())));
+    instrument.correct_with(armed(true, &corrected(calibration())));
     assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass, iron.apply(SOME)));
 }
 
@@ -275,9 +275,9 @@ fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
             * sensed(f32::from(heading).to_radians(), Attitude::default()).ut
             + another().b_vector_ut();
         let field = Field::new(read_ut);
-        let mut instrument = with(armed(true, corrected(calibration())));
+        let mut instrument = with(armed(true, &corrected(calibration())));
         let before = instrument.compass_field.tell(at(0), field).unwrap();
-        instrument.correct_with(armed(true, corrected(another())));
+        instrument.correct_with(armed(true, &corrected(another())));
         let told = told(&mut instrument, 0, 40, field);
         assert_eq!(told[0], before);
         assert!(is_near(told.last().copied(), another().apply(field)));
@@ -293,9 +293,9 @@ fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
 #[test]
 fn a_large_change_is_no_faster() {
     let field = sensed(0.3, Attitude::default());
-    let mut instrument = with(armed(true, corrected(calibration())));
+    let mut instrument = with(armed(true, &corrected(calibration())));
     instrument.compass_field.tell(at(0), field);
-    instrument.correct_with(Correction { align_deg: 100.0, ..armed(true, corrected(calibration())) });
+    instrument.correct_with(Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
     let told = told(&mut instrument, 0, 200, field);
     let fastest_deg_s = fastest_deg_s(&told);
     assert!((0.9..1.01).contains(&fastest_deg_s), "{fastest_deg_s}");
@@ -307,9 +307,9 @@ fn a_large_change_is_no_faster() {
 fn a_change_on_the_way_goes_on_from_where_it_is() {
     let mount = Some(Orientation::NONE);
     let field = sensed(0.3, Attitude::default());
-    let mut instrument = with(armed(true, Correction { mount, ..Correction::NONE }));
+    let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
     instrument.compass_field.tell(at(0), field);
-    let flown = |align_deg| armed(true, Correction { mount, align_deg, ..corrected(calibration()) });
+    let flown = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
     instrument.correct_with(flown(10.0));
     let mut all = told(&mut instrument, 0, 5, field);
     instrument.correct_with(flown(-10.0));
@@ -341,11 +341,11 @@ fn on_the_ground_a_new_calibration_is_taken_at_once() {
         assert_eq!(is_at_once(&mut instrument, 0, correction), expected, "{is_armed:?}");
     }
     // Armed counts more than rest.
-    let mut instrument = with(armed(true, corrected(calibration())));
+    let mut instrument = with(armed(true, &corrected(calibration())));
     for i in 0..200 {
         report(&mut instrument, i * 20_000, Attitude::default());
     }
-    assert!(!is_at_once(&mut instrument, 4_000_000, armed(true, corrected(another()))));
+    assert!(!is_at_once(&mut instrument, 4_000_000, armed(true, &corrected(another()))));
 }
 
 /// Where nobody says whether it is armed, an attitude that has stayed for two seconds, and still does, says that it is not.
@@ -421,7 +421,7 @@ fn an_unknown_inclination_takes_longer() {
 fn arming_is_alike() {
     let correction = corrected(calibration());
     let changed = [
-        armed(true, correction.clone()),
+        armed(true, &correction),
         Correction { total_ut: Some(48.0), ..correction.clone() },
         Correction { mount: Some(Orientation::NONE), ..correction.clone() },
     ];

@@ -224,7 +224,7 @@ fn refusals_are_answers() {
 /// Version 1, requests, other functions and longer ones pass by without a word.
 #[test]
 fn what_is_not_wanted_passes_by() {
-    let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 6 ^ 108 ^ 1 ^ 2 ^ 3];
+    let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
     let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
     let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
     let stream =
@@ -281,7 +281,7 @@ fn nothing_that_comes_stops_the_receiver() {
     for piece in 0..100_000 {
         let number = random.bits() as usize % 24;
         let start = starts[random.bits() as usize % starts.len()];
-        let bytes = [if random.bits() % 2 == 0 { start } else { &[] }, &random.bytes(number)].concat();
+        let bytes = [if random.bits().is_multiple_of(2) { start } else { &[] }, &random.bytes(number)].concat();
         let _ = bytes.iter().filter_map(|&byte| receiver.push(byte)).count();
         if piece % 100 == 0 {
             let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push(byte)).count();
