@@ -11,6 +11,7 @@ use embassy_time::Instant;
 use crate::attitude::Report;
 use crate::calibration::Sample;
 use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
+use crate::earth::{Day, Place};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
@@ -64,6 +65,10 @@ pub struct Links {
     pub(super) sensor: Latest<FoundSensor, 2>,
     /// To the state machine: whether the autopilot is armed, if that is known.
     pub(super) armed: Latest<Option<bool>, 1>,
+    /// To the state machine: where the autopilot is. Apart from the day, which may come on another port.
+    pub(super) place: Latest<Place, 1>,
+    /// To the state machine: what day it is.
+    pub(super) day: Latest<Day, 1>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
     /// To the outlets.
@@ -90,6 +95,8 @@ impl Links {
             glance: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
+            place: Watch::new(),
+            day: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             estimates: Watch::new(),

@@ -12,7 +12,7 @@ pub use pace::Pace;
 use crate::instrument::Estimate;
 use crate::settings::Settings;
 
-/// The bytes of one message: three NMEA sentences of at most 82 characters are the longest.
+/// The bytes of one message: four NMEA sentences of at most 50 characters are the longest.
 pub type Message = heapless::Vec<u8, 256>;
 
 /// Something that turns estimates into bytes.
