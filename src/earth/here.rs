@@ -67,7 +67,8 @@ impl Here {
     }
 }
 
-#[cfg(all(test, feature = "wmm"))]
+#[cfg(test)]
+#[cfg(feature = "wmm")]
 mod tests {
     use super::*;
 

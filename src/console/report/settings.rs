@@ -136,7 +136,8 @@ const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'sta
     if deg < 0.0 { negative } else { positive }
 }
 
-#[cfg(all(test, feature = "wmm"))]
+#[cfg(test)]
+#[cfg(feature = "wmm")]
 mod tests {
     use super::*;
     use crate::earth::Day;

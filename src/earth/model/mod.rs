@@ -126,43 +126,66 @@ impl Geocentric {
     }
 }
 
+/// Schmidt's semi-normalised associated Legendre function `P` of a degree `n` and an order `m`, and its derivative by the
+/// colatitude. Those of the degree before are kept, from which the next ones follow:
+/// `sqrt(n^2 - m^2) P(n) = (2n-1) cos P(n-1) - sqrt((n-1)^2 - m^2) P(n-2)`.
+struct Schmidt {
+    p: f32,
+    slope: f32,
+    before: (f32, f32),
+    /// `sqrt(n^2 - m^2)`.
+    root: f32,
+}
+
+impl Schmidt {
+    /// The first of an order, whose degree is the order: none is before it.
+    const fn first((p, slope): (f32, f32)) -> Self {
+        Self { p, slope, before: (0.0, 0.0), root: 0.0 }
+    }
+
+    /// On from this degree to the next.
+    fn advance(&mut self, degree: f32, order: f32, (sin, cos): (f32, f32)) {
+        let Self { p, slope, before: (p_before, slope_before), root } = *self;
+        let next_root = libm::sqrtf((degree + 1.0) * (degree + 1.0) - order * order);
+        let odd = 2.0 * degree + 1.0;
+        *self = Self {
+            p: (odd * cos * p - root * p_before) / next_root,
+            slope: (odd * (cos * slope - sin * p) - root * slope_before) / next_root,
+            before: (p, slope),
+            root: next_root,
+        };
+    }
+}
+
 /// North, east and down (eqs. 10 to 12, 17), nanotesla; years since 2025.0.
-///
-/// Order by order and within each degree by degree, so that each of Schmidt's functions `P`, and its derivative `D` by the
-/// colatitude, follows from the two before it: `sqrt(n^2 - m^2) P(n) = (2n-1) cos P(n-1) - sqrt((n-1)^2 - m^2) P(n-2)`.
 fn components_nt(place: Place, years: f32) -> [f32; 3] {
     let Geocentric { ratio, sin, cos, turn: (sin_turn, cos_turn) } = Geocentric::of(place);
     let (sin_longitude, cos_longitude) = trig::sin_cos(place.longitude_deg.to_radians());
     let (mut north, mut east, mut down) = (0.0, 0.0, 0.0);
     let mut coefficients = COEFFICIENTS.iter();
-    // Of the order: its first function, the power of the ratio there, and sine and cosine of `m` times the longitude.
-    let (mut first, mut first_slope, mut first_power) = (1.0_f32, 0.0_f32, ratio * ratio);
-    let (mut sin_m, mut cos_m) = (0.0, 1.0);
+    // Of the order `m`: its first function, the power of the ratio there, sine and cosine of `m` times the longitude.
+    let (mut first, mut first_power, mut sin_m, mut cos_m) = ((1.0, 0.0), ratio * ratio, 0.0, 1.0);
     for m in 0..=DEGREE {
         let order = f32::from(m);
         if m > 0 {
             let factor = if m == 1 { 1.0 } else { libm::sqrtf(1.0 - 0.5 / order) };
-            (first, first_slope) = (factor * sin * first, factor * (sin * first_slope + cos * first));
+            first = (factor * sin * first.0, factor * (sin * first.1 + cos * first.0));
             first_power *= ratio;
             (sin_m, cos_m) =
                 (sin_m * cos_longitude + cos_m * sin_longitude, cos_m * cos_longitude - sin_m * sin_longitude);
         }
-        let (mut p, mut slope, mut power) = (first, first_slope, first_power);
-        let (mut p_before, mut slope_before, mut root) = (0.0, 0.0, 0.0);
+        let (mut function, mut power) = (Schmidt::first(first), first_power);
         for n in m..=DEGREE {
             let degree = f32::from(n);
-            if let Some([g, h]) = (n > 0).then(|| coefficients.next().map(|tenths| at(tenths, n, m, years))).flatten() {
+            // There is no pole alone: degree 0 has no coefficients.
+            if n > 0 {
+                let [g, h] = at(coefficients.next().copied().unwrap_or_default(), n, m, years);
                 let along = power * (g * cos_m + h * sin_m);
-                north += along * slope;
-                east += power * (g * sin_m - h * cos_m) * order * p / sin;
-                down -= along * (degree + 1.0) * p;
+                north += along * function.slope;
+                east += power * (g * sin_m - h * cos_m) * order * function.p / sin;
+                down -= along * (degree + 1.0) * function.p;
             }
-            let next_root = libm::sqrtf((degree + 1.0) * (degree + 1.0) - order * order);
-            let twice = 2.0 * degree + 1.0;
-            let p_next = (twice * cos * p - root * p_before) / next_root;
-            let slope_next = (twice * (cos * slope - sin * p) - root * slope_before) / next_root;
-            (p_before, slope_before, root) = (p, slope, next_root);
-            (p, slope) = (p_next, slope_next);
+            function.advance(degree, order, (sin, cos));
             power *= ratio;
         }
     }
@@ -170,7 +193,7 @@ fn components_nt(place: Place, years: f32) -> [f32; 3] {
 }
 
 /// A pair of coefficients so many years after 2025.0, nanotesla.
-fn at(tenths: &[i16; 4], degree: u8, order: u8, years: f32) -> [f32; 2] {
+fn at(tenths: [i16; 4], degree: u8, order: u8, years: f32) -> [f32; 2] {
     let [g, h, g_rate, h_rate] = tenths.map(|tenths| f32::from(tenths) * 0.1);
     let [g_beyond, h_beyond] = match (degree, order) {
         (1, 0) => [-30_000.0, 0.0],
@@ -224,5 +247,6 @@ const COEFFICIENTS: [[i16; 4]; 90] = [
     [-7, 2, -1, -1],
 ];
 
-#[cfg(all(test, feature = "wmm"))]
+#[cfg(test)]
+#[cfg(feature = "wmm")]
 mod tests;
