@@ -4,7 +4,7 @@
 //! section 1.2 (doi:10.25923/prbc-s316). The coefficients are the work of the U.S. Government, `WMM2025.COF` of
 //! <https://www.ncei.noaa.gov/products/world-magnetic-model>, and not subject to copyright.
 //!
-//! The model knows nothing of rocks and buildings. By its own error model (section 3.4) it is good to 0.20 deg of
+//! By its own error model (section 3.4), which counts the rocks that it knows nothing of, it is good to 0.20 deg of
 //! inclination, 0.14 uT, and `sqrt(0.26^2 + (5.4 uT / H)^2)` deg of declination where the horizontal field is `H`; 1 sigma.
 
 use super::{Day, Place};
