@@ -8,7 +8,7 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::links::{Stamped, count, listen, now};
+use super::links::{Stamped, count, listen, now, publish};
 use crate::compass::Glance;
 use crate::health::Counters;
 use crate::port::{Facts, Heard, Output, Port};
@@ -90,7 +90,9 @@ fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
             Some(Heard::Attitude(_) | Heard::Foreign) => count(&links.counters.attitude_foreign),
             // Somebody asks again where it is not answered.
             Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
-            None | Some(Heard::Place(_) | Heard::Day(_)) => {}
+            Some(Heard::Place(place)) => publish(&links.place, place),
+            Some(Heard::Day(day)) => publish(&links.day, day),
+            None => {}
         }
     }
     links.port_is(number, port.spoken(now()), port.is_armed(now()));
