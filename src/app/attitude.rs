@@ -46,6 +46,7 @@ fn take(links: &Links, receiver: &mut Receiver, senders: &mut Senders, bytes: &[
                 links.offer(&links.reports, Stamped { at, value: report });
             }
             Message::Attitude(_) => count(&links.counters.attitude_foreign),
+            _ => {}
         }
     }
     let rejected = receiver.rejected.wrapping_sub(rejected_before);

@@ -3,7 +3,12 @@
 //! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
 //! tell, passes on what it has [`Heard`], and writes its [`Output`].
 
+mod mavlink;
+
+pub use mavlink::Mavlink;
+
 use crate::attitude::Report;
+use crate::calibration::{Calibration, Uncertainty};
 use crate::compass::{Glance, Refusal};
 use crate::earth::{Day, Place};
 use crate::instrument::Estimate;
@@ -49,6 +54,8 @@ pub struct Facts<'a> {
     pub settings: &'a Settings,
     /// The state machine at a glance.
     pub glance: Glance,
+    /// The calibration in use, and how wrong a heading by it may be.
+    pub calibration: Option<&'a (Calibration, Uncertainty)>,
     /// Whether a heading is to be told in the way that replaces the autopilot's own yaw.
     pub tells_vision: bool,
 }
