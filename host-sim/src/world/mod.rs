@@ -9,6 +9,7 @@
 //! | `earth.rs`, `airframe.rs` | the field, and what the iron makes of it |
 //! | `table1.rs` | the airframe of Liu 2007 table 1 and the published errors |
 //! | `attitude_source/` | MAVLink attitude with the errors of a real source |
+//! | `mavlink_autopilot/` | an autopilot that is asked for it, and answers |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
@@ -18,6 +19,7 @@ pub mod autopilot;
 mod config;
 pub mod earth;
 pub mod gauss_markov;
+pub mod mavlink_autopilot;
 pub mod rotation;
 mod state;
 pub mod table1;

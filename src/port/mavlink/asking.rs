@@ -4,8 +4,8 @@
 //! an aeroplane. So the module asks for less and less until it gets what it asks for; who knows no such command is asked in
 //! the old way. It never asks oftener than once a second.
 
-use ::mavlink::dialects::common::{ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYSTEM_TIME_DATA};
 use ::mavlink::MessageData;
+use ::mavlink::dialects::common::{ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYSTEM_TIME_DATA};
 
 use super::Line;
 use crate::attitude::Source;
@@ -77,7 +77,7 @@ impl Asking {
     }
 
     /// The autopilot has answered a command of this component.
-    pub fn acknowledged(&mut self, at: Timestamp, ack: &Acknowledgement) {
+    pub fn acknowledged(&mut self, at: Timestamp, ack: Acknowledgement) {
         let is_open = self.attempts > 0 && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16;
         let is_granted = ack.result == MavResult::MAV_RESULT_ACCEPTED as u8;
         if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS as u8 {

@@ -64,13 +64,7 @@ impl Collection {
         }
         let is_new = |before: u8| before != self.calibrations;
         match (&mut self.phase, facts.glance) {
-            (Phase::Collecting { tenths, .. }, Glance::Collecting(percent)) => {
-                // It goes on, or it was begun again from nothing.
-                if percent / 10 > *tenths || (percent == 0 && *tenths > 0) {
-                    *tenths = percent / 10;
-                    tell_tenths(*tenths, texts);
-                }
-            }
+            (Phase::Collecting { tenths, .. }, Glance::Collecting(percent)) => tell_further(tenths, percent, texts),
             (_, Glance::Collecting(percent)) => {
                 self.phase = Phase::Collecting { before: self.calibrations, tenths: percent / 10 };
                 tell_tenths(percent / 10, texts);
@@ -100,12 +94,21 @@ impl Collection {
                 line.send(Outgoing::mag_cal_progress(percent, field.into()));
             }
             (&Phase::Known { is_success }, _) => {
-                if line.send(Outgoing::mag_cal_report(&report(is_success, facts.calibration))) {
+                let report = report(is_success, facts.calibration);
+                if line.send(Outgoing::mag_cal_report(&report)) {
                     self.phase = Phase::Idle;
                 }
             }
             _ => {}
         }
+    }
+}
+
+/// Tells another tenth, or that the collection was begun again from nothing.
+fn tell_further(tenths: &mut u8, percent: u8, texts: &mut Texts) {
+    if percent / 10 > *tenths || (percent == 0 && *tenths > 0) {
+        *tenths = percent / 10;
+        tell_tenths(*tenths, texts);
     }
 }
 
@@ -123,13 +126,8 @@ fn tell_tenths(tenths: u8, texts: &mut Texts) {
 /// nearest to `W R^T` (in the Frobenius norm): its symmetric part. What is beside the right angles of the mounting is not in
 /// it. The fitness is the noise of a reading.
 fn report(is_success: bool, calibration: Option<&(Calibration, Uncertainty)>) -> MagCalReport {
-    let none = MagCalReport {
-        is_success,
-        fitness_mg: 0.0,
-        offset_mg: [0.0; 3],
-        diagonal: [1.0; 3],
-        off_diagonal: [0.0; 3],
-    };
+    let none =
+        MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
     let Some((calibration, uncertainty)) = calibration.filter(|_| is_success) else { return none };
     let w = calibration.w_matrix();
     let mounting = Orientation::nearest(&w).body_from_sensor();

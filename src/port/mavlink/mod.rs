@@ -106,7 +106,7 @@ impl Mavlink {
             Message::Command(_) => None,
             Message::Acknowledgement(ack) => {
                 if is_autopilot(&ack.source) && is_own(ack.target) {
-                    self.asking.acknowledged(at, &ack);
+                    self.asking.acknowledged(at, ack);
                 }
                 None
             }

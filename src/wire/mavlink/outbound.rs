@@ -134,11 +134,8 @@ impl Outgoing {
     pub fn mag_cal_progress(percent: u8, direction: [f32; 3]) -> Self {
         // Of ArduPilot's dialect: its number and extra byte.
         let mut message = Self::new(191, 92);
-        let status = if percent < 100 {
-            MagCalStatus::MAG_CAL_RUNNING_STEP_ONE
-        } else {
-            MagCalStatus::MAG_CAL_RUNNING_STEP_TWO
-        };
+        let status =
+            if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
         message.floats(&direction);
         message.put(&[0, COMPASSES, status as u8, 1, percent]);
         message
@@ -148,8 +145,7 @@ impl Outgoing {
     #[must_use]
     pub fn mag_cal_report(report: &MagCalReport) -> Self {
         let mut message = Self::of::<MAG_CAL_REPORT_DATA>();
-        let status =
-            if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
+        let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
         message.floats(&[report.fitness_mg]);
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
             message.floats(three);

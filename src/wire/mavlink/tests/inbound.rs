@@ -49,10 +49,7 @@ fn no_place_is_no_broken_frame() {
 
 #[test]
 fn a_day_is_of_microseconds_since_1970() {
-    let frames = [
-        "fd090000c90c2202000040c227dafe5b0600059bd1",
-        "fe0cc90c220240c227dafe5b060005000000a1b8",
-    ];
+    let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
     for hex in frames {
         assert_eq!(one(&bytes(hex)), Message::Day(SENDER, Day::from_unix_s(1_790_000_000)));
     }
@@ -74,18 +71,10 @@ fn a_command_comes_in_either_message() {
         })
     };
     for (hex, command, confirmation) in [
-        (
-            "fd210000c90c224c00000000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e03b17a",
-            246,
-            3,
-        ),
+        ("fd210000c90c224c00000000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e03b17a", 246, 3),
         ("fe21c90c224c0000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e031454", 246, 3),
         // The byte where the other has its count says which frame of coordinates it is in, or is current.
-        (
-            "fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811",
-            42424,
-            0,
-        ),
+        ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
         ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
     ] {
         assert_eq!(one(&bytes(hex)), expected(command, confirmation), "{hex}");

@@ -60,14 +60,8 @@ fn a_value_has_a_name() {
 #[test]
 fn progress_is_in_the_first_step_until_all_is_collected() {
     let direction = [0.5, -0.25, 0.75];
-    assert_is(
-        Outgoing::mag_cal_progress(40, direction),
-        "fd110000c9079ebf00000000003f000080be0000403f0001020128aea7",
-    );
-    assert_is(
-        Outgoing::mag_cal_progress(100, direction),
-        "fd110000c9079ebf00000000003f000080be0000403f0001030164d354",
-    );
+    assert_is(Outgoing::mag_cal_progress(40, direction), "fd110000c9079ebf00000000003f000080be0000403f0001020128aea7");
+    assert_is(Outgoing::mag_cal_progress(100, direction), "fd110000c9079ebf00000000003f000080be0000403f0001030164d354");
 }
 
 #[test]
