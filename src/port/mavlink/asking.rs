@@ -123,7 +123,7 @@ impl Asking {
         let elapsed_us = now.us_since(self.since);
         let wish = WISHES.get(self.wish);
         if wish.is_none() {
-            let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at).min(elapsed_us));
+            let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
             if heard_us > SILENCE_US {
                 self.begin(now);
             }

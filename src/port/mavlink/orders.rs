@@ -44,8 +44,7 @@ struct Answer {
 #[derive(Debug, Default)]
 pub(super) struct Orders {
     last: Option<Passed>,
-    /// The newest first asked are the last to be told; of more than fit those that came last are not answered, and whoever
-    /// sent them asks again.
+    /// In the order of their commands. While it is full others are not answered, and whoever sent them asks again.
     answers: heapless::Deque<Answer, 4>,
 }
 

@@ -10,7 +10,7 @@ use crate::wire::mavlink::Outgoing;
 /// So many texts wait. There are few of them: how a collection goes on, and what becomes of it.
 const WAITING: usize = 3;
 
-/// Characters of a text: the longest refusals. What is longer is cut.
+/// Characters of a text, its beginning included: five pieces. What is longer is cut.
 const LENGTH: usize = 240;
 
 /// Pieces a second: they are to leave room for headings on a slow line.
@@ -25,7 +25,7 @@ struct Text {
     characters: heapless::String<LENGTH>,
 }
 
-/// Texts to be sent. Of more than [`WAITING`] the newest stay, and the one that is being sent.
+/// Texts to be sent. Of more than [`WAITING`] the newest stay, and the one that was begun.
 #[derive(Debug, Default)]
 pub(super) struct Texts {
     waiting: heapless::Vec<Text, WAITING>,

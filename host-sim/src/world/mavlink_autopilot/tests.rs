@@ -1,5 +1,8 @@
 //! The autopilot alone, and together with the module's protocol.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use autoswing::compass::Glance;
 use autoswing::earth::Day;
 use autoswing::instrument::Estimate;
@@ -7,7 +10,13 @@ use autoswing::port::{Facts, Heard, Mavlink, Order, Output, Protocol};
 use autoswing::settings::Settings;
 use autoswing::time::Timestamp;
 
+use embassy_time::{Duration, with_timeout};
+use embedded_io_async::{Read, Write};
+
 use super::*;
+use crate::devices::uart::Cable;
+use crate::simulation::{Level, Simulation};
+use crate::world::WorldConfig;
 use crate::world::attitude_source::{Config, Identity, Kind};
 
 const ATTITUDE: u32 = 30;
@@ -103,7 +112,7 @@ impl Bench {
 
     /// Attitudes that were taken in the last second.
     fn attitudes_in_the_last_second(&self) -> usize {
-        let is_one = |(ms, heard): &&(u64, Heard)| *ms + 1000 > self.ms && matches!(heard, Heard::Attitude(_));
+        let is_one = |(ms, heard): &&(u64, Heard)| *ms + 1000 >= self.ms && matches!(heard, Heard::Attitude(_));
         self.heard.iter().filter(is_one).count()
     }
 }
@@ -253,6 +262,47 @@ fn a_ground_station_commands_the_module() {
     bench.run(1);
     let ack = bench.frames.iter().find(|(_, frame)| frame.id == 77).map(|(_, frame)| frame).expect("an answer");
     assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);
+}
+
+/// As a task of the world, at a cable of 115,200 baud: ten seconds of a module that asks and is answered.
+#[test]
+fn it_answers_over_a_cable() {
+    let mut simulation = Simulation::new();
+    let world = World::new(WorldConfig::table1(1));
+    let cable = Cable::new(crate::devices::uart::Config::default());
+    let (mut rx, mut tx) = cable.module();
+    let times = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&times);
+    simulation.spawn(Level::Thread, "module", async move {
+        let mut module = Mavlink::new();
+        let mut buffer = [0; 64];
+        loop {
+            let read = with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
+            let now = Timestamp::from_us(clock::now_us());
+            let heard = buffer[..read].iter().filter_map(|&byte| module.byte(now, byte));
+            log.borrow_mut().extend(heard.filter(|heard| matches!(heard, Heard::Attitude(_))).map(|_| now.as_us()));
+            let facts = Facts {
+                now,
+                estimate: &Estimate::NOTHING,
+                settings: &Settings::DEFAULT,
+                glance: Glance::Waiting,
+                calibration: None,
+                tells_vision: false,
+            };
+            let mut out = Output::new();
+            module.poll(&facts, &mut out);
+            tx.write_all(out.pending()).await.unwrap();
+        }
+    });
+    let autopilot = MavlinkAutopilot::new(world.attitude_source(), Firmware::ArduPilot, 0);
+    simulation.spawn(Level::World, "autopilot", autopilot.run(world.clone(), cable.host(), vec![]));
+    simulation.run_until(10_000_000);
+    let last_second = times.borrow().iter().filter(|&&us| us > 9_000_000).count();
+    assert!(last_second.abs_diff(40) <= 1, "{last_second}");
+    world.set_sends_attitude(false);
+    times.borrow_mut().clear();
+    simulation.run_until(12_000_000);
+    assert_eq!(times.borrow().len(), 0, "somebody else has the line");
 }
 
 /// Frames that are cut, joined and surrounded by noise.

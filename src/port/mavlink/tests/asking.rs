@@ -103,6 +103,15 @@ fn what_is_granted_has_to_come() {
     assert_eq!(asked(&bed)[2..], [(3_530, 33, 1)]);
 }
 
+/// Each twice, then less.
+#[test]
+fn what_is_not_answered_is_asked_for_twice() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.run(5_010);
+    let expected = [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40), (4_000, 30, 40), (5_000, 30, 25)];
+    assert_eq!(asked(&bed), expected);
+}
+
 /// An answer that comes when nothing is asked for says nothing.
 #[test]
 fn an_answer_to_no_question_is_no_answer() {
@@ -164,7 +173,9 @@ fn after_a_restart_it_looks_and_asks_again() {
 fn another_autopilot_is_asked_anew_and_not_at_once() {
     let mut bed = content();
     bed.ms += 10_001;
-    bed.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], 0)].concat());
+    // Its clock says the same: nothing but its address tells that it is another.
+    let clock_ms = bed.ms as u32;
+    bed.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
     bed.run(1_000);
     assert_eq!(bed.sent.iter().filter(|sent| sent.id == 76).count(), 0);
     bed.run(10);

@@ -15,7 +15,9 @@ fn calibration(x_ut: f32) -> (Calibration, Uncertainty) {
         total_ut: 50.0,
         ..Calibration::uncalibrated(Orientation::NONE)
     };
-    (calibration, Uncertainty { sensor_sigma: 0.004, ..Uncertainty::NONE })
+    let mut uncertainty = Uncertainty::NONE;
+    uncertainty.sensor_sigma = 0.004;
+    (calibration, uncertainty)
 }
 
 impl Bed {

@@ -1,5 +1,6 @@
 //! What the component promises. How it gets on with autopilots is tested with simulated ones.
 
+mod any;
 mod asking;
 mod collection;
 mod orders;
