@@ -11,6 +11,7 @@ use super::Links;
 use super::links::{Stamped, count, listen, now, publish};
 use crate::compass::Glance;
 use crate::health::Counters;
+use crate::instrument::Estimate;
 use crate::port::{Facts, Heard, Output, Port};
 use crate::settings::Settings;
 use crate::settings::{Baud, PortNumber, PortSettings};
@@ -52,8 +53,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 if let Some(text) = texts.try_changed() {
                     port.note(&text);
                 }
-                let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
-                port.poll(&Facts { now: now(), estimate: &estimate, settings: &settings, glance });
+                tell(links, &mut port, &estimate, &settings);
                 links.port_is(number, port.spoken(now()), port.is_armed(now()));
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.written(number),
@@ -76,6 +76,15 @@ fn adapt(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: 
     if changed.baud != before.baud {
         tx.set_baud(changed.baud);
     }
+}
+
+/// Has the port make what is due. What it is made of is large, and is not kept across a wait.
+#[inline(never)]
+fn tell(links: &Links, port: &mut Port, estimate: &Estimate, settings: &Settings) {
+    let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
+    let correction = links.correction.try_get();
+    let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
+    port.poll(&Facts { now: now(), estimate, settings, glance, calibration });
 }
 
 /// Passes on what is in some bytes.

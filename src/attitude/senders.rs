@@ -22,6 +22,12 @@ impl Source {
     pub const fn new(number: u16) -> Self {
         Self(number)
     }
+
+    /// Its number.
+    #[must_use]
+    pub const fn number(self) -> u16 {
+        self.0
+    }
 }
 
 /// What a sender says of itself, about once a second.
@@ -121,6 +127,15 @@ impl Senders {
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
         self.chosen.and_then(|chosen| self.heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
+    }
+
+    /// The autopilot to be asked: the one that is believed, or before any sends attitude the one that was heard of first,
+    /// if it has said lately that it is one.
+    #[must_use]
+    pub fn autopilot(&self, now: Timestamp) -> Option<Source> {
+        let chosen = self.chosen.filter(|chosen| chosen.is_autopilot).map(|chosen| chosen.source);
+        let heard = || self.known.iter().filter_map(|known| known.heartbeat(now)).find(|heard| heard.is_autopilot);
+        chosen.or_else(|| heard().map(|heartbeat| heartbeat.source))
     }
 
     /// The sender as the one to be believed, if it may be.
@@ -316,6 +331,37 @@ mod tests {
         let mut bed = Bed::new();
         bed.hear(AUTOPILOT, Ready);
         assert_eq!(bed.run(30, [(AUTOPILOT, Nothing), (SECOND, Ready)]), [600, 0]);
+    }
+
+    /// Before attitude comes it is the first that was heard, for ten seconds after its last heartbeat, from both sides; then
+    /// it is the one whose attitude is taken, for as long as that keeps its place.
+    #[test]
+    fn the_autopilot_to_be_asked_is_the_one_that_is_believed() {
+        let mut bed = Bed::new();
+        let asked = |bed: &Bed| bed.senders.autopilot(bed.now());
+        bed.hear(GIMBAL, Other);
+        assert_eq!(asked(&bed), None);
+        bed.hear(AUTOPILOT, Ready);
+        bed.hear(SECOND, Ready);
+        assert_eq!(asked(&bed), Some(AUTOPILOT));
+        bed.ms += 10_000;
+        assert_eq!(asked(&bed), Some(AUTOPILOT));
+        bed.ms += 1;
+        assert_eq!(asked(&bed), None);
+        for source in [AUTOPILOT, SECOND] {
+            bed.hear(source, Ready);
+        }
+        assert!(bed.takes(SECOND));
+        assert_eq!(asked(&bed), Some(SECOND));
+        bed.ms += 60_000;
+        assert_eq!(asked(&bed), Some(SECOND), "it keeps its place");
+        bed.hear(AUTOPILOT, Ready);
+        assert!(bed.takes(AUTOPILOT));
+        assert_eq!(asked(&bed), Some(AUTOPILOT));
+        // A first sender without heartbeats is nobody to ask.
+        let mut bed = Bed::new();
+        assert!(bed.takes(GIMBAL));
+        assert_eq!(asked(&bed), None);
     }
 
     #[test]

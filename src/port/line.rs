@@ -40,7 +40,7 @@ impl Search {
 impl Port {
     /// A port on which nothing was heard.
     #[must_use]
-    pub const fn new(chosen: ProtocolKind) -> Self {
+    pub fn new(chosen: ProtocolKind) -> Self {
         Self {
             chosen,
             found: Search(None),

@@ -3,19 +3,20 @@
 //! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
 //! tell, passes on what it has [`Heard`], and writes its [`Output`].
 
-mod ear;
 mod line;
+mod mavlink;
 mod msp;
 mod nmea;
 mod pace;
 
-pub use ear::Mavlink;
 pub use line::Port;
+pub use mavlink::Mavlink;
 pub use msp::Msp;
 pub use nmea::Nmea;
 pub use pace::Pace;
 
 use crate::attitude::Report;
+use crate::calibration::{Calibration, Uncertainty};
 use crate::compass::{Glance, Refusal};
 use crate::earth::{Day, Place};
 use crate::instrument::Estimate;
@@ -61,6 +62,8 @@ pub struct Facts<'a> {
     pub settings: &'a Settings,
     /// The state machine at a glance.
     pub glance: Glance,
+    /// The calibration in use, and how wrong a heading by it may be.
+    pub calibration: Option<&'a (Calibration, Uncertainty)>,
 }
 
 /// Bytes to be written. A message that does not fit is left away whole.
@@ -145,7 +148,7 @@ mod tests {
 
     /// What there is to tell of an estimate.
     pub(super) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Facts<'a> {
-        Facts { now: estimate.at, estimate, settings, glance: Glance::Calibrated }
+        Facts { now: estimate.at, estimate, settings, glance: Glance::Calibrated, calibration: None }
     }
 
     #[test]

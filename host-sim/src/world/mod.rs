@@ -10,6 +10,7 @@
 //! | `table1.rs` | the airframe of Liu 2007 table 1 and the published errors |
 //! | `attitude_source/` | MAVLink attitude with the errors of a real source |
 //! | `msp_autopilot/` | an autopilot that answers MSP requests and takes a compass's readings |
+//! | `mavlink_autopilot/` | an autopilot that is asked for it, and answers |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
@@ -19,6 +20,7 @@ pub mod autopilot;
 mod config;
 pub mod earth;
 pub mod gauss_markov;
+pub mod mavlink_autopilot;
 pub mod msp_autopilot;
 pub mod rotation;
 mod state;

@@ -19,7 +19,8 @@ fn told(us: u64) -> Estimate {
 /// The frames that are written at an instant.
 fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = Output::new();
-    let facts = Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated };
+    let facts =
+        Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated, calibration: None };
     msp.poll(&facts, &mut out);
     let mut rest = out.pending();
     let mut frames = Vec::new();
@@ -243,7 +244,13 @@ fn a_request_that_does_not_fit_is_made_later() {
     let mut out = Output::new();
     assert!(out.message(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
-    let facts = Facts { now: at(0), estimate: &Estimate::NOTHING, settings: &settings, glance: Glance::Waiting };
+    let facts = Facts {
+        now: at(0),
+        estimate: &Estimate::NOTHING,
+        settings: &settings,
+        glance: Glance::Waiting,
+        calibration: None,
+    };
     msp.poll(&facts, &mut out);
     assert_eq!(out.pending().len(), 380);
     assert!(poll(&mut msp, 25_000, &Estimate::NOTHING).iter().any(|frame| function(frame) == 108));

@@ -1,46 +1,52 @@
-//! MAVLink in, versions 1 and 2: ATTITUDE, and the HEARTBEAT that says whose it is.
+//! MAVLink, versions 1 and 2: what the module understands of the messages on a line, and what it sends.
 //!
-//! The module needs two messages of the hundreds that share the line. So the receiver looks for frames that claim to be
+//! The module needs seven messages of the hundreds that share the line. So the receiver looks for frames that claim to be
 //! one of them, checks their CRC and passes over everything else byte by byte. It never trusts the length of a frame it
 //! cannot check, which is why garbage costs at most the frame it lies in.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `mod.rs` | the receiver: frames in a stream of bytes |
+//! | `inbound.rs` | what their payloads mean |
+//! | `outbound.rs` | the messages that are sent, as frames of version 2 |
+
+mod inbound;
+mod outbound;
 
 use crc::{CRC_16_MCRF4XX, Crc};
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
-use mavlink::{MavlinkVersion, MessageData};
 
-use crate::attitude::{Heartbeat, Report, Source};
-use crate::frames::Attitude;
-use crate::time::WrappingMillis;
+use crate::attitude::Source;
+pub use inbound::{Acknowledgement, Command, Message};
+use inbound::{MAX_LENGTH, WANTED, Wanted};
+pub use outbound::{Frame, MagCalReport, Outgoing, Pose};
 
-/// What the receiver understands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Message {
-    /// ATTITUDE: roll and pitch with their rates.
-    Attitude(Report),
-    /// HEARTBEAT: what its sender is, and whether it is armed.
-    Heartbeat(Heartbeat),
+/// A component of a system: who sends, or who is meant. 0 is all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// The system: an aircraft, a ground station.
+    pub system: u8,
+    /// The component of it.
+    pub component: u8,
 }
 
-/// A message that is looked for.
-struct Wanted {
-    id: u32,
-    /// Bytes of payload, before version 2 cuts zeros off.
-    length: usize,
-    extra_crc: u8,
-    /// What a payload of a sender means; none if that is impossible.
-    decode: fn(Source, MavlinkVersion, &[u8]) -> Option<Message>,
-}
+impl Address {
+    /// Of the sender with this number.
+    #[must_use]
+    pub const fn of(source: Source) -> Self {
+        let [system, component] = source.number().to_be_bytes();
+        Self { system, component }
+    }
 
-impl Wanted {
-    const fn of<M: MessageData>(decode: fn(Source, MavlinkVersion, &[u8]) -> Option<Message>) -> Self {
-        Self { id: M::ID, length: M::ENCODED_LEN, extra_crc: M::EXTRA_CRC, decode }
+    /// The number of the sender at this address.
+    #[must_use]
+    pub const fn source(self) -> Source {
+        Source::new(u16::from_be_bytes([self.system, self.component]))
     }
 }
 
-/// All that are looked for, the longest first.
-const WANTED: [Wanted; 2] = [Wanted::of::<ATTITUDE_DATA>(attitude), Wanted::of::<HEARTBEAT_DATA>(heartbeat)];
-const MAX_LENGTH: usize = ATTITUDE_DATA::ENCODED_LEN;
-const _: () = assert!(HEARTBEAT_DATA::ENCODED_LEN <= MAX_LENGTH, "the longest first");
+/// The byte that begins a frame, by version.
+const V1: u8 = 0xFE;
+const V2: u8 = 0xFD;
 
 /// Bytes before the payload, by version.
 const V1_HEADER: usize = 6;
@@ -63,7 +69,6 @@ pub struct Receiver {
 struct Layout {
     wanted: &'static Wanted,
     source: Source,
-    version: MavlinkVersion,
     header: usize,
     payload: usize,
     signature: usize,
@@ -135,16 +140,14 @@ impl Receiver {
 }
 
 fn candidate(bytes: &[u8]) -> Candidate {
-    const V1: u8 = 0xFE;
-    const V2: u8 = 0xFD;
     const SIGNED: u8 = 0x01;
     match *bytes {
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
             let is_it = |wanted: &&Wanted| wanted.id == u32::from(id) && wanted.length == payload;
             WANTED.iter().find(is_it).map_or(Candidate::No, |wanted| {
-                let (version, source) = (MavlinkVersion::V1, source(system, component));
-                Candidate::Yes(Layout { wanted, source, version, header: V1_HEADER, payload, signature: 0 })
+                let source = Address { system, component }.source();
+                Candidate::Yes(Layout { wanted, source, header: V1_HEADER, payload, signature: 0 })
             })
         }
         [V2, length, incompatibility, _, _, system, component, m0, m1, m2, ..] => {
@@ -153,22 +156,17 @@ fn candidate(bytes: &[u8]) -> Candidate {
             // A flag that is not known may change what the bytes mean. Trailing zeros are cut off the payload, to one
             // byte at least.
             let is_known = incompatibility & !SIGNED == 0;
-            let is_it = |wanted: &&Wanted| is_known && wanted.id == id && (1..=wanted.length).contains(&payload);
+            let is_it = |wanted: &&Wanted| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
             WANTED.iter().find(is_it).map_or(Candidate::No, |wanted| {
-                let (version, source) = (MavlinkVersion::V2, source(system, component));
+                let source = Address { system, component }.source();
                 let signature = if incompatibility & SIGNED == 0 { 0 } else { 13 };
-                Candidate::Yes(Layout { wanted, source, version, header: V2_HEADER, payload, signature })
+                Candidate::Yes(Layout { wanted, source, header: V2_HEADER, payload, signature })
             })
         }
         [] | [V1, ..] => Candidate::Unknown(V1_HEADER),
         [V2, ..] => Candidate::Unknown(V2_HEADER),
         _ => Candidate::No,
     }
-}
-
-/// A sender's number: its system and its component.
-fn source(system: u8, component: u8) -> Source {
-    Source::new(u16::from_be_bytes([system, component]))
 }
 
 /// Checks CRC and values of a complete frame.
@@ -179,7 +177,7 @@ fn decode(frame: &[u8], layout: &Layout) -> Option<Message> {
     if checksum(checked, layout.wanted.extra_crc).to_le_bytes() != crc {
         return None;
     }
-    (layout.wanted.decode)(layout.source, layout.version, frame.get(layout.header..crc_at)?)
+    (layout.wanted.decode)(layout.source, frame.get(layout.header..crc_at)?)
 }
 
 /// Of everything but the magic byte, and the message's extra byte. The mavlink library's own copies a table of half a
@@ -190,39 +188,6 @@ fn checksum(bytes: &[u8], extra: u8) -> u16 {
     digest.update(bytes);
     digest.update(&[extra]);
     digest.finalize()
-}
-
-fn attitude(source: Source, version: MavlinkVersion, payload: &[u8]) -> Option<Message> {
-    let data = ATTITUDE_DATA::deser(version, payload).ok()?;
-    let rate = |rad_s: f32| if rad_s.is_finite() { rad_s } else { 0.0 };
-    let possible = data.roll.abs() <= MAX_ROLL_RAD && data.pitch.abs() <= MAX_PITCH_RAD;
-    possible.then(|| {
-        Message::Attitude(Report {
-            source,
-            sender_time: WrappingMillis::new(data.time_boot_ms),
-            attitude: Attitude { roll_rad: data.roll, pitch_rad: data.pitch },
-            rates_rad_s: [rate(data.rollspeed), rate(data.pitchspeed), rate(data.yawspeed)],
-        })
-    })
-}
-
-/// Angles beyond these (with room for rounding) are not roll and pitch; the comparison refuses NaN too.
-const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
-const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
-
-/// Reads two of its bytes. The library's deserialiser would refuse the whole message for a kind of vehicle or of
-/// autopilot that is younger than it.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn heartbeat(source: Source, _: MavlinkVersion, payload: &[u8]) -> Option<Message> {
-    const AUTOPILOT: usize = 5;
-    const BASE_MODE: usize = 6;
-    // What version 2 has cut off is zero.
-    let byte = |at: usize| payload.get(at).copied().unwrap_or(0);
-    Some(Message::Heartbeat(Heartbeat {
-        source,
-        is_autopilot: byte(AUTOPILOT) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
-        is_armed: byte(BASE_MODE) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
-    }))
 }
 
 #[cfg(test)]

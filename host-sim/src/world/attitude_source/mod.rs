@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::World;
 use super::aircraft;
 use super::gauss_markov::FirstOrder;
+use super::mavlink_autopilot::Frame;
 use super::state::TrueState;
 use crate::clock;
 use crate::devices::uart::HostEnd;
@@ -116,6 +117,7 @@ pub struct Reported {
 #[derive(Clone, Debug)]
 pub struct AttitudeSource {
     config: Config,
+    seed: u64,
     identity: Identity,
     vehicle: MavType,
     roll_noise_rad: FirstOrder,
@@ -143,6 +145,7 @@ impl AttitudeSource {
         let direction_rad = Random::new(seed, Purpose::AttitudeBias).uniform(0.0, TAU);
         Self {
             config,
+            seed,
             identity: Identity::AUTOPILOT,
             vehicle: MavType::MAV_TYPE_FIXED_WING,
             roll_noise_rad: noise(Purpose::RollNoise),
@@ -174,6 +177,22 @@ impl AttitudeSource {
         Self { vehicle, ..self }
     }
 
+    /// Sends so often from now on, if whoever runs it does; its noise begins anew.
+    pub(super) fn set_rate_hz(&mut self, rate_hz: f64) {
+        let Self { identity, vehicle, sequence, .. } = *self;
+        *self = Self { identity, vehicle, sequence, ..Self::new(Config { rate_hz, ..self.config }, self.seed) };
+    }
+
+    /// Who sends.
+    pub(super) const fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// Age of the attitude when its message begins, microseconds.
+    pub(super) fn latency_us(&self) -> u64 {
+        (self.config.latency_ms * 1e3) as u64
+    }
+
     /// What the source makes of the truth. Each call advances the noise by one message.
     pub fn report(&mut self, truth: &TrueState) -> Reported {
         let [roll_push_rad, pitch_push_rad] =
@@ -198,7 +217,7 @@ impl AttitudeSource {
     }
 
     /// The next ATTITUDE message, made at `now_us` of the truth some time before.
-    fn attitude(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
+    pub(super) fn attitude(&mut self, truth: &TrueState, now_us: u64) -> ATTITUDE_DATA {
         let reported = self.report(truth);
         let [roll_rate, pitch_rate, yaw_rate] = truth.body_rates_rad_s();
         ATTITUDE_DATA {
@@ -233,20 +252,32 @@ impl AttitudeSource {
         })
     }
 
-    fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
+    pub(super) fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
         let Identity { system_id, component_id, .. } = self.identity;
-        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.sequence };
-        self.sequence = self.sequence.wrapping_add(1);
+        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.count() };
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(header, message);
         frame.raw_bytes().to_vec()
+    }
+
+    /// The frame of a message whose payload has fields that the library does not know.
+    pub(super) fn framed(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
+        let Identity { system_id: system, component_id: component, .. } = self.identity;
+        Frame { sequence: self.count(), system, component, id, payload: payload.to_vec() }.bytes(extra_crc)
+    }
+
+    /// The number of the next frame.
+    const fn count(&mut self) -> u8 {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        sequence
     }
 
     /// Sends attitude at its rate and a heartbeat every second, for ever, while the [world lets
     /// it](World::set_sends_attitude): a task of the world. The faults act on every attitude message, in their order.
     pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
-        let latency_us = (self.config.latency_ms * 1e3) as u64;
+        let latency_us = self.latency_us();
         let began_us = clock::now_us();
         let mut heartbeat_us = began_us + period_us as u64;
         for tick in 1_u64.. {

@@ -1,0 +1,195 @@
+//! What is asked for, when, and what ends it: both sides of each limit. Whole ladders are climbed with simulated autopilots.
+
+use super::*;
+
+const ACCEPTED: u8 = 0;
+const DENIED: u8 = 2;
+const IN_PROGRESS: u8 = 5;
+
+/// A request: the message and how often, per second; 66 is the stream that attitude belongs to.
+fn asked(bed: &Bed) -> Vec<(u64, u32, u32)> {
+    let request = |sent: &Sent| match sent.id {
+        76 => {
+            assert_eq!(sent.payload[28..33], [0xFF, 1, 1, 1, 0], "511, to the autopilot");
+            Some((sent.ms - 3_600_000, sent.float(0) as u32, (1e6 / sent.float(4)).round() as u32))
+        }
+        66 => Some((sent.ms - 3_600_000, 66, sent.payload[0].into())),
+        _ => None,
+    };
+    bed.sent.iter().filter_map(request).collect()
+}
+
+fn answer(bed: &mut Bed, who: Who, target: Who, command: u16, result: u8) {
+    let mut payload = command.to_le_bytes().to_vec();
+    payload.extend([result, 0, 0, 0, 0, 0, target[0], target[1]]);
+    bed.hear(&frame(who, 77, 143, &payload));
+}
+
+/// Attitude so often, for so many milliseconds.
+fn attitudes(bed: &mut Bed, period_ms: u64, ms: u64) {
+    for _ in 0..ms / 10 {
+        if bed.ms.is_multiple_of(period_ms) {
+            let boot_ms = bed.ms as u32;
+            bed.hear(&attitude(AUTOPILOT, boot_ms));
+        }
+        bed.run(10);
+    }
+}
+
+#[test]
+fn the_first_second_is_spent_looking() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.run(1_000);
+    assert_eq!(asked(&bed), []);
+    bed.run(10);
+    assert_eq!(asked(&bed), [(1_000, 30, 50)]);
+}
+
+/// Of 50 a second 40 are enough, and 39 are not.
+#[test]
+fn four_fifths_of_what_was_asked_for_is_enough() {
+    for (number, enough) in [(40, true), (39, false)] {
+        let mut bed = Bed::new();
+        bed.hear(&heartbeat(AUTOPILOT, true, false));
+        bed.run(10);
+        for _ in 0..number {
+            bed.hear(&attitude(AUTOPILOT, 0));
+        }
+        bed.run(1_000);
+        assert_eq!(asked(&bed), [if enough { (1_000, 33, 1) } else { (1_000, 30, 50) }]);
+    }
+}
+
+/// It was denied: the next one is asked for a second after, and not later.
+#[test]
+fn a_denial_counts_from_the_autopilot_and_to_the_module_or_to_all() {
+    let own = [1, 158];
+    for (who, target, command, result, counts) in [
+        (AUTOPILOT, own, 511, DENIED, true),
+        (AUTOPILOT, [0, 0], 511, DENIED, true),
+        (AUTOPILOT, [1, 0], 511, 1, true),
+        (AUTOPILOT, own, 511, 200, true),
+        (AUTOPILOT, own, 511, IN_PROGRESS, false),
+        (AUTOPILOT, own, 512, DENIED, false),
+        (AUTOPILOT, [1, 157], 511, DENIED, false),
+        (AUTOPILOT, [2, 158], 511, DENIED, false),
+        (GIMBAL, own, 511, DENIED, false),
+        (SECOND, own, 511, DENIED, false),
+    ] {
+        let mut bed = Bed::beside_an_autopilot();
+        bed.run(1_200);
+        answer(&mut bed, who, target, command, result);
+        bed.run(800);
+        assert_eq!(asked(&bed).len(), 1);
+        bed.run(10);
+        let next = if counts { (2_000, 30, 40) } else { (2_000, 30, 50) };
+        assert_eq!(asked(&bed)[1..], [next], "{who:?} {target:?} {command} {result}");
+    }
+}
+
+/// From the answer on there is a second for it to come; what came before it does not count.
+#[test]
+fn what_is_granted_has_to_come() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.run(1_010);
+    attitudes(&mut bed, 20, 500);
+    answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    attitudes(&mut bed, 50, 990);
+    assert_eq!(asked(&bed).len(), 1);
+    bed.run(30);
+    assert_eq!(asked(&bed)[1..], [(2_510, 30, 50)], "20 Hz is not 50: once more");
+    answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    attitudes(&mut bed, 20, 1_100);
+    assert_eq!(asked(&bed)[2..], [(3_530, 33, 1)]);
+}
+
+/// Each twice, then less.
+#[test]
+fn what_is_not_answered_is_asked_for_twice() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.run(5_010);
+    let expected = [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40), (4_000, 30, 40), (5_000, 30, 25)];
+    assert_eq!(asked(&bed), expected);
+}
+
+/// An answer that comes when nothing is asked for says nothing.
+#[test]
+fn an_answer_to_no_question_is_no_answer() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.run(500);
+    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
+    bed.run(600);
+    assert_eq!(asked(&bed), [(1_000, 30, 50)]);
+    // A second denial of the same question neither.
+    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
+    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
+    bed.run(1_000);
+    assert_eq!(asked(&bed)[1..], [(2_000, 30, 40)]);
+}
+
+/// A module that has what it wants: attitude 50 times a second, and its two messages granted.
+fn content() -> Bed {
+    let mut bed = Bed::beside_an_autopilot();
+    for _ in 0..4 {
+        attitudes(&mut bed, 20, 1_050);
+        answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    }
+    assert_eq!(asked(&bed).iter().map(|&(_, id, _)| id).collect::<Vec<_>>(), [33, 2]);
+    bed.sent.clear();
+    bed
+}
+
+/// Longer than two seconds, from both sides.
+#[test]
+fn after_a_silence_it_asks_again() {
+    let mut bed = content();
+    let last = (bed.ms - 10) / 20 * 20;
+    bed.run(last + 2_010 - bed.ms);
+    assert_eq!(asked(&bed), []);
+    bed.run(10);
+    assert_eq!(asked(&bed), [(last + 2_010 - 3_600_000, 30, 50)]);
+}
+
+/// The clock of who restarts goes back, by more than a second: a report that comes late is no restart.
+#[test]
+fn after_a_restart_it_looks_and_asks_again() {
+    for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
+        let mut bed = content();
+        let clock_ms = ((bed.ms - 10) / 20 * 20) as u32;
+        bed.hear(&attitude(AUTOPILOT, clock_ms - back_ms));
+        bed.run(1_500);
+        assert_eq!(!asked(&bed).is_empty(), restarts, "{back_ms}");
+    }
+    // A clock that is none tells nothing.
+    let mut bed = Bed::beside_an_autopilot();
+    for _ in 0..500 {
+        bed.hear(&attitude(AUTOPILOT, 0));
+        bed.run(20);
+    }
+    assert!(asked(&bed).iter().all(|&(_, id, _)| id != 30), "{:?}", asked(&bed));
+}
+
+#[test]
+fn another_autopilot_is_asked_anew_and_not_at_once() {
+    let mut bed = content();
+    bed.ms += 10_001;
+    // Its clock says the same: nothing but its address tells that it is another.
+    let clock_ms = bed.ms as u32;
+    bed.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
+    bed.run(1_000);
+    assert_eq!(bed.sent.iter().filter(|sent| sent.id == 76).count(), 0);
+    bed.run(10);
+    let requests = bed.take(76);
+    assert_eq!(requests.len(), 1);
+    assert_eq!((requests[0].from, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
+}
+
+#[test]
+fn a_request_that_does_not_fit_is_not_counted() {
+    let mut bed = Bed::beside_an_autopilot();
+    bed.room = Some(0);
+    bed.run(10_000);
+    bed.room = None;
+    bed.run(10);
+    assert_eq!(asked(&bed), [(10_000, 30, 50)]);
+}

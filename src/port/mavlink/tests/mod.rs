@@ -1,0 +1,182 @@
+//! What the component promises. How it gets on with autopilots is tested with simulated ones.
+
+mod any;
+mod asking;
+mod collection;
+mod orders;
+mod sender;
+
+use super::*;
+use crate::calibration::{Calibration, Uncertainty};
+use crate::earth::Day;
+use crate::frames::Attitude;
+use crate::heading::{Heading, NoHeading};
+use crate::instrument::Estimate;
+use crate::port::OUTPUT;
+use crate::settings::Settings;
+use ::mavlink::calculate_crc;
+
+/// Who sends: system and component.
+type Who = [u8; 2];
+
+const AUTOPILOT: Who = [1, 1];
+const SECOND: Who = [2, 1];
+const GIMBAL: Who = [1, 154];
+const STATION: Who = [255, 190];
+
+/// A frame of version 2.
+fn frame([system, component]: Who, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+    let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
+    let mut frame = [&header, payload].concat();
+    frame.extend(calculate_crc(&frame[1..], extra).to_le_bytes());
+    frame
+}
+
+fn heartbeat(who: Who, is_autopilot: bool, is_armed: bool) -> Vec<u8> {
+    let (autopilot, mode) = (if is_autopilot { 3 } else { 8 }, if is_armed { 0x80 } else { 0 });
+    frame(who, 0, 50, &[0, 0, 0, 0, 1, autopilot, mode, 4, 3])
+}
+
+fn attitude(who: Who, boot_ms: u32) -> Vec<u8> {
+    let payload = [boot_ms.to_le_bytes(), 0.1_f32.to_le_bytes(), 0.2_f32.to_le_bytes()].concat();
+    frame(who, 30, 39, &[&payload[..], &[0; 16]].concat())
+}
+
+fn place(who: Who) -> Vec<u8> {
+    let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
+    frame(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+}
+
+fn time(who: Who) -> Vec<u8> {
+    frame(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
+}
+
+fn command(who: Who, target: Who, number: u16, confirmation: u8, parameters: [f32; 4]) -> Vec<u8> {
+    let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
+    payload.resize(28, 0);
+    payload.extend(number.to_le_bytes());
+    payload.extend([target[0], target[1], confirmation]);
+    frame(who, 76, 152, &payload)
+}
+
+/// A frame that the module has sent, its payload with the zeros that were cut off.
+#[derive(Clone, Debug, PartialEq)]
+struct Sent {
+    ms: u64,
+    sequence: u8,
+    from: Who,
+    id: u8,
+    payload: Vec<u8>,
+}
+
+impl Sent {
+    fn float(&self, at: usize) -> f32 {
+        f32::from_le_bytes(self.payload[at..at + 4].try_into().unwrap())
+    }
+}
+
+/// The module's protocol, a clock of milliseconds, and what there is to tell.
+struct Bed {
+    module: Mavlink,
+    ms: u64,
+    estimate: Estimate,
+    settings: Settings,
+    glance: Glance,
+    calibration: Option<(Calibration, Uncertainty)>,
+    /// Room that others leave in the output.
+    room: Option<usize>,
+    sent: Vec<Sent>,
+}
+
+impl Bed {
+    /// An hour after the start; nobody was heard.
+    fn new() -> Self {
+        Self {
+            module: Mavlink::new(),
+            ms: 3_600_000,
+            estimate: Estimate::NOTHING,
+            settings: Settings::DEFAULT,
+            glance: Glance::Waiting,
+            calibration: None,
+            room: None,
+            sent: vec![],
+        }
+    }
+
+    /// The same with an autopilot whose attitude comes, disarmed.
+    fn beside_an_autopilot() -> Self {
+        let mut bed = Self::new();
+        bed.hear(&heartbeat(AUTOPILOT, true, false));
+        bed.hear(&attitude(AUTOPILOT, 0));
+        bed
+    }
+
+    fn now(&self) -> Timestamp {
+        Timestamp::from_us(1000 * self.ms)
+    }
+
+    fn hear(&mut self, bytes: &[u8]) -> Vec<Heard> {
+        let now = self.now();
+        bytes.iter().filter_map(|&byte| self.module.byte(now, byte)).collect()
+    }
+
+    fn poll(&mut self) {
+        let facts = Facts {
+            now: self.now(),
+            estimate: &self.estimate,
+            settings: &self.settings,
+            glance: self.glance,
+            calibration: self.calibration.as_ref(),
+        };
+        let mut out = Output::new();
+        let others = self.room.map_or(0, |room| OUTPUT - room);
+        assert!(out.message(&[&vec![0; others]]));
+        self.module.poll(&facts, &mut out);
+        let mut rest = &out.pending()[others..];
+        while let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest {
+            let end = 10 + usize::from(length);
+            let mut payload = rest[10..end].to_vec();
+            payload.resize(120, 0);
+            self.sent.push(Sent { ms: self.ms, sequence, from: [system, component], id, payload });
+            rest = &rest[end + 2..];
+        }
+        assert!(rest.is_empty());
+    }
+
+    /// Polls every 10 ms, for so long.
+    fn run(&mut self, ms: u64) {
+        for _ in 0..ms / 10 {
+            self.poll();
+            self.ms += 10;
+        }
+    }
+
+    /// What was sent of a message since this was asked last.
+    fn take(&mut self, id: u8) -> Vec<Sent> {
+        let (these, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
+        self.sent = others;
+        these
+    }
+
+    /// Texts since this was asked last, put together, with their severities.
+    fn texts(&mut self) -> Vec<(u8, String)> {
+        let mut texts: Vec<(u8, u16, String)> = vec![];
+        for sent in self.take(253) {
+            let piece: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();
+            let piece = String::from_utf8(piece).unwrap();
+            let number = u16::from_le_bytes([sent.payload[51], sent.payload[52]]);
+            match texts.last_mut() {
+                Some((_, last, text)) if number != 0 && *last == number => text.push_str(&piece),
+                _ => {
+                    assert_eq!(sent.payload[53], 0, "the first piece");
+                    texts.push((sent.payload[0], number, piece));
+                }
+            }
+        }
+        texts.into_iter().map(|(severity, _, text)| (severity, text)).collect()
+    }
+}
+
+fn heading(magnetic_deg: f32, sigma_deg: f32) -> Heading {
+    Heading { magnetic_rad: magnetic_deg.to_radians(), sigma_rad: sigma_deg.to_radians(), systematic_rad2: 0.0 }
+}

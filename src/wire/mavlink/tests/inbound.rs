@@ -1,0 +1,140 @@
+//! Places, days, commands and their acknowledgements. The frames are pymavlink's (2.4.50).
+
+use super::*;
+use crate::earth::{Day, Place};
+
+/// The bytes of hexadecimal digits.
+pub fn bytes(hex: &str) -> Vec<u8> {
+    (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
+}
+
+fn one(frame: &[u8]) -> Message {
+    let (messages, rejected) = messages(frame);
+    assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
+    messages[0]
+}
+
+const PLACE: [&str; 2] = [
+    "fd1b0000c90c22210000e80300004c52401c760be8fabb7207000100000002000300040005e4ab",
+    "fe1cc90c2221e80300004c52401c760be8fabb720700010000000200030004000500fc87",
+];
+
+#[test]
+fn a_place_is_in_degrees_and_metres_above_the_sea() {
+    for frame in PLACE {
+        let Message::Place(SENDER, Some(place)) = one(&bytes(frame)) else { panic!("{frame}") };
+        // An f32 of degrees is good to a metre.
+        assert!((place.latitude_deg - 47.397_742).abs() < 1e-5, "{place:?}");
+        assert!((place.longitude_deg + 8.545_601).abs() < 1e-5, "{place:?}");
+        assert!((place.height_m - 488.123).abs() < 1e-3, "{place:?}");
+    }
+}
+
+/// A frame of version 2 with a payload; `extra` is of its message.
+fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
+    with_crc_of(extra, [&[0xFD, payload.len() as u8, 0, 0, 0, 12, 34, id, 0, 0], payload].concat())
+}
+
+/// What a receiver without a fix sends is a frame like others: nothing is rejected.
+#[test]
+fn no_place_is_no_broken_frame() {
+    assert_eq!(one(&frame(33, 104, &[1, 2, 3, 4])), Message::Place(SENDER, None));
+    let at = |latitude: i32, longitude: i32| {
+        let payload = [[0; 4], latitude.to_le_bytes(), longitude.to_le_bytes(), [0; 4]].concat();
+        one(&frame(33, 104, &payload))
+    };
+    assert_eq!(at(-900_000_000, 1), Message::Place(SENDER, Place::new(-90.0, 1e-7, 0.0)));
+    assert_eq!(at(i32::MIN, i32::MAX), Message::Place(SENDER, None));
+}
+
+#[test]
+fn a_day_is_of_microseconds_since_1970() {
+    let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
+    for hex in frames {
+        assert_eq!(one(&bytes(hex)), Message::Day(SENDER, Day::from_unix_s(1_790_000_000)));
+    }
+    // A clock that was never set, and one past all days.
+    for unix_us in [0, 5_000_000, u64::MAX] {
+        assert_eq!(one(&frame(2, 137, &unix_us.to_le_bytes())), Message::Day(SENDER, None));
+    }
+}
+
+#[test]
+fn a_command_comes_in_either_message() {
+    let expected = |command, confirmation| {
+        Message::Command(Command {
+            source: SENDER,
+            target: Address { system: 12, component: 158 },
+            command,
+            confirmation,
+            parameters: [1.5, -2.0, 3.0, 4.0],
+        })
+    };
+    for (hex, command, confirmation) in [
+        ("fd210000c90c224c00000000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e03b17a", 246, 3),
+        ("fe21c90c224c0000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e031454", 246, 3),
+        // The byte where the other has its count says which frame of coordinates it is in, or is current.
+        ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
+        ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
+    ] {
+        assert_eq!(one(&bytes(hex)), expected(command, confirmation), "{hex}");
+    }
+}
+
+/// Commands of whatever dialect, and results of whatever year.
+#[test]
+fn numbers_that_are_not_known_are_passed_on() {
+    let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
+    let Message::Command(command) = one(&frame(76, 152, &payload)) else { panic!() };
+    assert_eq!(command.command, 0xFFFF);
+    let Message::Acknowledgement(ack) = one(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
+    assert_eq!((ack.command, ack.result), (0xFFFF, 200));
+}
+
+/// With the fields that version 2 has added, or without: then it is for everybody.
+#[test]
+fn an_acknowledgement_says_whom_it_is_for_if_it_can() {
+    let ack = |result, system, component| {
+        let target = Address { system, component };
+        Message::Acknowledgement(Acknowledgement { source: SENDER, target, command: 511, result })
+    };
+    assert_eq!(one(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
+    let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);
+    assert_eq!(one(&v1), ack(2, 0, 0));
+    for length in 3..=10 {
+        let payload = &[0xFF, 1, 2, 7, 1, 1, 1, 1, 12, 158][..length];
+        let expected = ack(2, if length > 8 { 12 } else { 0 }, if length > 9 { 158 } else { 0 });
+        assert_eq!(one(&frame(77, 143, payload)), expected, "{length}");
+    }
+    assert_ignored(&frame(77, 143, &[1; 11]), 0, "longer than with all that was added");
+    let v1 = with_crc_of(143, [&[0xFE, 10, 0, 12, 34, 77][..], &[1; 10]].concat());
+    assert_ignored(&v1, 0, "version 1 has nothing that was added");
+}
+
+/// Every message as short as a byte and as long as it can be; longer is another message.
+#[test]
+fn each_message_has_its_own_length() {
+    for (id, extra, length) in [(33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35)] {
+        for cut in 1..=length {
+            one(&frame(id, extra, &vec![1; cut]));
+        }
+        assert_ignored(&frame(id, extra, &vec![1; length + 1]), 0, "too long");
+        let v1 = with_crc_of(extra, [&[0xFE, length as u8 - 1, 0, 12, 34, id][..], &vec![1; length - 1]].concat());
+        assert_ignored(&v1, 0, "version 1 is never cut");
+    }
+}
+
+/// The longest there is fills the buffer: a signed COMMAND_INT.
+#[test]
+fn the_longest_frame_is_taken() {
+    let signed = [0xFD, 35, 1, 0, 0, 12, 34, 75, 0, 0];
+    let frame = [with_crc_of(158, [&signed[..], &[1; 35]].concat()), vec![0xFD; 13]].concat();
+    assert_eq!(frame.len(), MAX_FRAME);
+    one(&frame);
+}
+
+#[test]
+fn an_address_is_a_sender_s_number() {
+    let address = Address { system: 12, component: 34 };
+    assert_eq!((address.source(), Address::of(SENDER)), (SENDER, address));
+}
