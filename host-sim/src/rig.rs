@@ -6,7 +6,7 @@ use std::rc::Rc;
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
-use autoswing::settings::PortNumber;
+use autoswing::settings::{PORTS, PortNumber};
 use autoswing::store::Store;
 use embassy_time::{Duration, Timer};
 
@@ -19,6 +19,7 @@ use crate::faults::Faults;
 use crate::faults::sensor::Faulty;
 use crate::module::{Module, Ran};
 use crate::simulation::{Ended, Level, Simulation, Stop};
+use crate::world::far_end::{FarEnd, Somebody};
 use crate::world::{World, WorldConfig};
 
 /// Pages of the store, as on the board.
@@ -41,6 +42,8 @@ pub struct Rig {
     pub autopilot: HostEnd,
     /// The far end of the instrument's cable, at the second.
     pub instrument: HostEnd,
+    /// Who is there.
+    pub far_ends: [Somebody; PORTS],
     /// The flash chip.
     pub flash: Flash,
     /// The magnetometer chip.
@@ -124,6 +127,12 @@ impl Rig {
     /// The same with something wrong.
     #[must_use]
     pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
+        Self::wired(config, faults, [FarEnd::Talker, FarEnd::Nobody])
+    }
+
+    /// The same with somebody else at its ports.
+    #[must_use]
+    pub fn wired(config: WorldConfig, faults: Faults, far_ends: [FarEnd; PORTS]) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let console_cable = Cable::new(CableConfig::default());
@@ -138,12 +147,12 @@ impl Rig {
             cause: RefCell::new(None),
             watchdog_due_us: Cell::new(u64::MAX),
         });
-        let autopilot = autopilot_cable.host();
-        simulation.spawn(
-            Level::World,
-            "attitude source",
-            world.attitude_source().run(world.clone(), autopilot.clone(), faults.attitude),
-        );
+        let (autopilot, instrument) = (autopilot_cable.host(), instrument_cable.host());
+        let [one, two] = far_ends;
+        let far_ends = [
+            one.attach(&mut simulation, &world, autopilot.clone(), faults.attitude),
+            two.attach(&mut simulation, &world, instrument.clone(), Vec::new()),
+        ];
         for foreign in faults.senders {
             simulation.spawn(Level::World, "foreign sender", foreign.run(&world, autopilot.clone()));
         }
@@ -153,7 +162,8 @@ impl Rig {
             world,
             console: console_cable.host(),
             autopilot,
-            instrument: instrument_cable.host(),
+            instrument,
+            far_ends,
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
             panel: SimulatedPanel::default(),

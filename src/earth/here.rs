@@ -67,8 +67,8 @@ impl Here {
     }
 }
 
-#[cfg(test)]
 #[cfg(feature = "wmm")]
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -95,6 +95,18 @@ mod tests {
         assert_eq!((other.field(), other.validity()), (None, Some(Validity::Valid)));
         other.is_at(place);
         assert_eq!(other, here);
+    }
+
+    /// A module may run over midnight, and its first date may be a wrong one.
+    #[test]
+    fn another_day_has_another_field() {
+        let place = place(51.1, 13.7);
+        let mut here = Here::NOWHERE;
+        here.is_at(place);
+        for days in [20_000, 20_779, 20_780, 21_000] {
+            here.is_on(day(days));
+            assert_eq!((here.day(), here.field()), (Some(day(days)), EarthField::of(place, day(days)).as_ref()));
+        }
     }
 
     /// Either side of 0.02 deg each way, counted from where the field was looked up and not from the last place.

@@ -13,6 +13,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
+use autoswing::settings::PORTS;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
@@ -24,6 +25,7 @@ use crate::devices::uart::{Cable, Config as CableConfig, Delivery, HostEnd, Rece
 use crate::module::{Module, Ran};
 use crate::random::{Purpose, Random};
 use crate::simulation::{Level, Simulation};
+use crate::world::far_end::{FarEnd, Somebody};
 use crate::world::{World, WorldConfig};
 
 /// The program.
@@ -54,6 +56,8 @@ pub struct Emulator {
     console: HostEnd,
     autopilot: HostEnd,
     instrument: HostEnd,
+    /// Who is at the ports.
+    pub far_ends: [Somebody; PORTS],
     console_wire: Wire,
     autopilot_wire: Wire,
     instrument_wire: Wire,
@@ -79,13 +83,24 @@ impl Emulator {
     /// There is no such image, no QEMU, or no connection to it. QEMU ends with an image for another machine: at once,
     /// or when it is to run.
     pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+        Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Nobody])
+    }
+
+    /// The same with somebody else at its ports.
+    ///
+    /// # Errors
+    ///
+    /// As [`start`](Self::start).
+    pub fn start_wired(image: &Path, config: WorldConfig, [one, two]: [FarEnd; PORTS]) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
-        let source = world.attitude_source().run(world.clone(), autopilot.clone(), vec![]);
-        simulation.spawn(Level::World, "attitude source", source);
+        let far_ends = [
+            one.attach(&mut simulation, &world, autopilot.clone(), vec![]),
+            two.attach(&mut simulation, &world, instrument.clone(), vec![]),
+        ];
         Ok(Self {
             console_wire: Wire::new(&console_cable, &mut simulation),
             autopilot_wire: Wire::new(&autopilot_cable, &mut simulation),
@@ -95,6 +110,7 @@ impl Emulator {
             console,
             autopilot,
             instrument,
+            far_ends,
             machine: Machine::start(image)?,
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,

@@ -11,6 +11,7 @@
 //! | `attitude_source/` | MAVLink attitude with the errors of a real source |
 //! | `msp_autopilot/` | an autopilot that answers MSP requests and takes a compass's readings |
 //! | `mavlink_autopilot/` | an autopilot that is asked for it, and answers |
+//! | `far_end.rs` | which of them is at a port |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
@@ -19,6 +20,7 @@ pub mod attitude_source;
 pub mod autopilot;
 mod config;
 pub mod earth;
+pub mod far_end;
 pub mod gauss_markov;
 pub mod mavlink_autopilot;
 pub mod msp_autopilot;

@@ -148,8 +148,8 @@ const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'sta
     if deg < 0.0 { negative } else { positive }
 }
 
-#[cfg(test)]
 #[cfg(feature = "wmm")]
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::earth::Day;

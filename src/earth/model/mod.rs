@@ -6,6 +6,9 @@
 //!
 //! By its own error model (section 3.4), which counts the rocks that it knows nothing of, it is good to 0.20 deg of
 //! inclination, 0.14 uT, and `sqrt(0.26^2 + (5.4 uT / H)^2)` deg of declination where the horizontal field is `H`; 1 sigma.
+//!
+//! The crate `world_magnetic_model` (1.2025) does the same and takes 11 KB of flash more: it has two models in it, and sines by
+//! way of `f64`, which a Cortex-M4 has no hardware for.
 
 use super::{Day, Place};
 use crate::trig;
@@ -247,6 +250,6 @@ const COEFFICIENTS: [[i16; 4]; 90] = [
     [-7, 2, -1, -1],
 ];
 
-#[cfg(test)]
 #[cfg(feature = "wmm")]
+#[cfg(test)]
 mod tests;

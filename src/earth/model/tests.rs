@@ -49,7 +49,8 @@ const LINES: [Line; 22] = [
 ];
 
 /// To 0.3 nT: a few of the last digits that an `f32` of 50,000 nT has (0.004 nT) for each of 90 terms, the values' own
-/// rounding of 0.05 nT, and up to a day of 120 nT a year. A coefficient that is wrong by its last digit, 0.1 nT, may pass.
+/// rounding of 0.05 nT, and up to a day of 120 nT a year. A coefficient that is wrong by its last digit, 0.1 nT, may pass:
+/// that is for the next test.
 #[test]
 fn it_gives_noaa_s_test_values() {
     let mut worst: f32 = 0.0;
@@ -61,6 +62,32 @@ fn it_gives_noaa_s_test_values() {
         }
     }
     assert!(worst < 0.3, "{worst} nT");
+}
+
+/// The sums of the columns of `WMM2025.COF`, nanotesla and nanotesla a year, and the sums of their squares.
+#[test]
+fn the_coefficients_are_noaa_s() {
+    let expected = [
+        (0.0, [-26454.1, 892_709_016.49, 487.8, 31_884_145.94]),
+        (1.0, [-26481.8, 891_973_004.28, 432.8, 31_890_867.7]),
+    ];
+    for (years, [sum, squares, h_sum, h_squares]) in expected {
+        let mut found = [0.0_f64; 4];
+        let mut coefficients = COEFFICIENTS.iter();
+        for m in 0..=DEGREE {
+            for n in m.max(1)..=DEGREE {
+                let [g, h] = at(*coefficients.next().unwrap(), n, m, years).map(f64::from);
+                found = [found[0] + g, found[1] + g * g, found[2] + h, found[3] + h * h];
+            }
+        }
+        assert!(coefficients.next().is_none());
+        // An `f32` of 30,000 has 0.002, of which the square is 60.
+        for (found, (expected, bound)) in
+            found.into_iter().zip([(sum, 0.02), (squares, 100.0), (h_sum, 0.02), (h_squares, 10.0)])
+        {
+            assert!((found - expected).abs() < bound, "{years}: {found} {expected}");
+        }
+    }
 }
 
 /// Declination, inclination and total field of four lines, as the second file has them, rounded to 0.01 deg; and days are

@@ -94,7 +94,6 @@ impl Bench {
             settings: &Settings::DEFAULT,
             glance: Glance::Waiting,
             calibration: None,
-            tells_vision: false,
         };
         let mut out = Output::new();
         self.module.poll(&facts, &mut out);
@@ -287,7 +286,6 @@ fn it_answers_over_a_cable() {
                 settings: &Settings::DEFAULT,
                 glance: Glance::Waiting,
                 calibration: None,
-                tells_vision: false,
             };
             let mut out = Output::new();
             module.poll(&facts, &mut out);
