@@ -89,7 +89,7 @@ fn number_of(asked: &[(u64, u16)], function: Function) -> usize {
 fn the_compass_is_told_from_power_up() {
     let mut msp = Msp::new();
     let expected = compass(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
-    assert_eq!(poll(&mut msp, 0, &told(0))[0], expected);
+    assert_eq!(poll(&mut msp, 3_000, &told(0))[0], expected, "the reading's time, not that of the sending");
     let mut number = 0;
     for i in 1..=400 {
         let frames = poll(&mut msp, i * PERIOD_US, &told(i * PERIOD_US));
