@@ -8,7 +8,7 @@ use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::{self, Iron};
 use crate::magnetometer::Identity;
-use crate::port::{PORTS, PortNumber, ProtocolKind};
+use crate::settings::{PORTS, PortNumber, ProtocolKind};
 
 /// What the module shows of itself beside the state machine's report.
 #[derive(Clone, Debug)]

@@ -90,17 +90,27 @@ fn an_uncalibrated_module_sends_empty_headings() {
 #[test]
 fn variation_is_sent_when_it_is_set() {
     let mut rig = calibrated();
-    let sentence = |rig: &mut Rig| {
+    let sentence = |rig: &mut Rig, kind: &str| {
         let _ = rig.instrument.receive();
         rig.run_for_s(0.3);
         let text = String::from_utf8(rig.instrument.receive()).unwrap();
-        text.split("\r\n").find(|line| line.starts_with("$HCHDG")).unwrap().to_owned()
+        text.split("\r\n").find(|line| line.starts_with(kind)).map(str::to_owned)
     };
-    assert!(sentence(&mut rig).contains(",,,,*"));
+    let is_true = |rig: &mut Rig, declination_deg: f64| {
+        let received = listen(rig, 1.0);
+        let heading_deg = |kind: &str| received.iter().find(|r| r.kind == kind).unwrap().heading_deg.unwrap();
+        // Those of one instant are rounded to a tenth each.
+        let off_deg = heading_deg("HCHDT") - heading_deg("HCHDM") - declination_deg;
+        (off_deg - 360.0 * (off_deg / 360.0).round()).abs() < 0.11
+    };
+    assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,,*"));
+    assert_eq!(sentence(&mut rig, "$HCHDT"), None);
     rig.type_line("set declination -11.3");
-    assert!(sentence(&mut rig).contains(",,,11.3,W*"));
+    assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,11.3,W*"));
+    assert!(is_true(&mut rig, -11.3));
     rig.type_line("set declination 4");
-    assert!(sentence(&mut rig).contains(",,,4.0,E*"));
+    assert!(sentence(&mut rig, "$HCHDG").unwrap().contains(",,,4.0,E*"));
+    assert!(is_true(&mut rig, 4.0));
 }
 
 /// 400 uT is beyond the sensor's range: no heading while it lasts, headings after.

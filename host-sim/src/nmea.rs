@@ -6,9 +6,9 @@
 pub struct Received {
     /// Microseconds of the virtual clock.
     pub at_us: u64,
-    /// `HCHDM`, `HCHDG`.
+    /// `HCHDM`, `HCHDG`, `HCHDT`, `PASWH`.
     pub kind: String,
-    /// Magnetic heading in degrees; none where the field is empty.
+    /// Heading in degrees, true of `HCHDT`, magnetic of the others; none where the field is empty.
     pub heading_deg: Option<f64>,
     /// Its standard deviation, degrees: a sentence `PASWH` with a heading has one.
     pub sigma_deg: Option<f64>,

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
-use autoswing::port::PortNumber;
+use autoswing::settings::PortNumber;
 use autoswing::store::Store;
 use embassy_time::{Duration, Timer};
 

@@ -4,7 +4,7 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either6, select6};
+use embassy_futures::select::{Either, Either6, select, select6};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
@@ -13,9 +13,11 @@ use super::links::{FoundSensor, Listener, count, listen, now, publish};
 use crate::acceptance::Policy;
 use crate::calibration::ladder::Procedure;
 use crate::compass::{Command, Compass, Effect, Event, Refusal};
+use crate::earth::{Day, Place};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
-use crate::port::{Order, PortNumber};
+use crate::port::Order;
+use crate::settings::PortNumber;
 use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
@@ -32,11 +34,15 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
 /// Runs the machine for ever. It is made where it stays, by whoever calls this: one that is used where it is made was seen to
 /// be made on the stack, which has no room for it, and copied.
 async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass) -> ! {
-    let mut armed = listen(&links.armed);
-    let mut sensor = listen(&links.sensor);
+    let mut latest = LatestOf {
+        armed: listen(&links.armed),
+        sensor: listen(&links.sensor),
+        place: listen(&links.place),
+        day: listen(&links.day),
+    };
     loop {
         tell(links, compass);
-        let (event, asker) = next_event(links, compass, &mut armed, &mut sensor).await;
+        let (event, asker) = next_event(links, compass, &mut latest).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = apart(store.save(change)).await;
@@ -97,14 +103,19 @@ fn answer(links: &Links, number: PortNumber, order: Order, result: Result<(), Re
     links.port(number).answers.signal((order, result));
 }
 
+/// This task's ends of wires that hold a latest value.
+struct LatestOf<'a> {
+    armed: Listener<'a, Option<bool>, 1>,
+    sensor: Listener<'a, FoundSensor, 2>,
+    place: Listener<'a, Place, 1>,
+    day: Listener<'a, Day, 1>,
+}
+
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
-/// Of what has happened, whether the autopilot is armed comes first: a command is judged by it.
-async fn next_event(
-    links: &Links,
-    compass: &Compass,
-    armed: &mut Listener<'_, Option<bool>, 1>,
-    sensor: &mut Listener<'_, FoundSensor, 2>,
-) -> (Event, Asker) {
+/// Of what has happened, whether the autopilot is armed comes first: a command is judged by it. Place and day wait for the
+/// end of a solve, which has taken from them what it needs.
+async fn next_event(links: &Links, compass: &Compass, latest: &mut LatestOf<'_>) -> (Event, Asker) {
+    let LatestOf { armed, sensor, place, day } = latest;
     let asked = |asked| (command(asked), Asker::Person);
     let of = |event| (event, Asker::Nobody);
     let from = |(number, order)| (command(ordered(order)), Asker::Port(number, order));
@@ -122,7 +133,7 @@ async fn next_event(
         links.orders.receive(),
         sensor.changed(),
         links.pressed.wait(),
-        links.samples.receive(),
+        select(links.samples.receive(), select(place.changed(), day.changed())),
     );
     match next.await {
         Either6::First(is_armed) => of(Event::Armed(is_armed)),
@@ -130,7 +141,9 @@ async fn next_event(
         Either6::Third(order) => from(order),
         Either6::Fourth(found) => of(Event::SensorFound(found.identity, readings_per_sample(found.period_us))),
         Either6::Fifth(()) => of(command(Command::CalStart(Procedure::Flight))),
-        Either6::Sixth(sample) => of(Event::Sample(sample)),
+        Either6::Sixth(Either::First(sample)) => of(Event::Sample(sample)),
+        Either6::Sixth(Either::Second(Either::First(place))) => of(Event::Place(place)),
+        Either6::Sixth(Either::Second(Either::Second(day))) => of(Event::Day(day)),
     }
 }
 
@@ -148,6 +161,6 @@ fn say_unreadable(links: &Links, error: StoreError) {
 /// Tells the other tasks what has changed for them.
 fn tell(links: &Links, compass: &Compass) {
     publish(&links.correction, compass.correction());
-    publish(&links.settings, *compass.settings());
+    publish(&links.settings, compass.settings_in_force());
     publish(&links.glance, compass.glance());
 }

@@ -13,11 +13,13 @@ use embassy_time::Instant;
 use crate::attitude::{Lines, Report};
 use crate::calibration::Sample;
 use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
+use crate::earth::{Day, Place};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate, Iron};
 use crate::magnetometer::{Identity, Reading};
-use crate::port::{Order, PORTS, PortNumber, ProtocolKind};
+use crate::port::Order;
 use crate::settings::Settings;
+use crate::settings::{PORTS, PortNumber, ProtocolKind};
 use crate::time::Timestamp;
 
 /// Something with the instant at which it was ready.
@@ -64,6 +66,10 @@ pub struct Links {
     pub(super) sensor: Latest<FoundSensor, 2>,
     /// To the state machine: whether the autopilot is armed, if that is known.
     pub(super) armed: Latest<Option<bool>, 1>,
+    /// To the state machine: where the autopilot is. Apart from the day, which may come on another port.
+    pub(super) place: Latest<Place, 1>,
+    /// To the state machine: what day it is.
+    pub(super) day: Latest<Day, 1>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
     /// To the ports.
@@ -98,6 +104,8 @@ impl Links {
             glance: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
+            place: Watch::new(),
+            day: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             texts: Watch::new(),
@@ -188,7 +196,7 @@ pub(super) fn listen<T: Clone, const N: usize>(latest: &Latest<T, N>) -> Listene
     latest.receiver().expect("an end of the wire for each task that a board runs")
 }
 
-/// Publishes a value if it is another than the last, so that nobody wakes for nothing. For wires with one publisher.
+/// Publishes a value if it is another than the last, so that nobody wakes for nothing.
 pub(super) fn publish<T: Clone + PartialEq, const N: usize>(latest: &Latest<T, N>, value: T) {
     if latest.try_get().as_ref() != Some(&value) {
         latest.sender().send(value);

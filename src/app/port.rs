@@ -8,11 +8,12 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::links::{Stamped, count, listen, now};
+use super::links::{Stamped, count, listen, now, publish};
 use crate::compass::Glance;
 use crate::health::Counters;
-use crate::port::{Baud, Facts, Heard, Output, Port, PortNumber, PortSettings};
+use crate::port::{Facts, Heard, Output, Port};
 use crate::settings::Settings;
+use crate::settings::{Baud, PortNumber, PortSettings};
 
 /// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
 const PAUSE: Duration = Duration::from_micros(200);
@@ -89,7 +90,9 @@ fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
             Some(Heard::Attitude(_) | Heard::Foreign) => count(&links.counters.attitude_foreign),
             // Somebody asks again where it is not answered.
             Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
-            None | Some(Heard::Place(_) | Heard::Day(_)) => {}
+            Some(Heard::Place(place)) => publish(&links.place, place),
+            Some(Heard::Day(day)) => publish(&links.day, day),
+            None => {}
         }
     }
     links.port_is(number, port.spoken(now()), port.is_armed(now()));

@@ -3,7 +3,7 @@
 
 use autoswing::app::{self, Links};
 use autoswing::health::ResetCause;
-use autoswing::port::{PORTS, PortNumber};
+use autoswing::settings::{PORTS, PortNumber};
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 

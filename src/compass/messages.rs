@@ -5,6 +5,7 @@ use super::refusal::Refusal;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
 use crate::collection::Progress;
+use crate::earth::{Day, Here, Place};
 use crate::magnetometer::Identity;
 use crate::settings::{Setting, Settings};
 use crate::store::{Record, StoreError};
@@ -18,6 +19,10 @@ pub enum Event {
     SensorFound(Identity, u16),
     /// The autopilot says that it is armed, or that it is not any more; none: it says nothing.
     Armed(Option<bool>),
+    /// The autopilot says where it is.
+    Place(Place),
+    /// The autopilot says what day it is.
+    Day(Day),
     /// The next averaged sample of the flight.
     Sample(Sample),
     /// Somebody asked for something, at this time by the samples' clock.
@@ -161,8 +166,10 @@ pub struct Report {
     pub progress: Progress,
     /// What the collection would end in by now, if it was tried.
     pub prospect: Option<Prospect>,
-    /// Settings in force.
+    /// What the user has chosen.
     pub settings: Settings,
+    /// Where it is, and the Earth's field there.
+    pub here: Here,
     /// The stored calibration, whether or not it fits this sensor and mounting.
     pub current: Option<Summary>,
     /// Whether `cal undo` would bring one back.

@@ -22,9 +22,12 @@ pub use trials::{Pace, Prospect};
 
 use crate::acceptance::{self, Grounds, Incumbent, Policy};
 use crate::calibration::ladder::{self, Procedure, Selection};
-use crate::calibration::{Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, Solver};
+use crate::calibration::{
+    Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, SolveError, Solver,
+};
 use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
 use crate::collection::{Collector, Lack, Recent};
+use crate::earth::Here;
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
 use crate::magnetometer::Identity;
@@ -80,6 +83,7 @@ pub struct Compass {
     sensor: Option<FoundSensor>,
     /// Whether the autopilot is armed, if that is known.
     is_armed: Option<bool>,
+    here: Here,
     collector: Collector,
     recent: Recent,
     phase: Phase,
@@ -102,6 +106,7 @@ impl Compass {
             generations,
             sensor: None,
             is_armed: None,
+            here: Here::NOWHERE,
             collector: Collector::new(),
             recent: Recent::new(),
             phase: Phase::Idle,
@@ -131,7 +136,7 @@ impl Compass {
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),
-            total_ut: None,
+            total_ut: self.total_ut(),
             is_armed: self.is_armed,
         }
     }
@@ -144,10 +149,28 @@ impl Compass {
         (fits && record.mount == self.settings.mount).then_some(record)
     }
 
-    /// Settings in force.
+    /// What the user has chosen.
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// Settings in force: declination and inclination that were not entered are the field model's, where there is one.
+    #[must_use]
+    pub fn settings_in_force(&self) -> Settings {
+        let Settings { declination_deg, inclination_deg, .. } = self.settings;
+        let field = self.here.field();
+        Settings {
+            declination_deg: declination_deg.or_else(|| field?.declination_deg),
+            inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
+            ..self.settings
+        }
+    }
+
+    /// Total intensity of the Earth's field here by the field model, microtesla, where it is known.
+    #[must_use]
+    pub fn total_ut(&self) -> Option<f32> {
+        self.here.field().map(|field| field.total_ut)
     }
 
     /// The state, as people see it.
@@ -188,6 +211,14 @@ impl Compass {
             }
             Event::Armed(is_armed) => {
                 self.is_armed = is_armed;
+                Effect::None
+            }
+            Event::Place(place) => {
+                self.here.is_at(place);
+                Effect::None
+            }
+            Event::Day(day) => {
+                self.here.is_on(day);
                 Effect::None
             }
             Event::Sample(sample) => self.sample(sample),
@@ -360,9 +391,23 @@ impl Compass {
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
-        let prior = self.prior(sensor);
         let supported = || ladder::choose(self.collector.fit(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
+        self.begin_solve(sensor, method, self.settings_in_force().inclination_deg)
+    }
+
+    /// Begins a solve with what is told of the inclination, degrees: by the user, or else by the field model.
+    fn begin_solve(
+        &mut self,
+        sensor: FoundSensor,
+        method: Method,
+        inclination_deg: Option<f32>,
+    ) -> Result<(), Refusal> {
+        let prior = Prior {
+            mount: self.settings.mount,
+            inclination_rad: inclination_deg.map(f32::to_radians),
+            readings_per_sample: sensor.readings_per_sample,
+        };
         let consider = self.settings.attitude_error.consider();
         let solver =
             Solver::with_consider(method, to_fit(&self.collector), &prior, consider).map_err(Refusal::Solve)?;
@@ -370,12 +415,16 @@ impl Compass {
         Ok(())
     }
 
-    fn prior(&self, sensor: FoundSensor) -> Prior {
-        Prior {
-            mount: self.settings.mount,
-            inclination_rad: self.settings.inclination_deg.map(f32::to_radians),
-            readings_per_sample: sensor.readings_per_sample,
+    /// A solve has failed. Where the samples contradict an inclination that nobody entered, the ground differs from the field
+    /// model there, or the attitude source is worse than allowed for: it is solved as if there were no model.
+    fn failed(&mut self, error: SolveError) -> Effect {
+        if let (SolveError::InclinationContradicted { .. }, None, Some(sensor)) =
+            (error, self.settings.inclination_deg, self.sensor)
+            && self.begin_solve(sensor, Method::MaximumLikelihood, None).is_ok()
+        {
+            return Effect::None;
         }
+        self.end(Err(Refusal::Solve(error)))
     }
 
     /// One step of a solve or the verification.
@@ -389,7 +438,7 @@ impl Compass {
                     self.phase = Phase::Verifying(solution);
                     Effect::None
                 }
-                Solving::Finished(Err(error)) => self.end(Err(Refusal::Solve(error))),
+                Solving::Finished(Err(error)) => self.failed(error),
             },
             Phase::Verifying(_) => self.verify(),
             Phase::Idle | Phase::Collecting => Effect::None,
@@ -516,6 +565,7 @@ impl Compass {
             progress: self.collector.progress(),
             prospect: self.trials.prospect.clone(),
             settings: self.settings,
+            here: self.here,
             current: self.generations.current.as_ref().map(Summary::from),
             has_previous: self.generations.previous.is_some(),
             last: self.last.clone(),

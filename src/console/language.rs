@@ -348,8 +348,8 @@ mod tests {
     use crate::calibration::ladder::Procedure;
     use crate::calibration::{Method, Orientation};
     use crate::compass::Command;
-    use crate::port::{Baud, PortNumber, ProtocolKind};
     use crate::settings::{AttitudeError, HeadingKind, Setting};
+    use crate::settings::{Baud, PortNumber, ProtocolKind};
 
     fn command(line: &str) -> Command {
         match parse(line) {

@@ -8,8 +8,8 @@ use super::Request;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Method, Orientation};
 use crate::compass::Command;
-use crate::port::{Baud, PortNumber, ProtocolKind};
 use crate::settings::{AttitudeError, HeadingKind, Setting, Settings};
+use crate::settings::{Baud, PortNumber, ProtocolKind};
 
 /// A command, or the first word of several.
 #[derive(Debug)]

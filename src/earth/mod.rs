@@ -1,4 +1,10 @@
-//! Where on Earth, and on which day: what the Earth's field depends on.
+//! Where on Earth, and on which day: what the Earth's field depends on; and what it is there.
+
+mod here;
+mod model;
+
+pub use here::Here;
+pub use model::{EarthField, MODEL, Validity};
 
 /// A place, as an autopilot tells it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +50,22 @@ impl Day {
     pub const fn since_1970(self) -> u16 {
         self.0
     }
+
+    /// Year, month and day of the month, until 2100-02-28; one too early after that.
+    #[must_use]
+    pub fn date(self) -> (u16, u8, u8) {
+        // Counted from 1 March 1968, so that the leap day is the last of four years; none is left out before 2100.
+        let days = u32::from(self.0) + 671;
+        let (four_years, day) = (days / 1_461, days % 1_461);
+        let year = (day / 365).min(3);
+        let day = day - 365 * year;
+        // Months from March on are 31, 30, 31, 30, 31 days, again and again.
+        let month = (5 * day + 2) / 153;
+        let day = day - (153 * month + 2) / 5 + 1;
+        let year = 1968 + 4 * four_years + year + u32::from(month >= 10);
+        let month = if month < 10 { month + 3 } else { month - 9 };
+        (year as u16, month as u8, day as u8)
+    }
 }
 
 #[cfg(test)]
@@ -85,5 +107,32 @@ mod tests {
         assert_eq!(day(65_536 * 86_400 - 1), Some(u16::MAX));
         assert_eq!(day(65_536 * 86_400), None);
         assert_eq!(day(u64::MAX), None);
+    }
+
+    /// As `date -d` has them; the ends of months, of years, and of leap years.
+    #[test]
+    fn a_day_has_a_date() {
+        for (days, date) in [
+            (18_262, (2020, 1, 1)),
+            (18_320, (2020, 2, 28)),
+            (18_321, (2020, 2, 29)),
+            (18_322, (2020, 3, 1)),
+            (18_627, (2020, 12, 31)),
+            (18_628, (2021, 1, 1)),
+            (18_686, (2021, 2, 28)),
+            (18_687, (2021, 3, 1)),
+            (20_089, (2025, 1, 1)),
+            (20_779, (2026, 11, 22)),
+            (21_914, (2029, 12, 31)),
+            (47_540, (2100, 2, 28)),
+        ] {
+            let day = Day::from_unix_s(days * 86_400).unwrap();
+            assert_eq!(day.date(), date);
+        }
+        let lengths = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+        let all = (1..).zip(lengths).flat_map(|(month, length)| (1..=length).map(move |day| (2026, month, day)));
+        for (days, date) in (20_454..).zip(all) {
+            assert_eq!(Day::from_unix_s(days * 86_400).unwrap().date(), date);
+        }
     }
 }

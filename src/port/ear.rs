@@ -9,19 +9,30 @@ use crate::wire::mavlink::{Message, Receiver};
 pub struct Mavlink {
     receiver: Receiver,
     senders: Senders,
+    heard_at: Option<Timestamp>,
 }
 
 impl Mavlink {
     /// interim
     #[must_use]
     pub const fn new() -> Self {
-        Self { receiver: Receiver::new(), senders: Senders::new() }
+        Self { receiver: Receiver::new(), senders: Senders::new(), heard_at: None }
+    }
+}
+
+impl Mavlink {
+    /// interim
+    #[must_use]
+    pub const fn heard_at(&self) -> Option<Timestamp> {
+        self.heard_at
     }
 }
 
 impl Protocol for Mavlink {
     fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
-        match self.receiver.push(byte)? {
+        let message = self.receiver.push(byte)?;
+        self.heard_at = Some(at);
+        match message {
             Message::Heartbeat(heartbeat) => {
                 self.senders.hear(at, heartbeat);
                 None

@@ -1,73 +1,105 @@
 //! A port: the protocols that it can speak, and which it does.
 
-use super::{Facts, Heard, Mavlink, Nmea, Order, Output, Protocol, ProtocolKind};
+use super::{Facts, Heard, Mavlink, Msp, Nmea, Order, Output, Protocol};
 use crate::compass::Refusal;
+use crate::settings::ProtocolKind;
 use crate::time::Timestamp;
 
-/// A line whose far end says nothing that is understood for so long is searched anew, microseconds.
+/// A far end that says nothing that is understood for so long is searched anew, microseconds.
 const SILENCE_US: u64 = 10_000_000;
 
-/// A port. Whatever it speaks, it hears the protocols of autopilots.
+/// A port. Whatever it speaks, it hears MAVLink: where sentences go out, attitude may come in.
 #[derive(Debug)]
 pub struct Port {
     chosen: ProtocolKind,
-    /// Of `auto`: what the far end speaks, and when it was heard last.
-    found: Option<(ProtocolKind, Timestamp)>,
+    found: Search,
     mavlink: Mavlink,
+    msp: Msp,
     nmea: Nmea,
     /// What is to be written.
     pub output: Output,
+}
+
+/// What the far end was found to speak, and when it was heard to last.
+#[derive(Clone, Copy, Debug)]
+struct Search(Option<(ProtocolKind, Timestamp)>);
+
+impl Search {
+    /// A frame of a protocol has come, that of another changes nothing while the one that was found is heard.
+    fn hear(&mut self, kind: ProtocolKind, at: Timestamp) {
+        if self.at(at).is_none_or(|found| found == kind) {
+            self.0 = Some((kind, at));
+        }
+    }
+
+    fn at(&self, now: Timestamp) -> Option<ProtocolKind> {
+        self.0.filter(|(_, at)| now.us_since(*at) <= SILENCE_US).map(|(kind, _)| kind)
+    }
 }
 
 impl Port {
     /// A port on which nothing was heard.
     #[must_use]
     pub const fn new(chosen: ProtocolKind) -> Self {
-        Self { chosen, found: None, mavlink: Mavlink::new(), nmea: Nmea::new(), output: Output::new() }
+        Self {
+            chosen,
+            found: Search(None),
+            mavlink: Mavlink::new(),
+            msp: Msp::new(),
+            nmea: Nmea::new(),
+            output: Output::new(),
+        }
     }
 
     /// Speaks this from now on.
     pub fn choose(&mut self, chosen: ProtocolKind) {
-        if chosen != self.chosen {
-            self.chosen = chosen;
-            self.found = None;
-        }
+        self.chosen = chosen;
     }
 
     /// What is spoken at this instant: of `auto`, what was found, or `auto` while it is searched.
     #[must_use]
     pub fn spoken(&self, now: Timestamp) -> ProtocolKind {
-        let found = self.found.filter(|(_, at)| now.us_since(*at) <= SILENCE_US).map(|(kind, _)| kind);
-        if self.chosen == ProtocolKind::Auto { found.unwrap_or(self.chosen) } else { self.chosen }
+        match self.chosen {
+            ProtocolKind::Auto => self.found.at(now).unwrap_or(ProtocolKind::Auto),
+            chosen => chosen,
+        }
     }
 
     /// Takes a byte that came at an instant.
     pub fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
-        let heard = self.mavlink.byte(at, byte);
-        if heard.is_some() {
-            self.found = Some((ProtocolKind::Mavlink, at));
+        let spoken = self.spoken(at);
+        let by_msp =
+            if matches!(spoken, ProtocolKind::Auto | ProtocolKind::Msp) { self.msp.byte(at, byte) } else { None };
+        let by_mavlink = if spoken == ProtocolKind::Msp { None } else { self.mavlink.byte(at, byte) };
+        for (kind, heard_at) in
+            [(ProtocolKind::Mavlink, self.mavlink.heard_at()), (ProtocolKind::Msp, self.msp.heard_at())]
+        {
+            if heard_at == Some(at) {
+                self.found.hear(kind, at);
+            }
         }
-        heard
+        by_mavlink.or(by_msp)
     }
 
     /// Whether the autopilot at the far end is armed, if it has said so lately.
     #[must_use]
     pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.mavlink.is_armed(now)
+        self.mavlink.is_armed(now).or_else(|| self.msp.is_armed(now))
     }
 
     /// Frames that were broken or impossible; wraps.
     #[must_use]
     pub fn rejected(&self) -> u32 {
-        self.mavlink.rejected()
+        self.mavlink.rejected().wrapping_add(self.msp.rejected())
     }
 
-    /// Appends what is due to the output.
+    /// Appends what is due to the output. While the far end is searched, MSP is spoken: an autopilot of that kind says
+    /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over.
     pub fn poll(&mut self, facts: &Facts<'_>) {
         match self.spoken(facts.now) {
             ProtocolKind::Mavlink => self.mavlink.poll(facts, &mut self.output),
             ProtocolKind::Nmea => self.nmea.poll(facts, &mut self.output),
-            ProtocolKind::Auto | ProtocolKind::Msp => {}
+            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(facts, &mut self.output),
         }
     }
 
@@ -79,5 +111,124 @@ impl Port {
     /// A line for whoever looks at a ground station.
     pub fn note(&mut self, text: &str) {
         self.mavlink.note(text);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attitude::Source;
+    use crate::instrument::Estimate;
+    use crate::port::tests::facts;
+    use crate::settings::Settings;
+    use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
+    use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+    use crc::{CRC_8_DVB_S2, Crc};
+
+    fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
+        raw.raw_bytes().to_vec()
+    }
+
+    fn heartbeat_frame() -> Vec<u8> {
+        mavlink_frame(&HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            ..HEARTBEAT_DATA::default()
+        })
+    }
+
+    /// The answer to MSP_FC_VARIANT.
+    fn variant_frame(name: [u8; 4]) -> Vec<u8> {
+        let checked = [&[0, 2, 0, 4, 0], &name[..]].concat();
+        let crc = Crc::<u8>::new(&CRC_8_DVB_S2).checksum(&checked);
+        [&b"$X>"[..], &checked, &[crc]].concat()
+    }
+
+    const fn at(ms: u64) -> Timestamp {
+        Timestamp::from_us(ms * 1000)
+    }
+
+    fn hear(port: &mut Port, ms: u64, bytes: &[u8]) {
+        for &byte in bytes {
+            let _ = port.byte(at(ms), byte);
+        }
+    }
+
+    /// What is sent at an instant.
+    fn said(port: &mut Port, ms: u64) -> Vec<u8> {
+        let estimate = Estimate { at: at(ms), ..Estimate::NOTHING };
+        port.poll(&facts(&estimate, &Settings::DEFAULT));
+        let said = port.output.pending().to_vec();
+        port.output.written(usize::MAX);
+        said
+    }
+
+    /// From both sides of ten seconds.
+    #[test]
+    fn auto_speaks_what_it_hears_until_it_hears_nothing() {
+        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
+        {
+            let mut port = Port::new(ProtocolKind::Auto);
+            assert_eq!(port.spoken(at(0)), ProtocolKind::Auto);
+            hear(&mut port, 5, &frame[..frame.len() - 1]);
+            assert_eq!(port.spoken(at(5)), ProtocolKind::Auto, "half a frame is none");
+            hear(&mut port, 6, &frame[frame.len() - 1..]);
+            assert_eq!(port.spoken(at(6)), kind);
+            assert_eq!(port.spoken(at(10_006)), kind);
+            assert_eq!(port.spoken(at(10_007)), ProtocolKind::Auto);
+            hear(&mut port, 20_000, &frame);
+            assert_eq!(port.spoken(at(20_000)), kind);
+        }
+    }
+
+    /// Frames of the other protocol on the line, a repeater's say, change nothing while the autopilot is heard; when it
+    /// has fallen silent they do.
+    #[test]
+    fn what_was_found_stays_while_it_is_heard() {
+        let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
+        let mut port = Port::new(ProtocolKind::Auto);
+        hear(&mut port, 0, &mavlink);
+        for ms in (0..20_000).step_by(1000) {
+            hear(&mut port, ms, &mavlink);
+            hear(&mut port, ms + 1, &msp);
+            assert_eq!(port.spoken(at(ms + 1)), ProtocolKind::Mavlink);
+        }
+        for ms in (20_000..30_001).step_by(1000) {
+            hear(&mut port, ms, &msp);
+        }
+        assert_eq!(port.spoken(at(30_001)), ProtocolKind::Msp);
+    }
+
+    /// It asks in MSP while it searches, and no more once it has heard MAVLink.
+    #[test]
+    fn a_search_is_in_msp() {
+        let mut port = Port::new(ProtocolKind::Auto);
+        assert!(said(&mut port, 0).starts_with(b"$X<"));
+        hear(&mut port, 1, &heartbeat_frame());
+        assert!((1..2_000).step_by(12).all(|ms| !said(&mut port, ms).starts_with(b"$X<")));
+    }
+
+    /// Whatever comes: a port that is set to a protocol speaks it.
+    #[test]
+    fn what_is_chosen_is_spoken() {
+        for kind in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
+            let mut port = Port::new(kind);
+            hear(&mut port, 0, &heartbeat_frame());
+            hear(&mut port, 1, &variant_frame(*b"ARDU"));
+            assert_eq!(port.spoken(at(2)), kind);
+            port.choose(ProtocolKind::Auto);
+            assert_eq!(port.spoken(at(2)) == ProtocolKind::Msp, kind == ProtocolKind::Msp);
+        }
+    }
+
+    /// Attitude by MAVLink is heard beside sentences.
+    #[test]
+    fn sentences_and_attitude_share_a_line() {
+        let mut port = Port::new(ProtocolKind::Nmea);
+        assert!(said(&mut port, 0).starts_with(b"$HCHDM"));
+        let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
+        let heard = frame.iter().filter_map(|&byte| port.byte(at(1), byte)).next();
+        assert!(matches!(heard, Some(Heard::Attitude(report)) if report.source != Source::default()), "{heard:?}");
     }
 }

@@ -8,14 +8,12 @@ mod line;
 mod msp;
 mod nmea;
 mod pace;
-mod settings;
 
 pub use ear::Mavlink;
 pub use line::Port;
 pub use msp::Msp;
 pub use nmea::Nmea;
 pub use pace::Pace;
-pub use settings::{Baud, PORTS, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 use crate::attitude::Report;
 use crate::compass::{Glance, Refusal};

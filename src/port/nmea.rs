@@ -1,4 +1,4 @@
-//! NMEA 0183: heading, heading with variation, and the heading's quality.
+//! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
 
 use super::{Facts, Output, Pace};
 use crate::heading::{Heading, NoHeading};
@@ -6,8 +6,8 @@ use crate::instrument::Estimate;
 use crate::settings::HeadingKind;
 use crate::wire::nmea;
 
-/// `HCHDM`, `HCHDG` and `PASWH`, at the rate of `stream rate`, with the heading of `stream heading`. It hears nothing:
-/// what an instrument says is not for a compass.
+/// `HCHDM`, `HCHDG`, `HCHDT` where the declination is known, and `PASWH`, at the rate of `stream rate`, with the heading of
+/// `stream heading`. It hears nothing: what an instrument says is not for a compass.
 #[derive(Debug, Default)]
 pub struct Nmea {
     pace: Pace,
@@ -30,7 +30,9 @@ impl Nmea {
         let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
         let [hdm, hdg, quality] =
             [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
-        out.message(&[hdm.as_bytes(), hdg.as_bytes(), quality.as_bytes()]);
+        let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt(heading_deg, declination_deg));
+        let hdt = hdt.as_ref().map_or(&b""[..], |hdt| hdt.as_bytes());
+        out.message(&[hdm.as_bytes(), hdg.as_bytes(), hdt, quality.as_bytes()]);
         if heading.is_err() {
             out.empty = out.empty.wrapping_add(1);
         }
@@ -56,22 +58,26 @@ mod tests {
         let mut out = Output::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
         assert_eq!(out.told, u32::from(!out.pending().is_empty()));
-        assert_eq!(out.empty, u32::from(estimate.heading.is_err()));
+        assert_eq!(out.empty, u32::from(told(estimate, settings.stream_heading).0.is_err()));
         String::from_utf8(out.pending().to_vec()).unwrap()
     }
 
     const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_rad2: 0.0 };
     const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_rad2: 0.0 };
 
+    /// Where the declination is not known, there are three.
     #[test]
-    fn three_sentences_tell_a_heading() {
+    fn four_sentences_tell_a_heading() {
         let estimate = Estimate { heading: Ok(RAW), ..Estimate::NOTHING };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
         let lines: Vec<String> = text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
         assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
         assert!(lines[1].starts_with("$HCHDG,101.1,,,3.5,W*"), "{lines:?}");
-        assert!(lines[2].starts_with("$PASWH,101.1,0.6,ok,raw*"), "{lines:?}");
-        assert_eq!(lines.len(), 3);
+        assert!(lines[2].starts_with("$HCHDT,097.6,T*"), "{lines:?}");
+        assert!(lines[3].starts_with("$PASWH,101.1,0.6,ok,raw*"), "{lines:?}");
+        assert_eq!(lines.len(), 4);
+        let text = text(&estimate, &Settings::DEFAULT);
+        assert!(!text.contains("HCHDT") && text.lines().count() == 3, "{text}");
     }
 
     #[test]
@@ -80,9 +86,24 @@ mod tests {
         let text = text(&estimate, &Settings::DEFAULT);
         assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
         assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
+        let told = Settings { declination_deg: Some(1.0), ..Settings::DEFAULT };
+        assert!(self::text(&estimate, &told).contains("$HCHDT,,T*"));
     }
 
-    /// All three sentences tell the same one.
+    /// The longest heading, variation, sigma, code and kind.
+    #[test]
+    fn the_longest_message_fits() {
+        let settings = Settings { declination_deg: Some(-180.0), ..Settings::DEFAULT };
+        let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH };
+        for estimate in [
+            Estimate { smooth: Some(unsure), ..Estimate::NOTHING },
+            Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::NOTHING },
+        ] {
+            assert_eq!(text(&estimate, &settings).matches("\r\n").count(), 4, "{estimate:?}");
+        }
+    }
+
+    /// All sentences tell the same one.
     #[test]
     fn the_smooth_heading_is_told_where_there_is_one_and_it_is_wanted() {
         let both = Estimate { heading: Ok(RAW), smooth: Some(SMOOTH), ..Estimate::NOTHING };

@@ -197,8 +197,8 @@ mod tests {
     use super::*;
     use crate::calibration::{Envelope, Method};
     use crate::magnetometer::Model;
-    use crate::port::{Baud, ProtocolKind};
     use crate::settings::{AttitudeError, HeadingKind};
+    use crate::settings::{Baud, ProtocolKind};
     use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {

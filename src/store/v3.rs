@@ -11,8 +11,8 @@ use serde::Serialize;
 use super::contents::{self, Record, Stored};
 use crate::calibration;
 use crate::magnetometer;
-use crate::port::PortsSettings;
 use crate::settings;
+use crate::settings::PortsSettings;
 
 /// The number of this version.
 pub(super) const VERSION: u8 = 3;

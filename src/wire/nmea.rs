@@ -1,4 +1,4 @@
-//! NMEA 0183 heading sentences out: `HCHDM`, `HCHDG`, and the proprietary `PASWH` with the heading's quality.
+//! NMEA 0183 heading sentences out: `HCHDM`, `HCHDG`, `HCHDT`, and the proprietary `PASWH` with the heading's quality.
 //!
 //! Written without `core::fmt`, which takes 2,000 instructions for such a sentence.
 
@@ -23,8 +23,8 @@ pub fn hdm(heading_deg: Option<f32>) -> Sentence {
 
 /// `$HCHDG,hhh.h,,,v.v,E*cs`: magnetic heading, deviation, variation.
 ///
-/// The deviation fields are empty because the heading has it taken out already. Variation (declination) is what was
-/// configured, empty when it was not; the heading is magnetic in any case.
+/// The deviation fields are empty because the heading has it taken out already. Variation (declination) is what is known of
+/// it, empty where nothing is; the heading is magnetic in any case.
 #[must_use]
 pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
     sentence(|body| {
@@ -38,6 +38,17 @@ pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
             }
             None => put(body, ","),
         }
+    })
+}
+
+/// `$HCHDT,hhh.h,T*cs`: true heading, of a magnetic one and the variation (declination). The field is empty when there is no
+/// heading to trust. `HC` is the talker, as of the others: a magnetic compass.
+#[must_use]
+pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
+    sentence(|body| {
+        put(body, "HCHDT,")?;
+        put_heading(body, heading_deg.map(|magnetic_deg| magnetic_deg + variation_deg))?;
+        put(body, ",T")
     })
 }
 
@@ -142,6 +153,22 @@ mod tests {
         assert_eq!(hdm(None).as_str(), "$HCHDM,,M*07\r\n");
         assert!(hdg(Some(7.0), Some(-11.56)).starts_with("$HCHDG,007.0,,,11.6,W*"));
         assert!(hdg(None, None).starts_with("$HCHDG,,,,,*"));
+    }
+
+    /// Across north both ways; without a heading to trust there is a sentence that says so.
+    #[test]
+    fn a_true_heading_is_the_magnetic_one_and_the_variation() {
+        for (heading_deg, variation_deg, text) in [
+            (Some(101.1), 5.25, "106.4"),
+            (Some(101.1), -11.3, "089.8"),
+            (Some(358.0), 3.0, "001.0"),
+            (Some(2.0), -3.0, "359.0"),
+            (Some(0.0), -180.0, "180.0"),
+            (None, 5.0, ""),
+            (Some(1.0), f32::NAN, ""),
+        ] {
+            assert_eq!(body(&hdt(heading_deg, variation_deg)), format!("HCHDT,{text},T"));
+        }
     }
 
     #[test]
@@ -251,6 +278,7 @@ mod tests {
         for extreme in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, 1e7] {
             body(&hdm(Some(extreme)));
             body(&hdg(Some(extreme), Some(extreme)));
+            body(&hdt(Some(extreme), extreme));
             body(&quality(&Ok(heading(extreme, extreme)), HeadingKind::Smooth));
         }
         assert_eq!(body(&hdg(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));

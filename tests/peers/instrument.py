@@ -5,15 +5,16 @@ import pynmea2
 from served import HEADING_BOUND_DEG, Served, wrap_180
 
 HEADING_DEG = 123.0
+DECLINATION_DEG = -3.5
 
 with Served() as module:
-    module.type("set declination -3.5", "ok declination -3.5 deg")
+    module.type(f"set declination {DECLINATION_DEG}", f"ok declination {DECLINATION_DEG} deg")
     module.hold(HEADING_DEG)
-    counts = {"HDM": 0, "HDG": 0, "ASW": 0}
+    counts = {"HDM": 0, "HDG": 0, "HDT": 0, "ASW": 0}
     with open(module.pty, "rb", buffering=0) as serial:
         read = b""
         lines = []
-        while len(lines) < 60:
+        while len(lines) < 80:
             *more, read = (read + serial.read(1024)).split(b"\r\n")
             lines += more
     # The first may have begun before it was listened to.
@@ -21,10 +22,14 @@ with Served() as module:
         sentence = pynmea2.parse(line.decode(), check=True)
         kind = sentence.sentence_type if isinstance(sentence, pynmea2.TalkerSentence) else sentence.manufacturer
         counts[kind] += 1
-        heading = {"HDM": lambda: sentence.heading, "HDG": lambda: sentence.heading, "ASW": lambda: sentence.data[1]}[kind]()
-        error_deg = wrap_180(float(heading) - HEADING_DEG)
+        heading = sentence.data[1] if kind == "ASW" else sentence.heading
+        expected_deg = HEADING_DEG + (DECLINATION_DEG if kind == "HDT" else 0.0)
+        error_deg = wrap_180(float(heading) - expected_deg)
         assert abs(error_deg) < HEADING_BOUND_DEG, f"{line}: {error_deg:.1f} deg off"
         if kind == "HDG":
-            assert (float(sentence.variation), sentence.var_dir, sentence.deviation) == (3.5, "W", None), repr(sentence)
+            variation = (float(sentence.variation), sentence.var_dir, sentence.deviation)
+            assert variation == (-DECLINATION_DEG, "W", None), repr(sentence)
+        if kind == "HDT":
+            assert sentence.hdg_true == "T", repr(sentence)
     assert min(counts.values()) >= 19, counts
 print(f"pynmea2: {counts}")

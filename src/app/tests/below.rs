@@ -13,6 +13,8 @@ use crate::calibration::Sample;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random};
 use crate::compass::{Command, Refusal, Reply, State};
+#[cfg(feature = "wmm")]
+use crate::earth::{Day, EarthField, Place};
 use crate::frames::Attitude;
 use crate::heading::Heading;
 use crate::health::{ResetCause, StackUse};
@@ -50,6 +52,26 @@ fn settings_are_written_published_and_counted() {
     assert!(matches!(reply, Ok(Reply::Done(State::Uncalibrated))), "{reply:?}");
     assert_eq!(bed.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
     assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (1, 0));
+}
+
+/// From whichever ports they come; what was entered wins, and the flash knows nothing of it.
+#[cfg(feature = "wmm")]
+#[test]
+fn place_and_day_put_settings_in_force() {
+    let (place, day) = (Place::new(51.1, 13.7, 100.0).unwrap(), Day::from_unix_s(20_779 * 86_400).unwrap());
+    let field = EarthField::of(place, day).unwrap();
+    let mut bed = with_compass(Flash::new(PAGES));
+    publish(&bed.links.day, day);
+    bed.ms(1);
+    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
+    publish(&bed.links.place, place);
+    bed.ms(1);
+    let inclination_deg = Some(field.inclination_deg);
+    let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
+    assert_eq!(bed.links.settings.try_get(), Some(by_model));
+    assert!(ask(&mut bed, Command::Set(Setting::Declination(Some(3.0)))).is_ok());
+    assert_eq!(bed.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
+    assert_eq!(bed.links.counts().saves, 1);
 }
 
 /// A flash that takes nothing: told, counted, and the settings are what they were.

@@ -11,7 +11,7 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use crate::app::SetBaud;
 use crate::frames::Field;
 use crate::magnetometer::{Error, Identity, Magnetometer, Model, Reading};
-use crate::port::Baud;
+use crate::settings::Baud;
 
 pub const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 

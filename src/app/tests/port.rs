@@ -12,7 +12,7 @@ use crate::app::port;
 use crate::attitude::Report;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::port::{Baud, PortNumber, ProtocolKind};
+use crate::settings::{Baud, PortNumber, ProtocolKind};
 use crate::settings::{Setting, Settings};
 use crate::time::Timestamp;
 

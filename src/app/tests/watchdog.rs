@@ -10,7 +10,7 @@ use super::Bed;
 use crate::app::links::{ALWAYS_THERE, HEARTBEATS, Heartbeats, count};
 use crate::app::watchdog::{self, LONGEST_WITHOUT_FEED_US};
 use crate::app::{Links, Watchdog};
-use crate::port::PortNumber;
+use crate::settings::PortNumber;
 
 #[derive(Clone, Default)]
 struct Dog(Rc<Cell<u32>>);

@@ -3,7 +3,7 @@
 use core::convert::Infallible;
 
 use autoswing::app::SetBaud;
-use autoswing::port::Baud;
+use autoswing::settings::Baud;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_time::{Duration, Timer};

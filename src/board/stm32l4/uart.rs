@@ -1,7 +1,7 @@
 //! A UART transmitter that always comes back.
 
 use autoswing::app::SetBaud;
-use autoswing::port::Baud;
+use autoswing::settings::Baud;
 use embassy_stm32::usart::{BufferedUartTx, Error};
 use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{ErrorType, Write};

@@ -1,12 +1,14 @@
 //! What the state machine promises, driven event by event.
 
 mod auto;
+#[cfg(feature = "wmm")]
+mod earth;
 mod flight;
 
 use super::*;
 use crate::acceptance::Rejection;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, Recorded, rms};
-use crate::calibration::{Calibration, Orientation, Part, Rates, Side, SolveError};
+use crate::calibration::{Calibration, Orientation, Part, Rates, Side};
 use crate::collection::Lack;
 use crate::frames::{Attitude, Field, Sensor};
 use crate::magnetometer::Model;
@@ -126,6 +128,18 @@ impl Bed {
         self.settle(end)
     }
 
+    /// Turns and tilts it about, with an attitude that nobody knows.
+    fn tumble(&mut self) {
+        let airframe = Airframe::random(&mut Random(3), 0.1, 1.0, 0.0, [55.0, 55.0]);
+        let mut random = Random(4);
+        for _ in 0..240 {
+            let attitude =
+                Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
+            let field = airframe.field(attitude, random.uniform(0.0, core::f32::consts::TAU));
+            self.sample(field, Attitude::default());
+        }
+    }
+
     fn settle(&mut self, end: Effect) -> Outcome {
         match end {
             Effect::Notify(outcome) => outcome,
@@ -172,8 +186,7 @@ fn a_correction_says_how_the_sensor_sits_and_whether_it_is_armed() {
     assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::NONE });
     let mut bed = Bed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
-    assert!(matches!(bed.command(Command::Set(Setting::Mount(mount))), Effect::Save));
-    bed.compass.step(Event::Saved(Ok(())));
+    bed.saved(Command::Set(Setting::Mount(mount))).unwrap();
     assert_eq!(bed.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
 }
 
@@ -775,13 +788,7 @@ fn a_tumbling_needs_no_attitude() {
     let mut bed = Bed::new();
     bed.done(Command::CalStart(Procedure::Tumble));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Unknown);
-    let airframe = Airframe::random(&mut Random(3), 0.1, 1.0, 0.0, [55.0, 55.0]);
-    let mut random = Random(4);
-    for _ in 0..240 {
-        let attitude = Attitude { roll_rad: random.uniform(-3.1, 3.1), pitch_rad: random.uniform(-1.0, 1.0).asin() };
-        let field = airframe.field(attitude, random.uniform(0.0, core::f32::consts::TAU));
-        bed.sample(field, Attitude::default());
-    }
+    bed.tumble();
     bed.done(Command::CalSolve(None));
     assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
     let end = bed.solve();

@@ -145,7 +145,7 @@ pub fn changed(out: &mut impl Write, command: Command, report: &Report) -> fmt::
     match (command, &report.current) {
         (Command::Set(setting), _) => {
             out.write_str("ok ")?;
-            setting_line(out, Line::of(setting), " ", &report.settings)?;
+            setting_line(out, Line::of(setting), " ", report)?;
             // A calibration is of one mounting.
             let state = if let Setting::Mount(_) = setting { report.state.name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })

@@ -2,8 +2,9 @@
 
 use core::fmt::{self, Write};
 
-use crate::port::{PortNumber, PortSettings};
-use crate::settings::{AttitudeError, Setting, Settings};
+use crate::compass::Report;
+use crate::earth::{EarthField, Here, MODEL, Place, Validity};
+use crate::settings::{AttitudeError, PortNumber, PortSettings, Setting};
 use crate::wire::decimal::{AsTyped, Decimal};
 
 /// Settings that are told together.
@@ -50,16 +51,23 @@ impl Line {
 }
 
 /// Some settings, with what stands between their name and them.
-pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, settings: &Settings) -> fmt::Result {
+pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, report: &Report) -> fmt::Result {
+    let Report { settings, here, .. } = report;
+    let field = here.field();
     match line {
         Line::Stream => {
             let on = on_or_off(settings.stream_on);
             let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
             write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
         }
-        Line::Declination => degrees(out, "declination", between, settings.declination_deg, "not set"),
+        Line::Declination => {
+            let by_model_deg = field.and_then(|field| field.declination_deg);
+            degrees(out, "declination", between, [settings.declination_deg, by_model_deg], "not set")
+        }
         Line::Inclination => {
-            degrees(out, "inclination", between, settings.inclination_deg, "not set, found from the samples")
+            let by_model_deg = field.map(|field| field.inclination_deg);
+            let without = "not set, found from the samples";
+            degrees(out, "inclination", between, [settings.inclination_deg, by_model_deg], without)
         }
         Line::Mount => {
             write!(out, "mount{between}{}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))
@@ -86,9 +94,117 @@ const fn on_or_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-fn degrees(out: &mut impl Write, name: &str, between: &str, deg: Option<f32>, without: &str) -> fmt::Result {
-    match deg {
-        Some(deg) => write!(out, "{name}{between}{} deg", AsTyped(deg, 1)),
-        None => write!(out, "{name}{between}{without}"),
+/// What was entered, or else what the field model says.
+fn degrees(
+    out: &mut impl Write,
+    name: &str,
+    between: &str,
+    [entered_deg, by_model_deg]: [Option<f32>; 2],
+    without: &str,
+) -> fmt::Result {
+    write!(out, "{name}{between}")?;
+    match (entered_deg, by_model_deg) {
+        (Some(deg), _) => write!(out, "{} deg", AsTyped(deg, 1)),
+        (None, Some(deg)) => write!(out, "{} deg, by the field model", Decimal::<1>(deg)),
+        (None, None) => out.write_str(without),
+    }
+}
+
+/// What the field model is worth today, and of where it is; no line where the firmware has none.
+pub(super) fn field_model(out: &mut impl Write, here: &Here) -> fmt::Result {
+    if !cfg!(feature = "wmm") {
+        return Ok(());
+    }
+    write!(out, "field model: {MODEL}, ")?;
+    out.write_str(match here.validity() {
+        None => "no date yet",
+        Some(Validity::TooEarly) => "not used before 2025-01-01",
+        Some(Validity::Valid) => "valid until 2029-12-31",
+        Some(Validity::Overdue) => "too old since 2029-12-31, used until 2034-12-31",
+        Some(Validity::TooOld) => "too old, not used since 2034-12-31",
+    })?;
+    if let Some(day) = here.day() {
+        let (year, month, day) = day.date();
+        write!(out, "; {year}-{month:02}-{day:02}")?;
+    }
+    match here.place() {
+        None => out.write_str(", no position yet")?,
+        Some(Place { latitude_deg, longitude_deg, .. }) => {
+            let north = side(latitude_deg, "N", "S");
+            let east = side(longitude_deg, "E", "W");
+            write!(out, ", {} {north} {} {east}", Decimal::<1>(latitude_deg.abs()), Decimal::<1>(longitude_deg.abs()))?;
+        }
+    }
+    if let Some(EarthField { declination_deg, total_ut, .. }) = here.field() {
+        write!(out, ", {} uT", Decimal::<1>(*total_ut))?;
+        if declination_deg.is_none() {
+            out.write_str(", no declination so near to a magnetic pole")?;
+        }
+    }
+    writeln!(out)
+}
+
+const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'static str {
+    if deg < 0.0 { negative } else { positive }
+}
+
+#[cfg(test)]
+#[cfg(feature = "wmm")]
+mod tests {
+    use super::*;
+    use crate::earth::Day;
+
+    fn line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
+        let mut here = Here::NOWHERE;
+        if let Some([latitude_deg, longitude_deg]) = place {
+            here.is_at(Place::new(latitude_deg, longitude_deg, 100.0).unwrap());
+        }
+        if let Some(days) = days {
+            here.is_on(Day::from_unix_s(days * 86_400).unwrap());
+        }
+        let mut out = String::new();
+        field_model(&mut out, &here).unwrap();
+        out
+    }
+
+    /// What is missing, what it is worth, and of where it is.
+    #[test]
+    fn the_field_model_says_what_it_is_worth() {
+        let dresden = Some([51.1, 13.7]);
+        for (place, days, words) in [
+            (None, None, "no date yet, no position yet"),
+            (dresden, None, "no date yet, 51.1 N 13.7 E"),
+            (None, Some(20_779), "valid until 2029-12-31; 2026-11-22, no position yet"),
+            (dresden, Some(20_779), "valid until 2029-12-31; 2026-11-22, 51.1 N 13.7 E, 49.8 uT"),
+            (Some([-33.9, -70.1]), Some(20_094), "valid until 2029-12-31; 2025-01-06, 33.9 S 70.1 W, 23.4 uT"),
+            (dresden, Some(20_088), "not used before 2025-01-01; 2024-12-31, 51.1 N 13.7 E"),
+            (
+                dresden,
+                Some(21_915),
+                "too old since 2029-12-31, used until 2034-12-31; 2030-01-01, 51.1 N 13.7 E, 49.9 uT",
+            ),
+            (dresden, Some(23_741), "too old, not used since 2034-12-31; 2035-01-01, 51.1 N 13.7 E"),
+            (
+                Some([86.0, 140.0]),
+                Some(20_779),
+                "valid until 2029-12-31; 2026-11-22, 86.0 N 140.0 E, 57.7 uT, no declination so near to a magnetic pole",
+            ),
+        ] {
+            assert_eq!(line(place, days), format!("field model: WMM2025, {words}\n"));
+        }
+    }
+
+    /// What was entered is shown as it was typed, what the model says to a tenth.
+    #[test]
+    fn degrees_say_where_they_are_from() {
+        for (degrees, words) in [
+            ([Some(3.25), Some(5.16)], "declination: 3.25 deg"),
+            ([None, Some(-5.16)], "declination: -5.2 deg, by the field model"),
+            ([None, None], "declination: not set"),
+        ] {
+            let mut out = String::new();
+            super::degrees(&mut out, "declination", ": ", degrees, "not set").unwrap();
+            assert_eq!(out, words);
+        }
     }
 }

@@ -3,14 +3,14 @@
 use core::fmt::{self, Display, Write};
 
 use super::calibration::{Judged, latency};
-use super::settings::{Line, setting_line};
+use super::settings::{Line, field_model, setting_line};
 use super::{Moved, Reason, Reset};
 use crate::calibration::ladder::Procedure;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Prospect, Report, State};
 use crate::frames::Attitude;
 use crate::health::{Counts, Health, StackUse};
-use crate::port::ProtocolKind;
+use crate::settings::ProtocolKind;
 use crate::wire::decimal::{AsTyped, Decimal};
 
 /// `status`.
@@ -41,12 +41,13 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         None => writeln!(out, "last solve: none")?,
     }
     for line in Line::ALL {
-        setting_line(out, line, ": ", &report.settings)?;
+        setting_line(out, line, ": ", report)?;
         if let Line::Port(port) = line {
             spoken(out, report.settings.ports.of(port).protocol, health.port(port))?;
         }
         writeln!(out)?;
     }
+    field_model(out, &report.here)?;
     counters(out, &health.counts)?;
     if let Some(StackUse { used, size }) = health.stack {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;

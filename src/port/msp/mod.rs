@@ -74,13 +74,6 @@ impl Msp {
         self.heard_at
     }
 
-    /// Asks now and then who is there, and says nothing else: on a line whose protocol is being searched.
-    pub fn search(&mut self, now: Timestamp, out: &mut Output) {
-        if self.others.is_due(now, OTHERS_HZ) {
-            out.message(&[&request(Function::FcVariant)]);
-        }
-    }
-
     fn report(&self, angles: Angles) -> Option<Heard> {
         // There is one sender, without a clock and without rates.
         let (source, sender_time) = (Source::default(), WrappingMillis::new(0));

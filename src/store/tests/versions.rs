@@ -21,8 +21,8 @@ use std::format;
 use testkit::flash::Cut;
 
 use super::*;
-use crate::port::{PortNumber, PortsSettings, ProtocolKind};
 use crate::settings::{AttitudeError, HeadingKind};
+use crate::settings::{PortNumber, PortsSettings, ProtocolKind};
 use crate::store::{v2, v3, v4, v5, v6, v7};
 
 /// Later than any that this firmware knows.

@@ -12,7 +12,7 @@ use std::rc::Rc;
 use std::task::Poll;
 
 use autoswing::app::SetBaud;
-use autoswing::port::Baud;
+use autoswing::settings::Baud;
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 

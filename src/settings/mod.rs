@@ -1,11 +1,13 @@
 //! Settings: what the user has chosen.
 
+mod ports;
+
 use core::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{Consider, Orientation};
-use crate::port::{Baud, PortNumber, PortsSettings, ProtocolKind};
+pub use ports::{Baud, PORTS, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
 /// What the user has chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,0 +1,156 @@
+//! The model against NOAA's test values.
+
+use super::*;
+
+/// 2025-01-01, days since 1970-01-01: `date -d 2025-01-01 +%s` over 86400.
+const EPOCH: u64 = 20_089;
+
+fn place(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Place {
+    Place::new(latitude_deg, longitude_deg, height_m).unwrap()
+}
+
+/// Days after 2025-01-01.
+fn day(after: u64) -> Day {
+    Day::from_unix_s((EPOCH + after) * 86_400).unwrap()
+}
+
+/// Days of a year of the test values, which are in the middle of years, too.
+fn of_year(year: f32) -> Day {
+    day(((year - 2025.0) * 365.25).round() as u64)
+}
+
+/// A line of NOAA's test values: year, height in kilometres, latitude, longitude; north, east, down in nanotesla.
+type Line = ([f32; 4], [f32; 3]);
+
+/// `WMM2025_TEST_VALUES.txt`, all of it (longitude 240 is -120 here), and some of `WMM2025_TestValues.txt`.
+const LINES: [Line; 22] = [
+    ([2025.0, 0.0, 80.0, 0.0], [6521.6, 145.9, 54791.5]),
+    ([2025.0, 0.0, 0.0, 120.0], [39677.8, -109.6, -10580.2]),
+    ([2025.0, 0.0, -80.0, -120.0], [6117.5, 15751.9, -52022.5]),
+    ([2025.0, 100.0, 80.0, 0.0], [6216.0, 92.4, 52598.8]),
+    ([2025.0, 100.0, 0.0, 120.0], [37688.6, -96.2, -10152.1]),
+    ([2025.0, 100.0, -80.0, -120.0], [5907.6, 14780.3, -49540.7]),
+    ([2027.5, 0.0, 80.0, 0.0], [6500.8, 294.5, 54869.4]),
+    ([2027.5, 0.0, 0.0, 120.0], [39701.6, -167.4, -10381.8]),
+    ([2027.5, 0.0, -80.0, -120.0], [6200.7, 15730.3, -51783.7]),
+    ([2027.5, 100.0, 80.0, 0.0], [6196.7, 233.8, 52670.5]),
+    ([2027.5, 100.0, 0.0, 120.0], [37711.5, -148.7, -9969.8]),
+    ([2027.5, 100.0, -80.0, -120.0], [5984.0, 14760.1, -49317.7]),
+    ([2025.0, 28.0, 89.0, -121.0], [-255.4, -1482.5, 56194.3]),
+    ([2025.0, 65.0, 43.0, 93.0], [24299.9, 210.5, 50037.9]),
+    ([2025.0, 51.0, -33.0, 109.0], [21737.8, -2090.3, -52710.0]),
+    ([2025.5, 6.0, -36.0, -137.0], [23781.9, 8786.7, -32577.5]),
+    ([2025.5, 8.0, -66.0, 17.0], [15201.4, -9925.5, -30881.1]),
+    ([2026.0, 74.0, -57.0, 3.0], [13268.1, -5498.2, -23576.1]),
+    ([2026.0, 62.0, -14.0, 99.0], [33437.8, -835.9, -33100.9]),
+    ([2026.5, 14.0, 0.0, 80.0], [39431.4, -2133.5, -12188.8]),
+    ([2027.0, 37.0, -66.0, -5.0], [16390.8, -5079.6, -28608.2]),
+    ([2027.5, 73.0, -72.0, 95.0], [-2912.4, -12984.1, -55399.2]),
+];
+
+/// To 0.3 nT: a few of the last digits that an `f32` of 50,000 nT has (0.004 nT) for each of 90 terms, the values' own
+/// rounding of 0.05 nT, and up to a day of 120 nT a year. A coefficient that is wrong by its last digit, 0.1 nT, may pass.
+#[test]
+fn it_gives_noaa_s_test_values() {
+    let mut worst: f32 = 0.0;
+    for ([year, height_km, latitude_deg, longitude_deg], expected) in LINES {
+        let place = place(latitude_deg, longitude_deg, 1000.0 * height_km);
+        let found = components_nt(place, years(of_year(year)));
+        for (found, expected) in found.into_iter().zip(expected) {
+            worst = worst.max((found - expected).abs());
+        }
+    }
+    assert!(worst < 0.3, "{worst} nT");
+}
+
+/// Declination, inclination and total field of four lines, as the second file has them, rounded to 0.01 deg; and days are
+/// 0.001 years off its years, in which declination changes by less than 0.001 deg.
+#[test]
+fn components_become_what_a_compass_needs() {
+    for (line, declination_deg, inclination_deg, total_ut) in [
+        (13, 0.50, 64.10, 55.626_62),
+        (14, -5.49, -67.50, 57.054_75),
+        (15, 20.28, -52.11, 41.280_52),
+        (21, -102.64, -76.49, 56.974_93),
+    ] {
+        let field = of_line(LINES[line]);
+        let found_deg = field.declination_deg.unwrap();
+        assert!((found_deg - declination_deg).abs() < 0.006, "{line}: {found_deg}");
+        assert!((field.inclination_deg - inclination_deg).abs() < 0.006, "{line}: {}", field.inclination_deg);
+        assert!((field.total_ut - total_ut).abs() < 0.000_3, "{line}: {}", field.total_ut);
+    }
+}
+
+fn of_line(([year, height_km, latitude_deg, longitude_deg], _): Line) -> EarthField {
+    EarthField::of(place(latitude_deg, longitude_deg, 1000.0 * height_km), of_year(year)).unwrap()
+}
+
+/// One degree from the north pole the horizontal field is 1504 nT by the test value; 2 uT divide what has a declination
+/// from what has none.
+#[test]
+fn near_a_magnetic_pole_there_is_no_declination() {
+    let near = of_line(LINES[12]);
+    assert_eq!(near.declination_deg, None);
+    assert!((near.inclination_deg - 88.47).abs() < 0.006 && (near.total_ut - 56.214_42).abs() < 0.000_3, "{near:?}");
+    let (mut with, mut without) = (0, 0);
+    for north in 0..400_u16 {
+        let place = place(70.0 + 0.05 * f32::from(north), 140.0, 0.0);
+        let [x, y, _] = components_nt(place, 0.0);
+        let field = EarthField::of(place, day(0)).unwrap();
+        assert_eq!(field.declination_deg.is_some(), trig::hypot(x, y) >= 2_000.0, "{place:?}");
+        *(if field.declination_deg.is_some() { &mut with } else { &mut without }) += 1;
+    }
+    assert!(with > 20 && without > 20, "{with} {without}");
+}
+
+/// At the poles, beside them, where longitude begins and ends, and wherever a place can be, the field is one that the Earth
+/// has: 22 to 70 uT, to 100 km of height.
+#[test]
+fn everywhere_on_earth_there_is_a_field() {
+    for latitude_deg in [-90.0, -89.999_99, -60.0, -1e-7, 0.0, 30.0, 89.999_99, 90.0] {
+        for longitude_deg in [-180.0, -90.0, 1e-7, 180.0] {
+            for height_m in [-1_000.0, 0.0, 100_000.0] {
+                let field = EarthField::of(place(latitude_deg, longitude_deg, height_m), day(700)).unwrap();
+                let is_one = field.inclination_deg.abs() <= 90.0 && (21.0..70.0).contains(&field.total_ut);
+                assert!(is_one && field.declination_deg.is_none_or(f32::is_finite), "{latitude_deg} {field:?}");
+            }
+        }
+    }
+    let at = |longitude_deg| EarthField::of(place(-20.0, longitude_deg, 0.0), day(0)).unwrap();
+    let (east, west) = (at(180.0), at(-180.0));
+    assert!((east.total_ut - west.total_ut).abs() < 1e-4, "{east:?} {west:?}");
+}
+
+/// There north turns by a degree for each of longitude, and the field there stays the same.
+#[test]
+fn at_the_pole_only_north_turns() {
+    let at = |longitude_deg| EarthField::of(place(-90.0, longitude_deg, 2_800.0), day(0)).unwrap();
+    let first = at(0.0);
+    for longitude_deg in [-150.0, -30.0, 10.0, 90.0, 170.0] {
+        let field = at(longitude_deg);
+        let turned_deg = field.declination_deg.unwrap() - first.declination_deg.unwrap() + longitude_deg;
+        assert!((turned_deg - 360.0 * (turned_deg / 360.0).round()).abs() < 0.01, "{longitude_deg}: {turned_deg}");
+        assert!(
+            (field.total_ut - first.total_ut).abs() < 1e-4
+                && (field.inclination_deg - first.inclination_deg).abs() < 1e-3
+        );
+    }
+}
+
+/// The last day and the first of each.
+#[test]
+fn it_is_used_for_ten_years() {
+    for (after, date, validity) in [
+        (-1, (2024, 12, 31), Validity::TooEarly),
+        (0, (2025, 1, 1), Validity::Valid),
+        (1825, (2029, 12, 31), Validity::Valid),
+        (1826, (2030, 1, 1), Validity::Overdue),
+        (3651, (2034, 12, 31), Validity::Overdue),
+        (3652, (2035, 1, 1), Validity::TooOld),
+    ] {
+        let day = Day::from_unix_s(EPOCH.saturating_add_signed(after) * 86_400).unwrap();
+        assert_eq!((day.date(), Validity::on(day)), (date, validity));
+        let is_used = matches!(validity, Validity::Valid | Validity::Overdue);
+        assert_eq!(EarthField::of(place(50.0, 10.0, 0.0), day).is_some(), is_used, "{date:?}");
+    }
+}
