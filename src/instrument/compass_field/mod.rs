@@ -71,8 +71,9 @@ impl Map {
 
     fn apply(&self, field: Field<Sensor>) -> Field<Body> {
         let m = field.ut;
-        let [x, y, z] = self.0.map(|[wx, wy, wz, c]| wx * m.x + wy * m.y + wz * m.z + c);
-        Field::from_ut(x, y, z)
+        let row = |[wx, wy, wz, c]: &[f32; 4]| wx * m.x + wy * m.y + wz * m.z + c;
+        let [x, y, z] = &self.0;
+        Field::from_ut(row(x), row(y), row(z))
     }
 
     /// On the way from here to another one.

@@ -252,6 +252,7 @@ fn iron_that_moves_is_followed() {
         instrument.watch();
         last = estimate.compass.map(|told| (told.ut - noise - truth).norm());
     }
+    assert!(instrument.watched_at > at(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
@@ -323,6 +324,20 @@ fn a_change_on_the_way_goes_on_from_where_it_is() {
     assert!((-10.01..-9.99).contains(&turned(all.len() - 1)));
     let arrived = all.iter().position(|told| turned_deg(all[0], *told) < -9.99).unwrap();
     assert!((1_900..2_100).contains(&arrived), "15 deg more in some 15 s: {arrived}");
+}
+
+/// Landing and disarming on the way changes nothing of it.
+#[test]
+fn what_has_begun_goes_on_when_it_is_disarmed() {
+    let field = sensed(0.3, Attitude::default());
+    let mut instrument = with(armed(true, &corrected(calibration())));
+    instrument.compass_field.tell(at(0), field);
+    let changed = Correction { align_deg: 10.0, ..corrected(calibration()) };
+    instrument.correct_with(armed(true, &changed));
+    let before = told(&mut instrument, 0, 5, field);
+    instrument.correct_with(armed(false, &changed));
+    let after = told(&mut instrument, 5_000_000, 1, field);
+    assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
 }
 
 /// Whether a change was taken at once.

@@ -4,9 +4,9 @@
 //! trusted: the autopilot then does what it does without a compass.
 //!
 //! One request for the attitude is under way at a time, so that an answer is as young as it can be: autopilots answer in
-//! 3.5 to 18 ms. The others are asked about once a second, one after the other, and nobody waits for their answers. Which
-//! firmware it is stays one of the questions: the signs hang on it, and an autopilot can be exchanged while the module
-//! runs.
+//! 3.5 to 18 ms. As long as it is not known which firmware it is, and so which signs an attitude has, that is asked
+//! instead. The others are asked about once a second, one after the other, and nobody waits for their answers. The
+//! firmware stays one of them: an autopilot can be exchanged while the module runs.
 
 use super::{Facts, Heard, Output, Pace, Protocol};
 use crate::attitude::{Report, Source};
@@ -23,8 +23,8 @@ const ATTITUDE_HZ: u8 = 50;
 /// Requests for anything else a second: each of them about once.
 const OTHERS_HZ: u8 = OTHERS.len() as u8;
 
-/// What is asked for now and then. Nothing is made of an attitude before the first is known.
-const OTHERS: [Function; 4] = [Function::FcVariant, Function::Status, Function::RawGps, Function::Rtc];
+/// What is asked for now and then.
+const OTHERS: [Function; 4] = [Function::Status, Function::RawGps, Function::Rtc, Function::FcVariant];
 
 /// An answer that has not come after so long does not come, microseconds: nearly three times the longest that was seen.
 const ANSWERED_WITHIN_US: u64 = 50_000;
@@ -42,7 +42,7 @@ pub struct Msp {
     firmware: Option<Firmware>,
     armed: Option<(Timestamp, bool)>,
     heard_at: Option<Timestamp>,
-    /// When the attitude was asked for that has not come yet.
+    /// When the attitude was asked for that has not come yet, or the firmware.
     asked_at: Option<Timestamp>,
     compass: Pace,
     attitude: Pace,
@@ -74,13 +74,6 @@ impl Msp {
         self.heard_at
     }
 
-    /// Asks now and then who is there, and says nothing else: on a line whose protocol is being searched.
-    pub fn search(&mut self, now: Timestamp, out: &mut Output) {
-        if self.others.is_due(now, OTHERS_HZ) {
-            out.message(&[&request(Function::FcVariant)]);
-        }
-    }
-
     fn report(&self, angles: Angles) -> Option<Heard> {
         // There is one sender, without a clock and without rates.
         let (source, sender_time) = (Source::default(), WrappingMillis::new(0));
@@ -96,7 +89,16 @@ impl Msp {
         function
     }
 
-    /// Whether an attitude may be asked for: none is under way, or it does not come.
+    /// What is asked for as often as it is answered; none of an autopilot whose signs are not known.
+    fn wanted(&self) -> Option<Function> {
+        match self.firmware {
+            None => Some(Function::FcVariant),
+            Some(Firmware::Other) => None,
+            Some(_) => Some(Function::Attitude),
+        }
+    }
+
+    /// Whether the next of these may be asked for: none is under way, or it does not come.
     fn may_ask(&mut self, now: Timestamp) -> bool {
         if self.asked_at.is_some_and(|at| now.us_since(at) < ANSWERED_WITHIN_US) {
             return false;
@@ -145,9 +147,11 @@ impl Protocol for Msp {
         if self.others.is_due(now, OTHERS_HZ) {
             out.message(&[&request(self.other())]);
         }
-        let is_of_use = self.firmware.is_some_and(|firmware| firmware != Firmware::Other);
-        if is_of_use && self.may_ask(now) && self.attitude.is_due(now, ATTITUDE_HZ) {
-            self.asked_at = out.message(&[&request(Function::Attitude)]).then_some(now);
+        if let Some(function) = self.wanted()
+            && self.may_ask(now)
+            && self.attitude.is_due(now, ATTITUDE_HZ)
+        {
+            self.asked_at = out.message(&[&request(function)]).then_some(now);
         }
     }
 }

@@ -232,6 +232,14 @@ fn what_is_not_wanted_passes_by() {
     assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
 
+/// What an intact frame holds is its own affair, also if it looks like another.
+#[test]
+fn a_frame_within_a_frame_is_none() {
+    let payload = [&[0; 11][..], &attitude(1, 2)].concat();
+    let (messages, rejected) = all(&[reply(Function::Status, &payload), vec![0; MAX_FRAME]].concat());
+    assert_eq!((messages, rejected), (vec![Message::Armed(false)], 0));
+}
+
 /// Whatever bit of a frame is wrong, it is refused or passed by, and the next one is taken.
 #[test]
 fn a_damaged_frame_costs_itself_alone() {

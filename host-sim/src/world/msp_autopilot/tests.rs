@@ -1,4 +1,9 @@
+use autoswing::compass::Glance;
 use autoswing::frames::Field;
+use autoswing::instrument::Estimate;
+use autoswing::port::{Facts, Heard, Msp, Output, Protocol};
+use autoswing::settings::Settings;
+use autoswing::time::Timestamp;
 use autoswing::wire::msp::{self, Firmware as Told, Function, Message, Receiver};
 
 use super::frame::crc_8_dvb_s2;
@@ -167,4 +172,77 @@ fn a_joined_answer_comes_with_the_next() {
     autopilot.troubles = NONE;
     ask(&mut autopilot, 20_000, &msp::request(Function::Status));
     assert_eq!(autopilot.send(40_000, &KNOWN).len(), 15 + 31);
+}
+
+/// What came of a talk between the port and the autopilot.
+struct Talk {
+    attitudes: usize,
+    /// The longest time without an attitude, microseconds, after the first second.
+    gap_us: u64,
+    places: usize,
+    days: usize,
+    is_armed: Option<bool>,
+    readings: Vec<CompassReading>,
+}
+
+/// So many seconds of it, with an estimate every 12.5 ms.
+fn talk(firmware: Firmware, troubles: Troubles, seconds: u64) -> Talk {
+    let (mut port, mut output) = (Msp::new(), Output::new());
+    let mut autopilot = MspAutopilot::new(firmware, troubles, 11);
+    let settings = Settings::DEFAULT;
+    let mut talk = Talk { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
+    let mut heard_us = 1_000_000;
+    for us in (0..seconds * 1_000_000).step_by(500) {
+        let now = Timestamp::from_us(us);
+        for byte in autopilot.send(us, &KNOWN) {
+            match port.byte(now, byte) {
+                Some(Heard::Attitude(report)) => {
+                    talk.attitudes += 1;
+                    talk.gap_us = talk.gap_us.max(us.saturating_sub(heard_us));
+                    heard_us = heard_us.max(us);
+                    assert!((report.attitude.pitch_rad - 0.1).abs() < 0.0018, "{report:?}");
+                }
+                Some(Heard::Place(_)) => talk.places += 1,
+                Some(Heard::Day(_)) => talk.days += 1,
+                _ => {}
+            }
+        }
+        if us % 12_500 == 0 {
+            let estimate = Estimate { at: now, compass: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::NOTHING };
+            port.poll(&Facts { now, estimate: &estimate, settings: &settings, glance: Glance::Waiting }, &mut output);
+            ask(&mut autopilot, us, output.pending());
+            output.written(usize::MAX);
+        }
+    }
+    talk.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));
+    talk.readings = autopilot.compass_readings();
+    talk
+}
+
+/// The port and the autopilot together: 50 readings of the compass a second from the first instant, an attitude nearly as
+/// often as it may be asked for, the rest about once a second.
+#[test]
+fn the_port_and_the_autopilot_talk() {
+    for firmware in [Firmware::ArduPilot, Firmware::Inav] {
+        let talk = talk(firmware, NONE, 60);
+        assert!((2_990..=3_010).contains(&talk.readings.len()), "{}", talk.readings.len());
+        assert!(talk.readings[0].at_us == 0 && talk.readings.iter().all(|r| r.field_mg == [200, -51, 442]));
+        // Some wait for an estimate more, and some for the answer to another request.
+        assert!((2_300..=3_000).contains(&talk.attitudes), "{}", talk.attitudes);
+        assert!(talk.gap_us < 60_000, "{} us", talk.gap_us);
+        assert!((58..=61).contains(&talk.places) && (58..=61).contains(&talk.days));
+        assert_eq!(talk.is_armed, Some(true));
+    }
+}
+
+/// Two answers of five are lost, refused, cut or late: fewer attitudes, and no silence.
+#[test]
+fn trouble_does_not_stop_the_talk() {
+    let troubles = Troubles { dropped: 0.1, refused: 0.1, cut: 0.1, joined: 0.1 };
+    let talk = talk(Firmware::Inav, troubles, 60);
+    assert!((2_990..=3_010).contains(&talk.readings.len()));
+    assert!((1_000..2_600).contains(&talk.attitudes), "{}", talk.attitudes);
+    // Half a dozen in a row at 50 ms each is once in a thousand.
+    assert!(talk.gap_us < 500_000, "{} us", talk.gap_us);
+    assert!(talk.places > 30 && talk.days > 30 && talk.is_armed == Some(true));
 }
