@@ -22,7 +22,7 @@ const NAME: &str = "autoswing: ";
 #[derive(Debug)]
 struct Text {
     severity: MavSeverity,
-    characters: heapless::String<LENGTH>,
+    characters: heapless::Vec<u8, LENGTH>,
 }
 
 /// Texts to be sent. Of more than [`WAITING`] the newest stay, and the one that was begun.
@@ -41,8 +41,8 @@ impl Texts {
     pub fn note(&mut self, text: &str) {
         let warns = ["refused", "iron-moved"].iter().any(|word| text.starts_with(word));
         let severity = if warns { MavSeverity::MAV_SEVERITY_WARNING } else { MavSeverity::MAV_SEVERITY_INFO };
-        let mut characters = heapless::String::new();
-        for character in NAME.chars().chain(text.trim_end().chars()) {
+        let mut characters = heapless::Vec::new();
+        for &character in NAME.as_bytes().iter().chain(text.as_bytes().trim_ascii_end()) {
             // What is too long is cut.
             let _ = characters.push(character);
         }
@@ -58,9 +58,8 @@ impl Texts {
         if !self.pace.is_due(now, PIECES_HZ) {
             return;
         }
-        let characters = text.characters.as_bytes();
-        let is_long = characters.len() > Outgoing::TEXT;
-        let rest = characters.get(usize::from(self.sent) * Outgoing::TEXT..).unwrap_or_default();
+        let is_long = text.characters.len() > Outgoing::TEXT;
+        let rest = text.characters.get(usize::from(self.sent) * Outgoing::TEXT..).unwrap_or_default();
         let piece = rest.get(..Outgoing::TEXT).unwrap_or(rest);
         let number = if is_long { self.number.max(1) } else { 0 };
         if !line.send(Outgoing::text(text.severity, piece, number, self.sent)) {

@@ -133,6 +133,10 @@ fn what_gave_no_calibration_has_failed_and_what_was_cancelled_has_not() {
     bed.is(Glance::Collecting(100));
     bed.is(Glance::Calibrated);
     bed.is(Glance::Calibrated);
+    assert!(
+        bed.sent.iter().filter(|sent| sent.id == REPORT).all(|report| report.payload[..16] == [0; 16]),
+        "not its numbers"
+    );
     assert_eq!(bed.reports(), [(FAILED, 0)]);
 }
 
