@@ -51,7 +51,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     settings = changed;
                 }
                 if let Some(text) = texts.try_changed() {
-                    port.note(&text);
+                    port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
                 }
                 tell(links, &mut port, &estimate, &settings);
                 links.port_is(number, port.spoken(now()), port.is_armed(now()));

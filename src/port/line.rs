@@ -228,7 +228,7 @@ mod tests {
         let mut port = Port::new(ProtocolKind::Nmea);
         assert!(said(&mut port, 0).starts_with(b"$HCHDM"));
         let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
-        let heard = frame.iter().filter_map(|&byte| port.byte(at(1), byte)).next();
+        let heard = frame.iter().find_map(|&byte| port.byte(at(1), byte));
         assert!(matches!(heard, Some(Heard::Attitude(report)) if report.source != Source::default()), "{heard:?}");
     }
 }

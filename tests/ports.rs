@@ -1,0 +1,298 @@
+//! Ports: what autopilots do with the module, and what it does with them, with nobody at the console.
+
+use std::f64::consts::PI;
+
+use host_sim::faults::Faults;
+use host_sim::mission::Plan;
+use host_sim::module::{Module as _, Ran};
+use host_sim::rig::Rig;
+use host_sim::routine::Routine;
+use host_sim::score::wrap_180;
+use host_sim::world::aircraft::{Config, Kind};
+use host_sim::world::autopilot::Leg;
+use host_sim::world::far_end::{FarEnd, Somebody};
+use host_sim::world::mavlink_autopilot::{self, Frame, command_long};
+use host_sim::world::msp_autopilot::{self, CompassReading, Troubles};
+use host_sim::world::{TrueState, WorldConfig};
+
+const ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::Firmware::ArduPilot);
+const MSP_ARDUPILOT: FarEnd =
+    FarEnd::Msp(msp_autopilot::Firmware::ArduPilot, Troubles { dropped: 0.0, refused: 0.0, cut: 0.0, joined: 0.0 });
+const MSP_INAV: FarEnd =
+    FarEnd::Msp(msp_autopilot::Firmware::Inav, Troubles { dropped: 0.05, refused: 0.02, cut: 0.05, joined: 0.05 });
+
+fn world(kind: Kind) -> WorldConfig {
+    let world = WorldConfig::table1(7);
+    WorldConfig { aircraft: Config { kind, ..world.aircraft }, ..world }
+}
+
+fn rig(kind: Kind, far_ends: [FarEnd; 2]) -> Rig {
+    Rig::wired(world(kind), Faults::default(), far_ends)
+}
+
+fn run(rig: &mut Rig, seconds: f64) {
+    assert_eq!(rig.run_for_s(seconds), Ran::Time);
+}
+
+/// Takes off and flies a kind's routine.
+fn fly_routine(rig: &mut Rig, kind: Kind) {
+    rig.world.set_armed(true);
+    for leg in Routine::of(kind, Plan::default(), rig.world.config().aircraft.heading_deg).legs() {
+        rig.world.fly(leg);
+    }
+    run(rig, 240.0);
+}
+
+/// What a MAVLink autopilot, and whoever is behind it, has heard of the module since the last time.
+fn heard(rig: &Rig, port: usize) -> Vec<Frame> {
+    let Somebody::Mavlink(autopilot) = &rig.far_ends[port] else { panic!("no MAVLink there") };
+    autopilot.borrow_mut().take_heard()
+}
+
+const HEARTBEAT: u32 = 0;
+const COMMAND_ACK: u32 = 77;
+const VISION_POSITION_ESTIMATE: u32 = 102;
+const MAG_CAL_PROGRESS: u32 = 191;
+const MAG_CAL_REPORT: u32 = 192;
+const NAMED_VALUE_FLOAT: u32 = 251;
+const STATUSTEXT: u32 = 253;
+
+fn of(id: u32, heard: &[Frame]) -> Vec<&Frame> {
+    heard.iter().filter(|frame| frame.id == id).collect()
+}
+
+/// The texts among them, whole: a piece has its number behind the characters and the text's.
+fn texts(heard: &[Frame]) -> Vec<String> {
+    let mut texts: Vec<String> = Vec::new();
+    for frame in of(STATUSTEXT, heard) {
+        let characters: Vec<u8> = (1..51).map(|at| frame.byte(at)).take_while(|&byte| byte != 0).collect();
+        let piece = String::from_utf8(characters).expect("plain characters");
+        if frame.byte(53) > 0 {
+            texts.last_mut().expect("its beginning").push_str(&piece);
+        } else {
+            texts.push(piece);
+        }
+    }
+    texts
+}
+
+fn readings(rig: &Rig, port: usize) -> Vec<CompassReading> {
+    let Somebody::Msp(autopilot) = &rig.far_ends[port] else { panic!("no MSP there") };
+    autopilot.borrow_mut().compass_readings()
+}
+
+/// The heading that an autopilot makes of a field, with the true attitude: Liu 2007 eq. 3, written once more.
+fn heading_deg(reading: &CompassReading, truth: &TrueState) -> f64 {
+    let [x, y, z] = reading.field_mg.map(f64::from);
+    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (truth.roll_rad.sin_cos(), truth.pitch_rad.sin_cos());
+    let level_x = x * cos_pitch + (y * sin_roll + z * cos_roll) * sin_pitch;
+    let level_y = y * cos_roll - z * sin_roll;
+    (-level_y).atan2(level_x).rem_euclid(2.0 * PI).to_degrees()
+}
+
+/// RMS error of the headings of readings, degrees.
+fn rms_deg(rig: &Rig, readings: &[CompassReading]) -> f64 {
+    let squares = readings.iter().map(|reading| {
+        let truth = rig.world.true_state(reading.at_us);
+        wrap_180(heading_deg(reading, &truth) - truth.heading_deg()).powi(2)
+    });
+    (squares.sum::<f64>() / readings.len() as f64).sqrt()
+}
+
+/// Straight and level on eight headings, the field as it was told there; the turns between are left away.
+fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassReading>, f64) {
+    let (mut all, mut squares) = (Vec::new(), 0.0);
+    for heading in 0..8 {
+        rig.world.fly(Leg::Straight { heading_deg: 45.0 * f64::from(heading), seconds: 14.0 });
+        run(rig, 12.0);
+        let _ = readings(rig, port);
+        run(rig, 1.5);
+        let told = readings(rig, port);
+        squares += rms_deg(rig, &told).powi(2) * told.len() as f64;
+        all.extend(told);
+        run(rig, 0.5);
+    }
+    let rms_deg = (squares / all.len() as f64).sqrt();
+    (all, rms_deg)
+}
+
+/// From the bench to a heading over one cable: ArduPilot gives attitude 40 times a second once it is asked, sees the
+/// module's life and what it does, and reads the calibration and true headings at the end.
+#[test]
+fn a_flight_beside_a_mavlink_autopilot_needs_nothing_else() {
+    for kind in [Kind::Plane, Kind::Copter] {
+        let mut rig = rig(kind, [ARDUPILOT, FarEnd::Nobody]);
+        run(&mut rig, 12.0);
+        let Somebody::Mavlink(autopilot) = &rig.far_ends[0] else { panic!() };
+        assert_eq!(autopilot.borrow().rate_hz(30), Some(40.0), "of ATTITUDE; 50 is denied");
+        assert!(autopilot.borrow().rate_hz(33).is_some() && autopilot.borrow().rate_hz(2).is_some(), "place and time");
+        let before = heard(&rig, 0);
+        assert!(before.iter().all(|frame| (frame.system, frame.component) == (1, 158)));
+        assert!(of(HEARTBEAT, &before).len() >= 10);
+        let status = rig.type_line("status");
+        assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
+        assert!(status.contains("by the field model"), "{status}");
+        assert!(status.contains("armed: no\r\n"), "{status}");
+        fly_routine(&mut rig, kind);
+        let during = heard(&rig, 0);
+        let said = texts(&during);
+        assert!(
+            said.iter().any(|text| text.starts_with("autoswing: calibrated: expected error ")),
+            "{kind:?}: {said:?}"
+        );
+        assert!(said.iter().filter(|text| text.contains("collecting")).count() >= 3, "{kind:?}: {said:?}");
+        // MAG_CAL_SUCCESS, and it is stored.
+        let is_success = |report: &&Frame| (report.byte(42), report.byte(43)) == (4, 1);
+        let reports = of(MAG_CAL_REPORT, &during);
+        assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
+        assert!(!of(MAG_CAL_PROGRESS, &during).is_empty());
+        // Steady flight: a named value is some milliseconds old.
+        rig.world.fly(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
+        run(&mut rig, 45.0);
+        let _ = heard(&rig, 0);
+        run(&mut rig, 5.0);
+        let truth_deg = rig.world.true_state(rig.now_us()).heading_deg();
+        let values = heard(&rig, 0);
+        let is_heading = |frame: &&Frame| (8..15).map(|at| frame.byte(at)).eq(*b"hdg_mag");
+        let headings: Vec<f64> =
+            of(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading).map(|frame| frame.float(4).into()).collect();
+        assert!((23..=27).contains(&headings.len()), "five a second: {}", headings.len());
+        for heading in headings {
+            assert!(wrap_180(heading - truth_deg).abs() < 2.5, "{kind:?}: {heading} {truth_deg}");
+        }
+    }
+}
+
+/// The field before a calibration is raw, so that the autopilot finds its compass; afterwards it is the Earth's: its
+/// headings are as good as the module's, at fifty readings a second, in the true strength. Both firmwares, one of them on a
+/// line that loses and breaks answers. MSP has no rates, and six to eight degrees of latency more: the bound is one and a
+/// half times that of MAVLink flights.
+#[test]
+fn an_msp_autopilot_has_a_compass_from_the_beginning_and_a_true_one_after_the_flight() {
+    for (far_end, kind) in [(MSP_ARDUPILOT, Kind::Plane), (MSP_INAV, Kind::Plane), (MSP_ARDUPILOT, Kind::Copter)] {
+        let mut rig = rig(kind, [far_end, FarEnd::Nobody]);
+        run(&mut rig, 0.5);
+        assert!(readings(&rig, 0).len() >= 15, "from power-up");
+        run(&mut rig, 5.0);
+        let status = rig.type_line("status");
+        assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
+        assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
+        let _ = readings(&rig, 0);
+        run(&mut rig, 10.0);
+        let raw = readings(&rig, 0);
+        assert!((480..=520).contains(&raw.len()), "fifty a second: {}", raw.len());
+        assert!(kind != Kind::Plane || rms_deg(&rig, &raw) > 5.0, "iron bends it");
+        fly_routine(&mut rig, kind);
+        let (told, rms) = readings_all_round(&mut rig, 0);
+        println!("{far_end:?} {kind:?}: {rms:.2} deg RMS");
+        assert!(rms < 1.5, "{far_end:?} {kind:?}: {rms} deg");
+        let strengths = told.iter().map(|r| r.field_mg.map(|mg| f64::from(mg).powi(2)).iter().sum::<f64>().sqrt());
+        let mean_mg = strengths.sum::<f64>() / told.len() as f64;
+        // WMM2025 has 526 mG in Xi'an at the beginning of 2026.
+        assert!((mean_mg - 526.0).abs() < 12.0, "{mean_mg}");
+    }
+}
+
+/// A magnet beside the sensor, at the end of its range and within it: silence, so that the autopilot falls back. When it is
+/// gone that was at the end of the range, the field is told again at once.
+#[test]
+fn a_field_that_is_not_to_be_trusted_is_not_told() {
+    let mut rig = rig(Kind::Plane, [MSP_ARDUPILOT, FarEnd::Nobody]);
+    run(&mut rig, 10.0);
+    fly_routine(&mut rig, Kind::Plane);
+    let told = |rig: &mut Rig| {
+        run(rig, 0.5);
+        let _ = readings(rig, 0);
+        run(rig, 2.0);
+        readings(rig, 0).len()
+    };
+    assert!((95..=105).contains(&told(&mut rig)));
+    for (magnet_ut, afterwards) in [(900.0, Some(95..=105)), (40.0, None)] {
+        rig.world.disturb([0.0, 0.0, magnet_ut]);
+        assert_eq!(told(&mut rig), 0, "{magnet_ut} uT");
+        rig.world.disturb([0.0; 3]);
+        if let Some(afterwards) = afterwards {
+            assert!(afterwards.contains(&told(&mut rig)), "{magnet_ut} uT");
+        }
+    }
+}
+
+/// ArduPilot's best wiring: MAVLink on one port, MSP on the other, both at full rate on lines of 115200 baud; and after
+/// it a line of 57600 baud carries the compass as well.
+#[test]
+fn both_protocols_at_once() {
+    let mut rig = rig(Kind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
+    run(&mut rig, 1.0);
+    assert!(rig.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
+    assert!(rig.type_line("set vision on").contains("ok vision on"));
+    run(&mut rig, 10.0);
+    let status = rig.type_line("status");
+    assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
+    fly_routine(&mut rig, Kind::Plane);
+    let (_, rms) = readings_all_round(&mut rig, 1);
+    assert!(rms < 1.0, "{rms} deg");
+    rig.world.fly(Leg::Straight { heading_deg: 315.0, seconds: 200.0 });
+    for baud in ["115200", "57600"] {
+        rig.type_line(&format!("set baud1 {baud}"));
+        rig.type_line(&format!("set baud2 {baud}"));
+        run(&mut rig, 30.0);
+        let (_, _) = (readings(&rig, 1), heard(&rig, 0));
+        run(&mut rig, 10.0);
+        let told = readings(&rig, 1);
+        assert!((480..=520).contains(&told.len()), "fifty a second at {baud}: {}", told.len());
+        // The module's own time of a reading against its arrival: 20 bytes at 57600 baud take 3.5 ms, and others may be
+        // under way.
+        let age = |reading: &CompassReading| (reading.at_us / 1000) as i64 - i64::from(reading.time_ms);
+        let (least, most) = (told.iter().map(age).min().unwrap(), told.iter().map(age).max().unwrap());
+        assert!(most - least <= 12 && most <= 20, "at {baud}: {least} to {most} ms");
+        let all = heard(&rig, 0);
+        let poses = of(VISION_POSITION_ESTIMATE, &all);
+        assert!((440..=520).contains(&poses.len()), "up to fifty a second at {baud}: {}", poses.len());
+        let truth_deg = rig.world.true_state(rig.now_us()).heading_deg();
+        // WMM2025: declination -4.2 deg in Xi'an at the beginning of 2026.
+        println!("{truth_deg} {}", poses[0].float(28).to_degrees());
+        println!("{}", rig.type_line("status"));
+        for pose in poses {
+            assert!(wrap_180(f64::from(pose.float(28)).to_degrees() - (truth_deg - 4.2)).abs() < 2.5);
+            assert!(pose.float(32).is_nan());
+        }
+    }
+    assert!(rig.type_line("status").contains(" 0 not sent;"));
+}
+
+/// A ground station starts and cancels a calibration; the restart of an armed aircraft's module is refused, that of one on
+/// the ground is done. What is for another component, or another system, does nothing.
+#[test]
+fn a_ground_station_gives_orders() {
+    const START: u16 = 42_424;
+    const CANCEL: u16 = 42_426;
+    const REBOOT: u16 = 246;
+    let mut rig = rig(Kind::Copter, [ARDUPILOT, FarEnd::Nobody]);
+    rig.run_for_s(5.0);
+    rig.type_line("cal auto off");
+    let _ = heard(&rig, 0);
+    let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
+        rig.autopilot.send(&command_long([255, 190], system, command, 0, parameters));
+        run(rig, 2.5);
+        let all = heard(rig, 0);
+        let is_to_who_asked = |frame: &&Frame| (frame.byte(8), frame.byte(9)) == (255, 190);
+        let answers = of(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
+        answers.map(|frame| (u16::from_le_bytes([frame.byte(0), frame.byte(1)]), frame.byte(2))).collect::<Vec<_>>()
+    };
+    assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
+    assert!(rig.type_line("status").contains("ok uncalibrated"));
+    assert_eq!(order(&mut rig, 1, START, [0.0; 7]), [(START, 0)], "accepted");
+    assert!(rig.type_line("status").contains("ok collecting"));
+    assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 7]), [(CANCEL, 0)]);
+    assert!(rig.type_line("status").contains("ok uncalibrated"));
+    let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
+    rig.world.set_armed(true);
+    run(&mut rig, 2.0);
+    let refused = order(&mut rig, 1, REBOOT, of_us);
+    assert!(refused.len() == 1 && refused[0].1 != 0, "{refused:?}");
+    rig.world.set_armed(false);
+    run(&mut rig, 2.0);
+    rig.printed();
+    assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
+    assert!(rig.printed().contains("started by reboot"));
+}
