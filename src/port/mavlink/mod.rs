@@ -38,6 +38,8 @@ const COMPONENT: u8 = 158;
 
 /// Messages a second. A pose oftener than this is thrown away by autopilots, and less than three are taken for its loss.
 const VISION_HZ: u8 = 50;
+/// Bytes that may wait before a pose, which is long: on a line too slow for all of them the others keep their room.
+const POSE_WAITS: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
 const HEADING_HZ: u8 = 5;
 const PERCENT_HZ: u8 = 1;
@@ -165,7 +167,8 @@ impl Protocol for Mavlink {
         let mut sequence = self.sequence;
         let line = &mut Line { out, own: own(autopilot), sequence: &mut sequence };
         self.orders.tell(line);
-        if let Some(pose) = pose(facts, self.collection.calibrations())
+        if line.out.pending().len() <= POSE_WAITS
+            && let Some(pose) = pose(facts, self.collection.calibrations())
             && self.vision.is_due(now, VISION_HZ)
         {
             line.send(Outgoing::vision(&pose));
