@@ -22,7 +22,7 @@ use crate::store::{Store, StoreError, Stored};
 
 /// Loads what flash holds, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
-    let stored = apart(store.load()).await;
+    let stored = apart(pin!(store.load())).await;
     if let Err(error) = stored {
         say_unreadable(links, error);
     }
@@ -45,7 +45,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         let (event, asker) = next_event(links, compass, &mut latest).await;
         let mut effect = compass.step(event);
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = apart(store.save(change)).await;
+            let result = apart(pin!(store.save(change))).await;
             count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
@@ -68,13 +68,13 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
 }
 
 /// Polls a future in a stack frame of its own. What the store takes from flash is large, and would otherwise have its
-/// place in this task's frame, beside all that a solve needs.
-async fn apart<F: Future>(future: F) -> F::Output {
+/// place in this task's frame, beside all that a solve needs. It is pinned by the caller: of one that is passed by value
+/// there would be two places, 6 KB each.
+async fn apart<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     #[inline(never)]
     fn poll<F: Future>(future: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
         future.poll(context)
     }
-    let mut future = pin!(future);
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
