@@ -12,7 +12,7 @@ use std::time::Duration;
 use host_sim::nmea::Reader;
 use host_sim::rig::STORE_BYTES;
 use host_sim::score::wrap_180;
-use host_sim::serve::{AUTOPILOT, Attitude, CONSOLE, Image, Options, Pattern, Served, Visits};
+use host_sim::serve::{AUTOPILOT, Attitude, CONSOLE, INSTRUMENT, Image, Options, Pattern, Served, Visits};
 use host_sim::world::WorldConfig;
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
@@ -38,9 +38,9 @@ fn typed(served: &mut Served, line: &str) -> String {
 
 /// The headings that come in some seconds; none where the field is empty.
 fn headings(served: &mut Served, seconds: u64) -> Vec<Option<f64>> {
-    drop(served.take(AUTOPILOT));
+    drop(served.take(INSTRUMENT));
     served.advance(seconds * SECOND_US);
-    sentences(&served.take(AUTOPILOT))
+    sentences(&served.take(INSTRUMENT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
@@ -96,7 +96,7 @@ fn it_is_the_same_in_whatever_pieces_time_goes_on() {
                 served.advance((*pieces.next().unwrap()).min(until_us - served.now_us()));
             }
         }
-        (served.take(CONSOLE), served.take(AUTOPILOT))
+        (served.take(CONSOLE), served.take(INSTRUMENT))
     };
     let whole = flown(&[20 * SECOND_US]);
     assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
@@ -222,7 +222,7 @@ fn no_bytes_stop_it() {
     let mut served = served(Options::default(), None);
     let mut random = Random(5);
     for _ in 0..200 {
-        for port in [CONSOLE, AUTOPILOT, 2, usize::MAX] {
+        for port in [CONSOLE, AUTOPILOT, INSTRUMENT, 3, usize::MAX] {
             let mut bytes = random.bytes(served.room(port).min(300));
             // What says reboot or clear by chance would be obeyed.
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
@@ -230,7 +230,7 @@ fn no_bytes_stop_it() {
         }
         served.advance(SECOND_US / 100);
     }
-    assert!(served.room(AUTOPILOT) < 1152 && served.room(2) == 0);
+    assert!(served.room(AUTOPILOT) < 1152 && served.room(3) == 0);
     served.advance(2 * SECOND_US);
     // But for an attitude of the simulator's own, 40 bytes.
     assert!(served.room(AUTOPILOT) >= 1152 - 40);
@@ -329,7 +329,7 @@ fn over_tcp_it_answers_streams_follows_and_ends() {
     udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
     udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
     // Two hear the same, and each long enough to hear it turn.
-    for mut listener in [program.tcp(AUTOPILOT), program.tcp(AUTOPILOT)] {
+    for mut listener in [program.tcp(INSTRUMENT), program.tcp(INSTRUMENT)] {
         let is_east =
             |read: &[u8]| sentences(read).iter().flatten().any(|deg| wrap_180(deg - 90.0).abs() < HEADING_BOUND_DEG);
         read_until(&mut listener, is_east);
@@ -361,7 +361,7 @@ fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
         drop(keys);
         assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
     }
-    let mut nmea = fs::File::open(program.pty(AUTOPILOT)).unwrap();
+    let mut nmea = fs::File::open(program.pty(INSTRUMENT)).unwrap();
     read_until(&mut nmea, contains("$HCHDM,,M*07\r\n"));
     assert_eq!(program.interrupt(), Some(0));
     drop(nmea);

@@ -50,10 +50,12 @@ pub const PORTS: &[Port] = &[
     Port { name: "port 2", carries: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
-/// Where in [`PORTS`] the console is, and the autopilot's port.
+/// Where in [`PORTS`] the console is, the autopilot's port, and the instrument's.
 pub const CONSOLE: usize = 0;
 /// See [`CONSOLE`].
 pub const AUTOPILOT: usize = 1;
+/// See [`CONSOLE`].
+pub const INSTRUMENT: usize = 2;
 
 /// Who sends the module its attitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

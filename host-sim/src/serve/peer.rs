@@ -1,6 +1,7 @@
-//! Whether somebody at the autopilot's port sends attitude.
+//! Whether somebody at the autopilot's port is an autopilot: sends attitude, or answers in MSP.
 
 use autoswing::wire::mavlink::{Message, Receiver};
+use autoswing::wire::msp;
 
 /// Who sent none for so long has gone. An autopilot that nobody has asked for more sends one a second.
 const GONE_US: u64 = 3_000_000;
@@ -9,18 +10,19 @@ const GONE_US: u64 = 3_000_000;
 #[derive(Debug, Default)]
 pub struct Peer {
     receiver: Receiver,
+    msp: msp::Receiver,
     heard_us: Option<u64>,
 }
 
 impl Peer {
     /// Listens to bytes of an instant.
     pub fn hear(&mut self, now_us: u64, bytes: &[u8]) {
-        let mut messages = bytes.iter().filter_map(|&byte| self.receiver.push(byte));
-        if messages.by_ref().any(|message| matches!(message, Message::Attitude(_))) {
-            self.heard_us = Some(now_us);
+        for &byte in bytes {
+            let is_attitude = matches!(self.receiver.push(byte), Some(Message::Attitude(_)));
+            if self.msp.push(byte).is_some() || is_attitude {
+                self.heard_us = Some(now_us);
+            }
         }
-        // The receiver has to see all of them.
-        messages.for_each(drop);
     }
 
     /// Whether it sends attitude.
