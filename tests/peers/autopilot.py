@@ -1,20 +1,28 @@
-"""pymavlink as the autopilot of somebody else's simulator: flies turns, the module calibrates by its ATTITUDE.
+"""pymavlink as the autopilot of somebody else's simulator, and as the ground station behind it: the module calibrates.
 
-The aircraft lies as this script says (--world), and roll, pitch and body rates come from this script, too, as an
-autopilot would send them: HEARTBEAT once, ATTITUDE fifty times a second. Leaves the calibration in FLASH.
+The aircraft lies as this script says (--world), and roll, pitch and body rates come from this script, too, as ArduPilot
+would send them: ATTITUDE once a second until the module asks for more, and 50 a second are denied. The ground station
+begins a calibration, cancels it, begins it again, and reads what becomes of it; nobody types on the console. Leaves the
+calibration in FLASH.
 """
 
 import math
+import os
 import random
-import re
 import select
 import time
+from collections import Counter
 
 import pynmea2
+
+# The dialect that has all of MAG_CAL_*.
+os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from served import HEADING_BOUND_DEG, PATIENCE_S, Served, wrap_180
+
+mavutil.set_dialect("ardupilotmega")
 
 SPEED = 5.0
 PERIOD_S = 0.02
@@ -26,6 +34,11 @@ TURN_RATE_DEG_S = math.degrees(9.81 * math.tan(math.radians(BANK_DEG)) / 22.0)
 NOISE_DEG = 0.1
 # Afterwards it flies straight on at this heading.
 HEADING_DEG = 60.0
+# The module, and the ground station.
+MODULE = (1, 158)
+STATION = (255, 190)
+# The shortest interval between two messages that ArduPilot's aeroplanes agree to.
+LEAST_INTERVAL_US = 25_000
 
 
 class Aircraft:
@@ -56,14 +69,19 @@ def turning(seconds):
 
 
 class Flight:
-    """The aircraft, and who sends of it."""
+    """The aircraft, who sends of it, and what they hear of the module."""
 
     def __init__(self, module):
         self.module = module
-        self.link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{module.tcp}", source_system=1, source_component=1)
+        self.link = mavutil.mavlink_connection(
+            f"tcp:127.0.0.1:{module.autopilot_tcp}", source_system=1, source_component=1, dialect="ardupilotmega"
+        )
+        self.station = mavlink.MAVLink(self.link, srcSystem=STATION[0], srcComponent=STATION[1])
         self.aircraft, self.noise = Aircraft(), random.Random(1)
         self.began = time.monotonic()
-        self.flown_s, self.beats = 0.0, 0
+        self.flown_s, self.beats, self.sent, self.rate_hz = 0.0, 0, 0.0, 1.0
+        self.heard, self.texts, self.answers = Counter(), [], []
+        self.last, self.asked_hz = {}, []
 
     def go_on(self, bank_deg):
         """Flies on at a bank for a period, in the time that it takes."""
@@ -76,17 +94,65 @@ class Flight:
             self.beats += 1
             kind, autopilot = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             mav.heartbeat_send(kind, autopilot, 0, 0, mavlink.MAV_STATE_ACTIVE)
-        roll, pitch = (math.radians(deg + self.noise.gauss(0.0, NOISE_DEG)) for deg in (aircraft.roll_deg, 0.0))
-        mav.attitude_send(int(self.flown_s * 1000.0), roll, pitch, 0.0, *aircraft.rates_rad_s())
+        if (self.flown_s - self.sent) * self.rate_hz >= 0.999:
+            self.sent = max(self.sent + 1.0 / self.rate_hz, self.flown_s - PERIOD_S)
+            roll, pitch = (math.radians(deg + self.noise.gauss(0.0, NOISE_DEG)) for deg in (aircraft.roll_deg, 0.0))
+            mav.attitude_send(int(self.flown_s * 1000.0), roll, pitch, 0.0, *aircraft.rates_rad_s())
+        while (message := self.link.recv_match()) is not None:
+            self.hear(message)
+
+    def hear(self, message):
+        """Takes a message of the module's; what is none is counted by its name, BAD_DATA."""
+        name = message.get_type()
+        self.heard[name] += 1
+        if name == "BAD_DATA":
+            return
+        assert (message.get_srcSystem(), message.get_srcComponent()) == MODULE, message
+        self.last[name] = message
+        if name == "STATUSTEXT":
+            if message.chunk_seq == 0:
+                self.texts.append("")
+            self.texts[-1] += message.text
+        elif name == "COMMAND_ACK":
+            assert (message.target_system, message.target_component) == STATION, message
+            self.answers.append((message.command, message.result))
+        elif name == "COMMAND_LONG":
+            self.obey(message)
+
+    def obey(self, command):
+        """What the module asks for: less than 50 attitudes a second, and nothing else."""
+        assert command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, command
+        result = mavlink.MAV_RESULT_FAILED
+        if command.param1 == mavlink.MAVLINK_MSG_ID_ATTITUDE:
+            self.asked_hz.append(round(1e6 / command.param2))
+            result = mavlink.MAV_RESULT_DENIED
+            if command.param2 >= LEAST_INTERVAL_US:
+                self.rate_hz, result = 1e6 / command.param2, mavlink.MAV_RESULT_ACCEPTED
+        self.link.mav.command_ack_send(command.command, result, 0, 0, *MODULE)
+
+    def order(self, command):
+        """The ground station asks the module for something, and is answered."""
+        self.answers.clear()
+        self.station.command_long_send(*MODULE, command, 0, 0, 0, 0, 0, 0, 0, 0)
+        until_s = self.flown_s + 20.0
+        while not self.answers:
+            assert self.flown_s < until_s, f"no answer to {command}"
+            self.go_on(0.0)
+        assert self.answers == [(command, mavlink.MAV_RESULT_ACCEPTED)], self.answers
 
 
-def calibrate(module, flight):
-    """Flies until the module says that it has calibrated."""
-    while not re.search("note (calibrated: .*|refused .*)\r\n", module.printed):
-        flight.go_on(turning(flight.flown_s))
-        assert flight.flown_s < 800.0, f"no calibration: {module.type('status', 'saves: ')}"
-        if select.select([module.console], [], [], 0.0)[0]:
-            module.listen()
+def calibrate(flight):
+    """Flies until the module reports what has become of its calibration."""
+    began_s = flight.flown_s
+    while "MAG_CAL_REPORT" not in flight.last:
+        flight.go_on(turning(flight.flown_s - began_s))
+        assert flight.flown_s - began_s < 800.0, f"no calibration: {flight.heard} {flight.texts}"
+    report = flight.last["MAG_CAL_REPORT"]
+    assert (report.cal_status, report.autosaved) == (mavlink.MAG_CAL_SUCCESS, 1), report
+    # The airframe's hard iron, as an offset that is added: with signs, and tens of microtesla in milligauss.
+    assert 30.0 < math.hypot(report.ofs_x, report.ofs_y, report.ofs_z) < 1000.0, report
+    assert 0.7 < report.diag_x < 1.4 and 0.7 < report.diag_y < 1.4 and 0.7 < report.diag_z < 1.4, report
+    return report
 
 
 def check_headings(module, flight):
@@ -114,12 +180,27 @@ def check_headings(module, flight):
 
 with Served("--attitude", "peer", "--speed", str(SPEED)) as module:
     flight = Flight(module)
-    module.type("cal start turns", "ok collecting")
-    calibrate(module, flight)
-    note = re.search("note .*", module.printed)[0].strip()
-    assert note.startswith("note calibrated: "), note
+    while flight.rate_hz < 20.0:
+        flight.go_on(0.0)
+        assert flight.flown_s < 30.0, f"attitude was not asked for: {flight.asked_hz}"
+    assert flight.asked_hz[-1] == 40, flight.asked_hz
+    flight.order(mavlink.MAV_CMD_DO_START_MAG_CAL)
+    for _ in range(250):
+        flight.go_on(BANK_DEG)
+    flight.order(mavlink.MAV_CMD_DO_CANCEL_MAG_CAL)
+    assert "MAG_CAL_REPORT" not in flight.last, flight.last
+    flight.order(mavlink.MAV_CMD_DO_START_MAG_CAL)
+    broken = flight.heard["BAD_DATA"]
+    report = calibrate(flight)
     assert "attitude from who is attached" in module.status()
     check_headings(module, flight)
+    # Once the module knows who listens, it says nothing else: before, it asked in MSP.
+    assert flight.heard["BAD_DATA"] == broken, flight.heard
+    for name in ("HEARTBEAT", "MAG_CAL_PROGRESS", "NAMED_VALUE_FLOAT", "STATUSTEXT"):
+        assert flight.heard[name] > 5 or name == "STATUSTEXT", flight.heard
+    notes = [text for text in flight.texts if text.startswith("autoswing: calibrated: expected error ")]
+    assert len(notes) == 1, flight.texts
     module.type("status", "saves: ")
     assert " 0 rejected, 0 line errors" in module.printed, module.printed
-print(f"pymavlink: {note}")
+    assert "found mavlink" in module.printed, module.printed
+print(f"pymavlink: {notes[0]}; fitness {report.fitness:.1f} mG; {dict(flight.heard)}")

@@ -62,6 +62,8 @@ def connected(port, gpsd):
 
 
 with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
+    # Without HDT: gpsd 3.22 tells the true heading where it is asked for the magnetic one.
+    module.type("set declination none", "ok declination not set")
     module.hold(HEADING_DEG)
     threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()
     free.bind(("127.0.0.1", 0))

@@ -32,8 +32,9 @@ class Served:
         command += ["--flash", os.environ["FLASH"], *arguments]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         places = json.loads(self.process.stdout.readline())
-        console, autopilot = places["ports"]
-        self.pty, self.tcp = autopilot["pty"], autopilot["tcp"]
+        console, autopilot, instrument = places["ports"]
+        self.autopilot_tcp = autopilot["tcp"]
+        self.pty, self.tcp = instrument["pty"], instrument["tcp"]
         self.world = ("127.0.0.1", places["world"])
         self.datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.console = self.connect(console["tcp"])

@@ -1,0 +1,101 @@
+"""An MSP autopilot by the book: takes the module for its compass, and answers what it asks. Frames are read and written here,
+byte by byte, with nothing of the module's.
+
+ArduPilot is nose up in MSP_ATTITUDE, INAV nose down: each is played for a while, with the aircraft on one heading.
+"""
+
+import math
+import select
+import socket
+import struct
+import time
+
+from served import HEADING_BOUND_DEG, PATIENCE_S, Served, wrap_180
+
+COMPASS, FC_VARIANT, STATUS, RAW_GPS, ATTITUDE, RTC = 0x1F04, 2, 101, 106, 108, 247
+HEADING_DEG = 147.0
+# Xi'an, where WMM2025 has 526 mG in 2026.
+LATITUDE_DEG, LONGITUDE_DEG, TOTAL_MG = 34.3416, 108.9398, 526.0
+READINGS = 150
+
+
+def crc8(data):
+    """DVB-S2."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0xD5 if crc & 0x80 else crc << 1) & 0xFF
+    return crc
+
+
+def frame(function, payload):
+    """A reply."""
+    body = struct.pack("<BHH", 0, function, len(payload)) + payload
+    return b"$X>" + body + bytes([crc8(body)])
+
+
+def frames(stream):
+    """Whole requests of a stream, and what is left of it; every byte of it belongs to one."""
+    found = []
+    while len(stream) >= 9:
+        assert stream[:3] == b"$X<", stream[:20]
+        flags, function, length = struct.unpack_from("<BHH", stream, 3)
+        if len(stream) < 9 + length:
+            break
+        assert flags == 0 and crc8(stream[3 : 8 + length]) == stream[8 + length], stream[: 9 + length]
+        found.append((function, stream[8 : 8 + length]))
+        stream = stream[9 + length :]
+    return found, stream
+
+
+def answer(function, variant):
+    """What an autopilot that lies level and disarmed says; none to what it does not know."""
+    unix_s = int(time.time())
+    return {
+        FC_VARIANT: variant,
+        ATTITUDE: struct.pack("<hhh", 0, 0, int(HEADING_DEG)),
+        STATUS: struct.pack("<HHHIB", 500, 0, 1, 0, 0),
+        RAW_GPS: struct.pack("<BBiiHHH", 2, 9, int(LATITUDE_DEG * 1e7), int(LONGITUDE_DEG * 1e7), 400, 0, 0),
+        RTC: struct.pack("<IH", unix_s, 0) if variant == b"INAV" else struct.pack("<HBBBBBH", *time.gmtime(unix_s)[:6], 0),
+    }.get(function)
+
+
+def fly(variant):
+    """One autopilot, from power-up; what it reads of its compass."""
+    with Served("--attitude", "peer") as module:
+        module.hold(HEADING_DEG)
+        line = socket.create_connection(("127.0.0.1", module.autopilot_tcp), timeout=PATIENCE_S)
+        asked, readings, stream, began = set(), [], b"", time.monotonic()
+        while len(readings) < READINGS or not asked >= {FC_VARIANT, STATUS, RAW_GPS, ATTITUDE, RTC}:
+            assert time.monotonic() - began < PATIENCE_S, (asked, len(readings))
+            if not select.select([line], [], [], 1.0)[0]:
+                continue
+            stream += line.recv(4096)
+            if not (asked or readings):
+                # What has begun before it was listened to.
+                stream = stream[max(0, stream.find(b"$X<")) :]
+            found, stream = frames(stream)
+            for function, payload in found:
+                if function == COMPASS:
+                    readings.append(struct.unpack("<BIhhh", payload))
+                    continue
+                asked.add(function)
+                reply = answer(function, variant)
+                if reply is not None:
+                    line.sendall(frame(function, reply))
+        printed = module.type("status", "saves: ")
+        assert "found msp" in printed and "armed: no" in printed and "attitude: roll 0.0 deg" in printed, printed
+        assert "ok calibrated" in printed and "by the field model" in printed, printed
+    return readings
+
+
+for variant in (b"ARDU", b"INAV"):
+    readings = fly(variant)[READINGS // 3 :]
+    times = [reading[1] for reading in readings]
+    assert times == sorted(times), times
+    errors = [wrap_180(math.degrees(math.atan2(-y, x)) - HEADING_DEG) for _, _, x, y, _ in readings]
+    assert all(abs(error) < HEADING_BOUND_DEG for error in errors), errors
+    strength = sum(math.hypot(*reading[2:]) for reading in readings) / len(readings)
+    assert abs(strength - TOTAL_MG) < 12.0, strength
+    print(f"msp, {variant.decode()}: {len(readings)} readings, {max(map(abs, errors)):.1f} deg off at most, {strength:.0f} mG")
