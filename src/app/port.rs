@@ -12,12 +12,14 @@ use super::links::{Stamped, count, listen, now, publish};
 use crate::compass::Glance;
 use crate::health::Counters;
 use crate::instrument::Estimate;
-use crate::port::{Facts, Heard, Output, Port};
-use crate::settings::Settings;
-use crate::settings::{Baud, PortNumber, PortSettings};
+use crate::port::{Facts, Heard, Output, Pace, Port};
+use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 
 /// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
 const PAUSE: Duration = Duration::from_micros(200);
+
+/// Whether an autopilot has fallen silent is looked at so often; what it says is seen at once.
+const SILENCE_LOOKS_HZ: u8 = 5;
 
 /// A port whose speed can be chosen.
 pub trait SetBaud {
@@ -34,6 +36,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
     let mut settings = Settings::DEFAULT;
     let mut port = Port::new(settings.ports.of(number).protocol);
     let mut counted = Counted::default();
+    let mut silence = Pace::new();
     let mut bytes = [0; 64];
     loop {
         let written = async {
@@ -54,7 +57,9 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
                 }
                 tell(links, &mut port, &estimate, &settings);
-                links.port_is(number, port.spoken(now()), port.is_armed(now()));
+                if silence.is_due(estimate.at, SILENCE_LOOKS_HZ) {
+                    links.port_is(number, port.spoken(now()), port.is_armed(now()));
+                }
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.written(number),
             Either4::Second(_) => port.output.fail(),
@@ -82,7 +87,9 @@ fn adapt(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: 
 #[inline(never)]
 fn tell(links: &Links, port: &mut Port, estimate: &Estimate, settings: &Settings) {
     let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
-    let correction = links.correction.try_get();
+    // No other protocol tells it.
+    let is_told = port.spoken(now()) == ProtocolKind::Mavlink;
+    let correction = if is_told { links.correction.try_get() } else { None };
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
     port.poll(&Facts { now: now(), estimate, settings, glance, calibration });
 }
@@ -117,8 +124,10 @@ impl Counted {
         let now = [told, empty, lost, port.rejected()];
         let of = [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
         for ((counter, now), before) in of.into_iter().zip(now).zip(&mut self.0) {
-            counter.fetch_add(now.wrapping_sub(*before), Ordering::Relaxed);
-            *before = now;
+            if now != *before {
+                counter.fetch_add(now.wrapping_sub(*before), Ordering::Relaxed);
+                *before = now;
+            }
         }
     }
 }

@@ -70,6 +70,8 @@ pub struct Facts<'a> {
 #[derive(Debug, Default)]
 pub struct Output {
     bytes: heapless::Vec<u8, OUTPUT>,
+    /// So many of the bytes have been written.
+    written: usize,
     /// Messages since the start; wraps, as the others do.
     pub told: u32,
     /// Those among them that had no heading to tell.
@@ -86,37 +88,47 @@ impl Output {
     /// Nothing to write.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: heapless::Vec::new(), told: 0, empty: 0, lost: 0 }
+        Self { bytes: heapless::Vec::new(), written: 0, told: 0, empty: 0, lost: 0 }
     }
 
     /// Appends a message, of several parts; whether there was room for it.
     pub fn message(&mut self, parts: &[&[u8]]) -> bool {
         self.told = self.told.wrapping_add(1);
-        let before = self.bytes.len();
-        let fits = parts.iter().all(|part| self.bytes.extend_from_slice(part).is_ok());
-        if !fits {
-            self.bytes.truncate(before);
-            self.lost = self.lost.wrapping_add(1);
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        if self.bytes.len() + length > OUTPUT {
+            self.bytes.copy_within(self.written.., 0);
+            self.bytes.truncate(self.bytes.len() - self.written);
+            self.written = 0;
         }
-        fits
+        if self.bytes.len() + length > OUTPUT {
+            self.lost = self.lost.wrapping_add(1);
+            return false;
+        }
+        parts.iter().all(|part| self.bytes.extend_from_slice(part).is_ok())
     }
 
     /// What is to be written.
     #[must_use]
     pub fn pending(&self) -> &[u8] {
-        &self.bytes
+        self.bytes.get(self.written..).unwrap_or_default()
     }
 
     /// So many bytes of it have been written.
     pub fn written(&mut self, number: usize) {
-        let number = number.min(self.bytes.len());
-        self.bytes.rotate_left(number);
-        self.bytes.truncate(self.bytes.len() - number);
+        self.written += number.min(self.bytes.len() - self.written);
+        if self.written == self.bytes.len() {
+            self.clear();
+        }
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
+        self.written = 0;
     }
 
     /// The line has failed: what was to be written is lost.
     pub fn fail(&mut self) {
-        self.bytes.clear();
+        self.clear();
         self.lost = self.lost.wrapping_add(1);
     }
 }
@@ -167,5 +179,18 @@ mod tests {
         assert!(out.message(&[&[4; OUTPUT]]));
         out.written(usize::MAX);
         assert!(out.pending().is_empty());
+    }
+
+    /// What has been written leaves its room to what comes, also when something is left.
+    #[test]
+    fn room_that_was_left_is_used() {
+        let mut out = Output::new();
+        assert!(out.message(&[&[1; OUTPUT]]));
+        out.written(100);
+        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert!(!out.message(&[&[2; 101]]));
+        assert_eq!(out.pending(), [1; OUTPUT - 100]);
+        assert!(out.message(&[&[2; 60], &[3; 40]]));
+        assert_eq!(out.pending(), [vec![1; OUTPUT - 100], vec![2; 60], vec![3; 40]].concat());
     }
 }

@@ -134,7 +134,7 @@ impl Receiver {
     fn drop_front(&mut self, count: usize) {
         self.needed = 0;
         let count = count.min(self.buffer.len());
-        self.buffer.rotate_left(count);
+        self.buffer.copy_within(count.., 0);
         self.buffer.truncate(self.buffer.len() - count);
     }
 }

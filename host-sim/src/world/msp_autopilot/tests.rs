@@ -209,7 +209,10 @@ fn talk(firmware: Firmware, troubles: Troubles, seconds: u64) -> Talk {
         }
         if us % 12_500 == 0 {
             let estimate = Estimate { at: now, compass: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::NOTHING };
-            port.poll(&Facts { now, estimate: &estimate, settings: &settings, glance: Glance::Waiting }, &mut output);
+            port.poll(
+                &Facts { now, estimate: &estimate, settings: &settings, glance: Glance::Waiting, calibration: None },
+                &mut output,
+            );
             ask(&mut autopilot, us, output.pending());
             output.written(usize::MAX);
         }
