@@ -1,16 +1,16 @@
 //! What the module understands: the messages that are looked for, and what their payloads mean.
 //!
-//! Of the library's deserialisers only ATTITUDE's is used. The others would refuse a whole message for a kind of vehicle,
-//! of autopilot or of command that is younger than the library or of another dialect, as the commands of a compass
-//! calibration are; and they do not know the fields that version 2 has added to a message.
+//! Of the library come numbers, lengths and extra bytes of messages; its deserialisers would refuse a whole message for a
+//! kind of vehicle, of autopilot or of command that is younger than the library or of another dialect, as the commands of a
+//! compass calibration are; and they do not know the fields that version 2 has added to a message.
 
 use core::array::from_fn;
 
+use mavlink::MessageData;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
     MavAutopilot, MavModeFlag, SYSTEM_TIME_DATA,
 };
-use mavlink::{MavlinkVersion, MessageData};
 
 use super::Address;
 use crate::attitude::{Heartbeat, Report, Source};
@@ -122,7 +122,15 @@ impl Fields<'_> {
     }
 
     fn u32(&self, at: usize) -> u32 {
-        u32::from_le_bytes(from_fn(|byte| self.u8(at + byte)))
+        // Whole, but for the last fields of a payload that was cut.
+        match self.0.get(at..).and_then(|rest| rest.first_chunk()) {
+            Some(whole) => u32::from_le_bytes(*whole),
+            None => u32::from_le_bytes(from_fn(|byte| self.u8(at + byte))),
+        }
+    }
+
+    fn f32(&self, at: usize) -> f32 {
+        f32::from_bits(self.u32(at))
     }
 
     /// A number of so many units.
@@ -136,16 +144,22 @@ impl Fields<'_> {
 }
 
 fn attitude(source: Source, payload: &[u8]) -> Option<Message> {
-    // The layout is that of both versions.
-    let data = ATTITUDE_DATA::deser(MavlinkVersion::V2, payload).ok()?;
-    let rate = |rad_s: f32| if rad_s.is_finite() { rad_s } else { 0.0 };
-    let possible = data.roll.abs() <= MAX_ROLL_RAD && data.pitch.abs() <= MAX_PITCH_RAD;
-    possible.then(|| {
+    const ROLL: usize = 4;
+    const PITCH: usize = 8;
+    const RATES: usize = 16;
+    let fields = Fields(payload);
+    let (roll_rad, pitch_rad) = (fields.f32(ROLL), fields.f32(PITCH));
+    let rate = |axis| {
+        let rad_s = fields.f32(RATES + 4 * axis);
+        if rad_s.is_finite() { rad_s } else { 0.0 }
+    };
+    let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
+    is_possible.then(|| {
         Message::Attitude(Report {
             source,
-            sender_time: WrappingMillis::new(data.time_boot_ms),
-            attitude: Attitude { roll_rad: data.roll, pitch_rad: data.pitch },
-            rates_rad_s: [rate(data.rollspeed), rate(data.pitchspeed), rate(data.yawspeed)],
+            sender_time: WrappingMillis::new(fields.u32(0)),
+            attitude: Attitude { roll_rad, pitch_rad },
+            rates_rad_s: from_fn(rate),
         })
     })
 }
@@ -206,7 +220,7 @@ fn command(source: Source, payload: &[u8], confirmation: u8) -> Command {
         target: fields.address(TARGET),
         command: fields.u16(COMMAND),
         confirmation,
-        parameters: from_fn(|parameter| f32::from_bits(fields.u32(4 * parameter))),
+        parameters: from_fn(|parameter| fields.f32(4 * parameter)),
     }
 }
 

@@ -98,6 +98,7 @@ impl Receiver {
     }
 
     /// Takes one byte; gives a message when it completes a valid frame of one.
+    #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Message> {
         // Never full: `scan` leaves less than one frame behind.
         let _ = self.buffer.push(byte);
@@ -105,6 +106,7 @@ impl Receiver {
     }
 
     /// Reads frames off the front of the buffer until more bytes are needed.
+    #[inline(never)]
     fn scan(&mut self) -> Option<Message> {
         loop {
             match candidate(&self.buffer) {
