@@ -249,7 +249,7 @@ fn both_protocols_at_once() {
         for _ in 0..10 {
             run(&mut rig, 1.0);
             // By the module's own time of a reading.
-            let age_ms = |reading: CompassReading| (reading.at_us / 1000) as i64 - i64::from(reading.time_ms);
+            let age_ms = |reading: CompassReading| (reading.at_us / 1000).cast_signed() - i64::from(reading.time_ms);
             ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
             for pose in of(VISION_POSITION_ESTIMATE, &heard(&rig, 0)) {
                 let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte(at)));

@@ -60,6 +60,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 if silence.is_due(estimate.at, SILENCE_LOOKS_HZ) {
                     links.port_is(number, port.spoken(now()), port.is_armed(now()));
                 }
+                counted.see(&port, &links.counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.written(number),
             Either4::Second(_) => port.output.fail(),
@@ -72,7 +73,6 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 Timer::after(PAUSE).await;
             }
         }
-        counted.see(&port, &links.counters);
     }
 }
 

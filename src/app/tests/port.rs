@@ -77,6 +77,8 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
+    // What was rejected is counted with the next estimate.
+    stream(&mut bed, NORTH, 10);
     let counts = bed.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }

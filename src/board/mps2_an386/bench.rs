@@ -120,9 +120,7 @@ fn budgets(turns: &mut Turns, collector: &mut Collector, out: &mut Results) -> f
     let mut reports = 0;
     let to_report = instructions(|| {
         for &byte in black_box(&ATTITUDE_FRAME) {
-            if black_box(receiver.push(byte)).is_some() {
-                reports += 1;
-            }
+            reports += u8::from(black_box(receiver.push(black_box(byte)).is_some()));
         }
     });
     let to_watch = watching(&solution);
