@@ -13,7 +13,8 @@
 //! commands; `v4-first-half.bin` and `v4-second-half.bin` of the last one of version 4, which was given
 //! `set attitude-error 0.5 2` before the magnet; `v5-first-half.bin` and `v5-second-half.bin` of the last one of version 5,
 //! which was given `stream heading raw` besides; `v6-first-half.bin` and `v6-second-half.bin` of the last one of version 6,
-//! which was given `set accuracy 1.5` besides.
+//! which was given `set accuracy 1.5` besides; `v7-first-half.bin` and `v7-second-half.bin` of the last one of version 7, which
+//! flew four circles to each side and was given `cal auto off` besides.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -60,6 +61,11 @@ fn flash_of_v5() -> Flash {
 /// The flash as the last firmware of version 6 left it.
 fn flash_of_v6() -> Flash {
     flash_of([include_bytes!("../testdata/v6-first-half.bin"), include_bytes!("../testdata/v6-second-half.bin")])
+}
+
+/// The flash as the last firmware of version 7 left it.
+fn flash_of_v7() -> Flash {
+    flash_of([include_bytes!("../testdata/v7-first-half.bin"), include_bytes!("../testdata/v7-second-half.bin")])
 }
 
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
@@ -428,6 +434,20 @@ fn settings_of_version_6_are_read_one_by_one() {
     assert_eq!(Contents::decode(&value(3.5)), Err(StoreError::Corrupt));
     let cut_short = value_of(v6::VERSION, &(v3::Head { saves: 3, settings }, error, false, 2.5_f32));
     assert_eq!(Contents::decode(&cut_short), Err(StoreError::Corrupt));
+}
+
+/// Its settings lack the ports.
+#[test]
+fn what_version_7_stored_is_kept_to_the_last_digit() {
+    let attitude_error = AttitudeError { bias_deg: 0.5, bank_percent: 2.0 };
+    let settings = Settings {
+        attitude_error,
+        stream_heading: HeadingKind::Raw,
+        accuracy_deg: 1.5,
+        auto_on: false,
+        ..stored_by_v2().settings
+    };
+    assert_kept_as_it_is(flash_of_v7(), 7, settings, (347, [15_377, -4_808, 2_191]));
 }
 
 /// Whether it collects by itself in its place, and the sentences where they were.
