@@ -256,6 +256,8 @@ pub struct Instrument {
     /// The calibration in use as the watch has adjusted it.
     in_force: Option<(Calibration, Uncertainty)>,
     compass_field: CompassField,
+    /// Whether that has not seen the correction yet: how it goes over to another one takes longer than a heading does.
+    is_compass_due: bool,
     /// When the watch last saw a sample.
     watched_at: Timestamp,
     /// Reports in a row whose rates were not believed.
@@ -286,6 +288,7 @@ impl Instrument {
             unwatched: None,
             in_force: None,
             compass_field: CompassField::NEW,
+            is_compass_due: false,
             watched_at: Timestamp::START,
             doubted_rates: 0,
         }
@@ -306,7 +309,7 @@ impl Instrument {
         if is_another {
             self.watch_anew();
         } else {
-            self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
+            self.is_compass_due = true;
         }
     }
 
@@ -317,7 +320,7 @@ impl Instrument {
         self.watch = Watch::new(watch::Config::DEFAULT);
         self.unwatched = None;
         self.in_force = self.correction.calibration;
-        self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
+        self.is_compass_due = true;
     }
 
     /// The sensor is another one, with this time between two readings, microseconds; after so many equal ones an axis of
@@ -396,14 +399,17 @@ impl Instrument {
     /// Whether there is something to [`watch`](Self::watch).
     #[must_use]
     pub const fn has_to_watch(&self) -> bool {
-        self.unwatched.is_some()
+        self.unwatched.is_some() || self.is_compass_due
     }
 
     /// Holds the last sample's field, attitude and turn against each other, for the headings to come. It takes longer
     /// than a heading does, and may wait until that is sent; of samples that come meanwhile, the last counts. Without an
-    /// inclination, or a calibration, nothing is watched.
+    /// inclination, or a calibration, nothing is watched. A correction that is new counts for [`Estimate::compass`] from here on.
     #[inline(never)]
     pub fn watch(&mut self) {
+        if core::mem::take(&mut self.is_compass_due) {
+            self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
+        }
         let Some((at, sample)) = self.unwatched.take() else { return };
         let Some((calibration, uncertainty)) = &self.correction.calibration else { return };
         if !self.correction.knows_inclination {

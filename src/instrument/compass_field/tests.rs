@@ -7,6 +7,13 @@ use testkit::random::Random;
 const PERIOD_US: u64 = 12_500;
 const BEGIN_US: u64 = 1_000_000;
 
+/// Corrects with this, and sees to what follows of it, as whoever drives it does after the next reading.
+fn correct(instrument: &mut Instrument, correction: Correction) {
+    instrument.correct_with(correction);
+    assert!(instrument.has_to_watch());
+    instrument.watch();
+}
+
 fn at(us: u64) -> Timestamp {
     Timestamp::from_us(BEGIN_US + us)
 }
@@ -31,7 +38,7 @@ fn armed(is_armed: bool, correction: &Correction) -> Correction {
 
 fn with(correction: Correction) -> Instrument {
     let mut instrument = Instrument::new(Config::new(PERIOD_US as u32));
-    instrument.correct_with(correction);
+    correct(&mut instrument, correction);
     instrument
 }
 
@@ -115,7 +122,7 @@ fn an_uncalibrated_module_tells_what_it_reads() {
     let mut instrument = with(Correction::NONE);
     assert_eq!(read(&mut instrument, 0, SOME).compass, None);
     let mount = Orientation::from_name("yaw90");
-    instrument.correct_with(Correction { mount, ..Correction::NONE });
+    correct(&mut instrument, Correction { mount, ..Correction::NONE });
     let estimate = read(&mut instrument, PERIOD_US, SOME);
     assert_eq!(estimate.heading, Err(NoHeading::Uncalibrated));
     // A chip turned to the right has its y where the tail is.
@@ -131,9 +138,9 @@ fn what_is_read_is_never_told_after_a_calibration_was_in_use() {
     let mount = Some(Orientation::NONE);
     let mut instrument = with(Correction { mount, ..corrected(calibration()) });
     assert!(read(&mut instrument, 0, SOME).compass.is_some());
-    instrument.correct_with(Correction { mount, ..Correction::NONE });
+    correct(&mut instrument, Correction { mount, ..Correction::NONE });
     assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass, None);
-    instrument.correct_with(Correction { mount, ..corrected(another()) });
+    correct(&mut instrument, Correction { mount, ..corrected(another()) });
     assert!(is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass, another().apply(SOME)), "at once");
 }
 
@@ -223,7 +230,7 @@ fn what_is_told_is_by_the_calibration_in_force() {
     instrument.compass_field.follow(&instrument.correction, instrument.in_force.as_ref());
     assert!(is_near(read(&mut instrument, 0, SOME).compass, iron.apply(SOME)));
     // Arming changes nothing of it, and nothing is blended.
-    instrument.correct_with(armed(true, &corrected(calibration())));
+    correct(&mut instrument, armed(true, &corrected(calibration())));
     assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass, iron.apply(SOME)));
 }
 
@@ -278,7 +285,7 @@ fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
         let field = Field::new(read_ut);
         let mut instrument = with(armed(true, &corrected(calibration())));
         let before = instrument.compass_field.tell(at(0), field).unwrap();
-        instrument.correct_with(armed(true, &corrected(another())));
+        correct(&mut instrument, armed(true, &corrected(another())));
         let told = told(&mut instrument, 0, 40, field);
         assert_eq!(told[0], before);
         assert!(is_near(told.last().copied(), another().apply(field)));
@@ -296,7 +303,7 @@ fn a_large_change_is_no_faster() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
     instrument.compass_field.tell(at(0), field);
-    instrument.correct_with(Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
+    correct(&mut instrument, Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
     let told = told(&mut instrument, 0, 200, field);
     let fastest_deg_s = fastest_deg_s(&told);
     assert!((0.9..1.01).contains(&fastest_deg_s), "{fastest_deg_s}");
@@ -311,12 +318,12 @@ fn a_change_on_the_way_goes_on_from_where_it_is() {
     let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
     instrument.compass_field.tell(at(0), field);
     let flown = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
-    instrument.correct_with(flown(10.0));
+    correct(&mut instrument, flown(10.0));
     let mut all = told(&mut instrument, 0, 5, field);
-    instrument.correct_with(flown(-10.0));
+    correct(&mut instrument, flown(-10.0));
     all.extend(told(&mut instrument, 5_000_000, 5, field));
     // The same again does not begin anew.
-    instrument.correct_with(flown(-10.0));
+    correct(&mut instrument, flown(-10.0));
     all.extend(told(&mut instrument, 10_000_000, 20, field));
     assert!(fastest_deg_s(&all) < 1.01, "{}", fastest_deg_s(&all));
     let turned = |i: usize| turned_deg(all[0], all[i]);
@@ -333,9 +340,9 @@ fn what_has_begun_goes_on_when_it_is_disarmed() {
     let mut instrument = with(armed(true, &corrected(calibration())));
     instrument.compass_field.tell(at(0), field);
     let changed = Correction { align_deg: 10.0, ..corrected(calibration()) };
-    instrument.correct_with(armed(true, &changed));
+    correct(&mut instrument, armed(true, &changed));
     let before = told(&mut instrument, 0, 5, field);
-    instrument.correct_with(armed(false, &changed));
+    correct(&mut instrument, armed(false, &changed));
     let after = told(&mut instrument, 5_000_000, 1, field);
     assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
 }
@@ -344,7 +351,7 @@ fn what_has_begun_goes_on_when_it_is_disarmed() {
 fn is_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> bool {
     let field = sensed(0.3, Attitude::default());
     instrument.compass_field.tell(at(us), field);
-    instrument.correct_with(correction);
+    correct(instrument, correction);
     is_near(instrument.compass_field.tell(at(us + 1), field), another().apply(field))
 }
 
