@@ -27,6 +27,7 @@ pub async fn run(links: &Links) -> ! {
         if let Some(changed) = correction.try_changed() {
             instrument.correct_with(changed);
         }
+        let has_told = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => adapt(&mut instrument, found),
             Either4::Second(report) => instrument.on_attitude(report.at, report.value),
@@ -43,7 +44,8 @@ pub async fn run(links: &Links) -> ! {
             links.offer(&links.samples, sample);
         }
         links.counters.take(&instrument.counts());
-        if instrument.has_to_watch() {
+        // It takes longer than a heading: it has its time when one has just been told, and the next reading is far.
+        if has_told && instrument.has_to_watch() {
             // The heading of the reading goes out first.
             yield_now().await;
             instrument.watch();

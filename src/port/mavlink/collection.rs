@@ -93,7 +93,7 @@ impl Collection {
                 line.send(Outgoing::mag_cal_progress(percent, field.into()));
             }
             (&Phase::Known { is_success }, _) => {
-                let report = report(is_success, facts.calibration);
+                let report = report(is_success, facts.calibration, facts.settings.mount);
                 if line.send(Outgoing::mag_cal_report(&report)) {
                     self.phase = Phase::Idle;
                 }
@@ -121,15 +121,15 @@ fn tell_tenths(tenths: u8, texts: &mut Texts) {
 /// A calibration as autopilots write theirs, in body axes: a field is turned there, an offset added, and a symmetric matrix
 /// applied, `M (R m + o)`.
 ///
-/// With `W (m - b)` and the right-angle mounting `R` nearest to `W`, the offset is `-R b`, and the matrix the symmetric one
+/// With `W (m - b)` and the right-angle mounting `R` that is set, the offset is `-R b`, and the matrix the symmetric one
 /// nearest to `W R^T` (in the Frobenius norm): its symmetric part. What is beside the right angles of the mounting is not in
 /// it. The fitness is the noise of a reading.
-fn report(is_success: bool, calibration: Option<&(Calibration, Uncertainty)>) -> MagCalReport {
+fn report(is_success: bool, calibration: Option<&(Calibration, Uncertainty)>, mount: Orientation) -> MagCalReport {
     let none =
         MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
     let Some((calibration, uncertainty)) = calibration.filter(|_| is_success) else { return none };
     let w = calibration.w_matrix();
-    let mounting = Orientation::nearest(&w).body_from_sensor();
+    let mounting = mount.body_from_sensor();
     let offset_ut: Vector3<f32> = -(mounting * calibration.b_vector_ut());
     let m = w * mounting.transpose();
     let mean = |row, column| 0.5 * (m[(row, column)] + m[(column, row)]);

@@ -150,6 +150,7 @@ fn a_report_has_the_numbers_of_an_autopilot_s_compass() {
         let w = symmetric * mounting;
         found.w = std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)]));
         let mut bed = Bed::beside_an_autopilot();
+        bed.settings.mount = orientation;
         bed.is(Glance::Collecting(100));
         bed.calibration = Some((found, uncertainty));
         bed.is(Glance::Calibrated);
