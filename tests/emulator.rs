@@ -145,7 +145,8 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let stack = stack(&status);
     println!("stack {stack:?}");
     assert_eq!(stack.size, 24 * 1024);
-    assert!(stack.used <= 16 * 1024, "{stack:?}");
+    // The rest is for what a flight does that this one does not.
+    assert!(stack.used <= 21 * 1024, "{stack:?}");
 }
 
 #[test]
