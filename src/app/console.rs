@@ -57,7 +57,7 @@ pub async fn run(
             Either4::Second(Ok(number)) if number > 0 => read = 0..number,
             Either4::Second(_) => Timer::after(PAUSE).await,
             Either4::Third(outcome) => talk.outcome(&outcome),
-            Either4::Fourth(iron) => talk.note(|out| report::iron(out, iron.as_ref())),
+            Either4::Fourth(iron) => talk.note(&|mut out| report::iron(&mut out, iron.as_ref())),
         }
     }
 }
@@ -120,16 +120,16 @@ impl Talk<'_> {
     #[inline(never)]
     fn outcome(&mut self, outcome: &Outcome) {
         let loss = Loss::between(&self.began, &self.links.counts());
-        self.note(|out| report::outcome(out, outcome, loss));
+        self.note(&|mut out| report::outcome(&mut out, outcome, loss));
     }
 
     /// Tells something that nobody has asked for, here and on the ports.
     #[inline(never)]
-    fn note(&mut self, write: impl FnOnce(&mut Text) -> fmt::Result) {
+    fn note(&mut self, write: &dyn Fn(&mut dyn fmt::Write) -> fmt::Result) {
+        self.session.notice(|out| write(out));
         let mut text = Text::new();
-        // What does not fit is left away.
+        // A port tells as much as fits.
         let _ = write(&mut text);
-        self.session.notice(|out| out.write_str(&text));
         self.links.texts.sender().send(text);
     }
 
