@@ -39,11 +39,7 @@ impl Health {
     /// What is spoken on a port.
     #[must_use]
     pub const fn port(&self, number: PortNumber) -> ProtocolKind {
-        let [one, two] = self.ports;
-        match number {
-            PortNumber::One => one,
-            PortNumber::Two => two,
-        }
+        *number.of(&self.ports)
     }
 }
 

@@ -121,11 +121,7 @@ impl Links {
 
     /// A port's own.
     pub(super) const fn port(&self, number: PortNumber) -> &Wires {
-        let [one, two] = &self.ports;
-        match number {
-            PortNumber::One => one,
-            PortNumber::Two => two,
-        }
+        number.of(&self.ports)
     }
 
     /// Whether a report of attitude that came on a port is taken: one port's is at a time.

@@ -17,6 +17,16 @@ pub enum PortNumber {
 impl PortNumber {
     /// Both of them.
     pub const ALL: [Self; PORTS] = [Self::One, Self::Two];
+
+    /// This port's of what there is one of for each.
+    #[must_use]
+    pub const fn of<T>(self, each: &[T; PORTS]) -> &T {
+        let [one, two] = each;
+        match self {
+            Self::One => one,
+            Self::Two => two,
+        }
+    }
 }
 
 /// What is spoken on a port.
@@ -130,11 +140,7 @@ impl PortsSettings {
     /// Those of a port.
     #[must_use]
     pub const fn of(&self, number: PortNumber) -> PortSettings {
-        let [one, two] = self.0;
-        match number {
-            PortNumber::One => one,
-            PortNumber::Two => two,
-        }
+        *number.of(&self.0)
     }
 
     /// Those of a port, to be changed.
