@@ -96,8 +96,8 @@ fn tell(links: &Links, port: &mut Port, estimate: &Estimate, settings: &Settings
 
 /// Passes on what is in some bytes.
 fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
+    let at = now();
     for &byte in bytes {
-        let at = now();
         match port.byte(at, byte) {
             Some(Heard::Attitude(report)) if links.takes_attitude_of(number, at, &report) => {
                 count(&links.counters.attitude_reports);
@@ -111,7 +111,7 @@ fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
             None => {}
         }
     }
-    links.port_is(number, port.spoken(now()), port.is_armed(now()));
+    links.port_is(number, port.spoken(at), port.is_armed(at));
 }
 
 /// What of a port's counts is in the module's already.
