@@ -50,6 +50,7 @@ impl FarEnd {
         faults: Vec<Box<dyn AttitudeFault>>,
     ) -> Somebody {
         let (world, source) = (world.clone(), world.attitude_source());
+        let latency_us = source.latency_us();
         match self {
             Self::Nobody => Somebody::Deaf,
             Self::Talker => {
@@ -58,7 +59,8 @@ impl FarEnd {
             }
             Self::Mavlink(firmware) => {
                 let device = Rc::new(RefCell::new(MavlinkAutopilot::new(source, firmware, clock::now_us())));
-                simulation.spawn(Level::World, "autopilot", mavlink(Rc::clone(&device), world, uart, faults));
+                let task = mavlink(Rc::clone(&device), latency_us, world, uart, faults);
+                simulation.spawn(Level::World, "autopilot", task);
                 Somebody::Mavlink(device)
             }
             Self::Msp(firmware, troubles) => {
@@ -75,11 +77,11 @@ const LOOK_US: u64 = 1_000;
 
 async fn mavlink(
     device: Rc<RefCell<MavlinkAutopilot>>,
+    latency_us: u64,
     world: World,
     uart: HostEnd,
     mut faults: Vec<Box<dyn AttitudeFault>>,
 ) {
-    let latency_us = latency_us(&world);
     loop {
         let now_us = clock::now_us();
         {
@@ -105,7 +107,7 @@ async fn mavlink(
 
 /// Its estimate of the attitude is as old as a MAVLink autopilot's when it is sent, and is made as often.
 async fn msp(device: Rc<RefCell<MspAutopilot>>, world: World, uart: HostEnd, mut source: AttitudeSource) {
-    let latency_us = latency_us(&world);
+    let latency_us = source.latency_us();
     let period_us = (1e6 / world.config().attitude_source.rate_hz) as u64;
     let mut known = Known::default();
     let mut estimated_us = 0;
@@ -136,8 +138,4 @@ async fn msp(device: Rc<RefCell<MspAutopilot>>, world: World, uart: HostEnd, mut
         }
         Timer::after(Duration::from_micros(LOOK_US)).await;
     }
-}
-
-fn latency_us(world: &World) -> u64 {
-    (world.config().attitude_source.latency_ms * 1e3) as u64
 }

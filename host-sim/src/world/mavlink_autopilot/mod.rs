@@ -1,11 +1,10 @@
 //! An autopilot that answers: MAVLink both ways, with the attitude of an [`AttitudeSource`].
 //!
 //! A pure device on the time that it is told: bytes in, bytes out. What it does when it is asked for messages is what its
-//! firmware does, as far as a module can tell. [`run`](MavlinkAutopilot::run) is the task that puts it at a cable.
+//! firmware does, as far as a module can tell. [`FarEnd`](super::far_end::FarEnd) puts it at a cable.
 
 mod frame;
 
-use embassy_time::{Instant, Timer};
 use mavlink::MessageData;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavResult,
@@ -13,12 +12,8 @@ use mavlink::dialects::common::{
 };
 use mavlink::{MavlinkVersion, Message};
 
-use super::World;
 use super::attitude_source::AttitudeSource;
 use super::state::TrueState;
-use crate::clock;
-use crate::devices::uart::HostEnd;
-use crate::faults::attitude::AttitudeFault;
 pub use frame::{Frame, Reader, command_long};
 
 /// What an autopilot makes of requests.
@@ -83,9 +78,6 @@ const KNOWN: [u32; 4] = [HEARTBEAT_DATA::ID, ATTITUDE_DATA::ID, GLOBAL_POSITION_
 
 /// The module's component.
 const MODULE: u8 = 158;
-
-/// What comes on the cable is looked at this often, microseconds.
-const LISTEN_US: u64 = 2_000;
 
 const HEARTBEAT_US: u64 = 1_000_000;
 
@@ -195,29 +187,6 @@ impl MavlinkAutopilot {
             });
         }
         bytes
-    }
-
-    /// Sends and answers for ever, while the [world lets it](World::set_sends_attitude): a task of the world.
-    pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
-        let latency_us = self.source.latency_us();
-        loop {
-            let now_us = clock::now_us();
-            self.receive(now_us, &uart.receive());
-            if self.due_us() <= now_us {
-                let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
-                let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
-                let tamper = |attitude: &mut ATTITUDE_DATA| {
-                    for fault in &mut faults {
-                        fault.tamper(now_us, attitude);
-                    }
-                };
-                let bytes = self.send(now_us, world.is_armed(), &truth, tamper);
-                if world.sends_attitude() {
-                    uart.send(&bytes);
-                }
-            }
-            Timer::at(Instant::from_micros(self.due_us().clamp(now_us + 1, now_us + LISTEN_US))).await;
-        }
     }
 
     fn position(&mut self, clock_us: u64) -> Vec<u8> {

@@ -14,10 +14,12 @@ use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use super::*;
+use crate::clock;
 use crate::devices::uart::Cable;
 use crate::simulation::{Level, Simulation};
-use crate::world::WorldConfig;
 use crate::world::attitude_source::{Config, Identity, Kind};
+use crate::world::far_end::FarEnd;
+use crate::world::{World, WorldConfig};
 
 const ATTITUDE: u32 = 30;
 const POSITION: u32 = 33;
@@ -292,8 +294,7 @@ fn it_answers_over_a_cable() {
             tx.write_all(out.pending()).await.unwrap();
         }
     });
-    let autopilot = MavlinkAutopilot::new(world.attitude_source(), Firmware::ArduPilot, 0);
-    simulation.spawn(Level::World, "autopilot", autopilot.run(world.clone(), cable.host(), vec![]));
+    FarEnd::Mavlink(Firmware::ArduPilot).attach(&mut simulation, &world, cable.host(), vec![]);
     simulation.run_until(10_000_000);
     let last_second = times.borrow().iter().filter(|&&us| us > 9_000_000).count();
     assert!(last_second.abs_diff(40) <= 1, "{last_second}");
