@@ -91,18 +91,18 @@ impl Asking {
         }
     }
 
-    /// Sends the request that is due.
-    pub fn tell(&mut self, now: Timestamp, autopilot: Source, line: &mut Line<'_>) {
+    /// Sends the request that is due; whether there was one, and room for it.
+    pub fn tell(&mut self, now: Timestamp, autopilot: Source, line: &mut Line<'_>) -> bool {
         if self.autopilot != Some(autopilot) {
             *self = Self { autopilot: Some(autopilot), ..Self::default() };
             self.begin(now);
         }
-        if let Some(wish) = self.due(now)
-            && line.send(wish.request(Address::of(autopilot)))
-        {
+        let is_sent = self.due(now).is_some_and(|wish| line.send(wish.request(Address::of(autopilot))));
+        if is_sent {
             self.attempts += 1;
             self.count_from(now);
         }
+        is_sent
     }
 
     /// Looks how often attitude comes, then asks for everything.

@@ -85,20 +85,22 @@ impl Collection {
         }
     }
 
-    /// Sends what is due.
-    pub fn tell(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) {
+    /// Sends what is due; whether it was something, and there was room for it.
+    pub fn tell(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
         match (&self.phase, facts.glance) {
             (Phase::Collecting { .. }, Glance::Collecting(percent)) if self.progress.is_due(facts.now, PROGRESS_HZ) => {
                 let field = facts.estimate.body.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
-                line.send(Outgoing::mag_cal_progress(percent, field.into()));
+                line.send(Outgoing::mag_cal_progress(percent, field.into()))
             }
             (&Phase::Known { is_success }, _) => {
                 let report = report(is_success, facts.calibration, facts.settings.mount);
-                if line.send(Outgoing::mag_cal_report(&report)) {
+                let is_sent = line.send(Outgoing::mag_cal_report(&report));
+                if is_sent {
                     self.phase = Phase::Idle;
                 }
+                is_sent
             }
-            _ => {}
+            _ => false,
         }
     }
 }

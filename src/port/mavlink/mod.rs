@@ -41,7 +41,8 @@ const VISION_HZ: u8 = 50;
 /// Bytes that may wait before a pose, which is long: on a line too slow for all of them the others keep their room.
 const POSE_WAITS: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
-const HEADING_HZ: u8 = 5;
+/// The heading and its sigma by turns.
+const HEADING_HZ: u8 = 10;
 const PERCENT_HZ: u8 = 1;
 
 /// MAVLink on a port.
@@ -58,6 +59,8 @@ pub struct Mavlink {
     vision: Pace,
     heartbeat: Pace,
     heading: Pace,
+    /// Its sigma is the next to be told of a heading.
+    is_sigma_next: bool,
     percent: Pace,
 }
 
@@ -121,17 +124,35 @@ impl Mavlink {
         }
     }
 
-    fn tell_heading(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) {
+    fn tell_heading(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
         let Facts { now, estimate, settings, .. } = *facts;
         let smooth = estimate.smooth.filter(|_| settings.stream_heading == HeadingKind::Smooth);
         let heading = smooth.or(estimate.heading.ok()).filter(|_| settings.stream_on);
-        if let Some(heading) = heading
-            && self.heading.is_due(now, HEADING_HZ)
-        {
-            for (name, value) in [("hdg_mag", heading.magnetic_deg()), ("hdg_sigma", heading.sigma_deg())] {
-                line.send(Outgoing::named_value(now, name, value));
-            }
+        let Some(heading) = heading else { return false };
+        if !self.heading.is_due(now, HEADING_HZ) {
+            return false;
         }
+        let (name, value) =
+            if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
+        self.is_sigma_next = !self.is_sigma_next;
+        line.send(Outgoing::named_value(now, name, value))
+    }
+
+    fn tell_pose(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
+        if line.out.pending().len() > POSE_WAITS {
+            return false;
+        }
+        let Some(pose) = pose(facts, self.collection.calibrations()) else { return false };
+        self.vision.is_due(facts.now, VISION_HZ) && line.send(Outgoing::vision(&pose))
+    }
+
+    fn tell_life(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
+        self.heartbeat.is_due(facts.now, HEARTBEAT_HZ) && line.send(Outgoing::heartbeat(state(facts.glance)))
+    }
+
+    fn tell_percent(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
+        let percent = f32::from(percent(facts.glance));
+        self.percent.is_due(facts.now, PERCENT_HZ) && line.send(Outgoing::named_value(facts.now, "cal_pct", percent))
     }
 }
 
@@ -160,29 +181,22 @@ impl Protocol for Mavlink {
         self.receiver.rejected
     }
 
+    /// One message at a time, for the other port's sentences of the same reading wait meanwhile. All of them together are
+    /// fewer than the slowest sensor's readings.
     fn poll(&mut self, facts: &Facts<'_>, out: &mut Output) {
         let now = facts.now;
         self.collection.see(facts, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot(now) else { return };
         let mut sequence = self.sequence;
         let line = &mut Line { out, own: own(autopilot), sequence: &mut sequence };
-        self.orders.tell(line);
-        if line.out.pending().len() <= POSE_WAITS
-            && let Some(pose) = pose(facts, self.collection.calibrations())
-            && self.vision.is_due(now, VISION_HZ)
-        {
-            line.send(Outgoing::vision(&pose));
-        }
-        if self.heartbeat.is_due(now, HEARTBEAT_HZ) {
-            line.send(Outgoing::heartbeat(state(facts.glance)));
-        }
-        self.asking.tell(now, autopilot, line);
-        self.collection.tell(facts, line);
-        self.tell_heading(facts, line);
-        if self.percent.is_due(now, PERCENT_HZ) {
-            line.send(Outgoing::named_value(now, "cal_pct", f32::from(percent(facts.glance))));
-        }
-        self.texts.tell(now, line);
+        let _is_told = self.orders.tell(line)
+            || self.tell_pose(facts, line)
+            || self.tell_life(facts, line)
+            || self.asking.tell(now, autopilot, line)
+            || self.collection.tell(facts, line)
+            || self.tell_percent(facts, line)
+            || self.texts.tell(now, line)
+            || self.tell_heading(facts, line);
         self.sequence = sequence;
     }
 

@@ -78,14 +78,14 @@ impl Orders {
         }
     }
 
-    /// Sends the answers that wait.
-    pub fn tell(&mut self, line: &mut Line<'_>) {
-        while let Some(&Answer { to, command, result }) = self.answers.front() {
-            if !line.send(Outgoing::acknowledgement(Address::of(to), command, result)) {
-                return;
-            }
+    /// Sends the answer that waits longest; whether there was one, and room for it.
+    pub fn tell(&mut self, line: &mut Line<'_>) -> bool {
+        let Some(&Answer { to, command, result }) = self.answers.front() else { return false };
+        let is_sent = line.send(Outgoing::acknowledgement(Address::of(to), command, result));
+        if is_sent {
             self.answers.pop_front();
         }
+        is_sent
     }
 
     /// The order that a command is, or what is answered at once.

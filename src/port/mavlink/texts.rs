@@ -52,18 +52,18 @@ impl Texts {
         let _ = self.waiting.push(Text { severity, characters });
     }
 
-    /// Sends the next piece, if there is one and it is due.
-    pub fn tell(&mut self, now: Timestamp, line: &mut Line<'_>) {
-        let Some(text) = self.waiting.first() else { return };
+    /// Sends the next piece if there is one and it is due; whether so, and there was room for it.
+    pub fn tell(&mut self, now: Timestamp, line: &mut Line<'_>) -> bool {
+        let Some(text) = self.waiting.first() else { return false };
         if !self.pace.is_due(now, PIECES_HZ) {
-            return;
+            return false;
         }
         let is_long = text.characters.len() > Outgoing::TEXT;
         let rest = text.characters.get(usize::from(self.sent) * Outgoing::TEXT..).unwrap_or_default();
         let piece = rest.get(..Outgoing::TEXT).unwrap_or(rest);
         let number = if is_long { self.number.max(1) } else { 0 };
         if !line.send(Outgoing::text(text.severity, piece, number, self.sent)) {
-            return;
+            return false;
         }
         self.sent += 1;
         // Of a text of several pieces one that is not full is the last, and an empty one if all are full.
@@ -71,5 +71,6 @@ impl Texts {
             self.waiting.remove(0);
             (self.sent, self.number) = (0, number.wrapping_add(1));
         }
+        true
     }
 }

@@ -120,7 +120,13 @@ impl Bed {
         bytes.iter().filter_map(|&byte| self.module.byte(now, byte)).collect()
     }
 
+    /// Polls until all is said that is due at this instant.
     fn poll(&mut self) {
+        while self.poll_once() {}
+    }
+
+    /// Whether something was said.
+    fn poll_once(&mut self) -> bool {
         let facts = Facts {
             now: self.now(),
             estimate: &self.estimate,
@@ -132,15 +138,17 @@ impl Bed {
         let others = self.room.map_or(0, |room| OUTPUT - room);
         assert!(out.message(&[&vec![0; others]]));
         self.module.poll(&facts, &mut out);
-        let mut rest = &out.pending()[others..];
-        while let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest {
-            let end = 10 + usize::from(length);
-            let mut payload = rest[10..end].to_vec();
-            payload.resize(120, 0);
-            self.sent.push(Sent { ms: self.ms, sequence, from: [system, component], id, payload });
-            rest = &rest[end + 2..];
-        }
-        assert!(rest.is_empty());
+        let rest = &out.pending()[others..];
+        let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
+            assert!(rest.is_empty());
+            return false;
+        };
+        let end = 10 + usize::from(length);
+        assert_eq!(rest.len(), end + 2, "more than a message");
+        let mut payload = rest[10..end].to_vec();
+        payload.resize(120, 0);
+        self.sent.push(Sent { ms: self.ms, sequence, from: [system, component], id, payload });
+        true
     }
 
     /// Polls every 10 ms, for so long.
