@@ -108,7 +108,7 @@ fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
             Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
             Some(Heard::Place(place)) => publish(&links.place, place),
             Some(Heard::Day(day)) => publish(&links.day, day),
-            None => {}
+            Some(Heard::Life) | None => {}
         }
     }
     links.port_is(number, port.spoken(at), port.is_armed(at));

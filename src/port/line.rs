@@ -71,12 +71,11 @@ impl Port {
         let by_msp =
             if matches!(spoken, ProtocolKind::Auto | ProtocolKind::Msp) { self.msp.byte(at, byte) } else { None };
         let by_mavlink = if spoken == ProtocolKind::Msp { None } else { self.mavlink.byte(at, byte) };
-        for (kind, heard_at) in
-            [(ProtocolKind::Mavlink, self.mavlink.heard_at()), (ProtocolKind::Msp, self.msp.heard_at())]
-        {
-            if heard_at == Some(at) {
-                self.found.hear(kind, at);
-            }
+        if by_msp.is_some() {
+            self.found.hear(ProtocolKind::Msp, at);
+        }
+        if by_mavlink.is_some() {
+            self.found.hear(ProtocolKind::Mavlink, at);
         }
         by_mavlink.or(by_msp)
     }

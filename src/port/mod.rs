@@ -36,6 +36,8 @@ pub enum Heard {
     Day(Day),
     /// Somebody wants something, and waits for [`Protocol::answer`].
     Asked(Order),
+    /// Anything else in this protocol: somebody is there.
+    Life,
 }
 
 /// What can be asked for on a port.
@@ -67,11 +69,12 @@ pub struct Facts<'a> {
 }
 
 /// Bytes to be written. A message that does not fit is left away whole.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Output {
-    bytes: heapless::Vec<u8, OUTPUT>,
-    /// So many of the bytes have been written.
-    written: usize,
+    bytes: [u8; OUTPUT],
+    /// Where those that wait begin and end.
+    begin: usize,
+    end: usize,
     /// Messages since the start; wraps, as the others do.
     pub told: u32,
     /// Those among them that had no heading to tell.
@@ -84,46 +87,57 @@ pub struct Output {
 /// after three.
 const OUTPUT: usize = 384;
 
+impl Default for Output {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Output {
     /// Nothing to write.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: heapless::Vec::new(), written: 0, told: 0, empty: 0, lost: 0 }
+        Self { bytes: [0; OUTPUT], begin: 0, end: 0, told: 0, empty: 0, lost: 0 }
     }
 
     /// Appends a message, of several parts; whether there was room for it.
     pub fn message(&mut self, parts: &[&[u8]]) -> bool {
         self.told = self.told.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
-        if self.bytes.len() + length > OUTPUT {
-            self.bytes.copy_within(self.written.., 0);
-            self.bytes.truncate(self.bytes.len() - self.written);
-            self.written = 0;
+        if self.end + length > OUTPUT {
+            self.bytes.copy_within(self.begin..self.end, 0);
+            (self.begin, self.end) = (0, self.end - self.begin);
         }
-        if self.bytes.len() + length > OUTPUT {
+        if self.end + length > OUTPUT {
             self.lost = self.lost.wrapping_add(1);
             return false;
         }
-        parts.iter().all(|part| self.bytes.extend_from_slice(part).is_ok())
+        for part in parts {
+            let end = self.end + part.len();
+            if let Some(room) = self.bytes.get_mut(self.end..end) {
+                room.copy_from_slice(part);
+                self.end = end;
+            }
+        }
+        true
     }
 
     /// What is to be written.
     #[must_use]
     pub fn pending(&self) -> &[u8] {
-        self.bytes.get(self.written..).unwrap_or_default()
+        self.bytes.get(self.begin..self.end).unwrap_or_default()
     }
 
     /// So many bytes of it have been written.
     pub fn written(&mut self, number: usize) {
-        self.written += number.min(self.bytes.len() - self.written);
-        if self.written == self.bytes.len() {
+        self.begin += number.min(self.end - self.begin);
+        if self.begin == self.end {
             self.clear();
         }
     }
 
     fn clear(&mut self) {
-        self.bytes.clear();
-        self.written = 0;
+        (self.begin, self.end) = (0, 0);
     }
 
     /// The line has failed: what was to be written is lost.
@@ -135,7 +149,7 @@ impl Output {
 
 /// What is said on a line, and understood of it.
 pub trait Protocol {
-    /// Takes a byte that came at an instant.
+    /// Takes a byte that came at an instant: none while it completes no message that is looked for.
     fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard>;
 
     /// Whether the autopilot at the far end is armed, if it has said so lately.

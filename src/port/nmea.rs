@@ -31,8 +31,8 @@ impl Nmea {
         let [hdm, hdg, quality] =
             [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
         let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt(heading_deg, declination_deg));
-        let hdt = hdt.as_ref().map_or(&b""[..], |hdt| hdt.as_bytes());
-        out.message(&[hdm.as_bytes(), hdg.as_bytes(), hdt, quality.as_bytes()]);
+        let hdt = hdt.as_deref().unwrap_or_default();
+        out.message(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
             out.empty = out.empty.wrapping_add(1);
         }

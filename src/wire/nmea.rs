@@ -5,8 +5,8 @@
 use crate::heading::{Heading, NoHeading};
 use crate::settings::HeadingKind;
 
-/// A sentence with its checksum and line end; at most 82 characters by the standard.
-pub type Sentence = heapless::String<82>;
+/// A sentence in ASCII, with its checksum and line end; at most 82 characters by the standard.
+pub type Sentence = heapless::Vec<u8, 82>;
 
 /// Whether there was room. Bodies here are at most 40 characters, so there always is.
 type Fits = Option<()>;
@@ -77,7 +77,7 @@ pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sente
 }
 
 fn put(body: &mut Sentence, text: &str) -> Fits {
-    body.push_str(text).ok()
+    body.extend_from_slice(text.as_bytes()).ok()
 }
 
 /// 000.0..359.9, or nothing.
@@ -113,7 +113,7 @@ fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
         rest /= 10;
         digits += 1;
     }
-    put(body, core::str::from_utf8(text.get(DIGITS - digits..)?).ok()?)
+    body.extend_from_slice(text.get(DIGITS - digits..)?).ok()
 }
 
 /// Frames a body with `$`, checksum and line end. Should one ever not fit, the sentence is cut and its missing checksum
@@ -126,21 +126,25 @@ fn sentence(fill: impl FnOnce(&mut Sentence) -> Fits) -> Sentence {
         let checksum = checksum(out.get(1..).unwrap_or_default());
         let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX[usize::from(nibble)]);
         let end = [b'*', high, low, b'\r', b'\n'];
-        // ASCII, and there is room: see `Fits`.
-        let _ = put(&mut out, core::str::from_utf8(&end).unwrap_or_default());
+        // There is room: see `Fits`.
+        let _ = out.extend_from_slice(&end);
     }
     out
 }
 
 /// Exclusive or of all characters between `$` and `*`.
 #[must_use]
-pub fn checksum(body: &str) -> u8 {
-    body.bytes().fold(0, |sum, byte| sum ^ byte)
+pub fn checksum(body: &[u8]) -> u8 {
+    body.iter().fold(0, |sum, byte| sum ^ byte)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn text(sentence: &Sentence) -> &str {
+        str::from_utf8(sentence).unwrap()
+    }
 
     fn heading(magnetic_rad: f32, sigma_rad: f32) -> Heading {
         Heading { magnetic_rad, sigma_rad, systematic_rad2: 0.0 }
@@ -149,10 +153,10 @@ mod tests {
     #[test]
     fn sentences_read_as_the_standard_says() {
         // Checksums from an independent exclusive or over the characters between $ and *.
-        assert_eq!(hdm(Some(101.14)).as_str(), "$HCHDM,101.1,M*28\r\n");
-        assert_eq!(hdm(None).as_str(), "$HCHDM,,M*07\r\n");
-        assert!(hdg(Some(7.0), Some(-11.56)).starts_with("$HCHDG,007.0,,,11.6,W*"));
-        assert!(hdg(None, None).starts_with("$HCHDG,,,,,*"));
+        assert_eq!(text(&hdm(Some(101.14))), "$HCHDM,101.1,M*28\r\n");
+        assert_eq!(text(&hdm(None)), "$HCHDM,,M*07\r\n");
+        assert!(hdg(Some(7.0), Some(-11.56)).starts_with(b"$HCHDG,007.0,,,11.6,W*"));
+        assert!(hdg(None, None).starts_with(b"$HCHDG,,,,,*"));
     }
 
     /// Across north both ways; without a heading to trust there is a sentence that says so.
@@ -176,29 +180,30 @@ mod tests {
         let heading = heading(1.765_2, 0.009_6);
         for kind in [HeadingKind::Raw, HeadingKind::Smooth] {
             let told = quality(&Ok(heading), kind);
-            assert!(told.starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{told}");
-            assert!(quality(&Err(NoHeading::AttitudeStale), kind).starts_with("$PASWH,,,attitude-stale,*"));
+            assert!(text(&told).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{told:?}");
+            assert!(quality(&Err(NoHeading::AttitudeStale), kind).starts_with(b"$PASWH,,,attitude-stale,*"));
         }
         let lost = Heading { sigma_rad: f32::NAN, ..heading };
-        assert!(quality(&Ok(lost), HeadingKind::Raw).starts_with("$PASWH,101.1,180.0,ok,raw*"));
+        assert!(quality(&Ok(lost), HeadingKind::Raw).starts_with(b"$PASWH,101.1,180.0,ok,raw*"));
     }
 
     #[test]
     fn heading_never_shows_360() {
-        for (heading_deg, text) in [(359.94, "359.9"), (359.96, "000.0"), (-0.2, "359.8"), (360.0, "000.0")] {
-            assert!(hdm(Some(heading_deg)).contains(text), "{heading_deg}");
+        for (heading_deg, shown) in [(359.94, "359.9"), (359.96, "000.0"), (-0.2, "359.8"), (360.0, "000.0")] {
+            assert!(text(&hdm(Some(heading_deg))).contains(shown), "{heading_deg}");
         }
         assert_eq!(hdm(Some(f32::NAN)), hdm(None));
     }
 
     /// A sentence without its checksum, which is right by an exclusive or of its own; and no longer than may be.
     fn body(sentence: &Sentence) -> &str {
-        let (body, sum) = sentence.strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
+        let (body, sum) =
+            text(sentence).strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
         let mut expected = 0;
         for byte in body.bytes() {
             expected ^= byte;
         }
-        assert_eq!(sum, format!("{expected:02X}"), "{sentence}");
+        assert_eq!(sum, format!("{expected:02X}"), "{sentence:?}");
         assert!(sentence.len() <= 82);
         body
     }
@@ -290,7 +295,7 @@ mod tests {
         let of = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
         assert_eq!((of(76).len(), body(&of(76)).len()), (82, 76));
         for length in [77, 80, 81, 82, 100] {
-            assert!(!of(length).contains('*'), "{length}");
+            assert!(!of(length).contains(&b'*'), "{length}");
         }
     }
 
@@ -301,7 +306,7 @@ mod tests {
         {
             let mut out = Sentence::new();
             put_tenths(&mut out, tenths, least).unwrap();
-            assert_eq!(out.as_str(), text);
+            assert_eq!(out, text.as_bytes());
         }
     }
 }

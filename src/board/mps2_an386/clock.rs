@@ -37,6 +37,9 @@ struct Clock {
     high: u32,
     /// Ticks during which time stood still.
     frozen: u64,
+    /// An instant of late, in microseconds and in ticks.
+    us: u64,
+    us_ticks: u64,
 }
 
 struct MachineClock(Mutex<RefCell<Clock>>);
@@ -46,6 +49,8 @@ embassy_time_driver::time_driver_impl!(static CLOCK: MachineClock = MachineClock
     low: 0,
     high: 0,
     frozen: 0,
+    us: 0,
+    us_ticks: 0,
 }))));
 
 impl Clock {
@@ -62,10 +67,19 @@ impl Clock {
         self.counter() - self.frozen
     }
 
+    /// Microseconds since the start. It is asked so often that it divides what has passed since it was asked last: that fits
+    /// into 32 bits, and the processor has no division of 64.
+    fn now_us(&mut self) -> u64 {
+        let since_us = (self.ticks() - self.us_ticks) as u32 / TICKS_PER_US as u32;
+        self.us += u64::from(since_us);
+        self.us_ticks += u64::from(since_us) * TICKS_PER_US;
+        self.us
+    }
+
     /// Wakes whom it is time to wake and sets the timer for the next.
     fn set_timer(&mut self) {
         CONTROL.write(STOPPED);
-        let now_us = self.ticks() / TICKS_PER_US;
+        let now_us = self.now_us();
         let next_us = self.queue.next_expiration(now_us);
         // At most a minute, and at least one microsecond: what came due meanwhile is served by the next interrupt.
         let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
@@ -83,7 +97,7 @@ impl MachineClock {
 
 impl Driver for MachineClock {
     fn now(&self) -> u64 {
-        self.with(Clock::ticks) / TICKS_PER_US
+        self.with(Clock::now_us)
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {

@@ -26,7 +26,7 @@ impl embedded_hal_async::i2c::Error for NoAcknowledge {
 pub struct SensorBus(());
 
 /// Clocks after which a chip has finished whatever byte it was sending, and seen that nobody acknowledges it.
-const CLOCKS_TO_LET_GO: u8 = 9;
+const CLOCKS_TO_LET_GO: u32 = 9;
 
 #[expect(clippy::unused_self, reason = "the wires move for nobody but the owner of the bus")]
 impl SensorBus {
@@ -39,9 +39,7 @@ impl SensorBus {
 
     /// Has a chip that holds the data wire let it go.
     fn clear(&mut self) {
-        for _ in 0..CLOCKS_TO_LET_GO {
-            self.take_bit();
-        }
+        self.take_bits(CLOCKS_TO_LET_GO);
         self.stop();
     }
 
@@ -58,34 +56,34 @@ impl SensorBus {
         SET.write(SDA);
     }
 
+    /// With as few instructions as there may be: a reading's way is counted, and no board with a bus of its own spends any.
     fn put_bit(&mut self, bit: bool) {
-        if bit {
-            SET.write(SDA);
-        } else {
-            CLEAR.write(SDA);
-        }
+        (if bit { SET } else { CLEAR }).write(SDA);
         SET.write(SCL);
         CLEAR.write(SCL);
     }
 
-    fn take_bit(&mut self) -> bool {
+    /// So many bits, the highest first, of a chip that has the data wire. A broken wire is high: nobody pulls it.
+    fn take_bits(&mut self, number: u32) -> u32 {
         SET.write(SDA);
-        SET.write(SCL);
-        // A broken wire is high: nobody pulls it.
-        let bit = SET.read() & SDA != 0 || lockstep::sensor_is_broken();
-        CLEAR.write(SCL);
-        bit
+        let mut bits = 0;
+        for _ in 0..number {
+            SET.write(SCL);
+            bits = bits << 1 | SET.read() & SDA;
+            CLEAR.write(SCL);
+        }
+        if lockstep::sensor_is_broken() { u32::MAX } else { bits / SDA }
     }
 
     fn put(&mut self, byte: u8, source: NoAcknowledgeSource) -> Result<(), NoAcknowledge> {
         for bit in (0..8).rev() {
             self.put_bit(byte >> bit & 1 != 0);
         }
-        if self.take_bit() { Err(NoAcknowledge(source)) } else { Ok(()) }
+        if self.take_bits(1) == 0 { Ok(()) } else { Err(NoAcknowledge(source)) }
     }
 
     fn take(&mut self, is_last: bool) -> u8 {
-        let byte = (0..8).fold(0, |byte, _| byte << 1 | u8::from(self.take_bit()));
+        let byte = self.take_bits(8) as u8;
         self.put_bit(is_last);
         byte
     }

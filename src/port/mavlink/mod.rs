@@ -50,7 +50,6 @@ const PERCENT_HZ: u8 = 1;
 pub struct Mavlink {
     receiver: Receiver,
     senders: Senders,
-    heard_at: Option<Timestamp>,
     sequence: u8,
     asking: Asking,
     orders: Orders,
@@ -86,12 +85,6 @@ impl Mavlink {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
-    }
-
-    /// When a message that is looked for has last come, whoever sent it.
-    #[must_use]
-    pub const fn heard_at(&self) -> Option<Timestamp> {
-        self.heard_at
     }
 
     fn take(&mut self, at: Timestamp, message: Message) -> Option<Heard> {
@@ -169,8 +162,7 @@ fn concerns(target: Address, own: Address) -> bool {
 impl Protocol for Mavlink {
     fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
         let message = self.receiver.push(byte)?;
-        self.heard_at = Some(at);
-        self.take(at, message)
+        Some(self.take(at, message).unwrap_or(Heard::Life))
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {

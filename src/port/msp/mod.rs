@@ -41,7 +41,6 @@ pub struct Msp {
     receiver: Receiver,
     firmware: Option<Firmware>,
     armed: Option<(Timestamp, bool)>,
-    heard_at: Option<Timestamp>,
     /// When the attitude was asked for that has not come yet, or the firmware.
     asked_at: Option<Timestamp>,
     compass: Pace,
@@ -59,7 +58,6 @@ impl Msp {
             receiver: Receiver::new(),
             firmware: None,
             armed: None,
-            heard_at: None,
             asked_at: None,
             compass: Pace::new(),
             attitude: Pace::new(),
@@ -68,10 +66,19 @@ impl Msp {
         }
     }
 
-    /// When the far end last said something in this protocol, whatever it was. It says nothing unless it is asked.
-    #[must_use]
-    pub const fn heard_at(&self) -> Option<Timestamp> {
-        self.heard_at
+    fn take(&mut self, at: Timestamp, message: Message) -> Option<Heard> {
+        if matches!(message, Message::Attitude(_) | Message::Refused(Function::Attitude)) {
+            self.asked_at = None;
+        }
+        match message {
+            Message::Attitude(angles) => return self.report(angles),
+            Message::RawGps(place) => return place.map(Heard::Place),
+            Message::Rtc(day) => return day.map(Heard::Day),
+            Message::FcVariant(firmware) => self.firmware = Some(firmware),
+            Message::Armed(is_armed) => self.armed = Some((at, is_armed)),
+            Message::Refused(_) => {}
+        }
+        None
     }
 
     fn report(&self, angles: Angles) -> Option<Heard> {
@@ -114,19 +121,7 @@ impl Msp {
 impl Protocol for Msp {
     fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
         let message = self.receiver.push(byte)?;
-        self.heard_at = Some(at);
-        if matches!(message, Message::Attitude(_) | Message::Refused(Function::Attitude)) {
-            self.asked_at = None;
-        }
-        match message {
-            Message::Attitude(angles) => return self.report(angles),
-            Message::RawGps(place) => return place.map(Heard::Place),
-            Message::Rtc(day) => return day.map(Heard::Day),
-            Message::FcVariant(firmware) => self.firmware = Some(firmware),
-            Message::Armed(is_armed) => self.armed = Some((at, is_armed)),
-            Message::Refused(_) => {}
-        }
-        None
+        Some(self.take(at, message).unwrap_or(Heard::Life))
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {

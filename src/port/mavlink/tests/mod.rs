@@ -117,7 +117,8 @@ impl Bed {
 
     fn hear(&mut self, bytes: &[u8]) -> Vec<Heard> {
         let now = self.now();
-        bytes.iter().filter_map(|&byte| self.module.byte(now, byte)).collect()
+        let heard = bytes.iter().filter_map(|&byte| self.module.byte(now, byte));
+        heard.filter(|heard| *heard != Heard::Life).collect()
     }
 
     /// Polls until all is said that is due at this instant.
