@@ -4,6 +4,7 @@ use core::future::pending;
 use core::sync::atomic::Ordering;
 
 use embassy_futures::select::{Either4, select4};
+use embassy_futures::yield_now;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
@@ -11,9 +12,10 @@ use super::Links;
 use super::links::{Stamped, count, listen, now, publish};
 use crate::compass::Glance;
 use crate::health::Counters;
-use crate::instrument::Estimate;
+use crate::instrument::Correction;
 use crate::port::{Facts, Heard, Output, Pace, Port};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
+use crate::time::Timestamp;
 
 /// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
 const PAUSE: Duration = Duration::from_micros(200);
@@ -45,20 +47,29 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 bytes => tx.write(bytes).await,
             }
         };
+        // It is looked at where it is told: here it would be carried through every wait.
+        let estimated = async {
+            estimates.changed().await;
+        };
         // Estimates first: a line in error is always ready.
-        match select4(estimates.changed(), written, wires.answers.wait(), rx.read(&mut bytes)).await {
-            Either4::First(estimate) => {
+        match select4(estimated, written, wires.answers.wait(), rx.read(&mut bytes)).await {
+            Either4::First(()) => {
                 count(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
                     adapt(&mut port, &mut tx, settings.ports.of(number), changed.ports.of(number));
                     settings = changed;
                 }
+                // Nothing that is told in MAVLink is as urgent as what the other port tells of the same reading.
+                if port.spoken(now()) == ProtocolKind::Mavlink {
+                    yield_now().await;
+                }
+                let at = now();
+                tell(links, &mut port, at, &settings);
                 if let Some(text) = texts.try_changed() {
                     port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
                 }
-                tell(links, &mut port, &estimate, &settings);
-                if silence.is_due(estimate.at, SILENCE_LOOKS_HZ) {
-                    links.port_is(number, port.spoken(now()), port.is_armed(now()));
+                if silence.is_due(at, SILENCE_LOOKS_HZ) {
+                    links.port_is(number, port.spoken(at), port.is_armed(at));
                 }
                 counted.see(&port, &links.counters);
             }
@@ -85,13 +96,17 @@ fn adapt(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: 
 
 /// Has the port make what is due. What it is made of is large, and is not kept across a wait.
 #[inline(never)]
-fn tell(links: &Links, port: &mut Port, estimate: &Estimate, settings: &Settings) {
+fn tell(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
+    let Some(estimate) = links.estimates.try_get() else { return };
     let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
-    // No other protocol tells it.
-    let is_told = port.spoken(now()) == ProtocolKind::Mavlink;
-    let correction = if is_told { links.correction.try_get() } else { None };
+    // Nobody else tells it, and it is seldom another.
+    let is_told = port.spoken(now) == ProtocolKind::Mavlink;
+    let is_new = |correction: &Correction| {
+        is_told && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.has_not_seen(calibration))
+    };
+    let correction = links.correction.try_get_and(is_new);
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
-    port.poll(&Facts { now: now(), estimate, settings, glance, calibration });
+    port.poll(&Facts { now, estimate: &estimate, settings, glance, calibration });
 }
 
 /// Passes on what is in some bytes.

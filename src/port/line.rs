@@ -1,6 +1,7 @@
 //! A port: the protocols that it can speak, and which it does.
 
 use super::{Facts, Heard, Mavlink, Msp, Nmea, Order, Output, Protocol};
+use crate::calibration::Calibration;
 use crate::compass::Refusal;
 use crate::settings::ProtocolKind;
 use crate::time::Timestamp;
@@ -92,6 +93,12 @@ impl Port {
         self.mavlink.rejected().wrapping_add(self.msp.rejected())
     }
 
+    /// Whether a calibration that is in use is to be told: it is another than was told last.
+    #[must_use]
+    pub fn has_not_seen(&self, calibration: &Calibration) -> bool {
+        self.mavlink.has_not_seen(calibration)
+    }
+
     /// Appends what is due to the output. While the far end is searched, MSP is spoken: an autopilot of that kind says
     /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over.
     pub fn poll(&mut self, facts: &Facts<'_>) {
@@ -109,7 +116,9 @@ impl Port {
 
     /// A line for whoever looks at a ground station.
     pub fn note(&mut self, text: &str) {
-        self.mavlink.note(text);
+        if matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink) {
+            self.mavlink.note(text);
+        }
     }
 }
 

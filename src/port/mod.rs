@@ -64,7 +64,8 @@ pub struct Facts<'a> {
     pub settings: &'a Settings,
     /// The state machine at a glance.
     pub glance: Glance,
-    /// The calibration in use, and how wrong a heading by it may be.
+    /// The calibration in use, and how wrong a heading by it may be; none also if it is the one that was told last
+    /// ([`Port::has_not_seen`]).
     pub calibration: Option<&'a (Calibration, Uncertainty)>,
 }
 

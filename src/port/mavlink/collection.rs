@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::Line;
 use super::texts::Texts;
-use crate::calibration::{Calibration, Orientation, Uncertainty};
+use crate::calibration::{Calibration, Orientation};
 use crate::compass::Glance;
 use crate::port::{Facts, Pace};
 use crate::time::Timestamp;
@@ -25,8 +25,8 @@ const MG_PER_UT: f32 = 10.0;
 /// What is seen of collections and calibrations.
 #[derive(Debug, Default)]
 pub(super) struct Collection {
-    /// The calibration that was last in use.
-    calibration: Option<Calibration>,
+    /// The calibration that is in use, and the noise of a reading, over the field's strength.
+    calibration: Option<(Calibration, f32)>,
     /// Counts them; wraps.
     calibrations: u8,
     phase: Phase,
@@ -53,12 +53,17 @@ impl Collection {
         self.calibrations
     }
 
+    /// Whether this is another calibration than the last.
+    pub fn has_not_seen(&self, calibration: &Calibration) -> bool {
+        self.calibration.as_ref().is_none_or(|(seen, _)| seen != calibration)
+    }
+
     /// Looks at what there is to tell. To be called even while there is nobody to tell it to.
     pub fn see(&mut self, facts: &Facts<'_>, texts: &mut Texts) {
-        if let Some((calibration, _)) = facts.calibration
-            && self.calibration.as_ref() != Some(calibration)
+        if let Some((calibration, uncertainty)) =
+            facts.calibration.filter(|(calibration, _)| self.has_not_seen(calibration))
         {
-            self.calibration = Some(*calibration);
+            self.calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibrations = self.calibrations.wrapping_add(1);
         }
         let is_new = |before: u8| before != self.calibrations;
@@ -93,7 +98,7 @@ impl Collection {
                 line.send(Outgoing::mag_cal_progress(percent, field.into()))
             }
             (&Phase::Known { is_success }, _) => {
-                let report = report(is_success, facts.calibration, facts.settings.mount);
+                let report = report(self.calibration.as_ref().filter(|_| is_success), facts.settings.mount);
                 let is_sent = line.send(Outgoing::mag_cal_report(&report));
                 if is_sent {
                     self.phase = Phase::Idle;
@@ -126,17 +131,18 @@ fn tell_tenths(tenths: u8, texts: &mut Texts) {
 /// With `W (m - b)` and the right-angle mounting `R` that is set, the offset is `-R b`, and the matrix the symmetric one
 /// nearest to `W R^T` (in the Frobenius norm): its symmetric part. What is beside the right angles of the mounting is not in
 /// it. The fitness is the noise of a reading.
-fn report(is_success: bool, calibration: Option<&(Calibration, Uncertainty)>, mount: Orientation) -> MagCalReport {
+fn report(found: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
+    let is_success = found.is_some();
     let none =
         MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
-    let Some((calibration, uncertainty)) = calibration.filter(|_| is_success) else { return none };
+    let Some((calibration, sensor_sigma)) = found else { return none };
     let w = calibration.w_matrix();
     let mounting = mount.body_from_sensor();
     let offset_ut: Vector3<f32> = -(mounting * calibration.b_vector_ut());
     let m = w * mounting.transpose();
     let mean = |row, column| 0.5 * (m[(row, column)] + m[(column, row)]);
     MagCalReport {
-        fitness_mg: MG_PER_UT * calibration.total_ut * uncertainty.sensor_sigma,
+        fitness_mg: MG_PER_UT * calibration.total_ut * sensor_sigma,
         offset_mg: (offset_ut * MG_PER_UT).into(),
         diagonal: [mean(0, 0), mean(1, 1), mean(2, 2)],
         off_diagonal: [mean(0, 1), mean(0, 2), mean(1, 2)],

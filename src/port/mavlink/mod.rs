@@ -23,6 +23,7 @@ use ::mavlink::dialects::common::MavState;
 
 use super::{Facts, Heard, Order, Output, Pace, Protocol};
 use crate::attitude::{Senders, Source};
+use crate::calibration::Calibration;
 use crate::compass::{Glance, Refusal};
 use crate::frames::wrap_pi;
 use crate::settings::HeadingKind;
@@ -85,6 +86,12 @@ impl Mavlink {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Whether this is another calibration than it was told last.
+    #[must_use]
+    pub fn has_not_seen(&self, calibration: &Calibration) -> bool {
+        self.collection.has_not_seen(calibration)
     }
 
     fn take(&mut self, at: Timestamp, message: Message) -> Option<Heard> {

@@ -42,10 +42,11 @@ impl Texts {
         let warns = ["refused", "iron-moved"].iter().any(|word| text.starts_with(word));
         let severity = if warns { MavSeverity::MAV_SEVERITY_WARNING } else { MavSeverity::MAV_SEVERITY_INFO };
         let mut characters = heapless::Vec::new();
-        for &character in NAME.as_bytes().iter().chain(text.as_bytes().trim_ascii_end()) {
-            // What is too long is cut.
-            let _ = characters.push(character);
-        }
+        // What is too long is cut, and what is cut fits.
+        let text = text.as_bytes().trim_ascii_end();
+        let fitting = text.get(..LENGTH - NAME.len()).unwrap_or(text);
+        let _ = characters.extend_from_slice(NAME.as_bytes());
+        let _ = characters.extend_from_slice(fitting);
         if self.waiting.is_full() {
             self.waiting.remove(usize::from(self.sent > 0));
         }

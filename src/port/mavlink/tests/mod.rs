@@ -7,7 +7,7 @@ mod orders;
 mod sender;
 
 use super::*;
-use crate::calibration::{Calibration, Uncertainty};
+use crate::calibration::Uncertainty;
 use crate::earth::Day;
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
