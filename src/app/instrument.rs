@@ -24,9 +24,6 @@ pub async fn run(links: &Links) -> ! {
         let event =
             select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
         count(&links.heartbeats.instrument);
-        if let Some(changed) = correction.try_changed() {
-            instrument.correct_with(changed);
-        }
         let has_told = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => adapt(&mut instrument, found),
@@ -44,13 +41,18 @@ pub async fn run(links: &Links) -> ! {
             links.offer(&links.samples, sample);
         }
         links.counters.take(&instrument.counts());
-        // It takes longer than a heading: it has its time when one has just been told, and the next reading is far.
-        if has_told && instrument.has_to_watch() {
+        // What takes longer than a heading, a new correction too, has its time when one has just been told, and the next reading is far.
+        if has_told {
             // The heading of the reading goes out first. The executor takes what was woken last first: of one turn given away
             // this task gets the first again, of two the ports have theirs in between.
             yield_now().await;
             yield_now().await;
-            instrument.watch();
+            if let Some(changed) = correction.try_changed() {
+                instrument.correct_with(changed);
+            }
+            if instrument.has_to_watch() {
+                instrument.watch();
+            }
             if let Some(iron) = news.see(instrument.iron()) {
                 links.iron.signal(iron);
             }

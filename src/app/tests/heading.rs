@@ -49,7 +49,7 @@ fn estimate(bed: &Bed) -> Estimate {
 }
 
 #[test]
-fn readings_become_estimates_and_a_correction_counts_from_the_next_one_on() {
+fn readings_become_estimates_and_a_correction_counts_behind_the_next_one() {
     let mut bed = with_instrument();
     bed.ms(20);
     report(&bed);
@@ -60,6 +60,11 @@ fn readings_become_estimates_and_a_correction_counts_from_the_next_one_on() {
     publish(&bed.links.correction, correction());
     bed.ms(10);
     assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading before");
+    // Taking it in would delay the reading's heading.
+    read(&bed, 0.5);
+    report(&bed);
+    bed.ms(10);
+    assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
     // The report of the same instant is taken first, though it came later.
     read(&bed, 0.5);
     report(&bed);
