@@ -79,6 +79,12 @@ impl WrappingMillis {
         self.0.wrapping_sub(earlier.0)
     }
 
+    /// So many milliseconds later.
+    #[must_use]
+    pub const fn plus_ms(self, ms: u32) -> Self {
+        Self(self.0.wrapping_add(ms))
+    }
+
     /// Milliseconds since another reading of the same clock; negative if that is the later one.
     #[must_use]
     pub const fn difference(self, other: Self) -> i32 {
@@ -110,5 +116,6 @@ mod tests {
         assert_eq!((before.count(), after.count()), (u32::MAX - 99, 100));
         assert_eq!(after.since(before), 200);
         assert_eq!((after.difference(before), before.difference(after)), (200, -200));
+        assert_eq!(before.plus_ms(200), after);
     }
 }

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use autoswing::attitude::{Report, Source};
 use autoswing::calibration::ladder::Procedure;
 use autoswing::calibration::{Calibration, Method, Prior, Sample, solve};
-use autoswing::collection::Collector;
+use autoswing::collection::{Collector, Kept};
 use autoswing::frames::{Attitude, Field};
 use autoswing::instrument::{Config, Instrument};
 use autoswing::magnetometer::Reading;
@@ -104,7 +104,8 @@ fn median_and_worst_decile_deg(kind: Kind, legs: &[Leg]) -> [f64; 2] {
     let mut rms: Vec<f64> = (100..140)
         .map(|seed| {
             let config = harsh(kind, seed);
-            let mut collector = Collector::new();
+            let mut kept = Kept::EMPTY;
+            let mut collector = Collector::new(&mut kept);
             collector.begin(Procedure::Flight);
             for sample in flown(&config, legs) {
                 collector.push(sample);

@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
+use autoswing::collection::Kept;
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
 use autoswing::settings::{PORTS, PortNumber};
@@ -50,6 +51,8 @@ pub struct Rig {
     pub chip: Rc<RefCell<Lis3mdl>>,
     /// Its lamp and its button.
     pub panel: SimulatedPanel,
+    /// What it collects in.
+    pub kept: Rc<RefCell<Kept>>,
     bus: Bus,
     console_cable: Cable,
     autopilot_cable: Cable,
@@ -167,6 +170,7 @@ impl Rig {
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
             panel: SimulatedPanel::default(),
+            kept: Rc::new(RefCell::new(Kept::EMPTY)),
             bus,
             console_cable,
             autopilot_cable,
@@ -193,9 +197,13 @@ impl Rig {
         self.reset.watchdog_due_us.set(u64::MAX);
     }
 
-    /// Starts the module anew; only the flash remembers.
+    /// Starts the module anew. The flash remembers; after all but the loss of power, the memory of a collection as well.
     pub fn power_on(&mut self, cause: ResetCause) {
         self.power_off();
+        if cause == ResetCause::PowerOn {
+            let mut random = testkit::random::Random(clock::now_us());
+            self.kept.borrow_mut().change(|_| random.bits() as u32);
+        }
         self.flash.power_on();
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(Links::new());
@@ -218,10 +226,10 @@ impl Rig {
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
-        let l = links.clone();
+        let (l, kept) = (links.clone(), Rc::clone(&self.kept));
         simulation.spawn(Level::Thread, "compass", async move {
             // The state machine with its samples: too large for a future inside a future.
-            Box::pin(app::compass::run(&l, store)).await;
+            Box::pin(app::compass::run(&l, store, &mut kept.borrow_mut())).await;
         });
         let l = links.clone();
         simulation.spawn(Level::Thread, "pulse", async move { app::watchdog::pulse(&l).await });

@@ -12,28 +12,33 @@ use super::Links;
 use super::links::{FoundSensor, Listener, count, listen, now, publish};
 use crate::acceptance::Policy;
 use crate::calibration::ladder::Procedure;
+use crate::collection::Kept;
 use crate::compass::{Command, Compass, Effect, Event, Refusal};
 use crate::earth::{Day, Place};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
 use crate::port::Order;
 use crate::settings::PortNumber;
-use crate::store::{Store, StoreError, Stored};
+use crate::store::{Store, StoreError};
 
-/// Loads what flash holds, then runs the state machine for ever.
-pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>) -> ! {
+/// Loads what flash holds, and the collection that the memory does, then runs the state machine for ever.
+pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Kept) -> ! {
     let stored = apart(pin!(store.load())).await;
     if let Err(error) = stored {
         say_unreadable(links, error);
     }
-    let Stored { settings, generations } = stored.unwrap_or_default();
-    let mut compass = Compass::new(Policy::DEFAULT, settings, generations);
+    let stored = stored.unwrap_or_default();
+    links.begin_with(stored.remembered.found);
+    let mut compass = Compass::new(Policy::DEFAULT, &stored, kept);
+    if let Some(lost) = compass.last() {
+        links.notices.signal(lost.clone());
+    }
     drive(links, &mut store, &mut compass).await
 }
 
 /// Runs the machine for ever. It is made where it stays, by whoever calls this: one that is used where it is made was seen to
 /// be made on the stack, which has no room for it, and copied.
-async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass) -> ! {
+async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
     let mut latest = LatestOf {
         armed: listen(&links.armed),
         sensor: listen(&links.sensor),
@@ -44,6 +49,9 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         tell(links, compass);
         let (event, asker) = next_event(links, compass, &mut latest).await;
         let mut effect = compass.step(event);
+        if let Effect::None = effect {
+            effect = compass.step(Event::Spoken(links.spoken(), now().wrapping_millis()));
+        }
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
             let result = apart(pin!(store.save(change))).await;
             count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
@@ -114,7 +122,7 @@ struct LatestOf<'a> {
 /// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
 /// Of what has happened, whether the autopilot is armed comes first: a command is judged by it. Place and day wait for the
 /// end of a solve, which has taken from them what it needs.
-async fn next_event(links: &Links, compass: &Compass, latest: &mut LatestOf<'_>) -> (Event, Asker) {
+async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestOf<'_>) -> (Event, Asker) {
     let LatestOf { armed, sensor, place, day } = latest;
     let asked = |asked| (command(asked), Asker::Person);
     let of = |event| (event, Asker::Nobody);
@@ -159,7 +167,7 @@ fn say_unreadable(links: &Links, error: StoreError) {
 }
 
 /// Tells the other tasks what has changed for them.
-fn tell(links: &Links, compass: &Compass) {
+fn tell(links: &Links, compass: &Compass<'_>) {
     publish(&links.correction, compass.correction());
     publish(&links.settings, compass.settings_in_force());
     publish(&links.glance, compass.glance());

@@ -145,7 +145,14 @@ impl Links {
         publish(&self.armed, (most != UNKNOWN).then_some(most == u8::from(true)));
     }
 
-    /// What is spoken on the ports.
+    /// What the ports begin with where nothing was chosen: what was found there before the restart.
+    pub(super) fn begin_with(&self, found: [ProtocolKind; PORTS]) {
+        for (number, found) in PortNumber::ALL.into_iter().zip(found) {
+            self.port(number).spoken.store(found as u8, Ordering::Relaxed);
+        }
+    }
+
+    /// What is spoken on the ports; what they begin with until they have.
     pub(super) fn spoken(&self) -> [ProtocolKind; PORTS] {
         PortNumber::ALL.map(|number| {
             let spoken = self.port(number).spoken.load(Ordering::Relaxed);

@@ -29,14 +29,19 @@ pub trait SetBaud {
     fn set_baud(&mut self, baud: Baud);
 }
 
-/// Runs a port for ever. It begins at the speed of [`Settings::DEFAULT`].
+/// Runs a port for ever, from when it is known what the user has chosen: before, it is silent. It is at the speed of
+/// [`Settings::DEFAULT`] until then.
 pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
     let mut estimates = listen(&links.estimates);
     let mut changes = listen(&links.settings);
     let mut texts = listen(&links.texts);
     let wires = links.port(number);
-    let mut settings = Settings::DEFAULT;
-    let mut port = Port::new(settings.ports.of(number).protocol);
+    let mut settings = changes.changed().await;
+    let PortSettings { protocol, baud } = settings.ports.of(number);
+    let mut port = Port::new(protocol, *number.of(&links.spoken()), now());
+    if baud != Settings::DEFAULT.ports.of(number).baud {
+        tx.set_baud(baud);
+    }
     let mut counted = Counted::default();
     let mut silence = Pace::new();
     let mut bytes = [0; 64];

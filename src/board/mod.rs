@@ -7,6 +7,7 @@
 
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod b_l475e_iot01a;
+mod kept;
 mod last_words;
 #[cfg(feature = "board-mps2-an386")]
 mod mps2_an386;

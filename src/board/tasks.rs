@@ -2,12 +2,14 @@
 //! the one list of them, for all boards.
 
 use autoswing::app::{self, Links};
+use autoswing::collection::Kept;
 use autoswing::health::ResetCause;
 use autoswing::settings::{PORTS, PortNumber};
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 
 use super::chosen::{Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
+use super::kept;
 
 static LINKS: Links = Links::new();
 
@@ -38,7 +40,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
 
     let region = hardware.flash.region();
     let (console_tx, console_rx) = hardware.console;
-    below.spawn(spawned(compass(Store::new(hardware.flash, region))));
+    below.spawn(spawned(compass(Store::new(hardware.flash, region), kept::lend())));
     below.spawn(spawned(console(console_rx, console_tx, hardware.platform, hardware.reset)));
     below.spawn(spawned(pulse()));
 }
@@ -79,8 +81,8 @@ async fn pulse() -> ! {
 }
 
 #[embassy_executor::task]
-async fn compass(store: Store<StoreFlash>) -> ! {
-    app::compass::run(&LINKS, store).await
+async fn compass(store: Store<StoreFlash>, kept: &'static mut Kept) -> ! {
+    app::compass::run(&LINKS, store, kept).await
 }
 
 #[embassy_executor::task]

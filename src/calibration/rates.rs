@@ -47,6 +47,16 @@ impl Rates {
         Self(ROLL.of(roll) | PITCH.of(pitch) | HEADING.of(heading))
     }
 
+    /// All of them in one word.
+    pub(crate) const fn word(self) -> u32 {
+        self.0
+    }
+
+    /// Those of a word, whatever it is.
+    pub(crate) const fn from_word(word: u32) -> Self {
+        Self(word)
+    }
+
     /// Of roll, radians a second.
     #[must_use]
     pub fn roll_rad_s(&self) -> f32 {

@@ -137,6 +137,23 @@ impl Flown {
         right_ms: 0,
     };
 
+    /// What of it outlives a restart: all that is counted.
+    pub fn words(&self) -> [u32; 6] {
+        let Self { samples, gaps, lasted_ms, most_rad, left_ms, right_ms, .. } = *self;
+        [samples, gaps, lasted_ms, most_rad.to_bits(), left_ms, right_ms]
+    }
+
+    /// What was flown before a restart, by these words.
+    pub const fn from_words([samples, gaps, lasted_ms, most_rad, left_ms, right_ms]: [u32; 6]) -> Self {
+        let most_rad = f32::from_bits(most_rad);
+        Self { samples, gaps, lasted_ms, most_rad, left_ms, right_ms, ..Self::NOTHING }
+    }
+
+    /// When the last sample was taken.
+    pub fn last(&self) -> Option<WrappingMillis> {
+        self.last
+    }
+
     /// Takes the next sample in time.
     pub fn push(&mut self, sample: &Sample) {
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
@@ -202,7 +219,7 @@ impl Flown {
 #[cfg(test)]
 mod tests {
     use super::super::Collector;
-    use super::super::testing::{banked, turn};
+    use super::super::testing::{banked, memory, turn};
     use super::*;
     use crate::calibration::ladder::Procedure;
 
@@ -303,7 +320,7 @@ mod tests {
     #[test]
     fn turns_that_are_an_arc_are_named() {
         let through = |rate_deg_s: f32, seconds: u16| {
-            let mut collector = Collector::new();
+            let mut collector = Collector::new(memory());
             collector.begin(Procedure::Turns);
             turn(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push(sample));
             turn(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push(sample));
@@ -328,7 +345,7 @@ mod tests {
     /// Nothing is said of procedures that are not flown in turns, and a new collection knows nothing of the last.
     #[test]
     fn it_is_of_this_collection() {
-        let mut collector = Collector::new();
+        let mut collector = Collector::new(memory());
         for (procedure, is_said) in
             [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
         {

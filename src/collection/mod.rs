@@ -6,12 +6,14 @@
 //! little bank, and a module that is tumbled by hand whatever it sees. Whatever is flown is collected by what each sample
 //! tells of the coefficients. A dataset of fixed capacity keeps samples evenly
 //! spread over heading, a part of them held back for verification ([`dataset`]). A compass swing adds marks: samples at
-//! headings that a person knows.
+//! headings that a person knows. What is collected lies in memory that is lent, and outlives a restart with it ([`Kept`]).
 
+mod buffer;
 mod circle;
 pub mod dataset;
 mod detector;
 mod flown;
+mod kept;
 mod part;
 mod recent;
 mod spread;
@@ -19,13 +21,17 @@ mod spread;
 mod testing;
 
 pub use flown::Lack;
+pub use kept::Kept;
 pub use recent::Recent;
 
 use crate::calibration::ladder::Procedure;
 use crate::calibration::{Mark, Method, Sample, Samples, Side, Solution};
+use crate::time::WrappingMillis;
+use buffer::Buffer;
 use dataset::{Coverage, Dataset};
 use detector::Detector;
 use flown::Flown;
+use kept::Header;
 
 /// Marks of a compass swing: one every 10 deg. 1 KB.
 pub const MARKS_CAPACITY: usize = 36;
@@ -45,13 +51,47 @@ impl Config {
         Self { level_roll_rad: detector::Config::DEFAULT.leave_roll_rad, level_pitch_rad: 12_f32.to_radians() };
 }
 
-/// Detector, dataset and marks together: the collection of one calibration. About 15 KB.
+/// How a collection stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Course {
+    /// There is none: it has ended, or none was begun.
+    Over,
+    /// It is stopped, and its samples wait to be solved.
+    Stopped,
+    /// It goes on.
+    GoesOn,
+}
+
+/// What is kept with a collection, for whoever made it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Context {
+    /// Whether the module began it.
+    pub by_itself: bool,
+    /// Number of the calibration that was there then.
+    pub serial: u32,
+}
+
+/// A loss of fewer samples to fit to, four seconds of flying, is none.
+const FEW_SAMPLES: usize = 10;
+
+/// After a restart the clock of a collection goes on so much later, milliseconds: no two of its samples are of one time.
+const AWAY_MS: u32 = 1000;
+
+/// Detector, dataset and marks together: the collection of one calibration.
 #[derive(Debug)]
-pub struct Collector {
+pub struct Collector<'a> {
+    header: &'a mut Header,
+    course: Course,
+    /// What was found with the memory, if it is a collection's.
+    found: Option<Context>,
+    /// Whether the header is of other samples.
+    has_changed: bool,
+    /// Its clock is so much ahead of that of the samples, milliseconds.
+    ahead_ms: u32,
     procedure: Procedure,
     detector: Detector,
-    dataset: Dataset,
-    marks: heapless::Vec<Mark, MARKS_CAPACITY>,
+    dataset: Dataset<'a>,
+    marks: Buffer<'a, Mark>,
     /// Whether a turn has been flown since the collection began.
     turned: bool,
     flown: Flown,
@@ -88,24 +128,98 @@ impl Progress {
     }
 }
 
-impl Collector {
-    /// Nothing collected.
+impl<'a> Collector<'a> {
+    /// With what was collected in this memory before, or with nothing: [`found`](Self::found) tells.
     #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            procedure: Procedure::Flight,
+    #[inline(never)]
+    pub fn new(kept: &'a mut Kept) -> Self {
+        let Kept { header, left, right, level, marks } = kept;
+        let [tag, serial, clock_ms, dataset @ .., news, _, _, _, _, _, _] = *header.words();
+        let [.., a, b, c, d, e, f] = *header.words();
+        let [course, procedure, flags, number_of_marks] = tag.to_le_bytes();
+        let [goes_on, stopped] = [Course::GoesOn, Course::Stopped].map(|it| it as u8 == course);
+        let mut collector = Self {
+            header,
+            course: if goes_on { Course::GoesOn } else { Course::Stopped },
+            found: None,
+            has_changed: true,
+            ahead_ms: clock_ms.wrapping_add(AWAY_MS),
+            procedure: Procedure::ALL.get(usize::from(procedure)).copied().unwrap_or_default(),
             detector: Detector::new(detector::Config::DEFAULT),
-            dataset: Dataset::new(),
-            marks: heapless::Vec::new(),
-            turned: false,
-            flown: Flown::NOTHING,
-            news: 0,
+            dataset: Dataset::new(left, right, level, dataset),
+            marks: Buffer::new(marks, number_of_marks.into()),
+            turned: flags & TURNED != 0,
+            flown: Flown::from_words([a, b, c, d, e, f]),
+            news,
+        };
+        let is_whole = collector.header.is_of(collector.dataset.all(), collector.marks.as_slice());
+        if is_whole {
+            collector.found = Some(Context { by_itself: flags & BY_ITSELF != 0, serial });
         }
+        if is_whole && (goes_on || stopped) {
+            collector.header.count_restart();
+        } else {
+            collector.forget();
+        }
+        collector
+    }
+
+    /// What was found in the memory: of a collection, or of one that has ended. None where it was neither: it held anything.
+    #[must_use]
+    pub fn found(&self) -> Option<Context> {
+        self.found
+    }
+
+    /// How it stands.
+    #[must_use]
+    pub fn course(&self) -> Course {
+        self.course
+    }
+
+    /// Whether its loss is worth a word.
+    #[must_use]
+    pub fn is_worth_something(&self) -> bool {
+        let [left, _, right, _, level, _] = self.dataset.all().map(<[_]>::len);
+        self.course != Course::Over && left + right + level >= FEW_SAMPLES
+    }
+
+    /// Has the memory tell what is collected by now: to be called after each change, before anything that may take long.
+    pub fn keep(&mut self, context: Context) {
+        let Context { by_itself, serial } = context;
+        let flags = if by_itself { BY_ITSELF } else { 0 } | if self.turned { TURNED } else { 0 };
+        let number_of_marks = self.marks.as_slice().len() as u8;
+        let tag = u32::from_le_bytes([self.course as u8, self.procedure as u8, flags, number_of_marks]);
+        let [before, serial_before, ..] = *self.header.words();
+        let is_over = self.course == Course::Over;
+        if !self.has_changed && (is_over || [tag, serial] == [before, serial_before]) {
+            return;
+        }
+        self.has_changed = false;
+        if is_over {
+            self.header.seal([0; _], [&[]; 6], &[]);
+            return;
+        }
+        let clock_ms = self.flown.last().map_or(self.ahead_ms, WrappingMillis::count);
+        let ([l, m, n, o, p, q, r], [a, b, c, d, e, f]) = (self.dataset.words(), self.flown.words());
+        let words = [tag, serial, clock_ms, l, m, n, o, p, q, r, self.news, a, b, c, d, e, f];
+        self.header.seal(words, self.dataset.all(), self.marks.as_slice());
+    }
+
+    /// Restarts so far are no sign that the samples are the cause of them.
+    pub fn forgive_restarts(&mut self) {
+        self.header.forgive_restarts();
     }
 
     /// Takes the next averaged sample.
-    pub fn push(&mut self, sample: Sample) {
+    pub fn push(&mut self, mut sample: Sample) {
+        sample.time = sample.time.plus_ms(self.ahead_ms);
+        let before = self.dataset.taken();
         self.flown.push(&sample);
+        self.collect(sample);
+        self.has_changed |= self.dataset.taken() != before;
+    }
+
+    fn collect(&mut self, sample: Sample) {
         match self.procedure {
             Procedure::Turns => self.push_flown(sample),
             Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
@@ -140,8 +254,10 @@ impl Collector {
     }
 
     /// Takes a sample at a given heading; whether there was room for it.
-    pub fn mark(&mut self, mark: Mark) -> bool {
-        self.marks.push(mark).is_ok()
+    pub fn mark(&mut self, mut mark: Mark) -> bool {
+        mark.sample.time = mark.sample.time.plus_ms(self.ahead_ms);
+        self.has_changed = true;
+        self.marks.push(mark)
     }
 
     /// Forgets everything collected, to begin again in a procedure.
@@ -153,6 +269,21 @@ impl Collector {
         self.turned = false;
         self.flown = Flown::NOTHING;
         self.news = 0;
+        self.ahead_ms = 0;
+        self.forgive_restarts();
+        self.go_on(Course::GoesOn);
+    }
+
+    /// Forgets everything collected.
+    pub fn forget(&mut self) {
+        self.begin(Procedure::default());
+        self.go_on(Course::Over);
+    }
+
+    /// It stands like this from now on. Samples stay, also when it is over, until another begins.
+    pub fn go_on(&mut self, course: Course) {
+        self.course = course;
+        self.has_changed = true;
     }
 
     /// Why samples are missing or show too little, as far as what was flown says it.
@@ -188,7 +319,7 @@ impl Collector {
             },
             right: self.dataset.turns(Side::Right),
             level: self.dataset.level(),
-            marks: self.marks.len() as u16,
+            marks: self.marks.as_slice().len() as u16,
             turning: self.detector.turning(),
         }
     }
@@ -198,7 +329,7 @@ impl Collector {
     pub fn fit(&self) -> Samples<'_> {
         match self.procedure {
             Procedure::Flight => self.dataset.spread(),
-            _ => Samples { marks: &self.marks, ..self.dataset.fit() },
+            _ => Samples { marks: self.marks.as_slice(), ..self.dataset.fit() },
         }
     }
 
@@ -212,11 +343,9 @@ impl Collector {
     }
 }
 
-impl Default for Collector {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+/// Flags of a collection.
+const BY_ITSELF: u8 = 1;
+const TURNED: u8 = 2;
 
 fn is_level(sample: &Sample) -> bool {
     let Config { level_roll_rad, level_pitch_rad } = Config::DEFAULT;

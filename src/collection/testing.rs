@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::Kept;
 use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field, Level};
 use crate::time::WrappingMillis;
@@ -10,6 +11,11 @@ use crate::time::WrappingMillis;
 pub const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
+
+/// Memory with nothing in it, for as long as the tests run.
+pub fn memory() -> &'static mut Kept {
+    Box::leak(Box::new(Kept::EMPTY))
+}
 
 /// A sample of a field, level, at some time.
 pub fn sample(field_ut: [f32; 3], time_ms: u32) -> Sample {

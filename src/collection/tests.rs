@@ -1,9 +1,9 @@
-use super::testing::{banked, on_circle, turn};
+use super::testing::{banked, memory, on_circle, turn};
 use super::*;
 use crate::time::WrappingMillis;
 
-fn beginning(procedure: Procedure) -> Collector {
-    let mut collector = Collector::new();
+fn beginning(procedure: Procedure) -> Collector<'static> {
+    let mut collector = Collector::new(memory());
     collector.begin(procedure);
     collector
 }

@@ -24,7 +24,7 @@ impl Auto {
     pub const NEW: Self = Self { began: false, is_held: false, samples: 0 };
 }
 
-impl Compass {
+impl Compass<'_> {
     /// Begins a collection if nobody has, where one is wanted. Where the autopilot tells whether it is armed, when it is:
     /// before, it is carried about and stands beside iron.
     pub(super) fn begin_by_itself(&mut self) {

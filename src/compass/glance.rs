@@ -1,6 +1,6 @@
 //! The state machine at a glance: what a lamp can tell of it.
 
-use super::{Compass, Prospect, State};
+use super::{Compass, Prospect, Refusal, State};
 use crate::calibration::ladder::Procedure;
 
 /// The state at a glance.
@@ -16,13 +16,16 @@ pub enum Glance {
     Refused,
 }
 
-impl Compass {
+impl Compass<'_> {
     /// The state at a glance.
     #[must_use]
     pub fn glance(&self) -> Glance {
         match self.state() {
-            State::Uncalibrated if matches!(self.last, Some(Err(_))) => Glance::Refused,
-            State::Uncalibrated => Glance::Waiting,
+            State::Uncalibrated => match self.last {
+                // The next flight mends it.
+                None | Some(Ok(_) | Err(Refusal::CollectionLost)) => Glance::Waiting,
+                Some(Err(_)) => Glance::Refused,
+            },
             State::Collecting if self.awaits_arming() => Glance::Waiting,
             State::Collecting => Glance::Collecting(self.done_percent()),
             State::Solving | State::Verifying => Glance::Collecting(100),

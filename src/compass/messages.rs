@@ -7,7 +7,7 @@ use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Samp
 use crate::collection::Progress;
 use crate::earth::{Day, Here, Place};
 use crate::magnetometer::Identity;
-use crate::settings::{Setting, Settings};
+use crate::settings::{PORTS, ProtocolKind, Setting, Settings};
 use crate::store::{Record, StoreError};
 use crate::time::WrappingMillis;
 use crate::trig;
@@ -29,6 +29,8 @@ pub enum Event {
     Command(Command, WrappingMillis),
     /// Time for the next step of a solve: wanted while [`Compass::is_busy`](super::Compass::is_busy).
     Advance,
+    /// What is spoken on the ports at this time by the samples' clock; and a moment in which nothing else is to be done.
+    Spoken([ProtocolKind; PORTS], WrappingMillis),
     /// The save asked for by [`Effect::Save`] has ended.
     Saved(Result<(), StoreError>),
 }

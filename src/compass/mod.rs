@@ -11,6 +11,7 @@ mod auto;
 mod glance;
 mod messages;
 mod refusal;
+mod remember;
 #[cfg(test)]
 mod tests;
 mod trials;
@@ -26,15 +27,16 @@ use crate::calibration::{
     Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, SolveError, Solver,
 };
 use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
-use crate::collection::{Collector, Lack, Recent};
+use crate::collection::{Collector, Course, Kept, Lack, Recent};
 use crate::earth::Here;
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
 use crate::magnetometer::Identity;
 use crate::settings::{OutOfRange, Setting, Settings};
-use crate::store::{Change, Generations, Record, StoreError};
+use crate::store::{Change, Generations, Record, Remembered, StoreError, Stored};
 use crate::time::WrappingMillis;
 use auto::Auto;
+use remember::Memory;
 use trials::Trials;
 
 // A complete part has as many held-back samples as verification asks for.
@@ -65,6 +67,8 @@ enum Saving {
     Clear,
     /// Changed settings.
     Settings(Settings),
+    /// What nobody asked for.
+    Remembered(Remembered),
 }
 
 /// The magnetometer that answered.
@@ -74,9 +78,9 @@ struct FoundSensor {
     readings_per_sample: u16,
 }
 
-/// The state machine. About 18 KB, most of it samples.
+/// The state machine. About 3 KB, and the samples in memory that is lent.
 #[derive(Debug)]
-pub struct Compass {
+pub struct Compass<'a> {
     policy: Policy,
     settings: Settings,
     generations: Generations,
@@ -84,7 +88,7 @@ pub struct Compass {
     /// Whether the autopilot is armed, if that is known.
     is_armed: Option<bool>,
     here: Here,
-    collector: Collector,
+    collector: Collector<'a>,
     recent: Recent,
     phase: Phase,
     saving: Option<Saving>,
@@ -92,22 +96,24 @@ pub struct Compass {
     advice: Option<Advice>,
     trials: Trials,
     auto: Auto,
+    memory: Memory,
 }
 
-impl Compass {
-    /// The machine at start, with what flash held. Not inlined: what it is made of would lie on the stack beside all
-    /// that follows.
+impl<'a> Compass<'a> {
+    /// The machine at start, with what flash held, and a collection that the memory held. Not inlined: what it is made of
+    /// would lie on the stack beside all that follows.
     #[must_use]
     #[inline(never)]
-    pub const fn new(policy: Policy, settings: Settings, generations: Generations) -> Self {
-        Self {
+    pub fn new(policy: Policy, stored: &Stored, kept: &'a mut Kept) -> Self {
+        let Stored { settings, generations, remembered } = *stored;
+        let mut compass = Self {
             policy,
             settings,
             generations,
             sensor: None,
             is_armed: None,
             here: Here::NOWHERE,
-            collector: Collector::new(),
+            collector: Collector::new(kept),
             recent: Recent::new(),
             phase: Phase::Idle,
             saving: None,
@@ -115,7 +121,16 @@ impl Compass {
             advice: None,
             trials: Trials::NONE,
             auto: Auto::NEW,
-        }
+            memory: Memory::new(remembered),
+        };
+        compass.resume();
+        compass
+    }
+
+    /// How the last solve ended; at the start, that a collection was lost.
+    #[must_use]
+    pub fn last(&self) -> Option<&Outcome> {
+        self.last.as_ref()
     }
 
     /// Whether [`Event::Advance`] is wanted.
@@ -193,6 +208,7 @@ impl Compass {
         let Generations { current, previous } = &self.generations;
         Some(match self.saving.as_ref()? {
             Saving::Settings(settings) => Change::Settings(settings),
+            Saving::Remembered(remembered) => Change::Remembered(*remembered),
             Saving::Undo => Change::Generations { current: previous.as_ref(), previous: current.as_ref() },
             Saving::Clear => Change::Clear,
             Saving::Calibration(record) => Change::Generations { current: Some(record), previous: current.as_ref() },
@@ -204,6 +220,12 @@ impl Compass {
     /// The paths below are never inlined: each has large values of its own, and in one frame they would all lie on the
     /// board's stack at once, beside the solver's.
     pub fn step(&mut self, event: Event) -> Effect {
+        let effect = self.react(event);
+        self.keep();
+        effect
+    }
+
+    fn react(&mut self, event: Event) -> Effect {
         match event {
             Event::SensorFound(identity, readings_per_sample) => {
                 self.sensor = Some(FoundSensor { identity, readings_per_sample });
@@ -228,6 +250,7 @@ impl Compass {
             },
             Event::Advance => self.advance(),
             Event::Saved(result) => self.saved(result),
+            Event::Spoken(spoken, now) => self.remember(spoken, now),
         }
     }
 
@@ -239,6 +262,7 @@ impl Compass {
             return Effect::None;
         }
         self.collector.push(sample);
+        self.keep();
         let is_complete = self.collector.progress().is_complete();
         self.trials.runs = !is_complete
             && self.collector.procedure() == Procedure::Flight
@@ -272,6 +296,7 @@ impl Compass {
             Command::CalStop => match self.phase {
                 Phase::Collecting => {
                     self.phase = Phase::Idle;
+                    self.collector.go_on(Course::Stopped);
                     self.hold();
                 }
                 _ => return Err(Refusal::NotCollecting),
@@ -299,7 +324,7 @@ impl Compass {
             Command::Align(heading_deg) => return self.align(heading_deg, false, now),
             Command::AlignSurely(heading_deg) => return self.align(Some(heading_deg), true, now),
             // Whoever asks does it.
-            Command::Restart => {}
+            Command::Restart => self.collector.forgive_restarts(),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
@@ -328,7 +353,7 @@ impl Compass {
 
     /// Stops whatever runs and forgets the samples.
     fn forget(&mut self) {
-        self.collector.begin(Procedure::default());
+        self.collector.forget();
         self.trials = Trials::NONE;
         self.auto.began = false;
         self.phase = Phase::Idle;
@@ -500,7 +525,10 @@ impl Compass {
     #[inline(never)]
     fn saved(&mut self, result: Result<(), StoreError>) -> Effect {
         let Some(saving) = self.saving.take() else { return Effect::None };
+        self.memory.is_written_with(&saving, result);
         match (saving, result) {
+            // Asked for by nobody, and not tried again until it is another.
+            (Saving::Remembered(_), _) => Effect::None,
             (Saving::Calibration(record), Ok(())) => {
                 self.generations.push(&record);
                 self.end(Ok(Verdict::new(record.quality, &record.calibration)))
@@ -534,6 +562,7 @@ impl Compass {
     fn go_on(&mut self) {
         self.trials.runs = false;
         self.phase = Phase::Collecting;
+        self.collector.forgive_restarts();
     }
 
     /// Why samples are missing, or show too little.
@@ -551,6 +580,10 @@ impl Compass {
         }
         // What the module collects by itself goes on when somebody has asked in vain what there is by now.
         self.auto.began &= outcome.is_err();
+        self.collector.forgive_restarts();
+        if !self.auto.began {
+            self.collector.go_on(Course::Over);
+        }
         self.phase = if self.auto.began { Phase::Collecting } else { Phase::Idle };
         self.last = Some(outcome.clone());
         Effect::Notify(outcome)
@@ -574,7 +607,7 @@ impl Compass {
 }
 
 /// The samples that a solve uses.
-fn to_fit(collector: &Collector) -> Samples<'_> {
+fn to_fit<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
     Selection::of(collector.fit(), collector.procedure()).from(collector.fit())
 }
 

@@ -64,6 +64,8 @@ pub enum Refusal {
     Solve(SolveError),
     /// Solved, but not accepted.
     Rejected(Rejection),
+    /// A collection was under way when the power went, or the memory that it was in.
+    CollectionLost,
     /// Writing failed; the calibration in use is the old one.
     Store(StoreError),
 }
@@ -129,6 +131,7 @@ impl Refusal {
             Self::OutOfRange(_) => "out-of-range",
             Self::Solve(error) => error.code(),
             Self::Rejected(rejection) => rejection.code(),
+            Self::CollectionLost => "collection-lost",
             Self::Store(error) => error.code(),
         }
     }
@@ -171,6 +174,7 @@ impl fmt::Display for Refusal {
             Self::OutOfRange(OutOfRange(range)) => f.write_str(range),
             Self::Solve(error) => error.fmt(f),
             Self::Rejected(rejection) => rejection.fmt(f),
+            Self::CollectionLost => f.write_str("what was collected went with the power; collect again"),
             Self::Store(error) => error.fmt(f),
         }
     }

@@ -23,28 +23,36 @@ pub struct Port {
 
 /// What the far end was found to speak, and when it was heard to last.
 #[derive(Clone, Copy, Debug)]
-struct Search(Option<(ProtocolKind, Timestamp)>);
+struct Search {
+    /// `Auto` if nothing was.
+    kind: ProtocolKind,
+    at: Timestamp,
+    /// Whether it was heard since the module started. What was found before that is spoken as if it had been, so that who is
+    /// there still has nothing to wait for; and the first who is heard is believed.
+    is_heard: bool,
+}
 
 impl Search {
     /// A frame of a protocol has come, that of another changes nothing while the one that was found is heard.
     fn hear(&mut self, kind: ProtocolKind, at: Timestamp) {
-        if self.at(at).is_none_or(|found| found == kind) {
-            self.0 = Some((kind, at));
+        if !self.is_heard || [kind, ProtocolKind::Auto].contains(&self.at(at)) {
+            *self = Self { kind, at, is_heard: true };
         }
     }
 
-    fn at(&self, now: Timestamp) -> Option<ProtocolKind> {
-        self.0.filter(|(_, at)| now.us_since(*at) <= SILENCE_US).map(|(kind, _)| kind)
+    fn at(&self, now: Timestamp) -> ProtocolKind {
+        if now.us_since(self.at) <= SILENCE_US { self.kind } else { ProtocolKind::Auto }
     }
 }
 
 impl Port {
-    /// A port on which nothing was heard.
+    /// A port on which nothing was heard since the start, at this instant. Before it this was found there; `Auto` if nothing
+    /// was.
     #[must_use]
-    pub fn new(chosen: ProtocolKind) -> Self {
+    pub fn new(chosen: ProtocolKind, found: ProtocolKind, start: Timestamp) -> Self {
         Self {
             chosen,
-            found: Search(None),
+            found: Search { kind: found, at: start, is_heard: false },
             mavlink: Mavlink::new(),
             msp: Msp::new(),
             nmea: Nmea::new(),
@@ -61,14 +69,16 @@ impl Port {
     #[must_use]
     pub fn spoken(&self, now: Timestamp) -> ProtocolKind {
         match self.chosen {
-            ProtocolKind::Auto => self.found.at(now).unwrap_or(ProtocolKind::Auto),
+            ProtocolKind::Auto => self.found.at(now),
             chosen => chosen,
         }
     }
 
     /// Takes a byte that came at an instant.
     pub fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
-        let spoken = self.spoken(at);
+        // Until somebody is heard, whoever it is may be.
+        let is_sure = self.found.is_heard || self.chosen != ProtocolKind::Auto;
+        let spoken = if is_sure { self.spoken(at) } else { ProtocolKind::Auto };
         let by_msp =
             if matches!(spoken, ProtocolKind::Auto | ProtocolKind::Msp) { self.msp.byte(at, byte) } else { None };
         let by_mavlink = if spoken == ProtocolKind::Msp { None } else { self.mavlink.byte(at, byte) };
@@ -177,7 +187,7 @@ mod tests {
     fn auto_speaks_what_it_hears_until_it_hears_nothing() {
         for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
         {
-            let mut port = Port::new(ProtocolKind::Auto);
+            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
             assert_eq!(port.spoken(at(0)), ProtocolKind::Auto);
             hear(&mut port, 5, &frame[..frame.len() - 1]);
             assert_eq!(port.spoken(at(5)), ProtocolKind::Auto, "half a frame is none");
@@ -195,7 +205,7 @@ mod tests {
     #[test]
     fn what_was_found_stays_while_it_is_heard() {
         let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
-        let mut port = Port::new(ProtocolKind::Auto);
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
         hear(&mut port, 0, &mavlink);
         for ms in (0..20_000).step_by(1000) {
             hear(&mut port, ms, &mavlink);
@@ -211,7 +221,7 @@ mod tests {
     /// It asks in MSP while it searches, and no more once it has heard MAVLink.
     #[test]
     fn a_search_is_in_msp() {
-        let mut port = Port::new(ProtocolKind::Auto);
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
         assert!(said(&mut port, 0).starts_with(b"$X<"));
         hear(&mut port, 1, &heartbeat_frame());
         assert!((1..2_000).step_by(12).all(|ms| !said(&mut port, ms).starts_with(b"$X<")));
@@ -221,7 +231,7 @@ mod tests {
     #[test]
     fn what_is_chosen_is_spoken() {
         for kind in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
-            let mut port = Port::new(kind);
+            let mut port = Port::new(kind, ProtocolKind::Auto, at(0));
             hear(&mut port, 0, &heartbeat_frame());
             hear(&mut port, 1, &variant_frame(*b"ARDU"));
             assert_eq!(port.spoken(at(2)), kind);
@@ -233,7 +243,7 @@ mod tests {
     /// Attitude by MAVLink is heard beside sentences.
     #[test]
     fn sentences_and_attitude_share_a_line() {
-        let mut port = Port::new(ProtocolKind::Nmea);
+        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, at(0));
         assert!(said(&mut port, 0).starts_with(b"$HCHDM"));
         let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
         let heard = frame.iter().find_map(|&byte| port.byte(at(1), byte));

@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use super::{StoreError, v2, v3, v4, v5, v6, v7};
 use crate::calibration::{Calibration, Latency, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
-use crate::settings::Settings;
+use crate::settings::{PORTS, ProtocolKind, Settings};
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
 /// into a module of its own, as `v7` did.
 pub(super) const VERSION: u8 = 8;
-/// Room for version, contents and CRC. The contents take at most 735 bytes: 346 for each record, 41 for settings and
-/// the count of saves, and the tags of the options.
+/// Room for version, contents and CRC. The contents take at most 736 bytes: 346 for each record, 41 for settings and
+/// the count of saves, the tags of the options, and a byte of what is [`Remembered`].
 pub(super) const VALUE_SIZE: usize = 744;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
@@ -91,6 +91,46 @@ pub struct Stored {
     pub settings: Settings,
     /// The calibration in use and the one before.
     pub generations: Generations,
+    /// What nobody chose.
+    #[serde(skip)]
+    pub remembered: Remembered,
+}
+
+/// What the module notes for its next start. It is optional: one byte behind the contents, which firmware of the same
+/// version that knows nothing of it passes over, and where there is none, nothing is remembered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Remembered {
+    /// Whether samples are being collected, which would be lost with the power.
+    pub is_collecting: bool,
+    /// What `auto` has found on each port; `Auto` where it has found nothing.
+    pub found: [ProtocolKind; PORTS],
+}
+
+impl Remembered {
+    /// Nothing.
+    pub const NOTHING: Self = Self { is_collecting: false, found: [ProtocolKind::Auto; PORTS] };
+
+    /// Whether there is a collection, and two bits a port.
+    fn byte(self) -> u8 {
+        let [one, two] = self.found.map(|kind| kind as u8);
+        u8::from(self.is_collecting) | one << 1 | two << 3
+    }
+
+    /// Of any byte: what it cannot be is nothing.
+    fn from_byte(byte: u8) -> Self {
+        let found = [byte >> 1, byte >> 3].map(|bits| match bits & 0b11 {
+            1 => ProtocolKind::Mavlink,
+            2 => ProtocolKind::Msp,
+            _ => ProtocolKind::Auto,
+        });
+        Self { is_collecting: byte & 1 != 0, found }
+    }
+}
+
+impl Default for Remembered {
+    fn default() -> Self {
+        Self::NOTHING
+    }
 }
 
 impl Stored {
@@ -111,6 +151,8 @@ pub enum Change<'a> {
         /// The one before.
         previous: Option<&'a Record>,
     },
+    /// What is remembered unasked; settings and calibrations stay.
+    Remembered(Remembered),
     /// Forgets both calibrations; the settings stay. It is the one change that replaces what a later firmware stored,
     /// and begins anew with the default settings then.
     Clear,
@@ -136,8 +178,11 @@ impl Contents {
             Change::Generations { current, previous } => {
                 self.stored.generations = Generations { current: current.copied(), previous: previous.copied() };
             }
+            Change::Remembered(remembered) => self.stored.remembered = remembered,
             Change::Clear => self.stored.generations.clear(),
         }
+        // A calibration ends a collection, and one that goes on all the same is noted anew.
+        self.stored.remembered.is_collecting &= matches!(change, Change::Settings(_) | Change::Remembered(_));
         self
     }
 
@@ -148,7 +193,12 @@ impl Contents {
         }
         let (version, rest) = buffer.split_first_mut().ok_or(StoreError::Full)?;
         *version = VERSION;
-        let payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
+        let mut payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
+        let remembered = self.stored.remembered.byte();
+        if remembered != 0 {
+            *rest.get_mut(payload_size).ok_or(StoreError::Full)? = remembered;
+            payload_size += 1;
+        }
         let (checked, rest) = buffer.split_at_mut_checked(1 + payload_size).ok_or(StoreError::Full)?;
         let crc = rest.first_chunk_mut::<CRC_SIZE>().ok_or(StoreError::Full)?;
         *crc = CRC.checksum(checked).to_le_bytes();
@@ -178,7 +228,9 @@ impl Contents {
 
     #[inline(never)]
     fn read(payload: &[u8]) -> Option<Self> {
-        postcard::from_bytes(payload).ok()
+        let (mut contents, rest): (Self, _) = postcard::take_from_bytes(payload).ok()?;
+        contents.stored.remembered = rest.first().copied().map(Remembered::from_byte).unwrap_or_default();
+        Some(contents)
     }
 
     /// Version 2 or 3.
@@ -204,7 +256,7 @@ mod tests {
     fn contents() -> Contents {
         let generations = Generations { current: Some(record(u32::MAX)), previous: Some(record(u32::MAX - 1)) };
         let settings = Settings { inclination_deg: Some(-60.0), ..settings() };
-        Contents { saves: u32::MAX, stored: Stored { settings, generations } }
+        Contents { saves: u32::MAX, stored: Stored { settings, generations, ..Stored::default() } }
     }
 
     fn encoded(contents: &Contents) -> Result<Vec<u8>, StoreError> {

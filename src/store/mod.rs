@@ -39,7 +39,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-pub use contents::{Change, Generations, Record, Stored};
+pub use contents::{Change, Generations, Record, Remembered, Stored};
 use contents::{Contents, VALUE_SIZE, VERSION};
 
 /// The only key of the map.

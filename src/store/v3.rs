@@ -124,7 +124,7 @@ impl Contents {
         };
         let Self { head: Head { saves, settings }, generations: Generations { current, previous } } = self;
         let generations = contents::Generations { current: record(current)?, previous: record(previous)? };
-        let stored = Stored { settings: settings.convert()?, generations };
+        let stored = Stored { settings: settings.convert()?, generations, ..Stored::default() };
         Some(contents::Contents { saves: *saves, stored })
     }
 }

@@ -34,5 +34,5 @@ pub(super) fn read_head(payload: &[u8]) -> Option<(u32, Settings, &[u8])> {
 /// With the calibrations behind all settings.
 pub(super) fn contents(saves: u32, settings: Settings, rest: &[u8]) -> Option<Contents> {
     let generations: Generations = postcard::from_bytes(rest).ok()?;
-    Some(Contents { saves, stored: Stored { settings, generations } })
+    Some(Contents { saves, stored: Stored { settings, generations, ..Stored::default() } })
 }

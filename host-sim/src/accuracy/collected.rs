@@ -2,7 +2,7 @@
 
 use autoswing::calibration::ladder::Procedure;
 use autoswing::calibration::{Consider, Method, Sample};
-use autoswing::collection::Collector;
+use autoswing::collection::{Collector, Kept};
 use autoswing::compass::Pace;
 
 use super::solve;
@@ -11,7 +11,8 @@ use super::trial::Recorded;
 /// What the device's own collection keeps of whatever is flown, told by trial solves at the device's pace.
 #[must_use]
 pub fn collect(samples: &[Sample]) -> Recorded {
-    let mut collector = Collector::new();
+    let mut kept = Kept::EMPTY;
+    let mut collector = Collector::new(&mut kept);
     collector.begin(Procedure::Flight);
     let mut pace = Pace::NONE;
     for &sample in samples {

@@ -3,10 +3,11 @@
 use autoswing::acceptance::Policy;
 use autoswing::calibration::Sample;
 use autoswing::calibration::ladder::Procedure;
+use autoswing::collection::Kept;
 use autoswing::compass::{Command, Compass, Effect, Event};
 use autoswing::magnetometer::{Identity, Model};
 use autoswing::settings::Settings;
-use autoswing::store::Generations;
+use autoswing::store::Stored;
 use autoswing::time::WrappingMillis;
 
 use super::Options;
@@ -18,7 +19,8 @@ const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 pub(super) fn ends_after(samples: &[Sample], options: &Options) -> Option<usize> {
     let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
     let settings = Settings { inclination_deg, ..Settings::DEFAULT };
-    let mut compass = Compass::new(Policy::DEFAULT, settings, Generations::default());
+    let mut kept = Kept::EMPTY;
+    let mut compass = Compass::new(Policy::DEFAULT, &Stored { settings, ..Stored::default() }, &mut kept);
     compass.step(Event::SensorFound(SENSOR, 1));
     compass.step(Event::Command(Command::CalStart(Procedure::Flight), WrappingMillis::default()));
     samples

@@ -11,7 +11,7 @@ use autoswing::calibration::{
     Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
-use autoswing::collection::{self, Collector, Lack};
+use autoswing::collection::{self, Collector, Kept, Lack};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
@@ -188,7 +188,8 @@ type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 
 /// Through the device's collection, ladder and verification.
 fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, usize, Option<Lack>) {
-    let mut collector = Collector::new();
+    let mut kept = Kept::EMPTY;
+    let mut collector = Collector::new(&mut kept);
     collector.begin(procedure);
     for &sample in samples {
         collector.push(sample);

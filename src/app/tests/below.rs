@@ -12,6 +12,7 @@ use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::ladder::Procedure;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random};
+use crate::collection::Kept;
 use crate::compass::{Command, Refusal, Reply, State};
 #[cfg(feature = "wmm")]
 use crate::earth::{Day, EarthField, Place};
@@ -32,7 +33,10 @@ fn store(flash: Flash) -> Store<Flash> {
 
 fn with_compass(flash: Flash) -> Bed {
     let mut bed = Bed::new();
-    bed.run("compass", |links| async move { Box::pin(compass::run(&links, store(flash))).await });
+    bed.run(
+        "compass",
+        |links| async move { Box::pin(compass::run(&links, store(flash), &mut Kept::EMPTY.clone())).await },
+    );
     bed.ms(1);
     bed
 }

@@ -12,6 +12,7 @@ use super::devices::{Chip, SENSOR};
 use crate::app::compass;
 use crate::app::links::{FoundSensor, publish};
 use crate::app::panel::{self, Panel};
+use crate::collection::Kept;
 use crate::compass::{Command, Glance, Reply, State};
 use crate::frames::Attitude;
 use crate::heading::NoHeading;
@@ -115,7 +116,8 @@ fn the_button_is_held_for_two_seconds() {
 fn the_button_begins_a_collection() {
     let (mut bed, post) = with_panel();
     bed.run("compass", |links| async move {
-        Box::pin(compass::run(&links, Store::new(RamFlash::<2048>::new(8), 0..2048 * 8))).await;
+        Box::pin(compass::run(&links, Store::new(RamFlash::<2048>::new(8), 0..2048 * 8), &mut Kept::EMPTY.clone()))
+            .await;
     });
     publish(
         &bed.links.sensor,

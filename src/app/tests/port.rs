@@ -30,6 +30,7 @@ fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
 fn with_port(bed: &mut Bed, number: PortNumber) -> (Line, Port) {
     let (line, port) = (Line::default(), Port::default());
     let (rx, tx) = (line.clone(), port.clone());
+    publish(&bed.links.settings, Settings::DEFAULT);
     bed.run("port", move |links| async move { port::run(&links, number, rx, tx).await });
     bed.ms(1);
     (line, port)

@@ -8,7 +8,7 @@ use core::hint::black_box;
 use autoswing::attitude::{Report, Source};
 use autoswing::calibration::ladder::Procedure;
 use autoswing::calibration::{Method, Prior, Progress, Rates, Sample, Samples, Solution, Solver};
-use autoswing::collection::Collector;
+use autoswing::collection::{Collector, Context, Kept};
 use autoswing::frames::{Attitude, Field, Sensor};
 use autoswing::heading::{self, Heading};
 use autoswing::instrument::{self, Correction, Instrument};
@@ -60,13 +60,13 @@ pub fn ask(number: u8) {
 
 /// Waits for tests to be asked for and runs them. Those that end badly end the run.
 pub async fn run(mut tx: UartTx) -> ! {
-    static COLLECTOR: StaticCell<Collector> = StaticCell::new();
+    static KEPT: StaticCell<Kept> = StaticCell::new();
     let mut turns = Turns::fly();
-    let collector = COLLECTOR.init_with(Collector::new);
+    let mut collector = Collector::new(KEPT.init_with(|| Kept::EMPTY));
     loop {
         let mut results = Results::new();
         let written = match ASKED.wait().await {
-            Test::Budgets => budgets(&mut turns, collector, &mut results),
+            Test::Budgets => budgets(&mut turns, &mut collector, &mut results),
             Test::Fault => cortex_m::asm::udf(),
             Test::Overflow => {
                 fill_stack(black_box(0));
@@ -93,7 +93,7 @@ fn fill_stack(depth: u32) -> u32 {
 }
 
 /// A line each, after the one that the console's prompt stands on: a name and the instructions it takes.
-fn budgets(turns: &mut Turns, collector: &mut Collector, out: &mut Results) -> fmt::Result {
+fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
     let (mut solve, mut late) = (0, 0);
     turns.delay(LATE_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
@@ -170,14 +170,17 @@ fn watching(solution: &Solution) -> u64 {
 
 /// The most that a sample of whatever is flown takes when there is no room for it: of twenty beyond what fills all buffers.
 #[inline(never)]
-fn collecting(collector: &mut Collector) -> u64 {
+fn collecting(collector: &mut Collector<'_>) -> u64 {
     const FILLED: usize = 700;
     let mut noise = Noise(2);
     collector.begin(Procedure::Flight);
     let mut most = 0;
     for i in 0..FILLED + 20 {
         let sample = sample(if i % 2 == 0 { -1.0 } else { 1.0 }, i, &mut noise);
-        let count = instructions(|| collector.push(sample));
+        let count = instructions(|| {
+            collector.push(sample);
+            collector.keep(Context::default());
+        });
         if i >= FILLED {
             most = most.max(count);
         }

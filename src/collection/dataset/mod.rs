@@ -1,6 +1,8 @@
 //! Samples of left turns, right turns and level flight, in buffers of fixed capacity, evenly spread over heading.
 
-use super::part::{Apart, Buffer, Config, PartSamples, Purpose};
+use super::buffer::Buffer;
+use super::kept::Room;
+use super::part::{Apart, Config, PartSamples, Purpose};
 use super::spread::Spread;
 use crate::calibration::{Calibration, Quality, Sample, Samples, Side};
 use crate::frames::{Attitude, wrap_pi};
@@ -13,13 +15,13 @@ pub use super::part::Coverage;
 pub const FIT_CAPACITY: usize = 16 * SECTORS;
 
 /// Samples held back for verification, a side: 5 a sector. 1.4 KB.
-const HELD_BACK_CAPACITY: usize = 5 * SECTORS;
+pub(super) const HELD_BACK_CAPACITY: usize = 5 * SECTORS;
 
 /// Samples of level flight for the fit: 5 a sector and some. 1.5 KB.
-const LEVEL_FIT_CAPACITY: usize = 64;
+pub(super) const LEVEL_FIT_CAPACITY: usize = 64;
 
 /// Samples of level flight held back. 0.5 KB.
-const LEVEL_HELD_BACK_CAPACITY: usize = 20;
+pub(super) const LEVEL_HELD_BACK_CAPACITY: usize = 20;
 
 /// Samples held back of a part, at the fewest, when it is complete: verification must not ask for more.
 pub(crate) const HELD_BACK_WHEN_COMPLETE: u16 = Config::LEVEL.held_back_when_complete();
@@ -47,26 +49,52 @@ fn has_moved(last: &Sample, sample: &Sample) -> bool {
 
 /// The samples of both sides and of level flight, each in the order of time.
 #[derive(Debug)]
-pub(super) struct Dataset {
-    left: PartSamples<FIT_CAPACITY, HELD_BACK_CAPACITY>,
-    right: PartSamples<FIT_CAPACITY, HELD_BACK_CAPACITY>,
-    level: PartSamples<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
+pub(super) struct Dataset<'a> {
+    left: PartSamples<'a>,
+    right: PartSamples<'a>,
+    level: PartSamples<'a>,
     /// Distance that samples of all attitudes keep now, microtesla.
     apart_ut: f32,
     /// What those to solve with told together when one was last held against all of them.
     known: Spread,
 }
 
-impl Dataset {
-    /// No samples.
-    pub const fn new() -> Self {
+/// Words of a dataset: all that its samples do not tell.
+pub(super) type Words = [u32; 7];
+
+impl<'a> Dataset<'a> {
+    /// With what the memory holds of samples by its words; with none for words of nothing.
+    pub fn new(
+        left: &'a mut Room<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+        right: &'a mut Room<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+        level: &'a mut Room<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
+        words: Words,
+    ) -> Self {
+        let [of_left @ .., right_lengths, right_counts, level_lengths, level_counts, apart] = words;
         Self {
-            left: PartSamples::new(),
-            right: PartSamples::new(),
-            level: PartSamples::new(),
-            apart_ut: Apart::DEFAULT.distance_ut,
+            left: PartSamples::new(&mut left.fit, &mut left.held_back, of_left),
+            right: PartSamples::new(&mut right.fit, &mut right.held_back, [right_lengths, right_counts]),
+            level: PartSamples::new(&mut level.fit, &mut level.held_back, [level_lengths, level_counts]),
+            apart_ut: f32::from_bits(apart),
             known: Spread::NONE,
         }
+    }
+
+    /// Its words.
+    pub fn words(&self) -> Words {
+        let ([a, b], [c, d], [e, f]) = (self.left.words(), self.right.words(), self.level.words());
+        [a, b, c, d, e, f, self.apart_ut.to_bits()]
+    }
+
+    /// All its samples.
+    pub fn all(&self) -> [&[Sample]; 6] {
+        let Self { left, right, level, .. } = self;
+        [left.fit(), left.held_back(), right.fit(), right.held_back(), level.fit(), level.held_back()]
+    }
+
+    /// How many samples were taken, or looked at more closely than that they come too soon; wraps.
+    pub fn taken(&self) -> u16 {
+        self.left.taken().wrapping_add(self.right.taken()).wrapping_add(self.level.taken())
     }
 
     /// Offers a sample of a turn; keeps it if it adds something.
@@ -139,7 +167,7 @@ impl Dataset {
         }
     }
 
-    fn pieces(&mut self, purpose: Purpose) -> [&mut dyn Buffer; 3] {
+    fn pieces(&mut self, purpose: Purpose) -> [&mut Buffer<'a, Sample>; 3] {
         [self.left.of(purpose), self.right.of(purpose), self.level.of(purpose)]
     }
 

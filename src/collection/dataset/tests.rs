@@ -1,12 +1,19 @@
 use super::super::circle::Circle;
-use super::super::testing::{sample, turn};
+use super::super::testing::{memory, sample, turn};
 use super::*;
 use crate::calibration::Rates;
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-fn collect(samples: impl Iterator<Item = Sample>) -> Dataset {
-    let mut dataset = Dataset::new();
+fn empty() -> Dataset<'static> {
+    let crate::collection::Kept { left, right, level, .. } = memory();
+    let mut dataset = Dataset::new(left, right, level, [0; 7]);
+    dataset.clear();
+    dataset
+}
+
+fn collect(samples: impl Iterator<Item = Sample>) -> Dataset<'static> {
+    let mut dataset = empty();
     for sample in samples {
         dataset.push_turn(Side::Right, sample);
     }
@@ -30,7 +37,7 @@ fn three_circles_fill_a_side_in_spite_of_the_hard_iron() {
 #[test]
 fn a_complete_side_stays_complete() {
     for tenths in (100..200_u16).step_by(4) {
-        let mut dataset = Dataset::new();
+        let mut dataset = empty();
         let mut completed = false;
         for sample in turn(25.0, 0, 150, f32::from(tenths) / 10.0) {
             dataset.push_turn(Side::Right, sample);
@@ -76,7 +83,7 @@ fn held_back_samples_are_apart_from_those_of_the_fit_and_as_well_spread() {
 #[test]
 fn a_complete_part_has_the_held_back_samples_it_promises() {
     assert_eq!(HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     for sample in turn(0.0, 0, 84, 13.0).take_while(|s| s.time.count() < 84_000) {
         dataset.push_level(sample);
         if dataset.level().is_complete() {
@@ -89,7 +96,7 @@ fn a_complete_part_has_the_held_back_samples_it_promises() {
 
 #[test]
 fn parts_do_not_mix_and_are_forgotten_together() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     let lengths = |samples: Samples<'_>| [samples.left.len(), samples.right.len(), samples.level.len()];
     for i in 0..8_u32 {
         // Eight left, four right, four level: of each four one is held back.
@@ -121,7 +128,7 @@ fn tumbled(dataset: &mut Dataset, number: u32, step_ut: f32) -> usize {
 
 #[test]
 fn samples_of_all_attitudes_are_five_microtesla_apart() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     assert_eq!(tumbled(&mut dataset, 20, 5.1), 20);
     assert_eq!(tumbled(&mut dataset, 20, 5.0), 20, "at the very distance");
     assert_eq!(tumbled(&mut dataset, 20, 4.9), 10, "every other one");
@@ -132,7 +139,7 @@ fn samples_of_all_attitudes_are_five_microtesla_apart() {
 /// The 253rd is one more than both buffers hold: the distance grows from 5 to 6.5 uT, which thins steps of 5.1.
 #[test]
 fn a_full_buffer_of_all_attitudes_is_thinned_and_forgetting_brings_the_distance_back() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     let both = FIT_CAPACITY + HELD_BACK_CAPACITY;
     assert_eq!(tumbled(&mut dataset, both as u32, 5.1), both);
     assert_eq!(tumbled(&mut dataset, both as u32 + 1, 5.1), HELD_BACK_CAPACITY + thinned() + 1);
@@ -158,7 +165,7 @@ fn thinned() -> usize {
 
 #[test]
 fn samples_of_all_attitudes_are_counted_against_sixty_six() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
         // Three of four are for the fit: 33, 65, 66, 150.
         tumbled(&mut dataset, number, 6.0);
@@ -169,7 +176,7 @@ fn samples_of_all_attitudes_are_counted_against_sixty_six() {
 
 #[test]
 fn what_is_not_finite_is_no_sample() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     for (i, broken) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
         for axis in 0..3 {
             let mut field_ut = [20.0; 3];
@@ -202,8 +209,8 @@ fn flown(seconds: u16) -> impl Iterator<Item = Sample> {
     (0..seconds).step_by(20).flat_map(move |from_s| turn(leg(from_s), from_s, from_s + 20, 60.0))
 }
 
-fn spread(samples: impl Iterator<Item = Sample>) -> Dataset {
-    let mut dataset = Dataset::new();
+fn spread(samples: impl Iterator<Item = Sample>) -> Dataset<'static> {
+    let mut dataset = empty();
     for sample in samples {
         dataset.push_spread(sample);
     }
@@ -270,7 +277,7 @@ fn what_tells_little_is_left() {
 /// Who stands tells it once: 1 uT and 1.5 deg are another sample.
 #[test]
 fn who_stands_is_kept_once() {
-    let mut dataset = Dataset::new();
+    let mut dataset = empty();
     let mut push = |x_ut: f32, roll_deg: f32, pitch_deg: f32| {
         let attitude = Attitude::from_deg(roll_deg, pitch_deg);
         let before = dataset.spread_coverage();

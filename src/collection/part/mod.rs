@@ -4,6 +4,7 @@
 //! adds depends on where it lies on the part's circle ([`Circle`]), and for samples of all attitudes on how far it is
 //! from the others. A full buffer gives up what it has most of.
 
+use super::buffer::Buffer;
 use super::circle::{Circle, SECTORS};
 use crate::calibration::{Sample, Samples};
 use crate::time::WrappingMillis;
@@ -103,9 +104,9 @@ pub(super) enum Purpose {
 
 /// The samples of a part, those to solve with and those to verify with each in the order of time.
 #[derive(Debug)]
-pub(super) struct PartSamples<const FIT: usize, const HELD: usize> {
-    fit: heapless::Vec<Sample, FIT>,
-    held_back: heapless::Vec<Sample, HELD>,
+pub(super) struct PartSamples<'a> {
+    fit: Buffer<'a, Sample>,
+    held_back: Buffer<'a, Sample>,
     /// Time of the last sample taken.
     last: Option<WrappingMillis>,
     /// How many were taken; wraps, at a multiple of the rounds of [`Config::hold_back_every`].
@@ -113,20 +114,32 @@ pub(super) struct PartSamples<const FIT: usize, const HELD: usize> {
     coverage: Coverage,
 }
 
-impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
-    pub const fn new() -> Self {
-        Self {
-            fit: heapless::Vec::new(),
-            held_back: heapless::Vec::new(),
-            last: None,
-            taken: 0,
-            coverage: Coverage::NONE,
-        }
+impl<'a> PartSamples<'a> {
+    /// With what the memory holds of samples by its words; with none for words of nothing.
+    pub fn new(fit: &'a mut [Sample], held_back: &'a mut [Sample], words: [u32; 2]) -> Self {
+        let [lengths, counts] = words;
+        let fit = Buffer::new(fit, usize::from(lengths as u16));
+        let held_back = Buffer::new(held_back, (lengths >> 16) as usize);
+        let [_, _, sectors, percent] = counts.to_le_bytes();
+        let mut part = Self { fit, held_back, last: None, taken: counts as u16, coverage: Coverage::NONE };
+        part.coverage = Coverage { sectors, percent, ..part.numbers() };
+        part
+    }
+
+    /// Its words: all that samples do not tell.
+    pub fn words(&self) -> [u32; 2] {
+        let (fit, held_back) = (self.fit().len() as u32, self.held_back().len() as u32);
+        let [low, high] = self.taken.to_le_bytes();
+        [fit | held_back << 16, u32::from_le_bytes([low, high, self.coverage.sectors, self.coverage.percent])]
+    }
+
+    /// How many were taken; wraps.
+    pub fn taken(&self) -> u16 {
+        self.taken
     }
 
     /// Forgets all samples.
     pub fn clear(&mut self) {
-        // Not `*self = Self::new()`: that would build 6 KB on the stack.
         self.fit.clear();
         self.held_back.clear();
         self.last = None;
@@ -136,12 +149,12 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
 
     /// Samples to solve with.
     pub fn fit(&self) -> &[Sample] {
-        &self.fit
+        self.fit.as_slice()
     }
 
     /// Samples to verify with.
     pub fn held_back(&self) -> &[Sample] {
-        &self.held_back
+        self.held_back.as_slice()
     }
 
     pub fn coverage(&self) -> Coverage {
@@ -149,7 +162,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
     }
 
     /// The samples of a purpose.
-    pub fn of(&mut self, purpose: Purpose) -> &mut dyn Buffer {
+    pub fn of(&mut self, purpose: Purpose) -> &mut Buffer<'a, Sample> {
         match purpose {
             Purpose::Fit => &mut self.fit,
             Purpose::Verification => &mut self.held_back,
@@ -161,7 +174,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
         if !self.is_due(config, &sample) {
             return;
         }
-        let circle = Circle::through(&Samples { left: &self.fit, right: &self.held_back, ..Samples::default() });
+        let circle = Circle::through(&Samples { left: self.fit(), right: self.held_back(), ..Samples::default() });
         let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector(s));
         match self.take(config, &sample) {
             Purpose::Fit => insert(&mut self.fit, sample, sector_of),
@@ -174,7 +187,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
     /// grows when there is no room.
     pub fn push_apart(&mut self, config: &Config, distance_ut: &mut f32, sample: Sample) {
         let is_near = |s: &Sample| (s.field.ut - sample.field.ut).norm() < *distance_ut;
-        if !self.is_due(config, &sample) || self.fit.iter().chain(&self.held_back).any(is_near) {
+        if !self.is_due(config, &sample) || self.fit().iter().chain(self.held_back()).any(is_near) {
             return;
         }
         if self.take(config, &sample) == Purpose::Verification && !self.held_back.is_full() {
@@ -188,7 +201,7 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
             // If thinning made no room, the samples are spread as they should be without this one.
             let _ = self.fit.push(sample);
         }
-        let percent = percent(self.fit.len() as u16, Apart::DEFAULT.target);
+        let percent = percent(self.fit().len() as u16, Apart::DEFAULT.target);
         self.coverage = Coverage { percent, ..self.numbers() };
     }
 
@@ -207,14 +220,14 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
 
     /// A coverage that counts samples alone.
     fn numbers(&self) -> Coverage {
-        Coverage { samples: self.fit.len() as u16, held_back: self.held_back.len() as u16, ..Coverage::NONE }
+        Coverage { samples: self.fit().len() as u16, held_back: self.held_back().len() as u16, ..Coverage::NONE }
     }
 
     fn survey(&self, config: &Config, circle: Option<Circle>) -> Coverage {
         let numbers = self.numbers();
         let turned = circle.filter(|c| c.radius_ut >= config.min_radius_ut && numbers.samples >= config.min_samples);
         let Some(circle) = turned else { return numbers };
-        let counts = count(&self.fit, |s| circle.sector(s));
+        let counts = count(self.fit(), |s| circle.sector(s));
         Coverage {
             sectors: counts.iter().filter(|&&n| n > 0).count() as u8,
             // A part that was complete stays so: a later sample can move the circle, and with it a sector's border past
@@ -222,28 +235,6 @@ impl<const FIT: usize, const HELD: usize> PartSamples<FIT, HELD> {
             percent: if self.coverage.is_complete() { 100 } else { percent_of_turn(config, &counts, numbers.samples) },
             ..numbers
         }
-    }
-}
-
-/// A buffer of samples in the order of time, whatever its capacity.
-pub(super) trait Buffer {
-    /// Puts one behind the others; whether there was room.
-    fn push(&mut self, sample: Sample) -> bool;
-    /// Takes the one at a place out, if there is one, and puts another behind the others.
-    fn replace(&mut self, place: usize, sample: Sample);
-}
-
-impl<const N: usize> Buffer for heapless::Vec<Sample, N> {
-    fn push(&mut self, sample: Sample) -> bool {
-        Self::push(self, sample).is_ok()
-    }
-
-    fn replace(&mut self, place: usize, sample: Sample) {
-        if place < self.len() {
-            self.remove(place);
-        }
-        // There is room now, or was before.
-        let _ = Self::push(self, sample);
     }
 }
 
@@ -272,18 +263,14 @@ fn count(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> [u16; SECT
 
 /// Puts a sample in; when there is no room, the oldest of the most crowded sector makes place for it, unless its own
 /// sector is that one.
-fn insert<const N: usize>(
-    samples: &mut heapless::Vec<Sample, N>,
-    sample: Sample,
-    sector_of: impl Fn(&Sample) -> usize,
-) {
+fn insert(samples: &mut Buffer<'_, Sample>, sample: Sample, sector_of: impl Fn(&Sample) -> usize) {
     if samples.is_full() {
-        let counts = count(samples, &sector_of);
+        let counts = count(samples.as_slice(), &sector_of);
         let crowded = (0..SECTORS).max_by_key(|&sector| counts[sector]).unwrap_or(0);
         if crowded == sector_of(&sample) {
             return;
         }
-        if let Some(oldest) = samples.iter().position(|s| sector_of(s) == crowded) {
+        if let Some(oldest) = samples.as_slice().iter().position(|s| sector_of(s) == crowded) {
             samples.remove(oldest);
         }
     }
@@ -292,11 +279,11 @@ fn insert<const N: usize>(
 }
 
 /// Removes every sample that is nearer than `distance_ut` to one before it.
-fn thin<const N: usize>(samples: &mut heapless::Vec<Sample, N>, distance_ut: f32) {
+fn thin(samples: &mut Buffer<'_, Sample>, distance_ut: f32) {
     let mut i = 0;
-    while let Some(sample) = samples.get(i).copied() {
+    while let Some(sample) = samples.as_slice().get(i).copied() {
         let is_near = |s: &Sample| (s.field.ut - sample.field.ut).norm() < distance_ut;
-        if samples.iter().take(i).any(is_near) {
+        if samples.as_slice().iter().take(i).any(is_near) {
             samples.remove(i);
         } else {
             i += 1;

@@ -1,11 +1,22 @@
 use super::super::testing::{on_circle, sample};
 use super::*;
 
-type Small = PartSamples<12, 8>;
+/// An empty part of such buffers.
+fn part(fit: usize, held_back: usize) -> PartSamples<'static> {
+    let room = |number| vec![sample([0.0; 3], 0); number].leak();
+    PartSamples::new(room(fit), room(held_back), [0; 2])
+}
+
+/// A buffer of so much room with these in it.
+fn buffer(room: usize, samples: impl IntoIterator<Item = Sample>) -> Buffer<'static, Sample> {
+    let mut buffer = Buffer::new(vec![sample([0.0; 3], 0); room].leak(), 0);
+    samples.into_iter().for_each(|sample| assert!(buffer.push(sample)));
+    buffer
+}
 
 /// Offers a sample every so many milliseconds, from just before the milliseconds wrap; how many are kept.
 fn kept_at(spacing_ms: u32, number: u32) -> usize {
-    let mut part = PartSamples::<100, 100>::new();
+    let mut part = part(100, 100);
     for i in 0..number {
         part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000)));
     }
@@ -23,7 +34,7 @@ fn samples_are_taken_every_four_tenths_of_a_second() {
 #[test]
 fn tumbled_samples_are_taken_every_four_tenths_of_a_second() {
     for (spacing_ms, kept) in [(400, 20), (399, 10)] {
-        let mut part = PartSamples::<100, 100>::new();
+        let mut part = part(100, 100);
         for i in 0..20 {
             part.push_apart(&Config::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * spacing_ms));
         }
@@ -33,7 +44,7 @@ fn tumbled_samples_are_taken_every_four_tenths_of_a_second() {
 
 #[test]
 fn every_fourth_sample_is_held_back() {
-    let mut part = PartSamples::<100, 100>::new();
+    let mut part = part(100, 100);
     for i in 0..13 {
         part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
     }
@@ -45,7 +56,7 @@ fn every_fourth_sample_is_held_back() {
 /// Forgetting starts the rounds of four anew, too, and the spacing.
 #[test]
 fn a_part_begins_anew() {
-    let mut part = Small::new();
+    let mut part = part(12, 8);
     for i in 0..3 {
         part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
     }
@@ -55,12 +66,12 @@ fn a_part_begins_anew() {
 }
 
 /// Samples whose time is their sector, and then their age: sector 3 is the most crowded.
-fn crowded() -> heapless::Vec<Sample, 6> {
-    [100, 301, 302, 500, 303, 700].into_iter().map(|time_ms| sample([0.0; 3], time_ms)).collect()
+fn crowded() -> Buffer<'static, Sample> {
+    buffer(6, [100, 301, 302, 500, 303, 700].map(|time_ms| sample([0.0; 3], time_ms)))
 }
 
-fn times<const N: usize>(samples: &heapless::Vec<Sample, N>) -> Vec<u32> {
-    samples.iter().map(|s| s.time.count()).collect()
+fn times(samples: &Buffer<'_, Sample>) -> Vec<u32> {
+    samples.as_slice().iter().map(|s| s.time.count()).collect()
 }
 
 fn by_time(sample: &Sample) -> usize {
@@ -80,12 +91,12 @@ fn a_full_buffer_gives_up_the_oldest_of_the_most_crowded_sector() {
 fn a_full_buffer_takes_no_more_of_its_most_crowded_sector() {
     let mut samples = crowded();
     insert(&mut samples, sample([0.0; 3], 399), by_time);
-    assert_eq!(samples, crowded());
+    assert_eq!(samples.as_slice(), crowded().as_slice());
 }
 
 #[test]
 fn a_buffer_with_room_takes_what_it_gets() {
-    let mut samples = heapless::Vec::<Sample, 3>::new();
+    let mut samples = buffer(3, []);
     for time_ms in [300, 301, 302] {
         insert(&mut samples, sample([0.0; 3], time_ms), by_time);
     }
@@ -121,7 +132,7 @@ fn percent_is_rounded_down_and_ends_at_a_hundred() {
 
 /// A circle of a radius, passed four times, so many samples of it for the fit; how well it is covered.
 fn circled(radius_ut: f32, fit: u16) -> Coverage {
-    let mut part = PartSamples::<200, 70>::new();
+    let mut part = part(200, 70);
     // Of each four the last one is held back.
     for i in 0..u32::from(fit + (fit - 1) / 3) {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
@@ -148,7 +159,7 @@ fn headings_are_told_apart_on_a_circle_of_four_microtesla_with_ten_samples() {
 fn the_circle_is_that_of_both_buffers() {
     let offer = |hold_back_every: u16| {
         let config = Config { hold_back_every, ..Config::TURNS };
-        let mut part = PartSamples::<12, 12>::new();
+        let mut part = part(12, 12);
         for i in 0..36_u32 {
             let heading_deg = if i < 12 { i as f32 * 2.0 } else { i as f32 * 30.0 };
             part.push(&config, Sample { time: WrappingMillis::new(i * 400), ..on_circle(heading_deg) });
@@ -166,7 +177,7 @@ fn the_circle_is_that_of_both_buffers() {
 /// A sector counts once it has one sample: ten samples within 25 deg lie in one sector or two.
 #[test]
 fn sectors_with_a_sample_are_counted() {
-    let mut part = PartSamples::<200, 70>::new();
+    let mut part = part(200, 70);
     for i in 0..14_u32 {
         // Twelve all round make the circle known, eleven sectors hold one sample each at the most.
         let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
@@ -184,7 +195,7 @@ fn complete_is_a_hundred_percent() {
 /// Once complete, even a circle that is lost (a sample far away) takes nothing back.
 #[test]
 fn a_complete_part_stays_complete() {
-    let mut part = PartSamples::<200, 70>::new();
+    let mut part = part(200, 70);
     for i in 0..190_u32 {
         part.push(&Config::TURNS, Sample { time: WrappingMillis::new(i * 400), ..on_circle(i as f32 * 13.0) });
     }
@@ -197,16 +208,15 @@ fn a_complete_part_stays_complete() {
 
 #[test]
 fn thinning_leaves_the_first_of_each_crowd() {
-    let mut samples: heapless::Vec<Sample, 8> =
-        [0.0, 1.0, 2.0, 3.0, 2.5, 10.0].into_iter().map(|x| sample([x, 0.0, 0.0], 0)).collect();
+    let mut samples = buffer(8, [0.0, 1.0, 2.0, 3.0, 2.5, 10.0].map(|x| sample([x, 0.0, 0.0], 0)));
     thin(&mut samples, 2.0);
-    assert_eq!(samples.iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
+    assert_eq!(samples.as_slice().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 
 /// One that cannot be held back for lack of room is used for the fit.
 #[test]
 fn a_full_held_back_buffer_of_all_attitudes_leaves_the_sample_to_the_fit() {
-    let mut part = PartSamples::<12, 1>::new();
+    let mut part = part(12, 1);
     for i in 0..8 {
         part.push_apart(&Config::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
     }

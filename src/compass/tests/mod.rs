@@ -21,9 +21,14 @@ const READINGS: u16 = 8;
 /// Samples are so far apart that each is a new one to the collection, and so near that a turn is one turn.
 const STEP_MS: u32 = 500;
 
+/// Memory with nothing in it, for as long as the tests run.
+fn memory() -> &'static mut Kept {
+    Box::leak(Box::new(Kept::EMPTY))
+}
+
 /// A machine and the clock of its samples.
 struct Bed {
-    compass: Compass,
+    compass: Compass<'static>,
     now: u32,
 }
 
@@ -34,7 +39,10 @@ impl Bed {
 
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn with(policy: Policy, generations: Generations) -> Self {
-        let mut bed = Self { compass: Compass::new(policy, Settings::DEFAULT, generations), now: u32::MAX - 20_000 };
+        let mut bed = Self {
+            compass: Compass::new(policy, &Stored { generations, ..Stored::default() }, memory()),
+            now: u32::MAX - 20_000,
+        };
         bed.compass.step(Event::SensorFound(SENSOR, READINGS));
         bed
     }
@@ -180,7 +188,7 @@ fn some_field() -> Field<Sensor> {
 /// The mounting only with a sensor: before, nobody knows whether there is a calibration for it.
 #[test]
 fn a_correction_says_how_the_sensor_sits_and_whether_it_is_armed() {
-    let mut compass = Compass::new(Policy::DEFAULT, Settings::DEFAULT, Generations::default());
+    let mut compass = Compass::new(Policy::DEFAULT, &Stored::default(), memory());
     assert_eq!(compass.correction(), Correction::NONE);
     compass.step(Event::Armed(Some(false)));
     assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::NONE });
@@ -410,7 +418,7 @@ fn a_start_begins_from_nothing() {
 
 #[test]
 fn without_a_sensor_nothing_is_calibrated() {
-    let mut compass = Compass::new(Policy::DEFAULT, Settings::DEFAULT, Generations::default());
+    let mut compass = Compass::new(Policy::DEFAULT, &Stored::default(), memory());
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.step(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
@@ -521,7 +529,7 @@ fn a_record_is_for_its_sensor_and_mounting() {
     bed.saved(Command::Set(Setting::Mount(Orientation::NONE))).unwrap();
     assert_eq!(bed.compass.state(), State::Calibrated);
     // Before any sensor has answered there is nothing to correct.
-    let unknown = Compass::new(Policy::DEFAULT, Settings::DEFAULT, generations);
+    let unknown = Compass::new(Policy::DEFAULT, &Stored { generations, ..Stored::default() }, memory());
     assert!(unknown.in_use().is_none());
 }
 

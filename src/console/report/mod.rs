@@ -101,7 +101,11 @@ pub fn done(out: &mut impl Write, reply: &Reply) -> fmt::Result {
 pub fn outcome(out: &mut impl Write, outcome: &Outcome, loss: Option<Loss>) -> fmt::Result {
     match outcome {
         Ok(verdict) => writeln!(out, "note calibrated: {}", Judged(verdict)),
-        Err(refusal) => writeln!(out, "note refused {}: {}", refusal.code(), Reason(refusal, loss)),
+        Err(refusal) => {
+            // Nobody had asked for anything that was refused.
+            let refused = if matches!(refusal, Refusal::CollectionLost) { "" } else { "refused " };
+            writeln!(out, "note {refused}{}: {}", refusal.code(), Reason(refusal, loss))
+        }
     }
 }
 

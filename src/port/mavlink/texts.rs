@@ -39,7 +39,7 @@ pub(super) struct Texts {
 impl Texts {
     /// Takes a line.
     pub fn note(&mut self, text: &str) {
-        let warns = ["refused", "iron-moved"].iter().any(|word| text.starts_with(word));
+        let warns = ["refused", "iron-moved", "collection-lost"].iter().any(|word| text.starts_with(word));
         let severity = if warns { MavSeverity::MAV_SEVERITY_WARNING } else { MavSeverity::MAV_SEVERITY_INFO };
         let mut characters = heapless::Vec::new();
         // What is too long is cut, and what is cut fits.

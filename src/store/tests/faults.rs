@@ -119,7 +119,10 @@ fn damaged_contents_are_reported_and_replaced() {
         let mut flash = Flash::new(PAGES);
         put(&mut flash, half, &broken);
         assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
-        let contents = Contents { saves: 7, stored: Stored { settings: settings(), generations: generations(4) } };
+        let contents = Contents {
+            saves: 7,
+            stored: Stored { settings: settings(), generations: generations(4), ..Stored::default() },
+        };
         put(&mut flash, 1 - half, &value_of(VERSION, &contents));
         assert_eq!(load(&mut flash), Ok(contents.stored));
         put(&mut flash, 1 - half, &broken);

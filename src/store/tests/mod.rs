@@ -128,14 +128,17 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
     let mut flash = Flash::new(PAGES);
     save(&mut flash, 5).unwrap();
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
-    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: generations(5) }));
+    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: generations(5), ..Stored::default() }));
     save(&mut flash, 6).unwrap();
-    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: generations(6) }));
+    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: generations(6), ..Stored::default() }));
     let only_current = Generations { previous: None, ..generations(7) };
     save_change(&mut flash, change(&only_current)).unwrap();
-    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: only_current }));
+    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: only_current, ..Stored::default() }));
     save_change(&mut flash, Change::Clear).unwrap();
-    assert_eq!(load(&mut flash), Ok(Stored { settings: settings(), generations: Generations::default() }));
+    assert_eq!(
+        load(&mut flash),
+        Ok(Stored { settings: settings(), generations: Generations::default(), ..Stored::default() })
+    );
 }
 
 /// Three times round a half of the region (two copies of 0.7 KB a page, 4 pages).

@@ -293,7 +293,11 @@ fn stored_by_v2() -> Stored {
         mount: Orientation::NONE,
         serial: 1,
     };
-    Stored { settings, generations: Generations { current: Some(current), previous: Some(previous) } }
+    Stored {
+        settings,
+        generations: Generations { current: Some(current), previous: Some(previous) },
+        ..Stored::default()
+    }
 }
 
 /// With the noise of a single reading, which is the square root of 8 as much: 2.828427.
@@ -508,7 +512,7 @@ fn settings_of_version_5_are_read_one_by_one() {
         ports: PortsSettings::BEFORE_THERE_WERE_TWO,
         tells_vision: false,
     };
-    assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4) }));
+    assert_eq!((saves, found), (3, Stored { settings: expected, generations: generations(4), ..Stored::default() }));
     let raw = decoded(settings, false).unwrap().1;
     assert_eq!(raw.settings.stream_heading, HeadingKind::Raw);
     for bad in [v3::Settings { mount: v3::Mount(24), ..settings }, v3::Settings { stream_rate_hz: 0, ..settings }] {
@@ -730,7 +734,10 @@ fn later(version: u8) -> Vec<u8> {
 /// Stores that a later firmware has written to: once, so that the other half is this version's, the one's before or
 /// empty; or twice. It was the first half last, or the second.
 fn flashes_of_later() -> Vec<(String, Flash)> {
-    let present = Contents { saves: 7, stored: Stored { settings: settings(), generations: generations(4) } };
+    let present = Contents {
+        saves: 7,
+        stored: Stored { settings: settings(), generations: generations(4), ..Stored::default() },
+    };
     let before = contents_of_v3(0, v3::Method::Level, v3::Envelope::Level, v3::Model::Lis3mdl);
     let error = v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 };
     let others = [
