@@ -142,7 +142,7 @@ impl<'a> Collector<'a> {
             header,
             course: if goes_on { Course::GoesOn } else { Course::Stopped },
             found: None,
-            has_changed: true,
+            has_changed: false,
             ahead_ms: clock_ms.wrapping_add(AWAY_MS),
             procedure: Procedure::ALL.get(usize::from(procedure)).copied().unwrap_or_default(),
             detector: Detector::new(detector::Config::DEFAULT),
@@ -160,6 +160,7 @@ impl<'a> Collector<'a> {
             collector.header.count_restart();
         } else {
             collector.forget();
+            collector.keep(Context::default());
         }
         collector
     }
@@ -196,6 +197,7 @@ impl<'a> Collector<'a> {
         }
         self.has_changed = false;
         if is_over {
+            self.forgive_restarts();
             self.header.seal([0; _], [&[]; 6], &[]);
             return;
         }
@@ -311,14 +313,15 @@ impl<'a> Collector<'a> {
     /// How far the collection is.
     #[must_use]
     pub fn progress(&self) -> Progress {
+        let [left, right, level] = match self.procedure {
+            Procedure::Flight => [self.dataset.spread_coverage(), Coverage::default(), Coverage::default()],
+            _ => [self.dataset.turns(Side::Left), self.dataset.turns(Side::Right), self.dataset.level()],
+        };
         Progress {
             procedure: self.procedure,
-            left: match self.procedure {
-                Procedure::Flight => self.dataset.spread_coverage(),
-                _ => self.dataset.turns(Side::Left),
-            },
-            right: self.dataset.turns(Side::Right),
-            level: self.dataset.level(),
+            left,
+            right,
+            level,
             marks: self.marks.as_slice().len() as u16,
             turning: self.detector.turning(),
         }

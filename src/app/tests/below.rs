@@ -117,7 +117,7 @@ fn samples_become_a_correction() {
     // A reading of 100 Hz has sqrt(10) times the noise of the samples, 0.12 uT of some 50.
     let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
-    assert_eq!(bed.links.counts().saves, 1);
+    assert_eq!(bed.links.counts().saves, 2, "that there is a collection, and its calibration");
     // The console is answered between the steps of a solve.
     assert!(matches!(ask(&mut bed, Command::CalSolve(None)), Ok(Reply::Done(State::Solving))));
     bed.ms(100);

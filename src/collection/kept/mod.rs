@@ -9,6 +9,9 @@
 //! Times are left as they are: the clock of a collection goes on where it stood ([`Collector`](super::Collector)), and that
 //! of the module, which begins anew, is added to it.
 
+#[cfg(test)]
+mod tests;
+
 use super::MARKS_CAPACITY;
 use super::dataset::{FIT_CAPACITY, HELD_BACK_CAPACITY, LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY};
 use crate::calibration::{Mark, Rates, Sample};
@@ -96,7 +99,7 @@ pub(super) struct Header {
 impl Header {
     /// Whether the words and these samples and marks, as many as the words say that there are, are what was sealed.
     pub fn is_of(&self, samples: [&[Sample]; 6], marks: &[Mark]) -> bool {
-        self.sum == sum(&self.words, samples, marks) && self.restarts < MAX_RESTARTS
+        self.sum == sum(FIRMWARE, &self.words, samples, marks) && self.restarts < MAX_RESTARTS
     }
 
     /// What was sealed, or anything.
@@ -106,7 +109,7 @@ impl Header {
 
     /// Says that these words and samples and marks belong together.
     pub fn seal(&mut self, words: [u32; WORDS], samples: [&[Sample]; 6], marks: &[Mark]) {
-        self.sum = sum(&words, samples, marks);
+        self.sum = sum(FIRMWARE, &words, samples, marks);
         self.words = words;
     }
 
@@ -122,8 +125,8 @@ impl Header {
 }
 
 #[inline(never)]
-fn sum(words: &[u32; WORDS], samples: [&[Sample]; 6], marks: &[Mark]) -> u32 {
-    let mut sum = Sum(FIRMWARE);
+fn sum(firmware: u32, words: &[u32; WORDS], samples: [&[Sample]; 6], marks: &[Mark]) -> u32 {
+    let mut sum = Sum(firmware);
     words.iter().for_each(|&word| sum.add(word));
     let marked = marks.iter().map(|mark| &mark.sample);
     for sample in samples.into_iter().flatten().chain(marked) {
