@@ -260,3 +260,37 @@ fn both_protocols_at_once_as_arm_code() {
     assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
     assert!(status.contains("by the field model") && status.contains(" 0 not sent;"), "{status}");
 }
+
+/// On the ground between two flights: what was collected before is there after it, and nothing is said to be lost.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn a_collection_goes_on_after_a_reboot() {
+    let samples = |emulator: &mut Emulator| {
+        let status = emulator.type_line("status");
+        let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).expect("a collection").to_owned();
+        assert!(status.contains("ok collecting"), "{status}");
+        line.split(' ').next().and_then(|number| number.parse::<u32>().ok()).expect("a number")
+    };
+    let mut emulator = started();
+    emulator.type_line("cal start");
+    emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
+    emulator.run_for_s(14.0);
+    let before = samples(&mut emulator);
+    assert!(before > 15, "{before}");
+    let mut after = before;
+    for restarts in 0..2 {
+        if restarts == 0 {
+            emulator.type_line("reboot");
+        } else {
+            emulator.press_reset();
+        }
+        emulator.run_for_s(1.0);
+        let printed = emulator.printed();
+        assert!(!printed.contains("collection-lost"), "{printed}");
+        let now = samples(&mut emulator);
+        assert!((after..after + 8).contains(&now), "{after} {now}");
+        after = now;
+    }
+    emulator.run_for_s(5.0);
+    assert!(samples(&mut emulator) > after, "it goes on");
+}

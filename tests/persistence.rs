@@ -2,14 +2,19 @@
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use autoswing::calibration::{Calibration, Envelope, Method, Orientation, Quality, Uncertainty};
+use autoswing::frames::{Attitude, Field, wrap_pi};
+use autoswing::health::ResetCause;
 use autoswing::magnetometer::{Identity, Model};
 use autoswing::store::{Change, Generations, Record, Store, StoreError};
 use embassy_futures::block_on;
 use host_sim::devices::nor_flash::CutOutcome;
+use host_sim::mission::Plan;
 use host_sim::module::{Module as _, Ran};
 use host_sim::rig::Rig;
+use host_sim::routine::Routine;
 use host_sim::transcript;
 use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::Kind;
 use host_sim::world::autopilot::Leg;
 use testkit::flash::{Cut, RamFlash};
 
@@ -325,4 +330,137 @@ fn cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (Cut, u
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
     Cut::in_operations(complete.operations)
+}
+
+/// An aeroplane that is armed and flies its routine, with the module calibrating by itself.
+fn flying() -> Rig {
+    let mut rig = Rig::new(WorldConfig::table1(7));
+    rig.run_for_s(8.0);
+    rig.world.set_armed(true);
+    for leg in Routine::of(Kind::Plane, Plan::default(), rig.world.config().aircraft.heading_deg).legs() {
+        rig.world.fly(leg);
+    }
+    rig.printed();
+    rig
+}
+
+/// What the module has told by itself when the routine is over.
+fn finish(rig: &mut Rig) -> String {
+    let mut told = String::new();
+    while rig.world.legs_left() > 0 && transcript::notice(&told).is_none() {
+        assert_eq!(rig.run_for_s(1.0), Ran::Time);
+        told.push_str(&rig.printed());
+    }
+    told
+}
+
+/// By how much the headings of one calibration differ from another's in level flight, degrees at the most.
+fn differ_deg(one: &Calibration, other: &Calibration) -> f32 {
+    let inverse = one.w_matrix().try_inverse().expect("a calibration");
+    let difference = |heading_deg: f32| {
+        let (sin, cos) = heading_deg.to_radians().sin_cos();
+        // The field at Xi'an, by which the world flies.
+        let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
+        let sensed = Field::new(inverse * earth + one.b_vector_ut());
+        let [heading_rad, other_rad] = [one, other].map(|it| Attitude::default().level(it.apply(sensed)).heading_rad());
+        wrap_pi(other_rad - heading_rad).to_degrees().abs()
+    };
+    (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)
+}
+
+/// Samples of whatever is flown, by `status`.
+fn samples(rig: &mut Rig) -> u32 {
+    let status = rig.type_line("status");
+    let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).unwrap_or_else(|| panic!("{status}"));
+    line.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+}
+
+/// A watchdog strikes in flight, wherever it is, or again and again: the flight calibrates all the same, and its headings
+/// differ from those of one without by no more than a degree, two of the 0.5 that both have ended at: each is off by about
+/// that.
+#[test]
+fn a_watchdog_in_flight_does_not_end_a_collection() {
+    let mut whole = flying();
+    let told = finish(&mut whole);
+    assert!(matches!(transcript::notice(&told), Some(transcript::Notice::Calibrated(_))), "{told}");
+    let uninterrupted = show(&mut whole).unwrap().calibration;
+    for cuts_s in [vec![12.345], vec![33.037], vec![50.5], vec![20.0, 40.111, 60.2]] {
+        let mut rig = flying();
+        let began_us = rig.now_us();
+        let mut before = 0;
+        for &cut_s in &cuts_s {
+            rig.run_until(began_us + (cut_s * 1e6) as u64);
+            before = samples(&mut rig);
+            assert!(before > 10, "{cuts_s:?}: {before}");
+            rig.power_on(ResetCause::Watchdog);
+            rig.run_for_s(0.3);
+            let after = samples(&mut rig);
+            assert!((before..=before + 4).contains(&after), "{cuts_s:?}: {before} {after}");
+        }
+        let told = finish(&mut rig);
+        assert!(!told.contains("collection-lost"), "{told}");
+        assert!(matches!(transcript::notice(&told), Some(transcript::Notice::Calibrated(_))), "{cuts_s:?}: {told}");
+        let differ = differ_deg(&show(&mut rig).unwrap().calibration, &uninterrupted);
+        println!("{cuts_s:?}: {differ:.2} deg");
+        assert!(differ < 1.0, "{cuts_s:?}: {differ} deg");
+        assert!(before > 0);
+    }
+}
+
+/// It lands, is told to restart, and takes off again: what it had stays, it rests meanwhile, and nothing is lost. After the
+/// end there is nothing to go on with.
+#[test]
+fn a_collection_survives_a_reboot_between_two_flights() {
+    let mut rig = flying();
+    rig.run_for_s(40.0);
+    rig.world.set_armed(false);
+    rig.run_for_s(3.0);
+    let before = samples(&mut rig);
+    rig.type_line("reboot");
+    rig.run_for_s(5.0);
+    let printed = rig.printed();
+    assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
+    assert_eq!(samples(&mut rig), before);
+    let status = rig.type_line("status");
+    assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
+    rig.world.set_armed(true);
+    let told = finish(&mut rig);
+    assert!(matches!(transcript::notice(&told), Some(transcript::Notice::Calibrated(_))), "{told}");
+    rig.power_on(ResetCause::Watchdog);
+    rig.run_for_s(3.0);
+    let status = rig.type_line("status");
+    assert!(status.contains("ok calibrated") && !status.contains("collection-lost"), "{status}");
+    assert_eq!(samples(&mut rig), 0);
+}
+
+/// The power goes, or the memory is damaged before a restart: it is told on the console and to the autopilot, once, and stays
+/// in `status`; what is collected then has nothing of it.
+#[test]
+fn a_collection_that_is_lost_is_told() {
+    for damage in [false, true] {
+        let mut rig = flying();
+        rig.run_for_s(40.0);
+        assert!(samples(&mut rig) > 40);
+        rig.power_off();
+        if damage {
+            let mut words = 0;
+            rig.kept.borrow_mut().change(|word| {
+                words += 1;
+                if words % 211 == 40 { word ^ 0x0001_0000 } else { word }
+            });
+        }
+        let cause = if damage { ResetCause::Watchdog } else { ResetCause::PowerOn };
+        rig.power_on(cause.clone());
+        rig.run_for_s(1.0);
+        let printed = rig.printed();
+        assert!(printed.contains("\nnote collection-lost: "), "{printed}");
+        assert!(rig.type_line("status").contains("collection-lost: "));
+        assert!(samples(&mut rig) < 10);
+        rig.power_on(cause);
+        rig.run_for_s(1.0);
+        assert!(!rig.printed().contains("collection-lost"), "told once");
+        let told = finish(&mut rig);
+        let notice = transcript::notice(&told);
+        assert!(matches!(notice, Some(transcript::Notice::Calibrated(_)) | None), "{told}");
+    }
 }

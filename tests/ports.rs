@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use autoswing::health::ResetCause;
 use host_sim::faults::Faults;
 use host_sim::mission::Plan;
 use host_sim::module::{Module as _, Ran};
@@ -308,4 +309,75 @@ fn a_ground_station_gives_orders() {
     rig.printed();
     assert_eq!(order(&mut rig, 1, REBOOT, of_us), [(REBOOT, 0)]);
     assert!(rig.printed().contains("started by reboot"));
+}
+
+/// `found ...` of the first port, by `status`.
+fn found(rig: &mut Rig) -> Option<String> {
+    let status = rig.type_line("status");
+    let line = status.lines().find(|line| line.starts_with("port1: ")).expect("a first port");
+    line.split_once("found ").map(|(_, found)| found.to_owned())
+}
+
+fn garbage(rig: &Rig) -> u64 {
+    let Somebody::Mavlink(autopilot) = &rig.far_ends[0] else { panic!("no MAVLink there") };
+    autopilot.borrow().garbage()
+}
+
+/// At the first start MSP is spoken until MAVLink is heard; at the next it is MAVLink from the first byte on. It is written
+/// once: settled for five seconds, and not again in a minute, nor after the next start.
+#[test]
+fn auto_begins_with_what_it_found_before() {
+    let mut rig = rig(Kind::Copter, [ARDUPILOT, FarEnd::Nobody]);
+    run(&mut rig, 4.0);
+    let (searched, empty) = (garbage(&rig), rig.flash.contents());
+    assert!(searched > 0, "MSP, which MAVLink passes over");
+    run(&mut rig, 4.0);
+    let remembered = rig.flash.contents();
+    assert_ne!(remembered, empty);
+    run(&mut rig, 60.0);
+    rig.power_on(ResetCause::PowerOn);
+    run(&mut rig, 0.2);
+    assert_eq!(found(&mut rig).as_deref(), Some("mavlink"));
+    run(&mut rig, 60.0);
+    assert_eq!(garbage(&rig), searched, "nothing but MAVLink");
+    assert!(rig.flash.contents() == remembered, "written once");
+}
+
+/// Another autopilot at the same module: ten seconds of silence, then it is searched and found within five, and remembered.
+#[test]
+fn another_autopilot_is_found_after_ten_seconds() {
+    let mut before = rig(Kind::Copter, [ARDUPILOT, FarEnd::Nobody]);
+    run(&mut before, 12.0);
+    let mut rig = rig(Kind::Copter, [MSP_ARDUPILOT, FarEnd::Nobody]);
+    assert!(rig.load_flash(&before.flash.contents()));
+    run(&mut rig, 0.1);
+    let _ = readings(&rig, 0);
+    run(&mut rig, 9.0);
+    assert!(readings(&rig, 0).is_empty(), "it waits for who was there");
+    run(&mut rig, 6.0);
+    assert_eq!(found(&mut rig).as_deref(), Some("msp"));
+    run(&mut rig, 6.0);
+    rig.power_on(ResetCause::PowerOn);
+    run(&mut rig, 0.1);
+    let _ = readings(&rig, 0);
+    run(&mut rig, 0.5);
+    assert!(readings(&rig, 0).len() >= 15, "from power-up");
+}
+
+/// A port says nothing before it knows what it is to speak, and how fast: no MSP, as `auto` would, on a line for sentences.
+#[test]
+fn a_port_speaks_as_it_is_set_from_the_first_byte_on() {
+    let mut rig = rig(Kind::Copter, [FarEnd::Nobody, FarEnd::Nobody]);
+    run(&mut rig, 1.0);
+    rig.type_line("set port1 nmea");
+    for cause in [ResetCause::PowerOn, ResetCause::Software] {
+        rig.power_off();
+        run(&mut rig, 0.5);
+        let _ = rig.autopilot.receive();
+        rig.power_on(cause);
+        run(&mut rig, 2.0);
+        let said = rig.autopilot.receive();
+        assert!(said.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&said[..20]));
+        assert!(!said.windows(2).any(|two| two == b"$X") && !said.contains(&0xFD));
+    }
 }

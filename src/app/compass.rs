@@ -23,13 +23,16 @@ use crate::store::{Store, StoreError};
 
 /// Loads what flash holds, and the collection that the memory does, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Kept) -> ! {
-    let stored = apart(pin!(store.load())).await;
-    if let Err(error) = stored {
-        say_unreadable(links, error);
-    }
-    let stored = stored.unwrap_or_default();
-    links.begin_with(stored.remembered.found);
-    let mut compass = Compass::new(Policy::DEFAULT, &stored, kept);
+    // What was stored has no place in this task's memory once the machine has it.
+    let mut compass = {
+        let stored = apart(pin!(store.load())).await;
+        if let Err(error) = stored {
+            say_unreadable(links, error);
+        }
+        let stored = stored.unwrap_or_default();
+        links.begin_with(stored.remembered.found);
+        Compass::new(Policy::DEFAULT, &stored, kept)
+    };
     if let Some(lost) = compass.last() {
         links.notices.signal(lost.clone());
     }

@@ -218,6 +218,33 @@ mod tests {
         assert_eq!(port.spoken(at(30_001)), ProtocolKind::Msp);
     }
 
+    /// What was found before the restart is spoken from the first instant; to both sides of ten seconds without a word, then
+    /// it is searched. Who is there is heard at once whoever it is, and silence counts from then on as ever.
+    #[test]
+    fn auto_begins_with_what_it_found_before() {
+        let remembering = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, at(100));
+        let mut port = remembering();
+        assert!(!said(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
+        assert_eq!(port.spoken(at(10_100)), ProtocolKind::Mavlink);
+        assert_eq!(port.spoken(at(10_101)), ProtocolKind::Auto);
+        assert!(said(&mut port, 10_101).starts_with(b"$X<"));
+        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
+        {
+            let mut port = remembering();
+            hear(&mut port, 4000, &frame);
+            assert_eq!(port.spoken(at(4000)), kind);
+            assert_eq!((port.spoken(at(14_000)), port.spoken(at(14_001))), (kind, ProtocolKind::Auto));
+        }
+        // Once somebody is heard, another changes nothing.
+        let mut port = remembering();
+        hear(&mut port, 4000, &heartbeat_frame());
+        hear(&mut port, 4001, &variant_frame(*b"INAV"));
+        assert_eq!(port.spoken(at(4001)), ProtocolKind::Mavlink);
+        // What was chosen is spoken, whatever was found.
+        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, at(0));
+        assert_eq!(port.spoken(at(1)), ProtocolKind::Nmea);
+    }
+
     /// It asks in MSP while it searches, and no more once it has heard MAVLink.
     #[test]
     fn a_search_is_in_msp() {

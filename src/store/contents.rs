@@ -268,8 +268,11 @@ mod tests {
         let value = encoded(&contents()).unwrap();
         assert_eq!(Contents::decode(&value), Ok(contents()));
         assert_eq!(encoded(&Contents::default()).and_then(|value| Contents::decode(&value)), Ok(Contents::default()));
+        let mut largest = contents();
+        largest.stored.remembered.is_collecting = true;
+        let value = encoded(&largest).unwrap();
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 735 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 736 + 1 + CRC_SIZE);
     }
 
     /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v7` is.
@@ -441,6 +444,45 @@ mod tests {
         let previous = Generations { previous: Some(record), ..good.generations };
         assert_valid(Stored { generations: current, ..good }, valid, what);
         assert_valid(Stored { generations: previous, ..good }, valid, what);
+    }
+
+    /// A byte behind the contents, which firmware that knows nothing of it reads as the contents that they are; every byte
+    /// is something, and what cannot be is nothing.
+    #[test]
+    fn what_is_remembered_is_an_optional_byte() {
+        let plain = encoded(&contents()).unwrap();
+        for byte in 0..=u8::MAX {
+            let remembered = Remembered::from_byte(byte);
+            let mut contents = contents();
+            contents.stored.remembered = remembered;
+            let value = encoded(&contents).unwrap();
+            assert_eq!(Contents::decode(&value), Ok(contents));
+            let is_there = remembered != Remembered::NOTHING;
+            assert_eq!(value.len(), plain.len() + usize::from(is_there), "{byte}");
+            assert_eq!(value[..plain.len() - CRC_SIZE], plain[..plain.len() - CRC_SIZE], "what is before it stays");
+            // As such firmware reads it.
+            let [payload @ .., _, _, _, _] = &value[1..] else { panic!() };
+            let before: Contents = postcard::from_bytes(payload).unwrap();
+            assert_eq!((before.saves, before.stored.settings), (contents.saves, contents.stored.settings));
+            let mut sealed_so = plain[..plain.len() - CRC_SIZE].to_vec();
+            sealed_so.push(byte);
+            assert_eq!(Contents::decode(&sealed(sealed_so)), Ok(contents), "{byte}");
+        }
+        let all = Remembered { is_collecting: true, found: [ProtocolKind::Msp, ProtocolKind::Mavlink] };
+        assert_eq!((all.byte(), Remembered::from_byte(all.byte())), (0b01101, all));
+        assert_eq!(Remembered::from_byte(0b11110), Remembered::NOTHING, "sentences are not found");
+    }
+
+    /// A calibration ends a collection, a setting does not; neither touches what ports have found.
+    #[test]
+    fn a_calibration_is_the_end_of_a_collection() {
+        let remembered = Remembered { is_collecting: true, found: [ProtocolKind::Msp, ProtocolKind::Auto] };
+        let collecting = Contents::default().changed(Change::Remembered(remembered));
+        assert_eq!(collecting.stored.remembered, remembered);
+        let none = Change::Generations { current: None, previous: None };
+        for (change, is_collecting) in [(Change::Settings(&settings()), true), (none, false), (Change::Clear, false)] {
+            assert_eq!(collecting.changed(change).stored.remembered, Remembered { is_collecting, ..remembered });
+        }
     }
 
     #[test]

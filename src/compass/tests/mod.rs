@@ -4,6 +4,7 @@ mod auto;
 #[cfg(feature = "wmm")]
 mod earth;
 mod flight;
+mod restart;
 
 use super::*;
 use crate::acceptance::Rejection;
