@@ -63,7 +63,7 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     rig.run_for_s(1.0);
     assert_eq!(show(&mut rig).unwrap(), before);
     rig.power_off();
-    rig.power_on(autoswing::health::ResetCause::PowerOn);
+    rig.power_on(ResetCause::PowerOn);
     rig.run_for_s(1.0);
     assert_eq!(show(&mut rig).unwrap(), before);
     assert!(rig.type_line("status").contains("ok calibrated"));
@@ -85,7 +85,7 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
             if ran == Ran::Time {
                 continue; // The save was over before the cut.
             }
-            rig.power_on(autoswing::health::ResetCause::PowerOn);
+            rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(1.0);
             rig.printed();
             let found = show(&mut rig);
@@ -110,7 +110,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
                 cuts += 1;
             }
             rig.power_off();
-            rig.power_on(autoswing::health::ResetCause::PowerOn);
+            rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(0.5);
             rig.printed();
             assert_eq!(show(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
@@ -234,7 +234,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
                     rig.console.send(b"stream rate 20\r");
                     cuts += u32::from(rig.run_for_s(0.3) == Ran::PowerCut);
                     rig.power_off();
-                    rig.power_on(autoswing::health::ResetCause::PowerOn);
+                    rig.power_on(ResetCause::PowerOn);
                     rig.run_for_s(0.2);
                 }
                 rig.printed();
@@ -336,12 +336,16 @@ fn cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (Cut, u
 fn flying() -> Rig {
     let mut rig = Rig::new(WorldConfig::table1(7));
     rig.run_for_s(8.0);
+    take_off(&mut rig);
+    rig.printed();
+    rig
+}
+
+fn take_off(rig: &mut Rig) {
     rig.world.set_armed(true);
     for leg in Routine::of(Kind::Plane, Plan::default(), rig.world.config().aircraft.heading_deg).legs() {
         rig.world.fly(leg);
     }
-    rig.printed();
-    rig
 }
 
 /// What the module has told by itself when the routine is over.
@@ -416,14 +420,14 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     rig.world.set_armed(false);
     rig.run_for_s(3.0);
     let before = samples(&mut rig);
-    rig.type_line("reboot");
+    let mut printed = rig.type_line("reboot");
     rig.run_for_s(5.0);
-    let printed = rig.printed();
+    printed.push_str(&rig.printed());
     assert!(printed.contains("started by reboot") && !printed.contains("collection-lost"), "{printed}");
     assert_eq!(samples(&mut rig), before);
     let status = rig.type_line("status");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
-    rig.world.set_armed(true);
+    take_off(&mut rig);
     let told = finish(&mut rig);
     assert!(matches!(transcript::notice(&told), Some(transcript::Notice::Calibrated(_))), "{told}");
     rig.power_on(ResetCause::Watchdog);
@@ -453,7 +457,7 @@ fn a_collection_that_is_lost_is_told() {
         rig.power_on(cause.clone());
         rig.run_for_s(1.0);
         let printed = rig.printed();
-        assert!(printed.contains("\nnote collection-lost: "), "{printed}");
+        assert!(printed.contains("note collection-lost: "), "{printed}");
         assert!(rig.type_line("status").contains("collection-lost: "));
         assert!(samples(&mut rig) < 10);
         rig.power_on(cause);

@@ -29,12 +29,16 @@ impl Compass<'_> {
     /// before, it is carried about and stands beside iron.
     pub(super) fn begin_by_itself(&mut self) {
         self.auto.samples = self.auto.samples.saturating_add(1).min(PATIENCE_SAMPLES);
-        let flies = self.is_armed.unwrap_or(self.auto.samples == PATIENCE_SAMPLES);
         let is_idle = matches!(self.phase, Phase::Idle) && self.saving.is_none() && self.sensor.is_some();
-        if flies && is_idle && self.collects_by_itself() {
+        if self.flies() && is_idle && self.collects_by_itself() {
             self.begin(Procedure::Flight);
             self.auto.began = true;
         }
+    }
+
+    /// Whether it is armed, or nobody tells.
+    fn flies(&self) -> bool {
+        self.is_armed.unwrap_or(self.auto.samples == PATIENCE_SAMPLES)
     }
 
     /// Whether a collection rests, or has not begun, because the autopilot is not armed.
@@ -48,9 +52,10 @@ impl Compass<'_> {
         self.settings.auto_on && !self.auto.is_held && self.in_use().is_none()
     }
 
-    /// Whether a sample is to be collected: what the module began rests while the autopilot is not armed.
+    /// Whether a sample is to be collected: what the module began rests while the autopilot is not armed, and after a
+    /// restart until that is known.
     pub(super) fn collects(&self) -> bool {
-        matches!(self.phase, Phase::Collecting) && !(self.auto.began && self.is_armed == Some(false))
+        matches!(self.phase, Phase::Collecting) && (!self.auto.began || self.flies())
     }
 
     /// A person decides from now on.
