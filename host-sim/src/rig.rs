@@ -51,7 +51,7 @@ pub struct Rig {
     pub chip: Rc<RefCell<Lis3mdl>>,
     /// Its lamp and its button.
     pub panel: SimulatedPanel,
-    /// What it collects in.
+    /// What it collects in: its own while it runs, so to be borrowed while the power is off.
     pub kept: Rc<RefCell<Kept>>,
     bus: Bus,
     console_cable: Cable,
@@ -198,6 +198,7 @@ impl Rig {
     }
 
     /// Starts the module anew. The flash remembers; after all but the loss of power, the memory of a collection as well.
+    #[expect(clippy::await_holding_refcell_ref, reason = "while the module runs the memory is its own")]
     pub fn power_on(&mut self, cause: ResetCause) {
         self.power_off();
         if cause == ResetCause::PowerOn {

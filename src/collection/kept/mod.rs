@@ -127,12 +127,18 @@ impl Header {
 #[inline(never)]
 fn sum(firmware: u32, words: &[u32; WORDS], samples: [&[Sample]; 6], marks: &[Mark]) -> u32 {
     let mut sum = Sum(firmware);
-    words.iter().for_each(|&word| sum.add(word));
+    for &word in words {
+        sum.add(word);
+    }
     let marked = marks.iter().map(|mark| &mark.sample);
     for sample in samples.into_iter().flatten().chain(marked) {
-        sample.words().into_iter().for_each(|word| sum.add(word));
+        for word in sample.words() {
+            sum.add(word);
+        }
     }
-    marks.iter().for_each(|mark| sum.add(mark.heading_rad.to_bits()));
+    for mark in marks {
+        sum.add(mark.heading_rad.to_bits());
+    }
     sum.0
 }
 
