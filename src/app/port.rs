@@ -70,7 +70,9 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 }
                 let at = now();
                 tell(links, &mut port, at, &settings);
-                if let Some(text) = texts.try_changed() {
+                if port.has_notes()
+                    && let Some(text) = texts.try_changed()
+                {
                     port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
                 }
                 if silence.is_due(at, SILENCE_LOOKS_HZ) {

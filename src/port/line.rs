@@ -124,11 +124,15 @@ impl Port {
         self.mavlink.answer(order, result);
     }
 
+    /// Whether what it is set to speak may have a place for notes.
+    #[must_use]
+    pub fn has_notes(&self) -> bool {
+        matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink)
+    }
+
     /// A line for whoever looks at a ground station.
     pub fn note(&mut self, text: &str) {
-        if matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink) {
-            self.mavlink.note(text);
-        }
+        self.mavlink.note(text);
     }
 }
 
