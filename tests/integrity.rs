@@ -9,7 +9,7 @@ use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
 use host_sim::faults::Faults;
 use host_sim::faults::attitude::{AttitudeFault, Coarse};
-use host_sim::integrity::{Plan, Row, case, run};
+use host_sim::integrity::{self, Plan, Row, case, run};
 use host_sim::module::Module as _;
 use host_sim::nmea::Reader;
 use host_sim::rig::Rig;
@@ -19,7 +19,13 @@ use host_sim::world::autopilot::Leg;
 use testkit::random::Random;
 
 /// Another seed than the README's: these airframes were not looked at when the limits were chosen.
-const PLAN: Plan = Plan { flights: 6, seed: 5000, heading: HeadingKind::Smooth, aircraft: Kind::Plane };
+const PLAN: Plan = Plan {
+    flights: 6,
+    seed: 5000,
+    heading: HeadingKind::Smooth,
+    aircraft: Kind::Plane,
+    source: integrity::Source::Mavlink,
+};
 
 fn rows(names: &[&str]) -> Vec<Row> {
     rows_of(PLAN, names)
