@@ -45,8 +45,11 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
             if is_possible && function == ATTITUDE {
                 payload.iter_mut().skip(1).step_by(2).for_each(|high| *high %= 3);
             }
-            if is_possible && function == FC_VARIANT {
-                payload.copy_from_slice(&name);
+            if is_possible
+                && function == FC_VARIANT
+                && let Some(begin) = payload.first_chunk_mut()
+            {
+                *begin = name;
             }
             framed(direction, function, (payload.len() as u16).wrapping_add_signed(off), &payload)
         },
@@ -112,7 +115,9 @@ impl Intact<'_> {
                             Firmware::Other => true,
                         }
                 }
-                Message::Armed(is_armed) => self.function == STATUS && (self.payload[6] & 1 == 1) == is_armed,
+                Message::Armed(is_armed) => {
+                    self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
+                }
                 Message::RawGps(_) => self.function == RAW_GPS,
                 Message::Rtc(_) => self.function == RTC,
                 Message::Refused(_) => false,
