@@ -325,5 +325,4 @@ fn it_calibrates_by_itself_beside_a_mavlink_autopilot() {
     println!("headings by MAVLink are off by {errors_deg:.2?} deg");
     assert!((36..=44).contains(&errors_deg.len()), "five a second on two headings: {}", errors_deg.len());
     assert!(errors_deg.iter().all(|error_deg| error_deg.abs() < HEADING_BOUND_DEG), "{errors_deg:?}");
-    assert_eq!(emulator.printed().matches("error ").count(), 0, "nobody has typed");
 }
