@@ -145,7 +145,7 @@ fn good() -> Vec<u8> {
 /// Each message that is understood is an intact frame that has come, each of them at most once and in order. A CRC, which is
 /// what costs time, is calculated at most once for each byte that has come, and once for a byte at most as often as the longest
 /// frame has bytes. When good frames follow, one is understood by the end of the first that begins after what the longest frame
-/// can take of them.
+/// can take of them. Angles are angles.
 #[test]
 fn mavlink_is_believed_when_its_crc_is_right() {
     hold(stream(), |pieces| -> Promise {
@@ -165,6 +165,11 @@ fn mavlink_is_believed_when_its_crc_is_right() {
             let it_is = intact.iter().skip(next).position(|frame| frame.end <= at + 1 && frame.says(&message));
             prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
             next += it_is.map_or(0, |skipped| skipped + 1);
+            if let Message::Attitude(report) = message {
+                let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
+                // A rounding beyond half a circle, and a quarter; what is no number is not in it.
+                prop_assert!(roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58, "{report:?}");
+            }
             recovered |= at >= noise
                 && matches!(message, Message::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6);
         }
