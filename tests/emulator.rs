@@ -135,7 +135,12 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     }
     let mut ways = emulator.take_ways();
     assert!(ways.len() > 700, "{}", ways.len());
-    { let mut t: Vec<_> = ways.iter().copied().enumerate().map(|(i, w)| (w, i)).collect(); t.sort_unstable(); t.reverse(); println!("{} top {:?}", ways.len(), &t[..30.min(t.len())]); }
+    {
+        let mut t: Vec<_> = ways.iter().copied().enumerate().map(|(i, w)| (w, i)).collect();
+        t.sort_unstable();
+        t.reverse();
+        println!("{} top {:?}", ways.len(), &t[..30.min(t.len())]);
+    }
     ways.sort_unstable();
     // From the sensor's registers to the last byte written, at 15.6 million instructions a second; the reference board
     // is five times faster. At 115200 baud the three sentences then take 6 ms to leave. What MAVLink tells on the other port
