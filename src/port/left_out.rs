@@ -1,6 +1,7 @@
 //! A protocol that this firmware was built without.
 
 use super::{Facts, Heard, Output, Protocol};
+use crate::calibration::Calibration;
 use crate::time::Timestamp;
 
 /// Stands where a protocol is that was left out: says nothing and hears nothing.
@@ -18,6 +19,12 @@ impl LeftOut {
     #[must_use]
     pub const fn heard_at(&self) -> Option<Timestamp> {
         None
+    }
+
+    /// None that would be told.
+    #[must_use]
+    pub const fn has_not_seen(&self, _calibration: &Calibration) -> bool {
+        false
     }
 }
 

@@ -101,7 +101,8 @@ impl Port {
     }
 
     /// Appends what is due to the output. While the far end is searched, MSP is spoken: an autopilot of that kind says
-    /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over. A firmware without MSP waits.
+    /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over. A firmware without
+    /// MSP waits.
     pub fn poll(&mut self, facts: &Facts<'_>) {
         match self.spoken(facts.now) {
             ProtocolKind::Mavlink => self.mavlink.poll(facts, &mut self.output),
