@@ -6,11 +6,14 @@ use host_sim::emulator::{self, BenchTest, Emulator, budget};
 use host_sim::mission::{Plan, fly_with};
 use host_sim::module::{Module as _, Ran};
 use host_sim::nmea::Reader;
+use host_sim::routine::Routine;
+use host_sim::score::wrap_180;
 use host_sim::transcript;
 use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::{Config, Kind};
 use host_sim::world::autopilot::Leg;
 use host_sim::world::far_end::{FarEnd, Somebody};
-use host_sim::world::mavlink_autopilot;
+use host_sim::world::mavlink_autopilot::{self, Frame};
 use host_sim::world::msp_autopilot::{self, Troubles};
 use testkit::random::Random;
 
@@ -291,4 +294,67 @@ fn a_collection_goes_on_after_a_reboot() {
     }
     emulator.run_for_s(5.0);
     assert!(samples(&mut emulator) > after, "it goes on");
+}
+
+/// A whole flight over one cable, as ARM code: ArduPilot arms and flies, nobody types, and whoever looks at the ground station
+/// sees the collection go on and end. Then, straight and level on two headings, what MAVLink tells is right: a calibration of
+/// this airframe by 1.0 deg (README), and attitude that is off by three of its sigmas, 0.2 deg of bias and 0.3 of noise, each of
+/// which costs the heading the tangent of 54 deg.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn it_calibrates_by_itself_beside_a_mavlink_autopilot() {
+    const HEADING_BOUND_DEG: f64 = 2.5;
+    let far_ends = [FarEnd::Mavlink(mavlink_autopilot::Firmware::ArduPilot), FarEnd::Nobody];
+    // A copter's routine is the shortest.
+    let config = WorldConfig::table1(7);
+    let config = WorldConfig { aircraft: Config { kind: Kind::Copter, ..config.aircraft }, ..config };
+    let mut emulator = Emulator::start_wired(&emulator::default_image(), config, far_ends).unwrap();
+    let Somebody::Mavlink(autopilot) = emulator.far_ends[0].clone() else { panic!("no MAVLink there") };
+    assert_eq!(emulator.run_for_s(8.0), Ran::Time);
+    emulator.world().set_armed(true);
+    let heading_deg = emulator.world().config().aircraft.heading_deg;
+    for leg in Routine::of(Kind::Copter, Plan::default(), heading_deg).legs() {
+        emulator.world().fly(leg);
+    }
+    let mut heard: Vec<Frame> = Vec::new();
+    // MAG_CAL_SUCCESS, and it is stored.
+    let is_success = |frame: &Frame| (frame.id, frame.byte(42), frame.byte(43)) == (192, 4, 1);
+    for _second in 0..180 {
+        assert_eq!(emulator.run_for_s(1.0), Ran::Time);
+        heard.extend(autopilot.borrow_mut().take_heard());
+        if heard.iter().any(is_success) {
+            break;
+        }
+    }
+    assert!(heard.iter().any(is_success), "no MAG_CAL_REPORT of a success");
+    assert!(heard.iter().any(|frame| frame.id == 191), "no MAG_CAL_PROGRESS");
+    assert_eq!(emulator.run_for_s(3.0), Ran::Time);
+    heard.extend(autopilot.borrow_mut().take_heard());
+    let begins = |begin: &str| {
+        let begin = begin.as_bytes();
+        heard.iter().filter(|frame| frame.id == 253 && frame.payload.get(1..=begin.len()) == Some(begin)).count()
+    };
+    assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{heard:?}");
+    assert!(begins("autoswing: collecting ") >= 2, "{}", begins("autoswing: collecting"));
+
+    // What is left of the routine is flown first.
+    while emulator.world().legs_left() > 0 {
+        assert_eq!(emulator.run_for_s(1.0), Ran::Time);
+    }
+    let mut errors_deg = Vec::new();
+    for heading_deg in [200.0, 245.0] {
+        emulator.world().fly(Leg::Straight { heading_deg, seconds: 20.0 });
+        assert_eq!(emulator.run_for_s(15.0), Ran::Time);
+        let _ = autopilot.borrow_mut().take_heard();
+        assert_eq!(emulator.run_for_s(4.0), Ran::Time);
+        let is_heading = |frame: &&Frame| frame.id == 251 && (8..15).map(|at| frame.byte(at)).eq(*b"hdg_mag");
+        for heading in autopilot.borrow_mut().take_heard().iter().filter(is_heading) {
+            let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte(at)));
+            let truth_deg = emulator.world().true_state(u64::from(time_ms) * 1000).heading_deg();
+            errors_deg.push(wrap_180(f64::from(heading.float(4)) - truth_deg));
+        }
+    }
+    println!("headings by MAVLink are off by {errors_deg:.2?} deg");
+    assert!((36..=44).contains(&errors_deg.len()), "five a second on two headings: {}", errors_deg.len());
+    assert!(errors_deg.iter().all(|error_deg| error_deg.abs() < HEADING_BOUND_DEG), "{errors_deg:?}");
 }

@@ -4,6 +4,7 @@ use core::fmt::{self, Display};
 
 use super::words::{Given, Kind, ROWS, Row, Slot, Value};
 use super::{LINE_CAPACITY, Request};
+use crate::settings::ProtocolKind;
 use crate::wire::decimal::{self, AsTyped};
 
 /// Why a line means nothing.
@@ -21,6 +22,8 @@ pub enum LineError {
     UnexpectedArgument(&'static Row),
     /// A destructive command without its word.
     NeedsWord(&'static Row),
+    /// Something of a protocol that this firmware was built without.
+    LeftOut(ProtocolKind),
     /// More characters than a line holds.
     TooLong,
 }
@@ -35,6 +38,7 @@ impl LineError {
             Self::BadValue(_) => "bad-value",
             Self::UnexpectedArgument(_) => "unexpected-argument",
             Self::NeedsWord(_) => "needs-word",
+            Self::LeftOut(_) => "not-in-firmware",
             Self::TooLong => "line-too-long",
         }
     }
@@ -53,6 +57,7 @@ impl Display for LineError {
             Self::BadValue(slot) => write!(f, "expected {slot}"),
             Self::UnexpectedArgument(row) => write!(f, "too many words; it is {row}"),
             Self::NeedsWord(row) => write!(f, "this cannot be undone; type {row}"),
+            Self::LeftOut(kind) => write!(f, "this firmware was built without {}", kind.name()),
             Self::TooLong => write!(f, "a line holds {LINE_CAPACITY} characters"),
         }
     }
@@ -92,7 +97,7 @@ fn last_word(line: &str) -> (&str, &str) {
 }
 
 fn after(first: &str, words: &mut Words<'_>) -> Result<Request, LineError> {
-    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let row = here([first, ""], LineError::UnknownCommand(None))?;
     if let Some(means) = row.means {
         return meaning(row, means, words);
     }
@@ -103,16 +108,16 @@ fn after(first: &str, words: &mut Words<'_>) -> Result<Request, LineError> {
     if is_help(first) {
         return explained(second, words);
     }
-    let row = find([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+    let row = here([first, second], LineError::UnknownCommand(Some(first)))?;
     row.means.map_or(Err(LineError::UnknownCommand(None)), |means| meaning(row, means, words))
 }
 
 /// The row that `help` is asked for.
 fn explained(first: &str, words: &mut Words<'_>) -> Result<Request, LineError> {
-    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let row = here([first, ""], LineError::UnknownCommand(None))?;
     let row = match words.next() {
         Some(second) if row.means.is_none() && !is_help(row.words[0]) => {
-            find([first, second]).ok_or(LineError::UnknownCommand(Some(row.words[0])))?
+            here([first, second], LineError::UnknownCommand(Some(row.words[0])))?
         }
         Some(_) => return Err(LineError::UnexpectedArgument(row)),
         None => row,
@@ -128,6 +133,12 @@ fn find(words: [&str; 2]) -> Option<&'static Row> {
     ROWS.iter().find(|row| row.words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
 }
 
+/// The row of these words, if this firmware has it.
+fn here(words: [&str; 2], unknown: LineError) -> Result<&'static Row, LineError> {
+    let row = find(words).ok_or(unknown)?;
+    row.left_out().map_or(Ok(row), |kind| Err(LineError::LeftOut(kind)))
+}
+
 fn meaning(row: &'static Row, means: fn(&Given) -> Request, words: &mut Words<'_>) -> Result<Request, LineError> {
     let mut given = Given([Value::Nothing; 2]);
     for (slot, value) in row.slots.iter().zip(&mut given.0) {
@@ -141,7 +152,7 @@ fn meaning(row: &'static Row, means: fn(&Given) -> Request, words: &mut Words<'_
         *value = match value_of(slot, word) {
             Some(value) => value,
             None if matches!(slot.kind, Kind::Sure(_)) && !slot.is_optional => return Err(LineError::NeedsWord(row)),
-            None => return Err(LineError::BadValue(slot)),
+            None => return Err(slot.left_out(word).map_or(LineError::BadValue(slot), LineError::LeftOut)),
         };
         // After a word instead of a number comes nothing.
         if *value == Value::Nothing {
@@ -180,12 +191,13 @@ impl Next {
             let Some(explained) = words.next() else { return Self::First };
             first = explained;
         }
-        let Some(row) = find([first, ""]) else { return Self::Nothing };
+        let offered = |words| find(words).filter(|row| row.left_out().is_none());
+        let Some(row) = offered([first, ""]) else { return Self::Nothing };
         let row = if row.means.is_some() {
             Some(row)
         } else {
             let Some(second) = words.next() else { return Self::Second(row.words[0]) };
-            find([first, second])
+            offered([first, second])
         };
         let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
         let mut slots = row.slots.iter();
@@ -198,20 +210,20 @@ impl Next {
     /// The words that may come, by their numbers.
     fn word(self, number: usize) -> Option<&'static str> {
         match self {
-            Self::First => ROWS
-                .iter()
-                .map(|row| row.words)
-                .filter(|[_, second]| second.is_empty())
-                .map(|[first, _]| first)
-                .nth(number),
+            Self::First => offered().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
             Self::Second(of) => {
                 let of_it = |[first, second]: &[&'static str; 2]| *first == of && !second.is_empty();
-                ROWS.iter().map(|row| row.words).filter(of_it).map(|[_, second]| second).nth(number)
+                offered().filter(of_it).map(|[_, second]| second).nth(number)
             }
             Self::Slot(slot) => slot.word(number),
             Self::Nothing => None,
         }
     }
+}
+
+/// The words of the rows that this firmware has.
+fn offered() -> impl Iterator<Item = [&'static str; 2]> {
+    ROWS.iter().filter(|row| row.left_out().is_none()).map(|row| row.words)
 }
 
 /// How the last word of a line can go on.
@@ -342,6 +354,7 @@ impl Display for Explained {
     }
 }
 
+#[cfg(all(feature = "mavlink", feature = "msp", feature = "nmea"))]
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -349,7 +362,7 @@ mod tests {
     use crate::calibration::{Method, Orientation};
     use crate::compass::Command;
     use crate::settings::{AttitudeError, HeadingKind, Setting};
-    use crate::settings::{Baud, PortNumber, ProtocolKind};
+    use crate::settings::{Baud, PortNumber};
 
     fn command(line: &str) -> Command {
         match parse(line) {

@@ -14,6 +14,8 @@
 
 mod editor;
 mod language;
+#[cfg(test)]
+mod left_out;
 pub mod report;
 pub mod session;
 mod words;

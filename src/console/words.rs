@@ -104,6 +104,19 @@ impl Row {
     const fn means(self, means: fn(&Given) -> Request) -> Self {
         Self { means: Some(means), ..self }
     }
+
+    /// The protocol that it is for, where this firmware was built without it. `stream` is for sentences; on, off and the kind
+    /// of heading are for MAVLink's named values, too.
+    #[must_use]
+    pub fn left_out(&self) -> Option<ProtocolKind> {
+        let of = match self.words {
+            ["set", "vision"] => ProtocolKind::Mavlink,
+            ["stream", "rate"] => ProtocolKind::Nmea,
+            ["stream", _] if !ProtocolKind::Mavlink.is_here() => ProtocolKind::Nmea,
+            _ => return None,
+        };
+        if of.is_here() { None } else { Some(of) }
+    }
 }
 
 impl Slot {
@@ -113,6 +126,12 @@ impl Slot {
 
     const fn optional(name: &'static str, kind: Kind) -> Self {
         Self { name, kind, is_optional: true }
+    }
+
+    /// The protocol of a word that this would take, had the firmware been built with it.
+    pub fn left_out(&self, typed: &str) -> Option<ProtocolKind> {
+        let is_it = |kind: &ProtocolKind| !kind.is_here() && kind.name().eq_ignore_ascii_case(typed);
+        ProtocolKind::ALL.into_iter().find(is_it).filter(|_| self.name == PROTOCOL.name)
     }
 
     /// The names it takes, by their numbers.
@@ -285,7 +304,7 @@ fn orientation(number: usize) -> Option<&'static str> {
 }
 
 fn nth_protocol(number: usize) -> Option<ProtocolKind> {
-    ProtocolKind::ALL.get(number).copied()
+    ProtocolKind::ALL.into_iter().filter(|kind| kind.is_here()).nth(number)
 }
 
 fn protocol(number: usize) -> Option<&'static str> {
@@ -293,7 +312,7 @@ fn protocol(number: usize) -> Option<&'static str> {
 }
 
 fn protocol_of(port: PortNumber, given: &Given) -> Setting {
-    Setting::Protocol(port, given.choice(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
+    Setting::Protocol(port, given.choice(0, nth_protocol).unwrap_or(ProtocolKind::Auto.in_force()))
 }
 
 fn nth_baud(number: usize) -> Option<Baud> {

@@ -51,8 +51,8 @@ impl Port {
     #[must_use]
     pub fn new(chosen: ProtocolKind, found: ProtocolKind, start: Timestamp) -> Self {
         Self {
-            chosen,
-            found: Search { kind: found, at: start, is_heard: false },
+            chosen: chosen.in_force(),
+            found: Search { kind: found.in_force(), at: start, is_heard: false },
             mavlink: Mavlink::new(),
             msp: Msp::new(),
             nmea: Nmea::new(),
@@ -60,9 +60,10 @@ impl Port {
         }
     }
 
-    /// Speaks this from now on.
+    /// Speaks this from now on; of a protocol that this firmware does not have, what stands in for it
+    /// ([`ProtocolKind::in_force`]).
     pub fn choose(&mut self, chosen: ProtocolKind) {
-        self.chosen = chosen;
+        self.chosen = chosen.in_force();
     }
 
     /// What is spoken at this instant: of `auto`, what was found, or `auto` while it is searched.
@@ -110,7 +111,8 @@ impl Port {
     }
 
     /// Appends what is due to the output. While the far end is searched, MSP is spoken: an autopilot of that kind says
-    /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over.
+    /// nothing unless it is asked, and looks for its compass while it starts; one that speaks MAVLink passes it over. A
+    /// firmware without MSP waits.
     pub fn poll(&mut self, facts: &Facts<'_>) {
         match self.spoken(facts.now) {
             ProtocolKind::Mavlink => self.mavlink.poll(facts, &mut self.output),
@@ -136,6 +138,7 @@ impl Port {
     }
 }
 
+#[cfg(all(feature = "mavlink", feature = "msp", feature = "nmea"))]
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,16 +2,36 @@
 //!
 //! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
 //! tell, passes on what it has [`Heard`], and writes its [`Output`].
+//!
+//! Which protocols there are is chosen by the Cargo features `mavlink`, `msp` and `nmea`, here and in [`wire`](crate::wire);
+//! one that is left out is [`LeftOut`], and [`ProtocolKind::is_here`](crate::settings::ProtocolKind::is_here) knows of it.
 
+mod left_out;
 mod line;
+#[cfg(feature = "mavlink")]
 mod mavlink;
+#[cfg(feature = "msp")]
 mod msp;
+#[cfg(feature = "nmea")]
 mod nmea;
 mod pace;
 
+#[cfg(not(any(feature = "mavlink", feature = "msp", feature = "nmea")))]
+compile_error!("without a protocol nobody learns the heading: choose one of the features mavlink, msp and nmea");
+
+pub use left_out::LeftOut;
+#[cfg(not(feature = "mavlink"))]
+pub use left_out::LeftOut as Mavlink;
+#[cfg(not(feature = "msp"))]
+pub use left_out::LeftOut as Msp;
+#[cfg(not(feature = "nmea"))]
+pub use left_out::LeftOut as Nmea;
 pub use line::Port;
+#[cfg(feature = "mavlink")]
 pub use mavlink::Mavlink;
+#[cfg(feature = "msp")]
 pub use msp::Msp;
+#[cfg(feature = "nmea")]
 pub use nmea::Nmea;
 pub use pace::Pace;
 

@@ -43,8 +43,31 @@ pub enum ProtocolKind {
 }
 
 impl ProtocolKind {
-    /// All of them.
+    /// All of them, whether this firmware has them or not.
     pub const ALL: [Self; 4] = [Self::Auto, Self::Mavlink, Self::Msp, Self::Nmea];
+
+    /// Whether this firmware has it: protocols are left out by Cargo features. To find out what an autopilot speaks takes
+    /// one that autopilots speak.
+    #[must_use]
+    pub const fn is_here(self) -> bool {
+        match self {
+            Self::Auto => cfg!(any(feature = "mavlink", feature = "msp")),
+            Self::Mavlink => cfg!(feature = "mavlink"),
+            Self::Msp => cfg!(feature = "msp"),
+            Self::Nmea => cfg!(feature = "nmea"),
+        }
+    }
+
+    /// What is spoken where this was chosen: itself, if this firmware has it, or else `auto`, which is all that an autopilot
+    /// can be told in; a firmware without that says sentences. The choice itself is kept, for a firmware that has it.
+    #[must_use]
+    pub const fn in_force(self) -> Self {
+        match self {
+            _ if self.is_here() => self,
+            _ if Self::Auto.is_here() => Self::Auto,
+            _ => Self::Nmea,
+        }
+    }
 
     /// The word for it.
     #[must_use]
@@ -126,8 +149,8 @@ pub struct PortsSettings([PortSettings; PORTS]);
 impl PortsSettings {
     /// As delivered: the first finds out what the autopilot speaks, the second tells instruments.
     pub const DEFAULT: Self = Self([
-        PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B115200 },
-        PortSettings { protocol: ProtocolKind::Nmea, baud: Baud::B115200 },
+        PortSettings { protocol: ProtocolKind::Auto.in_force(), baud: Baud::B115200 },
+        PortSettings { protocol: ProtocolKind::Nmea.in_force(), baud: Baud::B115200 },
     ]);
 
     /// Of a module that was set up when its firmware had one port, for sentences: whoever reads them there goes on.

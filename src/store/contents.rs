@@ -250,12 +250,14 @@ mod tests {
     use crate::calibration::{Envelope, Method};
     use crate::magnetometer::Model;
     use crate::settings::{AttitudeError, HeadingKind};
-    use crate::settings::{Baud, ProtocolKind};
+    use crate::settings::{Baud, PortNumber, ProtocolKind};
     use crate::store::tests::{record, sealed, settings, value_of};
 
     fn contents() -> Contents {
         let generations = Generations { current: Some(record(u32::MAX)), previous: Some(record(u32::MAX - 1)) };
-        let settings = Settings { inclination_deg: Some(-60.0), ..settings() };
+        let mut settings = Settings { inclination_deg: Some(-60.0), ..settings() };
+        // Whatever this firmware was built with.
+        settings.ports.of_mut(PortNumber::Two).protocol = ProtocolKind::Nmea;
         Contents { saves: u32::MAX, stored: Stored { settings, generations, ..Stored::default() } }
     }
 

@@ -8,18 +8,17 @@ use host_sim::world::aircraft::Kind;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::print::right_aligned;
-use super::{Failure, Integrity, SourceArgument};
+use super::{Failure, Integrity};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
+    let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
+    let is_to_be_had = |case: &Case| case.is_for(aircraft) && case.is_of(source);
     if options.cases.iter().any(|name| name == "list") {
-        list(options.aircraft.into());
+        list(&is_to_be_had);
         return Ok(ExitCode::SUCCESS);
     }
-    let cases = chosen(&options.cases, options.aircraft.into())?;
-    // The simulated autopilot speaks nothing else yet.
-    let SourceArgument::Mavlink = options.source;
-    let (heading, aircraft) = (options.heading.into(), options.aircraft.into());
-    let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft };
+    let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
+    let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft, source };
     let bar = ProgressBar::new(integrity::flights(plan, &cases));
     if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
         bar.set_style(style);
@@ -34,22 +33,28 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn chosen(names: &[String], aircraft: Kind) -> Result<Vec<&'static Case>, Failure> {
+fn chosen(
+    names: &[String],
+    is_to_be_had: &dyn Fn(&Case) -> bool,
+    aircraft: Kind,
+) -> Result<Vec<&'static Case>, Failure> {
     if names.is_empty() {
-        return Ok(CASES.iter().filter(|case| case.is_for(aircraft)).collect());
+        return Ok(CASES.iter().filter(|case| is_to_be_had(case)).collect());
     }
     let of = |name: &String| {
-        let case = case::named(name).filter(|case| case.is_for(aircraft));
-        case.ok_or_else(|| Failure(format!("no case {name} of a {}; --case list shows them", aircraft.name())))
+        let case = case::named(name).filter(|case| is_to_be_had(case));
+        case.ok_or_else(|| {
+            Failure(format!("no case {name} of a {} by this source; --case list shows them", aircraft.name()))
+        })
     };
     names.iter().map(of).collect()
 }
 
-fn list(aircraft: Kind) {
+fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(["case", "what is wrong"]);
-    for case in CASES.iter().filter(|case| case.is_for(aircraft)) {
+    for case in CASES.iter().filter(|case| is_to_be_had(case)) {
         table.add_row([case.name, case.says]);
     }
     println!("{table}");

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use host_sim::integrity::Source;
 use host_sim::world::WorldConfig;
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
@@ -158,7 +159,7 @@ struct Integrity {
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
     /// What the attitude comes by
-    #[arg(long, value_enum, default_value = "mavlink", value_name = "mavlink")]
+    #[arg(long, value_enum, default_value = "mavlink", value_name = "mavlink|msp")]
     source: SourceArgument,
     /// Which heading is sent: the raw one, or the smooth one where there is one
     #[arg(long, value_enum, default_value = "smooth", value_name = "raw|smooth")]
@@ -187,7 +188,19 @@ impl From<HeadingArgument> for autoswing::settings::HeadingKind {
 /// Protocols of attitude sources.
 #[derive(Clone, Copy, ValueEnum)]
 enum SourceArgument {
+    /// With body rates
     Mavlink,
+    /// Asked for, in tenths of a degree, without rates
+    Msp,
+}
+
+impl From<SourceArgument> for Source {
+    fn from(argument: SourceArgument) -> Self {
+        match argument {
+            SourceArgument::Mavlink => Self::Mavlink,
+            SourceArgument::Msp => Self::Msp,
+        }
+    }
 }
 
 /// Time of a solve by each method, and simulated seconds a second of flight, on this machine

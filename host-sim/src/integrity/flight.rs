@@ -4,6 +4,7 @@ use autoswing::calibration::Calibration;
 use autoswing::settings::HeadingKind;
 use nalgebra::Vector3;
 
+use super::Plan;
 use super::case::{Case, Drawn, Onset};
 use super::tally::{Judged, Tally};
 use super::usage;
@@ -14,8 +15,8 @@ use crate::rig::Rig;
 use crate::score::{Errors, wrap_180};
 use crate::transcript::{self, Notice};
 use crate::world::WorldConfig;
-use crate::world::aircraft::Kind;
 use crate::world::autopilot::Leg;
+use crate::world::far_end::FarEnd;
 
 /// An accepted calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,18 +63,18 @@ const SENTENCE_S: f64 = 0.1;
 /// From the end of the turns until the module must have said how its solve ended, seconds.
 const PATIENCE_S: f64 = 10.0;
 
-/// Flies the flight of a seed with such an aircraft; the pilot chooses which heading is sent.
+/// Flies the flight of a seed with a plan's aircraft, source of attitude and heading that is sent.
 #[must_use]
-pub fn fly(case: &Case, seed: u64, heading: HeadingKind, aircraft: Kind) -> Flown {
-    let Drawn { world, routine, faults, switch, onset, use_s } = case.draw(seed, aircraft);
+pub fn fly(case: &Case, seed: u64, plan: &Plan) -> Flown {
+    let Drawn { world, routine, faults, switch, onset, use_s } = case.draw(seed, plan.aircraft);
     let fields = faults.field.clone();
-    let mut rig = Rig::with_faults(world, faults);
+    let mut rig = Rig::wired(world, faults, [plan.source.far_end(), FarEnd::Nobody]);
     rig.world.set_armed(true);
     if onset == Onset::Always {
         switch.act(0, u64::MAX);
     }
     rig.run_for_s(2.0);
-    rig.type_line(&format!("stream heading {}", heading.name()));
+    rig.type_line(&format!("stream heading {}", plan.heading.name()));
     rig.type_line(routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));

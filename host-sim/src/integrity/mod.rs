@@ -19,6 +19,8 @@ pub use tally::Tally;
 use flight::{Calibrated, Flown, IronError};
 
 use crate::world::aircraft::Kind;
+use crate::world::far_end::FarEnd;
+use crate::world::msp_autopilot::{self, Troubles};
 
 /// How large a run is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +33,31 @@ pub struct Plan {
     pub heading: HeadingKind,
     /// What flies.
     pub aircraft: Kind,
+    /// What the attitude comes by.
+    pub source: Source,
+}
+
+/// What the attitude comes by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Source {
+    /// An autopilot that sends MAVLink, with body rates.
+    #[default]
+    Mavlink,
+    /// ArduPilot by MSP: it is asked for the attitude, which comes in tenths of a degree and without rates.
+    Msp,
+}
+
+impl Source {
+    /// Who is at the autopilot's port.
+    const fn far_end(self) -> FarEnd {
+        match self {
+            Self::Mavlink => FarEnd::Talker,
+            Self::Msp => FarEnd::Msp(
+                msp_autopilot::Firmware::ArduPilot,
+                Troubles { dropped: 0.0, refused: 0.0, cut: 0.0, joined: 0.0 },
+            ),
+        }
+    }
 }
 
 /// What came of all flights of a case.
@@ -89,7 +116,7 @@ pub fn run(plan: Plan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Ve
     let all: Vec<(usize, Flown)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
-            let one = (i, flight::fly(cases[i], seed, plan.heading, plan.aircraft));
+            let one = (i, flight::fly(cases[i], seed, &plan));
             flown();
             one
         })

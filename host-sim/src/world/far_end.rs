@@ -7,7 +7,7 @@ use embassy_time::{Duration, Timer};
 use mavlink::dialects::common::ATTITUDE_DATA;
 
 use super::World;
-use super::attitude_source::AttitudeSource;
+use super::attitude_source::{AttitudeSource, Reported};
 use super::mavlink_autopilot::{self, BEGAN_UNIX_US, MavlinkAutopilot, XIAN};
 use super::msp_autopilot::{self, Known, MspAutopilot, Troubles};
 use crate::clock;
@@ -65,7 +65,7 @@ impl FarEnd {
             }
             Self::Msp(firmware, troubles) => {
                 let device = Rc::new(RefCell::new(MspAutopilot::new(firmware, troubles, world.config().seed)));
-                simulation.spawn(Level::World, "autopilot", msp(Rc::clone(&device), world, uart, source));
+                simulation.spawn(Level::World, "autopilot", msp(Rc::clone(&device), world, uart, source, faults));
                 Somebody::Msp(device)
             }
         }
@@ -106,7 +106,13 @@ async fn mavlink(
 }
 
 /// Its estimate of the attitude is as old as a MAVLink autopilot's when it is sent, and is made as often.
-async fn msp(device: Rc<RefCell<MspAutopilot>>, world: World, uart: HostEnd, mut source: AttitudeSource) {
+async fn msp(
+    device: Rc<RefCell<MspAutopilot>>,
+    world: World,
+    uart: HostEnd,
+    mut source: AttitudeSource,
+    mut faults: Vec<Box<dyn AttitudeFault>>,
+) {
     let latency_us = source.latency_us();
     let period_us = (1e6 / world.config().attitude_source.rate_hz) as u64;
     let mut known = Known::default();
@@ -115,12 +121,19 @@ async fn msp(device: Rc<RefCell<MspAutopilot>>, world: World, uart: HostEnd, mut
         let now_us = clock::now_us();
         if now_us >= estimated_us {
             estimated_us += period_us;
-            let truth = world.true_state(now_us.saturating_sub(latency_us));
-            let reported = source.report(&truth);
+            let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();
+            let truth = world.true_state(now_us.saturating_sub(latency_us + late_us));
+            let Reported { roll_rad, pitch_rad, yaw_rad } = source.report(&truth);
+            // Faults know the other protocol's message; of its rates nothing is told.
+            let [roll, pitch, yaw] = [roll_rad, pitch_rad, yaw_rad].map(|rad| rad as f32);
+            let mut attitude = ATTITUDE_DATA { roll, pitch, yaw, ..ATTITUDE_DATA::default() };
+            for fault in &mut faults {
+                fault.tamper(now_us, &mut attitude);
+            }
             known = Known {
-                roll_rad: reported.roll_rad,
-                pitch_rad: reported.pitch_rad,
-                yaw_rad: reported.yaw_rad,
+                roll_rad: f64::from(attitude.roll),
+                pitch_rad: f64::from(attitude.pitch),
+                yaw_rad: f64::from(attitude.yaw),
                 is_armed: world.is_armed(),
                 place: Some((XIAN.latitude_deg, XIAN.longitude_deg, XIAN.height_m)),
                 unix_s: Some((BEGAN_UNIX_US + now_us) / 1_000_000),

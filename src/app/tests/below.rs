@@ -193,10 +193,10 @@ fn every_kind_of_request_is_answered() {
         ("cal show", "error no-calibration: "),
         ("cal abort", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
-        ("stream rate 5", "ok stream on, 5 Hz, smooth heading\r\n"),
+        ("set accuracy 0.7", "ok accuracy 0.7 deg wanted\r\n"),
         ("set mount yaw90", "ok mount yaw90"),
         ("set align none", "ok align 0.0 deg"),
-        ("help stream rate", "ok stream rate HZ: "),
+        ("help set accuracy", "ok set accuracy DEG: "),
         ("nonsense", "error unknown-command: "),
     ] {
         let reply = type_line(&mut bed, &line, &port, text);

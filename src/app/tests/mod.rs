@@ -4,6 +4,7 @@ mod below;
 mod devices;
 mod heading;
 mod panel;
+#[cfg(all(feature = "mavlink", feature = "nmea"))]
 mod port;
 mod sensor;
 mod watchdog;

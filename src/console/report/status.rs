@@ -45,6 +45,9 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         if let Line::Port(port) = line {
             spoken(out, report.settings.ports.of(port).protocol, health.port(port))?;
         }
+        if matches!(line, Line::Vision) && report.settings.tells_vision && !ProtocolKind::Mavlink.is_here() {
+            out.write_str(", not in this firmware")?;
+        }
         writeln!(out)?;
     }
     field_model(out, &report.here)?;
@@ -55,9 +58,12 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
 }
 
-/// What was found on a port that finds out.
+/// What stands in for a protocol that this firmware does not have, and what was found on a port that finds out.
 fn spoken(out: &mut impl Write, chosen: ProtocolKind, spoken: ProtocolKind) -> fmt::Result {
-    match (chosen, spoken) {
+    if !chosen.is_here() {
+        write!(out, ", not in this firmware, so {}", chosen.in_force().name())?;
+    }
+    match (chosen.in_force(), spoken) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", nobody heard yet"),
         (ProtocolKind::Auto, spoken) => write!(out, ", found {}", spoken.name()),
         _ => Ok(()),

@@ -5,7 +5,7 @@
 //! (<https://github.com/iNavFlight/inav/wiki/MSP-V2>). The one crate for it that knows version 2 wants an allocator of an
 //! old nightly compiler and has had no release since 2020.
 //!
-//! The receiver is one like MAVLink's ([`mavlink`](super::mavlink)): it looks for frames that claim to be one of a few
+//! The receiver is one like MAVLink's (`wire::mavlink`): it looks for frames that claim to be one of a few
 //! replies, checks their CRC, and passes over everything else byte by byte. A length is believed when the CRC has proved
 //! it.
 //!

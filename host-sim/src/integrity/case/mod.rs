@@ -7,6 +7,7 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 
+use super::Source;
 use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, Spikes};
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
 use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
@@ -159,6 +160,12 @@ impl Case {
             What::Hover | What::Pushed(_) | What::Current(_) => aircraft.hovers(),
             _ => true,
         }
+    }
+
+    /// Whether it is one of such a source: MSP has one sender and no rates.
+    #[must_use]
+    pub const fn is_of(&self, source: Source) -> bool {
+        matches!(source, Source::Mavlink) || !matches!(self.what, What::Foreign(_) | What::Rates(_))
     }
 
     /// What happens on the flight of a seed.

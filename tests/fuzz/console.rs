@@ -1,0 +1,143 @@
+//! The console: keys, lines, words.
+
+use autoswing::console::report;
+use autoswing::console::session::Session;
+use autoswing::console::{Request, help};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+use crate::{Promise, hold};
+
+/// What a session keeps to be sent.
+const ROOM: usize = 2048;
+
+/// Words of the language, keys, and what begins or ends a sequence of bytes that is a key.
+const TYPED: &[&str] = &[
+    "help",
+    "version",
+    "status",
+    "cal",
+    "start",
+    "auto",
+    "mark",
+    "stop",
+    "solve",
+    "advise",
+    "show",
+    "clear",
+    "all",
+    "undo",
+    "stream",
+    "on",
+    "off",
+    "rate",
+    "heading",
+    "raw",
+    "set",
+    "declination",
+    "mount",
+    "yaw90",
+    "inclination",
+    "align",
+    "none",
+    "yes",
+    "attitude-error",
+    "default",
+    "accuracy",
+    "port1",
+    "msp",
+    "baud2",
+    "57600",
+    "vision",
+    "reboot",
+    "again",
+    " ",
+    " ",
+    " ",
+    " ",
+    " ",
+    "12.5",
+    "-3",
+    "1e9",
+    "255",
+    "256",
+    "-0.0000000000001",
+    "\r",
+    "\r",
+    "\r\n",
+    "\n",
+    "\t",
+    "\t\t",
+    "\x08",
+    "\x7f",
+    "\x1b[A",
+    "\x1b[B",
+    "\x1b[C",
+    "\x1b[D",
+    "\x1b[H",
+    "\x1bOF",
+    "\x1b[3~",
+    "\x1b[99999;5~",
+    "\x1b[",
+    "\x1b",
+    "\x01",
+    "\x05",
+    "\x15",
+    "\x03",
+    "\u{e9}",
+    "\0",
+];
+
+/// Something typed, and whether what the session has to say is sent then.
+fn typed() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
+    let word = proptest::sample::select(TYPED).prop_map(|word| word.as_bytes().to_vec());
+    let upper = proptest::sample::select(TYPED).prop_map(|word| word.to_ascii_uppercase().into_bytes());
+    let noise = vec(any::<u8>(), 0..12);
+    let part = prop_oneof![12 => word, 2 => upper, 1 => noise];
+    vec((part, any::<bool>()), 0..40)
+}
+
+/// Gives bytes to a session; the last request that came of them.
+fn give(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
+    let mut last = None;
+    for &byte in bytes {
+        match session.byte(byte) {
+            Some(Ok(request)) => {
+                if let Request::Help(of) = request {
+                    session.reply(|out| help(out, of));
+                } else {
+                    session.reply(report::version);
+                }
+                last = Some(request);
+            }
+            Some(Err(error)) => {
+                let text = error.to_string();
+                prop_assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
+                session.reply(|out| report::line_error(out, &error));
+            }
+            None => {}
+        }
+        prop_assert!(session.output().len() <= ROOM);
+    }
+    Ok(last)
+}
+
+/// What is said is characters that a terminal shows, ends of lines, steps back and the erasure of a line, however the keys come; a byte makes
+/// at most one request; and after two Ctrl-C, the first of which may end a sequence of bytes, a line means what it says.
+#[test]
+fn the_console_takes_whatever_is_typed() {
+    hold(typed(), |parts| -> Promise {
+        let mut session = Session::new(report::version);
+        for (part, is_sent) in &parts {
+            let _ = give(&mut session, part)?;
+            if *is_sent {
+                let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
+                prop_assert_eq!(session.output().iter().find(strange), None);
+                session.sent();
+            }
+        }
+        let last = give(&mut session, b"\x03\x03version\r")?;
+        prop_assert!(matches!(last, Some(Request::Version)), "{last:?}");
+        Ok(())
+    });
+}

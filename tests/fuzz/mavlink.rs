@@ -1,0 +1,179 @@
+//! The MAVLink receiver.
+
+use autoswing::wire::mavlink::{Message, Receiver};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+use crate::stream::{self, Piece};
+use crate::{Promise, hold};
+
+/// Numbers of the messages that are looked for, their extra bytes, and the longest of their payloads. By the protocol's
+/// definition (common.xml), not by the code.
+const MESSAGES: [(u8, u8, usize); 7] =
+    [(30, 39, 28), (0, 50, 9), (33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35), (77, 143, 10)];
+
+/// The longest frame: of version 2, signed, with the longest payload.
+const LONGEST: usize = 10 + 35 + 2 + 13;
+
+/// CRC-16/MCRF4XX, bit by bit.
+fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
+    let mut crc = 0xFFFF_u16;
+    for byte in bytes {
+        crc ^= u16::from(byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 0 { crc >> 1 } else { crc >> 1 ^ 0x8408 };
+        }
+    }
+    crc.to_le_bytes()
+}
+
+/// A frame of a version with a right CRC. The length that it claims need not be that of its payload.
+fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, claims: u8, payload: &[u8]) -> Vec<u8> {
+    let mut frame = if is_v2 {
+        vec![0xFD, claims, u8::from(is_signed), 0, 0, system, component, id, 0, 0]
+    } else {
+        vec![0xFE, claims, 0, system, component, id]
+    };
+    frame.extend_from_slice(payload);
+    let extra = MESSAGES.iter().find(|message| message.0 == id).map_or(0, |message| message.1);
+    let crc = crc(frame[1..].iter().copied().chain([extra]));
+    frame.extend(crc);
+    if is_v2 && is_signed {
+        frame.extend([0xFD; 13]);
+    }
+    frame
+}
+
+/// A frame of any message, most of those that are looked for, from one of a few senders.
+pub fn frame() -> impl Strategy<Value = Vec<u8>> {
+    let message =
+        prop_oneof![9 => proptest::sample::select(&MESSAGES[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
+    let off = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
+    let sender = proptest::sample::select(&[[1, 1], [1, 1], [2, 1], [1, 158], [255, 190]][..]);
+    (message, any::<[bool; 4]>(), sender, off, vec(any::<u8>(), 36)).prop_map(
+        |((id, _, longest), [is_v2, is_signed, is_small, is_cut], sender, off, mut payload)| {
+            payload.truncate(longest);
+            if is_small {
+                // Angles that can be, of a payload with zeros at its end, which version 2 cuts off.
+                payload.iter_mut().skip(4).for_each(|byte| *byte = 0);
+                payload.truncate(if is_v2 && is_cut { 4 } else { longest });
+            }
+            let claims = (payload.len() as u8).wrapping_add_signed(off);
+            framed(is_v2, is_signed, sender, id, claims, &payload)
+        },
+    )
+}
+
+pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
+    stream::of(frame(), &[0xFE, 0xFD])
+}
+
+/// A frame that is intact, found by trying every byte.
+pub struct Intact {
+    end: usize,
+    id: u8,
+    sender: u16,
+    payload: [u8; 40],
+}
+
+/// All that are in some bytes, also those within others.
+pub fn intact(bytes: &[u8]) -> Vec<Intact> {
+    let mut found = Vec::new();
+    for begin in 0..bytes.len() {
+        let rest = &bytes[begin..];
+        let (header, id, [system, component], signature) = match *rest {
+            [0xFE, _, _, system, component, id, ..] => (6, id, [system, component], 0),
+            [0xFD, _, flags @ 0..=1, _, _, system, component, id, 0, 0, ..] => {
+                (10, id, [system, component], 13 * usize::from(flags))
+            }
+            _ => continue,
+        };
+        let length = usize::from(rest[1]);
+        let Some(&(_, extra, longest)) = MESSAGES.iter().find(|message| message.0 == id) else { continue };
+        let Some(frame) = rest.get(..header + length + 2 + signature) else { continue };
+        if length > longest
+            || crc(frame[1..header + length].iter().copied().chain([extra]))[..] != frame[header + length..][..2]
+        {
+            continue;
+        }
+        let mut payload = [0; 40];
+        payload[..length].copy_from_slice(&frame[header..header + length]);
+        found.push(Intact { end: begin + frame.len(), id, sender: u16::from_be_bytes([system, component]), payload });
+    }
+    found
+}
+
+impl Intact {
+    fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes([0, 1, 2, 3].map(|byte| self.payload[at + byte]))
+    }
+
+    /// Whether it is ATTITUDE with these angles.
+    pub fn has_angles(&self, roll_rad: f32, pitch_rad: f32) -> bool {
+        self.id == 30 && [self.u32(4), self.u32(8)] == [roll_rad, pitch_rad].map(f32::to_bits)
+    }
+
+    fn says(&self, message: &Message) -> bool {
+        let (id, sender) = (self.id, self.sender);
+        match message {
+            Message::Attitude(report) => {
+                self.has_angles(report.attitude.roll_rad, report.attitude.pitch_rad) && sender == report.source.number()
+            }
+            Message::Heartbeat(heartbeat) => {
+                let is_armed = self.payload[6] & 128 != 0;
+                (id, sender, is_armed) == (0, heartbeat.source.number(), heartbeat.is_armed)
+            }
+            Message::Place(source, _) => (id, sender) == (33, source.number()),
+            Message::Day(source, _) => (id, sender) == (2, source.number()),
+            Message::Command(command) => {
+                let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
+                [75, 76].contains(&id) && (sender, number) == (command.source.number(), command.command)
+            }
+            Message::Acknowledgement(ack) => (id, sender, self.payload[2]) == (77, ack.source.number(), ack.result),
+        }
+    }
+}
+
+/// ATTITUDE with a roll of 0.5 rad, without a byte that begins a frame.
+fn good() -> Vec<u8> {
+    let mut payload = [1; 28];
+    payload[4..8].copy_from_slice(&0.5_f32.to_le_bytes());
+    payload[8..12].fill(0);
+    framed(true, false, [1, 1], 30, 28, &payload)
+}
+
+/// Each message that is understood is an intact frame that has come, each of them at most once and in order. A CRC, which is
+/// what costs time, is calculated at most once for each byte that has come, and once for a byte at most as often as the longest
+/// frame has bytes. When good frames follow, one is understood by the end of the first that begins after what the longest frame
+/// can take of them. Angles are angles.
+#[test]
+fn mavlink_is_believed_when_its_crc_is_right() {
+    hold(stream(), |pieces| -> Promise {
+        let good = good();
+        let mut bytes = stream::bytes(&pieces);
+        let noise = bytes.len();
+        (0..=LONGEST.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(&good));
+        let intact = intact(&bytes);
+        let (mut receiver, mut next, mut checks, mut recovered) = (Receiver::new(), 0, 0, false);
+        for (at, &byte) in bytes.iter().enumerate() {
+            let before = receiver.rejected;
+            let message = receiver.push(byte);
+            let now = receiver.rejected - before + u32::from(message.is_some());
+            checks += now as usize;
+            prop_assert!(now as usize <= LONGEST && checks <= at + 1, "{now} and {checks} checks at {at}");
+            let Some(message) = message else { continue };
+            let it_is = intact.iter().skip(next).position(|frame| frame.end <= at + 1 && frame.says(&message));
+            prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
+            next += it_is.map_or(0, |skipped| skipped + 1);
+            if let Message::Attitude(report) = message {
+                let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
+                // A rounding beyond half a circle, and a quarter; what is no number is not in it.
+                prop_assert!(roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58, "{report:?}");
+            }
+            recovered |= at >= noise
+                && matches!(message, Message::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6);
+        }
+        prop_assert!(recovered, "nothing good is understood");
+        Ok(())
+    });
+}

@@ -1,0 +1,158 @@
+//! The MSP receiver.
+
+use autoswing::wire::msp::{Angles, Firmware, Message, Receiver};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+use crate::stream::{self, Piece};
+use crate::{Promise, hold};
+
+/// Numbers of the functions that are asked for.
+const FC_VARIANT: u16 = 2;
+const STATUS: u16 = 101;
+const RAW_GPS: u16 = 106;
+const ATTITUDE: u16 = 108;
+const RTC: u16 = 247;
+
+/// The longest frame that is taken: 64 bytes of payload.
+const LONGEST: usize = 8 + 64 + 1;
+
+/// CRC-8/DVB-S2, bit by bit.
+fn crc(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0xD5 })
+    })
+}
+
+/// A frame with a right CRC. The length that it claims need not be that of its payload.
+fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> {
+    let [f0, f1] = function.to_le_bytes();
+    let [n0, n1] = claims.to_le_bytes();
+    let checked = [&[0, f0, f1, n0, n1], payload].concat();
+    [&[b'$', b'X', direction], &checked[..], &[crc(&checked)]].concat()
+}
+
+/// A frame of any function, most of those that are asked for, with payloads that they can have.
+pub fn frame() -> impl Strategy<Value = Vec<u8>> {
+    let functions = [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (RTC, 9), (RTC, 6)];
+    let function = prop_oneof![9 => proptest::sample::select(functions.to_vec()), 1 => (any::<u16>(), 0..80_usize)];
+    let direction = prop_oneof![8 => Just(b'>'), 1 => Just(b'!'), 1 => Just(b'<')];
+    let off = prop_oneof![6 => Just(0_i16), 1 => -8..8_i16, 1 => any::<i16>()];
+    let name = proptest::sample::select(vec![*b"ARDU", *b"INAV", *b"BTFL", *b"NONE"]);
+    (function, direction, off, name, any::<bool>(), vec(any::<u8>(), 80)).prop_map(
+        |((function, length), direction, off, name, is_possible, mut payload)| {
+            payload.truncate(length);
+            if is_possible && function == ATTITUDE {
+                payload.iter_mut().skip(1).step_by(2).for_each(|high| *high %= 3);
+            }
+            if is_possible
+                && function == FC_VARIANT
+                && let Some(begin) = payload.first_chunk_mut()
+            {
+                *begin = name;
+            }
+            framed(direction, function, (payload.len() as u16).wrapping_add_signed(off), &payload)
+        },
+    )
+}
+
+pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
+    stream::of(frame(), b"$X>!")
+}
+
+/// A frame that is intact, found by trying every byte.
+pub struct Intact<'a> {
+    end: usize,
+    function: u16,
+    is_error: bool,
+    payload: &'a [u8],
+}
+
+/// All that are in some bytes, also those within others.
+pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
+    let mut found = Vec::new();
+    for begin in 0..bytes.len() {
+        let &[b'$', b'X', direction @ (b'>' | b'!'), _, f0, f1, n0, n1, ..] = &bytes[begin..] else { continue };
+        let end = begin + 8 + usize::from(u16::from_le_bytes([n0, n1])) + 1;
+        let Some(&[_, _, _, ref checked @ .., last]) = bytes.get(begin..end) else { continue };
+        if crc(checked) == last {
+            let function = u16::from_le_bytes([f0, f1]);
+            found.push(Intact { end, function, is_error: direction == b'!', payload: &checked[5..] });
+        }
+    }
+    found
+}
+
+impl Intact<'_> {
+    fn i16(&self, at: usize) -> Option<i16> {
+        Some(i16::from_le_bytes([*self.payload.get(at)?, *self.payload.get(at + 1)?]))
+    }
+
+    /// Whether it is MSP_ATTITUDE with this roll, and this pitch of either sign.
+    pub fn has_angles(&self, roll_deg: f32, pitch_deg: f32) -> bool {
+        let is = |at, deg: f32| {
+            self.i16(at).is_some_and(|decideg| (f32::from(decideg).abs() * 0.1 - deg.abs()).abs() < 0.01)
+        };
+        (self.function, self.is_error) == (ATTITUDE, false) && is(0, roll_deg) && is(2, pitch_deg)
+    }
+
+    fn says(&self, message: &Message) -> bool {
+        if let Message::Refused(function) = message {
+            return (self.is_error || self.payload.is_empty()) && self.function == *function as u16;
+        }
+        !self.is_error
+            && match *message {
+                Message::Attitude(Angles { roll_decideg, pitch_decideg }) => {
+                    self.function == ATTITUDE && [self.i16(0), self.i16(2)] == [Some(roll_decideg), Some(pitch_decideg)]
+                }
+                Message::FcVariant(firmware) => {
+                    let is = |name: &[u8]| self.payload.starts_with(name);
+                    self.function == FC_VARIANT
+                        && match firmware {
+                            Firmware::ArduPilot => is(b"ARDU"),
+                            Firmware::Inav => is(b"INAV"),
+                            Firmware::Betaflight => is(b"BTFL"),
+                            Firmware::Other => true,
+                        }
+                }
+                Message::Armed(is_armed) => {
+                    self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
+                }
+                Message::RawGps(_) => self.function == RAW_GPS,
+                Message::Rtc(_) => self.function == RTC,
+                Message::Refused(_) => false,
+            }
+    }
+}
+
+/// MSP_ATTITUDE with a roll of 12.3 deg.
+fn good() -> Vec<u8> {
+    framed(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
+}
+
+/// As MAVLink's. A request of somebody else's is none of its frames.
+#[test]
+fn msp_is_believed_when_its_crc_is_right() {
+    hold(stream(), |pieces| -> Promise {
+        let good = good();
+        let mut bytes = stream::bytes(&pieces);
+        let noise = bytes.len();
+        (0..=LONGEST.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(&good));
+        let intact = intact(&bytes);
+        let (mut receiver, mut next, mut checks, mut recovered) = (Receiver::new(), 0, 0, false);
+        for (at, &byte) in bytes.iter().enumerate() {
+            let before = receiver.rejected;
+            let message = receiver.push(byte);
+            let now = receiver.rejected - before + u32::from(message.is_some());
+            checks += now as usize;
+            prop_assert!(now as usize <= LONGEST && checks <= at + 1, "{now} and {checks} checks at {at}");
+            let Some(message) = message else { continue };
+            let it_is = intact.iter().skip(next).position(|frame| frame.end <= at + 1 && frame.says(&message));
+            prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
+            next += it_is.map_or(0, |skipped| skipped + 1);
+            recovered |= at >= noise && matches!(message, Message::Attitude(angles) if angles.roll_decideg == 123);
+        }
+        prop_assert!(recovered, "nothing good is understood");
+        Ok(())
+    });
+}

@@ -1,0 +1,85 @@
+//! A port: both protocols, what it finds out, and what it says meanwhile.
+
+use autoswing::compass::Glance;
+use autoswing::frames::Field;
+use autoswing::instrument::Estimate;
+use autoswing::port::{Facts, Heard, Port};
+use autoswing::settings::{ProtocolKind, Settings};
+use autoswing::time::Timestamp;
+use proptest::prelude::*;
+
+use crate::stream::{self, Piece};
+use crate::{Promise, hold, mavlink, msp};
+
+/// A port forgets whom it has found after so long a silence, microseconds.
+const SILENCE_US: u64 = 10_000_000;
+
+/// HEARTBEAT of an ArduPilot, and the answer of an INAV to MSP_FC_VARIANT.
+const HEARTBEAT: &[u8] = &[0xFD, 9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 2, 3, 81, 4, 3, 0xE7, 0x1E];
+const VARIANT: &[u8] = b"$X>\x00\x02\x00\x04\x00INAV\x94";
+
+/// Pieces of both protocols with the time before each, milliseconds.
+fn stream() -> impl Strategy<Value = Vec<(u16, Piece)>> {
+    let frames = prop_oneof![mavlink::frame().boxed(), msp::frame().boxed()];
+    stream::of(frames, &[0xFE, 0xFD, b'$']).prop_flat_map(|pieces| {
+        let times = proptest::collection::vec(0..3_000_u16, pieces.len());
+        (times, Just(pieces)).prop_map(|(times, pieces)| times.into_iter().zip(pieces).collect())
+    })
+}
+
+/// What a port is told of an instant; the bytes that it then says are taken.
+fn poll(port: &mut Port, now: Timestamp) -> usize {
+    let compass = Some(Field::from_ut(20.0, 0.0, 40.0));
+    let estimate = Estimate { at: now, compass, ..Estimate::NOTHING };
+    let settings = Settings { tells_vision: true, ..Settings::DEFAULT };
+    let facts =
+        Facts { now, estimate: &estimate, settings: &settings, glance: Glance::Collecting(7), calibration: None };
+    port.poll(&facts);
+    let said = port.output.pending().len();
+    port.output.written(usize::MAX);
+    said
+}
+
+fn is_intact(bytes: &[u8], roll_rad: f32, pitch_rad: f32) -> bool {
+    mavlink::intact(bytes).iter().any(|frame| frame.has_angles(roll_rad, pitch_rad))
+        || msp::intact(bytes).iter().any(|frame| frame.has_angles(roll_rad.to_degrees(), pitch_rad.to_degrees()))
+}
+
+/// An attitude that is passed on was in an intact frame; what is said for a reading is at most what an output holds, which is
+/// asserted there, and without a far end that speaks MAVLink a compass and two requests; and whoever speaks after a silence is
+/// found by its first frame behind what the longest frame can take, or, where noise was taken for the other, after another
+/// silence.
+#[test]
+fn a_port_finds_who_speaks() {
+    hold((stream(), any::<bool>()), |(pieces, is_msp)| -> Promise {
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, Timestamp::START);
+        let (mut now_us, mut bytes) = (0, Vec::new());
+        for (ms, piece) in &pieces {
+            for _ in 0..ms / 500 {
+                now_us += 500_000;
+                let said = poll(&mut port, Timestamp::from_us(now_us));
+                let is_mavlink = port.spoken(Timestamp::from_us(now_us)) == ProtocolKind::Mavlink;
+                prop_assert!(said <= if is_mavlink { 384 } else { 20 + 2 * 9 }, "{said} bytes");
+            }
+            for byte in stream::bytes(std::slice::from_ref(piece)) {
+                bytes.push(byte);
+                if let Some(Heard::Attitude(report)) = port.byte(Timestamp::from_us(now_us), byte) {
+                    let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
+                    prop_assert!(is_intact(&bytes, roll_rad, pitch_rad), "{report:?} is in no intact frame");
+                }
+            }
+        }
+        let (frame, kind) = if is_msp { (VARIANT, ProtocolKind::Msp) } else { (HEARTBEAT, ProtocolKind::Mavlink) };
+        for _ in 0..2 {
+            now_us += SILENCE_US + 1;
+            for byte in std::iter::repeat_n(frame, 73_usize.div_ceil(frame.len()) + 1).flatten() {
+                let _ = port.byte(Timestamp::from_us(now_us), *byte);
+            }
+            if port.spoken(Timestamp::from_us(now_us)) == kind {
+                return Ok(());
+            }
+        }
+        prop_assert!(false, "{kind:?} is not found");
+        Ok(())
+    });
+}
