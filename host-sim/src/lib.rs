@@ -26,6 +26,7 @@ pub mod devices;
 pub mod emulator;
 pub mod faults;
 pub mod integrity;
+pub mod log;
 pub mod mission;
 pub mod module;
 pub mod nmea;

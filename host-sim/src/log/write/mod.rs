@@ -1,0 +1,1 @@
+//! Small logs in the formats that are read, for demonstrations and tests.
