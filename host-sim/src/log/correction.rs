@@ -31,6 +31,18 @@ impl Iron {
         self.matrix * (raw_ut - self.centre_ut)
     }
 
+    /// What ArduPilot corrects a compass with, by its last parameters; what it adds for the motors is not in it.
+    #[must_use]
+    pub fn of_ardupilot(parameters: &Parameters, number: u8) -> Self {
+        Undo::ardupilot(parameters, f64::INFINITY, number).iron
+    }
+
+    /// What PX4 corrects a compass with, by its last parameters.
+    #[must_use]
+    pub fn of_px4(parameters: &Parameters, number: u8) -> Self {
+        Undo::px4(parameters, f64::INFINITY, number.saturating_sub(1)).iron
+    }
+
     /// The raw field of a corrected one, with the matrix's inverse.
     fn undo(&self, inverse: &Matrix3<f64>, corrected_ut: Vector3<f64>) -> Vector3<f64> {
         inverse * corrected_ut + self.centre_ut

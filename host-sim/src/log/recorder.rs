@@ -21,6 +21,8 @@ const MAX_ARMED: usize = 100_000;
 pub struct Recorder {
     pub flight: Flight,
     pub timeline: Timeline,
+    /// What the gyros read at rest, as the autopilot's filter has it.
+    pub gyro_bias_rad_s: [f32; 3],
     /// What is logged of each compass: the field, microtesla, and what the motors' share of it is.
     logged: Vec<(u8, Logged, Series<6>)>,
 }
@@ -40,7 +42,7 @@ pub enum Logged {
 
 impl Recorder {
     pub fn new(format: Format) -> Self {
-        Self { flight: Flight::new(format), timeline: Timeline::default(), logged: Vec::new() }
+        Self { flight: Flight::new(format), timeline: Timeline::default(), gyro_bias_rad_s: [0.0; 3], logged: Vec::new() }
     }
 
     /// A row of a compass's field in microtesla, with the motors' share if the row says it.

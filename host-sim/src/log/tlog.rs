@@ -30,7 +30,7 @@ const GAUSS_UT: f32 = 100.0;
 /// Whether a log begins so: a whole frame within the first bytes.
 pub fn begins_in(head: &[u8]) -> bool {
     const WITHIN: usize = 4096;
-    (0..head.len().min(WITHIN)).any(|at| head.get(at..).and_then(Frame::first).is_some())
+    (0..head.len().min(WITHIN)).any(|at| head.get(at..).and_then(Frame::first).is_some_and(|frame| frame.is_right))
 }
 
 /// Reads a flight.
@@ -48,7 +48,9 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
         }
         let frame = Frame::first(bytes);
         let taken = if let Some(frame) = frame {
-            log.take(&frame);
+            if frame.is_right {
+                log.take(&frame);
+            }
             frame.taken
         } else {
             log.recorder.flight.counts.garbage += 1;
@@ -64,12 +66,14 @@ struct Frame<'a> {
     version: MavlinkVersion,
     sender: [u8; 2],
     id: u32,
+    /// Whether its checksum is.
+    is_right: bool,
     payload: &'a [u8],
     taken: usize,
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that stands at the beginning, after its clock, if its checksum is right.
+    /// The frame that stands at the beginning, after its clock.
     fn first(bytes: &'a [u8]) -> Option<Self> {
         let (clock, frame) = bytes.split_first_chunk::<CLOCK>()?;
         let (version, header, sender, id, has_signature) = match *frame {
@@ -85,19 +89,13 @@ impl<'a> Frame<'a> {
         let [low, high] = *frame.get(end..end + CHECKSUM)? else { return None };
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
         let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        // Of a message that is not known, a checksum proves nothing: the next frame must follow it.
-        let is_known = extra_crc != 0 || is_right;
         let taken = CLOCK + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
+        // A message that is not known, or was another one when it was sent, has a wrong checksum: if the next frame follows
+        // it, it is one nevertheless, of which nothing is believed.
         let is_followed = || bytes.get(taken + CLOCK).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
         let received_us = u64::from_be_bytes(*clock);
-        (is_right || (!is_known && is_followed())).then_some(Self {
-            received_us,
-            version,
-            sender,
-            id,
-            payload: &frame[header..end],
-            taken,
-        })
+        let payload = &frame[header..end];
+        (is_right || is_followed()).then_some(Self { received_us, version, sender, id, is_right, payload, taken })
     }
 }
 

@@ -1,10 +1,14 @@
 //! A recorded flight through the module's own instrument, collection, solver and acceptance.
 
 pub mod age;
+pub mod change;
 mod device;
 pub mod fits;
+pub mod judge;
+pub mod parameters;
 mod reference;
 mod rows;
+pub mod told;
 
 pub use reference::Reference;
 pub use rows::{Counted, Row, rows};

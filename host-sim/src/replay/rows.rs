@@ -9,14 +9,23 @@ use super::reference::Reference;
 use crate::log::series::{Series, Stamped};
 use crate::log::{Compass, Flight};
 
-/// Attitudes further apart than this are not interpolated between, seconds: a source of 3 Hz, and a third late.
-const MAX_GAP_S: f64 = 0.45;
+/// Attitudes further apart than this are not interpolated between, seconds: a source of 3 Hz that lost one.
+const MAX_GAP_S: f64 = 0.7;
 
 /// Readings of so long are one row, seconds, as the module averages ten a second; a little less, for clocks that jitter.
 const ROW_S: f64 = 0.09;
 
 /// Where rates and attitudes contradict each other by more than this, radians, rates are left out.
 const MAX_BULGE_RAD: f32 = 0.1;
+
+/// A tilt cannot change by more than the body turns: what does so is a filter that still aligns, or jumps. Body rates are
+/// those of single instants, so twice their integral and this is allowed in this time.
+const SPARE_RAD: f32 = 0.035;
+const SPARE_TIMES: f32 = 2.0;
+const WITHIN_S: f64 = 1.0;
+
+/// A filter that aligns does so after a start, and until the last such change, seconds.
+const ALIGNING_S: f64 = 60.0;
 
 /// One row.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +55,8 @@ pub struct Counted {
     pub used: usize,
     /// Readings without an attitude around them.
     pub without_attitude: usize,
+    /// Readings while the attitude changed without body rates: a filter that aligns, or jumps.
+    pub unsettled: usize,
     /// Rows while it was not armed.
     pub disarmed: usize,
     /// Rows that the log itself keeps out.
@@ -57,6 +68,7 @@ pub struct Counted {
 pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<Reference>) -> (Vec<Row>, Counted) {
     let mut counted = Counted { readings: compass.field.rows().len(), ..Counted::default() };
     let was_armed = flight.armed.iter().any(|&(_, is)| is) || flight.armed.first().is_some_and(|&(_, first)| !first);
+    let unsettled = unsettled(flight);
     let mut rows = Vec::new();
     let mut run = Run::default();
     for reading in compass.field.rows() {
@@ -65,6 +77,10 @@ pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<Re
             counted.without_attitude += 1;
             continue;
         };
+        if unsettled.iter().any(|&[from_s, to_s]| (from_s..=to_s).contains(&t_s)) {
+            counted.unsettled += 1;
+            continue;
+        }
         if run.number > 0 && (t_s - run.first_s >= ROW_S || t_s < run.first_s) {
             rows.push(run.row(flight, reference));
             run = Run::default();
@@ -143,6 +159,50 @@ impl Run {
             reference_deg: reference.and_then(|reference| reference.at_deg(flight, t_s)),
         }
     }
+}
+
+/// When the attitude changed as no body does, from and to, seconds.
+fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
+    let rows = flight.attitude.rows();
+    let mut found: Vec<[f64; 2]> = Vec::new();
+    // The time since which a filter may be aligning: the last start or gap.
+    let (mut started_s, mut first) = (rows.first().map_or(0.0, |row| row.t_s), 0);
+    let mut turned_rad = vec![0.0_f64; rows.len()];
+    for last in 1..rows.len() {
+        let (before, row) = (&rows[last - 1], &rows[last]);
+        let step_s = row.t_s - before.t_s;
+        if step_s > WITHIN_S {
+            (started_s, first) = (row.t_s, last);
+        }
+        let rate = |at_s: f64| flight.rates.at(at_s, MAX_GAP_S).map(|[p, q, r]| p.hypot(q).hypot(r));
+        let Some(rate) = rate(before.t_s).zip(rate(row.t_s)).map(|(from, to)| from.max(to)) else {
+            (started_s, first) = (row.t_s, last);
+            continue;
+        };
+        turned_rad[last] = turned_rad[last - 1] + f64::from(rate) * step_s;
+        while rows[first].t_s < row.t_s - WITHIN_S {
+            first += 1;
+        }
+        let turned = (turned_rad[last] - turned_rad[first]) as f32;
+        if tilted_rad(&rows[first], row) > SPARE_TIMES * turned + SPARE_RAD {
+            let is_aligning = row.t_s - started_s < ALIGNING_S;
+            let from_s = if is_aligning { started_s } else { rows[first].t_s };
+            match found.last_mut().filter(|[_, to_s]| *to_s >= from_s) {
+                Some(span) => *span = [span[0].min(from_s), row.t_s],
+                None => found.push([from_s, row.t_s]),
+            }
+        }
+    }
+    found
+}
+
+/// By how much the direction of down differs, in body axes.
+fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
+    let down = |row: &Stamped<3>| {
+        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = ([row.of[0].sin(), row.of[1].sin()], [row.of[0].cos(), row.of[1].cos()]);
+        nalgebra::Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
+    };
+    down(a).angle(&down(b))
 }
 
 /// Roll and pitch at an instant, and the body rates: between two attitudes on the cubic that has their angles and, where

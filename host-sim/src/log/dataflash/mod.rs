@@ -24,7 +24,7 @@ trait Message {
 fn is_wanted(name: &str) -> bool {
     matches!(
         name,
-        "MAG" | "MAG2" | "MAG3" | "ATT" | "IMU" | "GPS" | "BAT" | "CURR" | "PARM" | "MSG" | "ARM" | "EV" | "SIM" | "VER"
+        "MAG" | "MAG2" | "MAG3" | "ATT" | "IMU" | "GPS" | "BAT" | "CURR" | "XKF1" | "NKF1" | "PARM" | "MSG" | "ARM" | "EV" | "SIM" | "VER"
     )
 }
 
@@ -56,7 +56,14 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
         }
         "IMU" if message.number("I").unwrap_or(0.0) == 0.0 => {
             if let Some(rates) = numbers(message, ["GyrX", "GyrY", "GyrZ"]) {
-                recorder.rates(t_s, rates.map(|rate| rate as f32));
+                let bias = recorder.gyro_bias_rad_s;
+                recorder.rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
+            }
+        }
+        // What the autopilot's filter takes the gyros to read at rest, deg/s: what it sends has that taken off.
+        "XKF1" | "NKF1" if message.number("C").unwrap_or(0.0) == 0.0 => {
+            if let Some(bias) = numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0)) {
+                recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
         }
         "GPS" if message.number("I").unwrap_or(0.0) == 0.0 => gps(recorder, t_s, message),
