@@ -8,7 +8,7 @@ use autoswing::calibration::Latency;
 use autoswing::heading::NoHeading;
 use comfy_table::{Table, presets};
 use host_sim::log::{self, Flight, LogError};
-use host_sim::replay::judge::{Asked, By, Judged, Verdict, judge};
+use host_sim::replay::judge::{Asked, By, Judged, Verdict, judge, refusal};
 use host_sim::replay::parameters::{self, Dialect, HandedOver};
 use host_sim::replay::{Replayed, Shown, told};
 use serde_json::{Value, json};
@@ -116,6 +116,9 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
         say("  ", "all of its rows, thinned, would have been enough:");
         solved("    ", &compass.all);
     }
+    if let (true, Some(refusal)) = (compass.module.accepted.is_ok(), refusal(&compass.all)) {
+        say("  ", &format!("all of its rows, thinned, would have been refused: {refusal}"));
+    }
     let from = compass.age.sigma_s.map_or_else(
         || "not found in this flight".to_owned(),
         |sigma_s| format!("found in this flight, sigma {:.0} ms", sigma_s * 1e3),
@@ -127,6 +130,7 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
     let counted = &compass.counted;
     let rejected: Vec<String> = [
         (counted.disarmed, "disarmed"),
+        (counted.on_the_ground, "on the ground"),
         (counted.without_attitude, "without attitude"),
         (counted.unsettled, "while the attitude was settling"),
         (counted.kept_out, "kept out by the log"),

@@ -6,7 +6,8 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{Matrix3, Rotation3, SVD, Vector3};
+use autoswing::frames::Field;
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SVD, Vector3};
 
 use super::judge::{Judged, scored};
 use super::{Row, Score};
@@ -74,13 +75,11 @@ pub fn handed_over(flight: &Flight, judged: &Judged, total_ut: Option<f64>, dial
     let q = turned.matrix();
     // As strong as the Earth's field is there, or as it came out.
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-    let mut matrix = q * symmetric * q.transpose() * scale;
-    if dialect == Dialect::Inav {
-        matrix = Matrix3::from_diagonal(&matrix.diagonal());
-    }
-    let iron = Iron { matrix, centre_ut: q * b };
     let rows: Vec<Row> = judged.rows.iter().map(|row| turned_row(row, &q)).collect();
-    let lost_deg = lost(&judged.rows, &rows, &Iron { matrix: w, centre_ut: b }, &iron);
+    let full = Iron { matrix: w, centre_ut: b };
+    let near = Iron { matrix: q * symmetric * q.transpose() * scale, centre_ut: q * b };
+    let iron = nearest(&judged.rows, &rows, &full, near, dialect == Dialect::Inav);
+    let lost_deg = lost(&judged.rows, &rows, &full, &iron);
     let mut warnings = Vec::new();
     if lost_deg[0] > LOSS_WORTH_SAYING_DEG {
         warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
@@ -93,6 +92,74 @@ pub fn handed_over(flight: &Flight, judged: &Judged, total_ut: Option<f64>, dial
         warnings.push(format!("offsets beyond COMPASS_OFFS_MAX, {most:.0}, are not taken"));
     }
     Some(HandedOver { number: judged.number, iron, turned, lost_deg, score: scored(&rows, &iron), warnings })
+}
+
+/// The symmetric (or diagonal) matrix and the centre whose headings are nearest to those of a full correction over the rows
+/// that count, by least squares from what is near already (Gauss-Newton). The size of the field is kept.
+fn nearest(rows: &[Row], turned: &[Row], full: &Iron, near: Iron, is_diagonal: bool) -> Iron {
+    const STEPS: usize = 6;
+    const MAX_ROWS: usize = 1000;
+    /// What rows do not tell stays where it is: how far an element of the matrix and, microtesla, the centre may go for an
+    /// error of a degree in one row.
+    const SPARE: [f64; 2] = [0.3, 30.0];
+    let every = rows.iter().filter(|row| row.usable).count().div_ceil(MAX_ROWS).max(1);
+    let pairs: Vec<(&Row, f64)> = rows
+        .iter()
+        .zip(turned)
+        .filter(|(row, _)| row.usable)
+        .step_by(every)
+        .map(|(row, turned)| (turned, heading_deg(row, full)))
+        .collect();
+    let number = if is_diagonal { 6 } else { 9 };
+    let built = |p: &DVector<f64>| {
+        let off = if is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
+        let matrix = symmetric_of(&Vector3::new(p[0], p[1], p[2]), &off);
+        Iron { matrix, centre_ut: Vector3::new(p[3], p[4], p[5]) }
+    };
+    let [centre, diagonal, off] = parts(&near);
+    let start = DVector::from_iterator(number, diagonal.iter().chain(centre.iter()).chain(off.iter()).copied().take(number));
+    let residuals = |p: &DVector<f64>| {
+        let iron = built(p);
+        DVector::from_iterator(pairs.len(), pairs.iter().map(|(row, told)| wrap_180(heading_deg(row, &iron) - told)))
+    };
+    let mut best = (start.clone(), residuals(&start).norm_squared());
+    for _ in 0..STEPS {
+        let from = residuals(&best.0);
+        let mut by = DMatrix::zeros(pairs.len(), number);
+        for i in 0..number {
+            let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
+            let mut moved = best.0.clone();
+            moved[i] += step;
+            by.set_column(i, &((residuals(&moved) - &from).map(wrap_180) / step));
+        }
+        let mut normal = by.transpose() * &by;
+        let mut side = -(by.transpose() * from);
+        for i in 0..number {
+            let weight = SPARE[usize::from((3..6).contains(&i))].powi(-2);
+            normal[(i, i)] += weight;
+            side[i] += weight * (start[i] - best.0[i]);
+        }
+        let Some(cholesky) = normal.cholesky() else { break };
+        let tried = &best.0 + cholesky.solve(&side);
+        let squares = residuals(&tried).norm_squared();
+        if squares >= best.1 {
+            break;
+        }
+        best = (tried, squares);
+    }
+    let found = built(&best.0);
+    // Headings do not tell the size: that of what was near is kept.
+    let size = (near.matrix.determinant() / found.matrix.determinant()).cbrt();
+    if size.is_finite() && size > 0.0 { Iron { matrix: found.matrix * size, ..found } } else { near }
+}
+
+fn symmetric_of(d: &Vector3<f64>, o: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
+}
+
+fn heading_deg(row: &Row, iron: &Iron) -> f64 {
+    let corrected = iron.apply(row.field.ut.map(f64::from)).map(|axis| axis as f32);
+    f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
 }
 
 /// A turn and a symmetric matrix whose product a matrix is.
@@ -114,20 +181,16 @@ fn right_angle(turn: &Matrix3<f64>) -> (Rotation, f64) {
 
 fn turned_row(row: &Row, q: &Matrix3<f64>) -> Row {
     let field = q * row.field.ut.map(f64::from);
-    Row { field: autoswing::frames::Field::new(field.map(|axis| axis as f32)), ..*row }
+    Row { field: Field::new(field.map(|axis| axis as f32)), ..*row }
 }
 
 /// How headings by two corrections differ over the rows that count, degrees: RMS less mean, and mean.
 fn lost(rows: &[Row], turned: &[Row], full: &Iron, other: &Iron) -> [f64; 2] {
-    let heading = |row: &Row, iron: &Iron| {
-        let corrected = iron.apply(row.field.ut.map(f64::from)).map(|axis| axis as f32);
-        f64::from(row.attitude.level(autoswing::frames::Field::new(corrected)).heading_rad().to_degrees())
-    };
     let differences: Vec<f64> = rows
         .iter()
         .zip(turned)
         .filter(|(row, _)| row.usable)
-        .map(|(row, turned)| wrap_180(heading(turned, other) - heading(row, full)))
+        .map(|(row, turned)| wrap_180(heading_deg(turned, other) - heading_deg(row, full)))
         .collect();
     let number = differences.len().max(1) as f64;
     let mean = differences.iter().sum::<f64>() / number;

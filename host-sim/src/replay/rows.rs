@@ -59,6 +59,8 @@ pub struct Counted {
     pub unsettled: usize,
     /// Rows while it was not armed.
     pub disarmed: usize,
+    /// Rows before it first moved and after it last did, where iron that is not the aircraft's may be near.
+    pub on_the_ground: usize,
     /// Rows that the log itself keeps out.
     pub kept_out: usize,
 }
@@ -90,12 +92,15 @@ pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<Re
     if run.number > 0 {
         rows.push(run.row(flight, reference));
     }
+    let [moved_s, stopped_s] = moved(flight);
     for row in &mut rows {
         let is_kept_out = flight.usable.around(row.t_s + age_s + 1e-6).0.is_some_and(|said| said.of[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
-        row.usable = !is_kept_out && !is_disarmed;
+        let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
+        row.usable = !is_kept_out && !is_disarmed && !is_on_the_ground;
         counted.kept_out += usize::from(is_kept_out);
         counted.disarmed += usize::from(is_disarmed && !is_kept_out);
+        counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_kept_out);
         counted.used += usize::from(row.usable);
     }
     (rows, counted)
@@ -158,6 +163,19 @@ impl Run {
             usable: true,
             reference_deg: reference.and_then(|reference| reference.at_deg(flight, t_s)),
         }
+    }
+}
+
+/// When it first and last moved over ground, seconds; all the time where nothing says that it did.
+fn moved(flight: &Flight) -> [f64; 2] {
+    /// More than a receiver at rest says, m/s.
+    const MOVING_M_S: f32 = 3.0;
+    /// For less than this, seconds, it was no flight.
+    const LONG_S: f64 = 20.0;
+    let moving = || flight.gps.rows().iter().filter(|row| row.of[3] > MOVING_M_S).map(|row| row.t_s);
+    match (moving().next(), moving().last()) {
+        (Some(from_s), Some(to_s)) if to_s - from_s > LONG_S => [from_s, to_s],
+        _ => [f64::NEG_INFINITY, f64::INFINITY],
     }
 }
 
