@@ -332,6 +332,10 @@ struct Fly {
     /// Folder for the pictures and the page of the mission [default: report; none with --json]
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Write what the autopilot would have logged, the field raw, ten rows a second: a table, or by the name's end a log of
+    /// ArduPilot (.bin, .log), PX4 (.ulg) or MAVLink (.tlog); `replay` reads them all
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,

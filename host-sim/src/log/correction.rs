@@ -177,7 +177,7 @@ mod tests {
         // Sensor (0.3, -0.4, 0) G: less offset (0.2, -0.4, 0), scaled (0.2, -0.5, 0), turned (0.5, 0.2, 0).
         let raw = undo.raw(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
         assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
-        let board = super::px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
+        let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
         assert_eq!(board.number(), 7);
     }
 }

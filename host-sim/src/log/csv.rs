@@ -95,7 +95,7 @@ fn separator(header: &str) -> char {
 }
 
 fn trimmed(value: &str) -> &str {
-    value.trim().trim_matches('"').trim().trim_start_matches('\u{feff}')
+    value.trim_start_matches('\u{feff}').trim().trim_matches('"').trim()
 }
 
 /// Reads a flight.

@@ -73,7 +73,7 @@ mod tests {
         let at = |t_s| parameters.at(t_s, "COMPASS_OFS_X");
         assert_eq!([0.0, 9.9, 10.0, 99.0].map(at), [1.0, 1.0, 2.0, 2.0].map(Some));
         assert_eq!(parameters.changes_s("COMPASS_"), [10.0]);
-        assert_eq!(parameters.changes_s("AHRS"), []);
+        assert!(parameters.changes_s("AHRS").is_empty());
         assert_eq!(parameters.last("COMPASS_OFS_Y"), None);
     }
 }

@@ -162,7 +162,7 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
             let raw = turned * logged;
             (raw, undo.iron.apply(raw))
         } else {
-            let by_current = undo.by_current_ut.and_then(|by| flight.current.at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
+            let by_current = undo.by_current_ut.and_then(|by| flight.current.held_at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
             let motor = if mx.is_nan() { by_current.unwrap_or_default() } else { said };
             (undo.raw(logged, motor), logged)
         };

@@ -43,6 +43,9 @@ impl<const N: usize> Series<N> {
                 kept.is_multiple_of(2)
             });
             self.thinned += 1;
+            if !self.seen.is_multiple_of(1 << self.thinned) {
+                return;
+            }
         }
         self.rows.push(Stamped { t_s, of });
     }
@@ -97,7 +100,14 @@ impl<const N: usize> Series<N> {
         Some(std::array::from_fn(|i| before.of[i] + part as f32 * (after.of[i] - before.of[i])))
     }
 
-    /// The same of angles in radians, the shorter way round.
+    /// The same, and beyond the last row what that says, for as long.
+    #[must_use]
+    pub fn held_at(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
+        let last = self.rows.last().filter(|last| (0.0..=max_gap_s).contains(&(t_s - last.t_s)));
+        last.map(|last| last.of).or_else(|| self.at(t_s, max_gap_s))
+    }
+
+    /// As [`at`](Self::at) of angles in radians, the shorter way round.
     #[must_use]
     pub fn angles_at(&self, t_s: f64, max_gap_s: f64) -> Option<[f32; N]> {
         let (before, after, part) = self.between(t_s, max_gap_s)?;
@@ -139,6 +149,8 @@ mod tests {
         assert_eq!(series.at(1.0, 1.0), Some([10.0]));
         assert_eq!(series.at(4.0, 1.0), Some([40.0]));
         assert_eq!(series.at(3.0, 2.0), Some([30.0]));
+        assert_eq!(series.held_at(5.0, 1.0), Some([40.0]));
+        assert_eq!((series.held_at(5.001, 1.0), series.held_at(1.25, 1.0)), (None, Some([12.5])));
         for outside in [0.999, 4.001, 3.0] {
             assert_eq!(series.at(outside, 1.999), None, "{outside}");
         }
