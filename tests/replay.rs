@@ -266,20 +266,20 @@ fn judged(bytes: &[u8]) -> (Flight, Judged) {
     (flight, verdict.compasses.remove(0))
 }
 
-/// The same flight in each format, whatever its autopilot had applied: the field's age is found to ten milliseconds, and
+/// The same flight in each format, whatever its autopilot had applied: the field's age is found to ten milliseconds or,
+/// where it rolls little, to what is told, and
 /// the module's answer is as good as the attitude noise of 0.3 deg lets it be. The autopilot's own parameters are bad, and
 /// shown to be.
 #[test]
 fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
     let world = WorldConfig::random(3);
     let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-    for (age_s, write) in
-        [(0.05, dataflash as fn(&Recording) -> Vec<u8>), (0.09, tlog), (0.02, ulog), (0.0, csv)]
-    {
+    for (age_s, write) in [(0.05, dataflash as fn(&Recording) -> Vec<u8>), (0.09, tlog), (0.02, ulog), (0.0, csv)] {
         let recording = flown(&world, age_s);
         let (flight, compass) = judged(&write(&recording));
         let name = flight.format.name();
-        assert!((compass.age.used_s - age_s).abs() < 0.01 && compass.age.sigma_s.is_some(), "{name}: {:?}", compass.age);
+        let most_s = 2.5 * compass.age.sigma_s.unwrap();
+        assert!((compass.age.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.age);
         assert_eq!(compass.module.accepted, Ok(()), "{name}");
         let ours = compass.by(By::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
@@ -295,22 +295,21 @@ fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
 /// was told, and that is what the solution has but for what is told to be lost.
 #[test]
 fn parameters_give_what_they_say_when_they_are_applied() {
-    for (seed, write, dialect) in
-        [(3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot), (5, ulog, Dialect::Px4), (7, tlog, Dialect::ArduPilot)]
-    {
+    for (seed, write, dialect) in [
+        (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
+        (5, ulog, Dialect::Px4),
+        (7, tlog, Dialect::ArduPilot),
+    ] {
         let (flight, compass) = judged(&write(&flown(&WorldConfig::random(seed), 0.05)));
         let handed = parameters::handed_over(&flight, &compass, Some(50.0), dialect).unwrap();
         let score = score_of_file(&flight, &compass, &handed, dialect);
         assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
         let ours = compass.by(By::Module).unwrap().score.unwrap();
-        let most = ours.rms_deg.hypot(handed.lost_deg[0]) + 0.1;
+        let most = ours.rms_deg + handed.lost_deg[0] + 0.05;
         assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.lost_deg);
         // As strong as the Earth's field was said to be.
-        let strengths: Vec<f64> = compass
-            .rows
-            .iter()
-            .map(|row| handed.iron.apply(row.field.ut.map(f64::from)).norm())
-            .collect();
+        let strengths: Vec<f64> =
+            compass.rows.iter().map(|row| handed.iron.apply(row.field.ut.map(f64::from)).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
     }
@@ -341,12 +340,12 @@ fn iron_that_changed_is_found_with_its_time_size_and_axis() {
             centre_ut: calibration.b_vector_ut().map(f64::from),
         });
         let change = host_sim::replay::change::found(&rows, &about);
-        if moved == [0.0; 3] {
+        if axis == ' ' {
             assert_eq!(change, None);
             continue;
         }
         let change = change.unwrap();
-        assert!((change.at_s - 110.0).abs() < 5.0, "{change:?}");
+        assert!((change.at_s - 110.0).abs() < 2.0, "{change:?}");
         let off = (Vector3::from(change.ut) - Vector3::from(moved)).norm();
         assert!(off < 2.0 && change.axis() == axis, "{change:?}");
     }

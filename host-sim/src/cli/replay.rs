@@ -125,7 +125,11 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
     );
     say(
         "  ",
-        &format!("field {:.1} times a second, {:.0} ms old at its time stamp ({from})", 1.0 / compass.every_s, compass.age.used_s * 1e3),
+        &format!(
+            "field {:.1} times a second, {:.0} ms old at its time stamp ({from})",
+            1.0 / compass.every_s,
+            compass.age.used_s * 1e3
+        ),
     );
     let counted = &compass.counted;
     let rejected: Vec<String> = [
@@ -158,7 +162,8 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
             ),
         );
         for (part, expected_deg) in compass.parts.iter().enumerate() {
-            let words = expected_deg.map_or_else(|| "not enough for a calibration".to_owned(), |deg| format!("expecting {deg:.1} deg"));
+            let words = expected_deg
+                .map_or_else(|| "not enough for a calibration".to_owned(), |deg| format!("expecting {deg:.1} deg"));
             say("    ", &format!("the part {} it alone: {words}", if part == 0 { "before" } else { "after" }));
         }
     }
@@ -184,14 +189,23 @@ fn solved(indent: &str, replayed: &Replayed) {
         ),
     );
     if let Some(Latency { found_s, sigma_s }) = quality.latency.filter(|_| solution.calibration.uses_latency()) {
-        say(indent, &format!("latency of the attitude beyond that: {:.0} ms, sigma {:.0} ms", found_s * 1e3, sigma_s * 1e3));
+        say(
+            indent,
+            &format!("latency of the attitude beyond that: {:.0} ms, sigma {:.0} ms", found_s * 1e3, sigma_s * 1e3),
+        );
     }
     if let Some(doubt) = &solution.iron {
         say(indent, &format!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of));
     }
     if let Some(doubt) = &solution.bank {
         let read = 100.0 * doubt.of.read;
-        say(indent, &format!("allowed for, {:.2} deg of it: the attitude source seems to read {read:.0} % of the bank", doubt.error_deg));
+        say(
+            indent,
+            &format!(
+                "allowed for, {:.2} deg of it: the attitude source seems to read {read:.0} % of the bank",
+                doubt.error_deg
+            ),
+        );
     }
     if let Some(advice) = &solution.advice {
         say(
@@ -213,7 +227,8 @@ fn table(verdict: &Verdict) -> Table {
     const WHOSE: [By; 6] = [By::Nobody, By::Autopilot, By::Sphere, By::Ellipsoid, By::Module, By::ModuleOfAll];
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
-    let header = std::iter::once(String::new()).chain(verdict.compasses.iter().map(|c| format!("compass {}", c.number)));
+    let header =
+        std::iter::once(String::new()).chain(verdict.compasses.iter().map(|c| format!("compass {}", c.number)));
     table.set_header(header.map(right_aligned));
     let mut add = |name: &str, cell: &dyn Fn(&Judged) -> Option<String>| {
         let cells: Vec<Option<String>> = verdict.compasses.iter().map(cell).collect();

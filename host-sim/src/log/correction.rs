@@ -81,12 +81,12 @@ impl Undo {
             let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{what}{index}_{axis}")).unwrap_or(0.0));
             Vector3::new(x, y, z)
         };
-        let scale = value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
+        let scale =
+            value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
         let (diagonal, off_diagonal) = (vector("DIA"), vector("ODI"));
-        let soft =
-            if diagonal == Vector3::zeros() { Matrix3::identity() } else { symmetric(&diagonal, &off_diagonal) };
-        let by_current_ut =
-            (value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2)).then(|| vector("MOT") * MILLIGAUSS_UT);
+        let soft = if diagonal == Vector3::zeros() { Matrix3::identity() } else { symmetric(&diagonal, &off_diagonal) };
+        let by_current_ut = (value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2))
+            .then(|| vector("MOT") * MILLIGAUSS_UT);
         Self::of(Iron { matrix: soft * scale, centre_ut: -vector("OFS") * MILLIGAUSS_UT }, by_current_ut)
     }
 

@@ -42,12 +42,18 @@ pub enum Logged {
 
 impl Recorder {
     pub fn new(format: Format) -> Self {
-        Self { flight: Flight::new(format), timeline: Timeline::default(), gyro_bias_rad_s: [0.0; 3], logged: Vec::new() }
+        Self {
+            flight: Flight::new(format),
+            timeline: Timeline::default(),
+            gyro_bias_rad_s: [0.0; 3],
+            logged: Vec::new(),
+        }
     }
 
     /// A row of a compass's field in microtesla, with the motors' share if the row says it.
     pub fn field(&mut self, number: u8, was: Logged, t_s: f64, field_ut: [f32; 3], motor_ut: Option<[f32; 3]>) {
-        let is_field = field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
+        let is_field =
+            field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
         if !is_field || number == 0 || number > MAX_COMPASSES {
             self.flight.counts.unhealthy += 1;
             return;
@@ -147,7 +153,11 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
         Logged::Px4(index) | Logged::Px4Raw(index) => Undo::px4(parameters, t_s, index),
         Logged::Raw => Undo::ardupilot(&super::Parameters::default(), t_s, 1),
     };
-    let mounting = if let Logged::Px4Raw(index) = was { Some(px4_mounting(parameters, f64::INFINITY, index).matrix()) } else { None };
+    let mounting = if let Logged::Px4Raw(index) = was {
+        Some(px4_mounting(parameters, f64::INFINITY, index).matrix())
+    } else {
+        None
+    };
     let prefix = if was == Logged::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
     let changes_s = parameters.changes_s(prefix);
     let mut changes = changes_s.iter().peekable();
@@ -162,7 +172,8 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
             let raw = turned * logged;
             (raw, undo.iron.apply(raw))
         } else {
-            let by_current = undo.by_current_ut.and_then(|by| flight.current.held_at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
+            let by_current =
+                undo.by_current_ut.and_then(|by| flight.current.held_at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
             let motor = if mx.is_nan() { by_current.unwrap_or_default() } else { said };
             (undo.raw(logged, motor), logged)
         };

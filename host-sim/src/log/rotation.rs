@@ -95,9 +95,13 @@ mod tests {
     #[test]
     fn numbers_turn_as_the_autopilots_do() {
         let of = |number: f64| Rotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
-        for (number, expected) in
-            [(0.0, [1.0, 2.0, 3.0]), (2.0, [-2.0, 1.0, 3.0]), (8.0, [1.0, -2.0, -3.0]), (24.0, [3.0, 2.0, -1.0]), (6.0, [2.0, -1.0, 3.0])]
-        {
+        for (number, expected) in [
+            (0.0, [1.0, 2.0, 3.0]),
+            (2.0, [-2.0, 1.0, 3.0]),
+            (8.0, [1.0, -2.0, -3.0]),
+            (24.0, [3.0, 2.0, -1.0]),
+            (6.0, [2.0, -1.0, 3.0]),
+        ] {
             assert!((of(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", of(number));
         }
         assert!(Rotation::new(38.0).is_none() && Rotation::new(-1.0).is_none() && Rotation::new(f64::NAN).is_none());

@@ -107,10 +107,16 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         }
         let (row, instant) = (&flight.attitude.rows()[100], &original.instants[100]);
         let [roll, pitch, yaw] = instant.attitude_rad;
-        assert!((f64::from(row.of[0]) - roll).abs() < 2e-4 && (f64::from(row.of[1]) - pitch).abs() < 2e-4, "{format:?}");
+        assert!(
+            (f64::from(row.of[0]) - roll).abs() < 2e-4 && (f64::from(row.of[1]) - pitch).abs() < 2e-4,
+            "{format:?}"
+        );
         assert!(format == Format::Csv || (f64::from(row.of[2]) - yaw).abs() < 2e-4, "{format:?}");
         let rates = flight.rates.at(row.t_s, 1.0).unwrap();
-        assert!(rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4), "{format:?}");
+        assert!(
+            rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4),
+            "{format:?}"
+        );
         let [current] = flight.current.held_at(row.t_s, 2.0).unwrap();
         assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
         let gps = Gps::from_columns(flight.gps.rows()[5].of);
@@ -128,7 +134,10 @@ fn what_the_autopilot_says_of_itself_is_told() {
         assert_eq!(flight.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
     }
     assert_eq!(px4.firmware.as_deref(), Some("PX4 1.15.0"));
-    assert_eq!([bin.autopilot, link.autopilot, px4.autopilot], [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]);
+    assert_eq!(
+        [bin.autopilot, link.autopilot, px4.autopilot],
+        [Autopilot::ArduPilot, Autopilot::ArduPilot, Autopilot::Px4]
+    );
     assert_eq!(bin.compasses[0].is_used.zip(bin.compasses[1].is_used), Some((true, false)));
     assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.day.is_some()), [true, true, true, false]);
     assert_eq!((link.is_armed(5.0), table.is_armed(5.0), bin.is_armed(5.0)), (Some(true), Some(true), None));
@@ -157,7 +166,7 @@ fn damage_in_the_middle_costs_little() {
         let flight = read_bytes(&damaged).unwrap();
         let rows = flight.compasses[0].field.rows().len();
         assert!(rows + 12 >= whole && flight.counts.garbage > 0, "{format:?}: {rows} of {whole}, {:?}", flight.counts);
-        let cut = read_bytes(&bytes[..bytes.len() * 3 / 4 + 1]).unwrap();
+        let cut = read_bytes(&bytes[..=bytes.len() * 3 / 4]).unwrap();
         assert!(cut.compasses[0].field.rows().len() > whole * 2 / 3, "{format:?}");
     }
 }
@@ -176,7 +185,8 @@ fn a_restart_in_the_file_goes_on_later() {
         assert_eq!(flight.counts.restarts, 1);
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 598, "{}", rows.len());
-        let steps: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).filter(|step| *step > 1.0).collect();
+        let steps: Vec<f64> =
+            rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).filter(|step| *step > 1.0).collect();
         assert!(steps.len() == 1 && steps[0] > 9.0 && steps[0] < 12.0, "{steps:?}");
     }
 }
@@ -206,7 +216,8 @@ fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
         let end = 8 + 10 + usize::from(rest[9]);
         let mut frame = rest[..end].to_vec();
         frame[13] = system;
-        let extra = mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([rest[15], rest[16], rest[17], 0]));
+        let extra =
+            mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([rest[15], rest[16], rest[17], 0]));
         frame.extend(mavlink::calculate_crc(&frame[9..], extra).to_le_bytes());
         out.extend(frame);
         rest = &rest[end + 2..];
@@ -290,8 +301,11 @@ fn two_gigabytes_are_read_in_bounded_memory() {
                     self.at += i as u64;
                     return Ok(i);
                 }
-                *byte = if at < head { self.head[at as usize] } else {
-                    let (number, offset) = ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
+                *byte = if at < head {
+                    self.head[at as usize]
+                } else {
+                    let (number, offset) =
+                        ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
                     // The clock of each: 1 ms on.
                     let stamp = (70_000_000 + number * 1_000).to_le_bytes();
                     if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
@@ -308,6 +322,7 @@ fn two_gigabytes_are_read_in_bounded_memory() {
     let flight = read(&mut Endless { head, message, at: 0 }, Unit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let peak_kb = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().split(' ').next()?.parse::<u64>().ok());
+    let peak_kb =
+        status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().split(' ').next()?.parse::<u64>().ok());
     assert!(peak_kb.is_none_or(|kb| kb < 500_000), "{peak_kb:?} kB");
 }

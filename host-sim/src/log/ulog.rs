@@ -17,6 +17,9 @@ const HEADER: usize = 3;
 const MAX_FORMATS: usize = 4096;
 const MAX_DEPTH: u8 = 6;
 
+/// `vehicle_status.arming_state` of an aircraft that is armed.
+const ARMED: u8 = 2;
+
 /// Microtesla in a gauss.
 const GAUSS_UT: f32 = 100.0;
 
@@ -30,8 +33,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
     window.peek(FILE_HEADER)?;
     window.take(FILE_HEADER);
     let mut log = Log::new();
-    loop {
-        let &[low, high, kind, ..] = window.peek(HEADER)? else { break };
+    while let &[low, high, kind, ..] = window.peek(HEADER)? {
         let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
         debug_assert!(end <= MAX_PEEK);
         let is_kind = b"BFIMPQARDLCSO".contains(&kind);
@@ -99,7 +101,7 @@ impl Kind {
     fn number(self, bytes: &[u8]) -> Option<f64> {
         let b = bytes.get(..self.size())?;
         Some(match (self, b) {
-            (Self::I8, &[a]) => f64::from(a as i8),
+            (Self::I8, &[a]) => f64::from(a.cast_signed()),
             (Self::U8, &[a]) => f64::from(a),
             (Self::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
             (Self::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
@@ -251,7 +253,9 @@ impl Log {
                 if let Some(quaternion) = row.array("q") {
                     self.recorder.attitude(sampled_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
                 }
-                if let Some(rates) = row.three(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity) {
+                if let Some(rates) =
+                    row.three(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                {
                     self.recorder.rates(sampled_s, rates);
                 }
             }
@@ -273,7 +277,7 @@ impl Log {
             }
             "vehicle_status" => {
                 if let Some(state) = row.number("arming_state") {
-                    self.recorder.armed(t_s, state == 2.0);
+                    self.recorder.armed(t_s, state as u8 == ARMED);
                 }
             }
             _ => {}

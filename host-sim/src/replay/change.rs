@@ -3,7 +3,7 @@
 //! Corrected fields `h = W (m - b)` of constant iron have one strength `F` and one vertical component `F sin I` when levelled.
 //! Both residuals of every row are made linear about a solution, with `W`, `b`, `F` and `I` as unknowns, and with three more:
 //! a step of `b` at an instant. The instant that explains most is the one; each one's normal equations are sums over the rows
-//! after it, so all are had in one pass. Two more passes with the step taken out settle it.
+//! after it, so all are had in one pass. A few more passes with the step taken out settle size and instant.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -26,6 +26,9 @@ const MAX_ROWS: usize = 4000;
 const MIN_SIGMAS: f64 = 8.0;
 const MIN_UT: f64 = 1.0;
 const MAX_SCATTER_LEFT: f64 = 0.85;
+
+/// So many neighbouring rows err alike: those of a second or so.
+const ALIKE: f64 = 10.0;
 
 /// Residuals beyond so many of their scale count as that.
 const CLIP: f64 = 3.0;
@@ -68,8 +71,8 @@ pub fn found(rows: &[Row], about: &Iron) -> Option<Change> {
     let without = state.scatter(&usable, None);
     let mut change = None;
     for _ in 0..4 {
-        let (first, step) = state.step(&usable, change.map(|(first, _)| first))?;
-        change = Some((first, step));
+        let (first, sigma) = state.step(&usable, change.map(|(first, _)| first))?;
+        change = Some((state.parted(&usable).unwrap_or(first), sigma));
     }
     let (first, sigma) = change?;
     let with = state.scatter(&usable, Some(first));
@@ -107,11 +110,12 @@ impl State {
     }
 
     fn scatter(&self, rows: &[&Row], first: Option<usize>) -> f64 {
-        let all = rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
+        let all =
+            rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
         median(all.map(f64::abs).collect())
     }
 
-    /// A step of the search; the first row after the change, sought anew or as told, and the sigma of its size.
+    /// A step of the search; the first row after the change, sought or as told, and the sigma of its size.
     fn step(&mut self, rows: &[&Row], told: Option<usize>) -> Option<(usize, Vector3<f64>)> {
         let scale = (1.4826 * self.scatter(rows, told)).max(1e-6);
         // Sums over the rows from each instant on; the last is of all rows.
@@ -127,7 +131,8 @@ impl State {
                 matrix.ger(1.0, &by, &by, 1.0);
                 right.axpy(-clipped, &by, 1.0);
             }
-            if instants.contains(&i) && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS && told.is_none_or(|first| near(first, i, rows.len())) {
+            let is_tried = told.map_or_else(|| instants.contains(&i), |first| first == i);
+            if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
                 sums.push((i, matrix.clone(), right.clone()));
             }
         }
@@ -150,9 +155,28 @@ impl State {
         self.down += solved[13];
         self.moved += of(COMMON);
         let variance = squares / (2.0 * rows.len() as f64);
-        // Neighbouring rows err alike: a second or so.
-        const ALIKE: f64 = 10.0;
         Some((first, sigma * (variance * ALIKE).sqrt()))
+    }
+
+    /// The first row after the change, where the two irons explain most with what they are by now.
+    fn parted(&self, rows: &[&Row]) -> Option<usize> {
+        let scale = 1.4826 * self.scatter(rows, None);
+        let squares = |row: &Row, is_after: bool| -> f64 {
+            self.residuals(row, is_after)
+                .iter()
+                .map(|residual| residual.clamp(-CLIP * scale, CLIP * scale).powi(2))
+                .sum()
+        };
+        // What is saved by taking the row for one before the change, summed up from the beginning.
+        let mut saved = 0.0;
+        let sums: Vec<f64> = rows
+            .iter()
+            .map(|row| {
+                saved += squares(row, false) - squares(row, true);
+                saved
+            })
+            .collect();
+        (MIN_ROWS..rows.len().saturating_sub(MIN_ROWS)).min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
     }
 
     /// Each residual by the unknowns.
@@ -185,11 +209,6 @@ impl State {
             _ => self.strength,
         })
     }
-}
-
-/// Whether two instants are near each other: the search moves on by little once it has begun.
-const fn near(a: usize, b: usize, of: usize) -> bool {
-    a.abs_diff(b) <= of / 20
 }
 
 /// The unknowns, how much they explain beyond what is explained without the step, and the root of the step's covariance.

@@ -11,9 +11,8 @@ const MIN_ROWS: usize = 20;
 #[must_use]
 pub fn sphere(fields: &[Vector3<f64>]) -> Option<(Iron, f64)> {
     let (scaled, mean, scale) = scaled(fields)?;
-    let matrix = DMatrix::from_fn(scaled.len(), 4, |row, column| {
-        if column == 3 { 1.0 } else { 2.0 * scaled[row][column] }
-    });
+    let matrix =
+        DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
     let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
     let [x, y, z, k] = *solved(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);

@@ -7,7 +7,9 @@ use nalgebra::Vector3;
 
 use super::age::{self, Age};
 use super::change::{self, Change};
-use super::{Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay, rows, score, solved_of_all};
+use super::{
+    Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay, rows, score, solved_of_all,
+};
 use crate::log::{Compass, Flight, Gps, Iron};
 
 /// How to judge.
@@ -167,7 +169,8 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<Refere
     let parts = change.as_ref().map_or_else(Vec::new, |change| {
         let [before, after]: [Vec<Row>; 2] =
             [true, false].map(|is| rows.iter().filter(|row| (row.t_s < change.at_s) == is).copied().collect());
-        let expected = |part: &Vec<Row>| solved_of_all(part).map(|solution| f64::from(solution.quality.expected_rms_deg));
+        let expected =
+            |part: &Vec<Row>| solved_of_all(part).map(|solution| f64::from(solution.quality.expected_rms_deg));
         vec![expected(&before), expected(&after)]
     });
     let every_s = compass.field.median_step_s().unwrap_or(f64::NAN);

@@ -117,7 +117,8 @@ fn nearest(rows: &[Row], turned: &[Row], full: &Iron, near: Iron, is_diagonal: b
         Iron { matrix, centre_ut: Vector3::new(p[3], p[4], p[5]) }
     };
     let [centre, diagonal, off] = parts(&near);
-    let start = DVector::from_iterator(number, diagonal.iter().chain(centre.iter()).chain(off.iter()).copied().take(number));
+    let start =
+        DVector::from_iterator(number, diagonal.iter().chain(centre.iter()).chain(off.iter()).copied().take(number));
     let residuals = |p: &DVector<f64>| {
         let iron = built(p);
         DVector::from_iterator(pairs.len(), pairs.iter().map(|(row, told)| wrap_180(heading_deg(row, &iron) - told)))
@@ -149,7 +150,9 @@ fn nearest(rows: &[Row], turned: &[Row], full: &Iron, near: Iron, is_diagonal: b
     }
     let found = built(&best.0);
     // Headings do not tell the size: that of what was near is kept.
-    let size = (near.matrix.determinant() / found.matrix.determinant()).cbrt();
+    let total =
+        |iron: &Iron| -> f64 { pairs.iter().map(|(row, _)| iron.apply(row.field.ut.map(f64::from)).norm()).sum() };
+    let size = total(&near) / total(&found);
     if size.is_finite() && size > 0.0 { Iron { matrix: found.matrix * size, ..found } } else { near }
 }
 
@@ -212,7 +215,11 @@ pub fn file(flight: &Flight, handed_over: &[HandedOver], dialect: Dialect) -> St
 }
 
 fn comments(text: &mut String, handed: &HandedOver) -> std::fmt::Result {
-    writeln!(text, "# compass {}; {:.2} deg RMS are lost by what cannot be expressed", handed.number, handed.lost_deg[0])?;
+    writeln!(
+        text,
+        "# compass {}; {:.2} deg RMS are lost by what cannot be expressed",
+        handed.number, handed.lost_deg[0]
+    )?;
     handed.warnings.iter().try_for_each(|warning| writeln!(text, "# {warning}"))
 }
 
@@ -221,9 +228,12 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> 
         comments(text, handed)?;
         let index = if handed.number == 1 { String::new() } else { handed.number.to_string() };
         let [offsets, diagonal, off_diagonal] = parts(&handed.iron);
-        for (name, numbers, decimals) in
-            [("OFS", -offsets * MILLIGAUSS, 2), ("DIA", diagonal, 5), ("ODI", off_diagonal, 5), ("MOT", Vector3::zeros(), 1)]
-        {
+        for (name, numbers, decimals) in [
+            ("OFS", -offsets * MILLIGAUSS, 2),
+            ("DIA", diagonal, 5),
+            ("ODI", off_diagonal, 5),
+            ("MOT", Vector3::zeros(), 1),
+        ] {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "COMPASS_{name}{index}_{axis},{number:.decimals$}")?;
             }
@@ -264,7 +274,9 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::f
         }
         match own {
             Some(_) if off_deg < 1.0 => writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?,
-            _ if handed.turned.number() != 0 => writeln!(text, "# CAL_MAG{index}_ROT: it sits otherwise than its board")?,
+            _ if handed.turned.number() != 0 => {
+                writeln!(text, "# CAL_MAG{index}_ROT: it sits otherwise than its board")?;
+            }
             _ => {}
         }
     }
@@ -300,10 +312,7 @@ pub fn read_back(text: &str, others: &Parameters) -> Parameters {
     let mut parameters = others.clone();
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let words: Vec<&str> = line.split([',', '\t']).collect();
-        let (name, value) = match *words.as_slice() {
-            [name, value] | [_, _, name, value, _] => (name, value),
-            _ => continue,
-        };
+        let ([name, value] | [_, _, name, value, _]) = *words.as_slice() else { continue };
         if let Ok(value) = value.parse() {
             parameters.set(f64::MAX, name, value);
         }

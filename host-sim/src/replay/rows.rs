@@ -173,7 +173,7 @@ fn moved(flight: &Flight) -> [f64; 2] {
     /// For less than this, seconds, it was no flight.
     const LONG_S: f64 = 20.0;
     let moving = || flight.gps.rows().iter().filter(|row| row.of[3] > MOVING_M_S).map(|row| row.t_s);
-    match (moving().next(), moving().last()) {
+    match (moving().next(), moving().next_back()) {
         (Some(from_s), Some(to_s)) if to_s - from_s > LONG_S => [from_s, to_s],
         _ => [f64::NEG_INFINITY, f64::INFINITY],
     }
@@ -217,7 +217,8 @@ fn unsettled(flight: &Flight) -> Vec<[f64; 2]> {
 /// By how much the direction of down differs, in body axes.
 fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
     let down = |row: &Stamped<3>| {
-        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) = ([row.of[0].sin(), row.of[1].sin()], [row.of[0].cos(), row.of[1].cos()]);
+        let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) =
+            ([row.of[0].sin(), row.of[1].sin()], [row.of[0].cos(), row.of[1].cos()]);
         nalgebra::Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
     };
     down(a).angle(&down(b))

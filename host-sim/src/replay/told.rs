@@ -23,9 +23,10 @@ pub fn verdict(judged: &Verdict) -> String {
     let worst = accepted.iter().filter_map(expected).fold(0.0, f64::max);
     let which = match (accepted.len(), all) {
         (0, _) => {
-            let why = judged.compasses.first().and_then(Judged::refusal).map_or_else(String::new, |why| why.to_string());
-            let of = if all > 1 { "every compass; the first" } else { "" };
-            return format!("the module would have refused {of}: {why}").replace(" :", ":").replace("first:", "first:");
+            let why =
+                judged.compasses.first().and_then(Judged::refusal).map_or_else(String::new, |why| why.to_string());
+            let of = if all > 1 { " every compass, the first for this" } else { "" };
+            return format!("the module would have refused{of}: {why}");
         }
         (1, 1) => "the module would have calibrated".to_owned(),
         (some, _) if some == all => format!("the module would have calibrated each of {all} compasses"),
@@ -74,10 +75,13 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         ));
     }
     if flight.rates.is_empty() {
-        notes.push("no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into());
+        notes.push(
+            "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into(),
+        );
     }
     if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| *most_deg < 2.0) {
-        notes.push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
+        notes
+            .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
     }
     for compass in &judged.compasses {
         notes.extend(strength_note(judged, compass));
@@ -115,10 +119,11 @@ fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
     if (1.0 / PLAUSIBLE..=PLAUSIBLE).contains(&ratio) {
         return None;
     }
-    let guess = [(10.0, "milligauss taken for microtesla"), (0.1, "microtesla taken for milligauss"), (100.0, "nanotesla?")]
-        .into_iter()
-        .find(|(factor, _)| (factor / PLAUSIBLE..=factor * PLAUSIBLE).contains(&ratio))
-        .map_or_else(|| "another unit, or a poor sensor".to_owned(), |(_, words)| words.to_owned());
+    let guess =
+        [(10.0, "milligauss taken for microtesla"), (0.1, "microtesla taken for milligauss"), (100.0, "nanotesla?")]
+            .into_iter()
+            .find(|(factor, _)| (factor / PLAUSIBLE..=factor * PLAUSIBLE).contains(&ratio))
+            .map_or_else(|| "another unit, or a poor sensor".to_owned(), |(_, words)| words.to_owned());
     Some(format!("compass {number}: the field is {found:.1} uT strong, by the field model {expected:.1}: {guess}"))
 }
 
@@ -152,11 +157,11 @@ pub fn json(flight: &Flight, judged: &Verdict, parameters: &dyn Fn(&Judged) -> V
             "is_of_that_day": is_valid,
         })),
         "notes": notes(flight, judged),
-        "compasses": judged.compasses.iter().map(|compass| one(compass, parameters(compass))).collect::<Vec<_>>(),
+        "compasses": judged.compasses.iter().map(|compass| one(compass, &parameters(compass))).collect::<Vec<_>>(),
     })
 }
 
-fn one(judged: &Judged, parameters: Value) -> Value {
+fn one(judged: &Judged, parameters: &Value) -> Value {
     #[derive(Serialize)]
     struct Rows {
         #[serde(flatten)]

@@ -115,7 +115,7 @@ impl Message for Columns<'_> {
     fn number(&self, name: &str) -> Option<f64> {
         let (kind, bytes) = self.bytes(name)?;
         Some(match (kind, bytes) {
-            (b'b', &[a]) => f64::from(a as i8),
+            (b'b', &[a]) => f64::from(a.cast_signed()),
             (b'B' | b'M', &[a]) => f64::from(a),
             (b'h', &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
             (b'H', &[a, b]) => f64::from(u16::from_le_bytes([a, b])),

@@ -24,7 +24,22 @@ trait Message {
 fn is_wanted(name: &str) -> bool {
     matches!(
         name,
-        "MAG" | "MAG2" | "MAG3" | "ATT" | "IMU" | "GPS" | "BAT" | "CURR" | "XKF1" | "NKF1" | "PARM" | "MSG" | "ARM" | "EV" | "SIM" | "VER"
+        "MAG"
+            | "MAG2"
+            | "MAG3"
+            | "ATT"
+            | "IMU"
+            | "GPS"
+            | "BAT"
+            | "CURR"
+            | "XKF1"
+            | "NKF1"
+            | "PARM"
+            | "MSG"
+            | "ARM"
+            | "EV"
+            | "SIM"
+            | "VER"
     )
 }
 
@@ -45,7 +60,10 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
     let Some(us) = microseconds(name, message) else { return };
     let Some(t_s) = recorder.timeline.at(us) else { return };
     match name {
-        "MAG" => field(recorder, t_s, message, message.number("I").map_or(1, |instance| (instance as u8).saturating_add(1))),
+        "MAG" => {
+            let number = message.number("I").map_or(1, |instance| (instance as u8).saturating_add(1));
+            field(recorder, t_s, message, number);
+        }
         "MAG2" => field(recorder, t_s, message, 2),
         "MAG3" => field(recorder, t_s, message, 3),
         "ATT" => {
@@ -62,7 +80,9 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
         }
         // What the autopilot's filter takes the gyros to read at rest, deg/s: what it sends has that taken off.
         "XKF1" | "NKF1" if message.number("C").unwrap_or(0.0) == 0.0 => {
-            if let Some(bias) = numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0)) {
+            if let Some(bias) =
+                numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
+            {
                 recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
         }
@@ -133,7 +153,8 @@ fn gps(recorder: &mut Recorder, t_s: f64, message: &dyn Message) {
     if message.number("Status").is_none_or(|status| status < FIX_3D) {
         return;
     }
-    let Some([latitude, longitude, height, speed, course]) = numbers(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"]) else {
+    let Some([latitude, longitude, height, speed, course]) = numbers(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])
+    else {
         return;
     };
     let yaw_deg = message.number("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32);

@@ -19,6 +19,9 @@ use crate::world::attitude_source::AttitudeSource;
 /// Ten rows a second, as autopilots log, microseconds.
 const EVERY_US: u64 = 100_000;
 
+/// The world remembers two seconds: of a step that is longer its end is taken down, microseconds.
+const REMEMBERED_US: u64 = 1_900_000;
+
 /// Of the motors' unit current, amperes, so that a log has numbers of usual size.
 const AMPERES: f64 = 15.0;
 
@@ -92,7 +95,7 @@ impl Recording {
         let (offset, diagonal, off, motor) = (of("OFS"), of("DIA"), of("ODI"), of("MOT"));
         let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
-        let soft = if diagonal == [0.0; 3] {
+        let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {
             [x, y, z]
         } else {
             [
@@ -101,7 +104,7 @@ impl Recording {
                 off[1] * x + off[2] * y + diagonal[2] * z,
             ]
         };
-        let current_a = if self.parameter("COMPASS_MOTCT") == 2.0 { instant.current_a } else { 0.0 };
+        let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { instant.current_a } else { 0.0 };
         let share = motor.map(|by| by / 10.0 * current_a);
         (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
     }
@@ -194,8 +197,6 @@ impl<M: Module> Module for Recorded<'_, M> {
 
     fn run_until(&mut self, until_us: u64) -> Ran {
         let ran = self.module.run_until(until_us);
-        // The world remembers two seconds; most steps are shorter, and of a longer one its end is taken.
-        const REMEMBERED_US: u64 = 1_900_000;
         let now_us = self.module.now_us();
         self.next_us = self.next_us.max(now_us.saturating_sub(REMEMBERED_US) / EVERY_US * EVERY_US + EVERY_US);
         while self.next_us <= now_us {

@@ -1,8 +1,8 @@
 //! MAVLink 2 with the receiver's clock, as an ArduPilot sends it.
 
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, PARAM_VALUE_DATA, RAW_IMU_DATA,
-    SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, PARAM_VALUE_DATA,
+    RAW_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 

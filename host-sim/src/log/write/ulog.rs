@@ -35,13 +35,18 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
     for (name, value) in &recording.parameters {
         parameters.set(0.0, name, *value);
         let is_whole = name.ends_with("_ID") || name.ends_with("_ROT");
-        let (kind, value) =
-            if is_whole { ("int32_t", (*value as i32).to_le_bytes()) } else { ("float", (*value as f32).to_le_bytes()) };
+        let (kind, value) = if is_whole {
+            ("int32_t", (*value as i32).to_le_bytes())
+        } else {
+            ("float", (*value as f32).to_le_bytes())
+        };
         message(b'P', &keyed(&format!("{kind} {name}"), &value));
     }
     let compasses = recording.compasses();
     let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
-    subscribed.extend(["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position"].map(|n| (0, n)));
+    subscribed.extend(
+        ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position"].map(|n| (0, n)),
+    );
     for (id, (instance, name)) in subscribed.iter().enumerate() {
         let [low, high] = (id as u16).to_le_bytes();
         message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
@@ -62,8 +67,10 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
         data(compasses + 1, &[&floats(&instant.rates_rad_s)]);
         data(compasses + 2, &[&floats(&[instant.current_a]), &[1, 0, 0, 0]]);
         if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
-            let place: Vec<u8> =
-                [latitude * 1e7, longitude * 1e7, height * 1e3].iter().flat_map(|n| (n.round() as i32).to_le_bytes()).collect();
+            let place: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
+                .iter()
+                .flat_map(|n| (n.round() as i32).to_le_bytes())
+                .collect();
             data(compasses + 3, &[&place, &floats(&[15.0, 0.0]), &(UTC_US + instant.at_us).to_le_bytes(), &[3]]);
         }
     }
@@ -81,10 +88,5 @@ fn floats(numbers: &[f64]) -> Vec<u8> {
 /// w, x, y, z of yaw after pitch after roll.
 fn quaternion([roll, pitch, yaw]: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
-    [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
+    [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
 }
