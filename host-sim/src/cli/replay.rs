@@ -1,5 +1,6 @@
 //! `host-sim replay`.
 
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
@@ -49,12 +50,22 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     }
     if options.json {
         let parameters = |compass: &Judged| handed(compass).map_or(Value::Null, |handed| parameters_json(&handed));
-        println!("{}", told::json(&flight, &verdict, &parameters));
+        print(&format!("{}\n", told::json(&flight, &verdict, &parameters)))?;
     } else {
-        show(&name.to_string(), &flight, &verdict, &handed);
+        let mut out = String::new();
+        show(&mut out, &name.to_string(), &flight, &verdict, &handed);
+        print(&out)?;
     }
     let is_accepted = verdict.compasses.iter().any(|compass| compass.module.accepted.is_ok());
     Ok(if is_accepted { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Prints; who has read enough may close the pipe.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure(format!("cannot write: {e}"))),
+        _ => Ok(()),
+    }
 }
 
 fn cannot_write(path: &Path, why: &std::io::Error) -> Failure {
@@ -74,29 +85,29 @@ fn parameters_json(handed: &HandedOver) -> Value {
 
 type HandOver<'a> = dyn Fn(&Judged) -> Option<HandedOver> + 'a;
 
-fn show(name: &str, flight: &Flight, verdict: &Verdict, handed: &HandOver<'_>) {
-    say("", &format!("VERDICT: {}", told::verdict(verdict)));
+fn show(out: &mut String, name: &str, flight: &Flight, verdict: &Verdict, handed: &HandOver<'_>) {
+    say(out, "", &format!("VERDICT: {}", told::verdict(verdict)));
     let [from_s, to_s] = flight.lasts_s();
     let firmware = flight.firmware.as_deref().unwrap_or("firmware not named");
-    say("", &format!("{name}: {}, {firmware}, {:.0} s", flight.format.name(), to_s - from_s));
+    say(out, "", &format!("{name}: {}, {firmware}, {:.0} s", flight.format.name(), to_s - from_s));
     for compass in &verdict.compasses {
-        println!();
-        one(compass, verdict, handed);
+        out.push('\n');
+        one(out, compass, verdict, handed);
     }
     if let Some(reference) = verdict.reference {
-        println!();
+        out.push('\n');
         let word = if reference.is_accuracy() { "Error" } else { "Disagreement" };
-        say("", &format!("{word} of headings against {}, deg RMS less mean:", reference.name()));
-        println!("{}", table(verdict));
-        say("", &format!("{}: {}", reference.name(), reference.limits()));
+        say(out, "", &format!("{word} of headings against {}, deg RMS less mean:", reference.name()));
+        let _ = writeln!(out, "{}", table(verdict));
+        say(out, "", &format!("{}: {}", reference.name(), reference.limits()));
     }
     for note in told::notes(flight, verdict) {
-        say("note: ", &note);
+        say(out, "note: ", &note);
     }
 }
 
 /// One compass in words.
-fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
+fn one(out: &mut String, compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
     let used = match compass.is_used {
         Some(true) => ", used by the autopilot",
         Some(false) => ", not used by the autopilot",
@@ -107,23 +118,24 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
         (true, None) => "would have calibrated when asked to at the end".to_owned(),
         (false, _) => "would have been refused".to_owned(),
     };
-    say("", &format!("compass {}{used}: {accepted}", compass.number));
+    say(out, "", &format!("compass {}{used}: {accepted}", compass.number));
     if let Some(refusal) = compass.refusal() {
-        say("  ", &format!("{}: {refusal}", refusal.code()));
+        say(out, "  ", &format!("{}: {refusal}", refusal.code()));
     }
-    solved("  ", &compass.module);
+    solved(out, "  ", &compass.module);
     if compass.module.accepted.is_err() && compass.all.accepted.is_ok() {
-        say("  ", "all of its rows, thinned, would have been enough:");
-        solved("    ", &compass.all);
+        say(out, "  ", "all of its rows, thinned, would have been enough:");
+        solved(out, "    ", &compass.all);
     }
     if let (true, Some(refusal)) = (compass.module.accepted.is_ok(), refusal(&compass.all)) {
-        say("  ", &format!("all of its rows, thinned, would have been refused: {refusal}"));
+        say(out, "  ", &format!("all of its rows, thinned, would have been refused: {refusal}"));
     }
     let from = compass.age.sigma_s.map_or_else(
         || "not found in this flight".to_owned(),
         |sigma_s| format!("found in this flight, sigma {:.0} ms", sigma_s * 1e3),
     );
     say(
+        out,
         "  ",
         &format!(
             "field {:.1} times a second, {:.0} ms old at its time stamp ({from})",
@@ -144,16 +156,17 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
     .map(|(number, why)| format!("{number} {why}"))
     .collect();
     let rejected = if rejected.is_empty() { String::new() } else { format!("; rejected: {}", rejected.join(", ")) };
-    say("  ", &format!("rows: {} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
+    say(out, "  ", &format!("rows: {} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
     if let (Some((earth, is_valid)), Some(radius_ut)) = (&verdict.earth, compass.radius_ut) {
         let model = if *is_valid { "by the field model" } else { "by the field model, of another year" };
-        say("  ", &format!("field {radius_ut:.1} uT strong, {:.1} {model}", earth.total_ut));
+        say(out, "  ", &format!("field {radius_ut:.1} uT strong, {:.1} {model}", earth.total_ut));
     }
     if let Some(change) = &compass.change {
         let [x, y, z] = change.ut;
         let size = change.size_ut();
         let when = change.at_s - compass.rows.iter().find(|row| row.usable).map_or(0.0, |row| row.t_s);
         say(
+            out,
             "  ",
             &format!(
                 "its iron changed by {size:.1} uT about {when:.0} s into the flight, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}); a drift \
@@ -164,21 +177,22 @@ fn one(compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
         for (part, expected_deg) in compass.parts.iter().enumerate() {
             let words = expected_deg
                 .map_or_else(|| "not enough for a calibration".to_owned(), |deg| format!("expecting {deg:.1} deg"));
-            say("    ", &format!("the part {} it alone: {words}", if part == 0 { "before" } else { "after" }));
+            say(out, "    ", &format!("the part {} it alone: {words}", if part == 0 { "before" } else { "after" }));
         }
     }
     if let Some(handed) = handed(compass) {
-        say("  ", &format!("as parameters: {:.2} deg RMS of it are lost", handed.lost_deg[0]));
+        say(out, "  ", &format!("as parameters: {:.2} deg RMS of it are lost", handed.lost_deg[0]));
         for warning in &handed.warnings {
-            say("    ", warning);
+            say(out, "    ", warning);
         }
     }
 }
 
-fn solved(indent: &str, replayed: &Replayed) {
+fn solved(out: &mut String, indent: &str, replayed: &Replayed) {
     let Some(solution) = &replayed.solution else { return };
     let quality = &solution.quality;
     say(
+        out,
         indent,
         &format!(
             "solved by {}: expected error {:.2} deg rms, sigma {:.2} deg at the worst heading; inclination {:.1} deg",
@@ -190,16 +204,18 @@ fn solved(indent: &str, replayed: &Replayed) {
     );
     if let Some(Latency { found_s, sigma_s }) = quality.latency.filter(|_| solution.calibration.uses_latency()) {
         say(
+            out,
             indent,
             &format!("latency of the attitude beyond that: {:.0} ms, sigma {:.0} ms", found_s * 1e3, sigma_s * 1e3),
         );
     }
     if let Some(doubt) = &solution.iron {
-        say(indent, &format!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of));
+        say(out, indent, &format!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of));
     }
     if let Some(doubt) = &solution.bank {
         let read = 100.0 * doubt.of.read;
         say(
+            out,
             indent,
             &format!(
                 "allowed for, {:.2} deg of it: the attitude source seems to read {read:.0} % of the bank",
@@ -209,6 +225,7 @@ fn solved(indent: &str, replayed: &Replayed) {
     }
     if let Some(advice) = &solution.advice {
         say(
+            out,
             indent,
             &format!(
                 "weakest: {} ({:.2} deg); best next: {} ({:.2} -> {:.2} deg)",
@@ -249,15 +266,16 @@ fn table(verdict: &Verdict) -> Table {
     table
 }
 
-/// Prints words, broken at the width of a terminal.
-fn say(indent: &str, words: &str) {
+/// Adds words, broken at the width of a terminal.
+fn say(out: &mut String, indent: &str, words: &str) {
     const WIDTH: usize = 80;
     let further = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
     let mut is_begun = false;
     for word in words.split(' ') {
         if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
-            println!("{line}");
+            out.push_str(&line);
+            out.push('\n');
             line.clone_from(&further);
         } else if is_begun {
             line.push(' ');
@@ -265,7 +283,8 @@ fn say(indent: &str, words: &str) {
         line.push_str(word);
         is_begun = true;
     }
-    println!("{line}");
+    out.push_str(&line);
+    out.push('\n');
 }
 
 /// A heading for every row; the status says whether the module would have sent it.

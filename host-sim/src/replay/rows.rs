@@ -69,7 +69,8 @@ pub struct Counted {
 #[must_use]
 pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<Reference>) -> (Vec<Row>, Counted) {
     let mut counted = Counted { readings: compass.field.rows().len(), ..Counted::default() };
-    let was_armed = flight.armed.iter().any(|&(_, is)| is) || flight.armed.first().is_some_and(|&(_, first)| !first);
+    // Of a log in which it never was, nothing follows from that.
+    let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
     let unsettled = unsettled(flight);
     let mut rows = Vec::new();
     let mut run = Run::default();
