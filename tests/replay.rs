@@ -12,7 +12,7 @@ use host_sim::log::write::{Recording, csv, dataflash, tlog, ulog};
 use host_sim::log::{self, Flight, Iron};
 use host_sim::replay::judge::{Asked, By, Judged, judge, scored};
 use host_sim::replay::parameters::{self, Dialect, HandedOver};
-use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, replay, rows};
+use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, replay, rows, told};
 use host_sim::score::Errors;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
@@ -349,6 +349,37 @@ fn iron_that_changed_is_found_with_its_time_size_and_axis() {
         let off = (Vector3::from(change.ut) - Vector3::from(moved)).norm();
         assert!(off < 2.0 && change.axis() == axis, "{change:?}");
     }
+}
+
+/// A field in another unit and an attitude in radians are told by name; what is right is not doubted.
+#[test]
+fn units_that_cannot_be_are_told() {
+    let world = WorldConfig::table1(1);
+    // Where the field model has about the strength of that world, 48 uT.
+    let text = csv(&Recording { place: Some([48.0, 11.3, 500.0]), ..flown(&world, 0.0) });
+    let notes = |bytes: &[u8], unit: Unit| {
+        let mut source = bytes;
+        let flight = log::read(&mut source, unit).unwrap();
+        told::notes(&flight, &judge(&flight, &ASKED)).join("; ")
+    };
+    assert_eq!(notes(&text, Unit::Milligauss), "");
+    let in_ut = notes(&text, Unit::Microtesla);
+    assert!(in_ut.contains("milligauss taken for microtesla"), "{in_ut}");
+    let radians: String = String::from_utf8(text)
+        .unwrap()
+        .lines()
+        .map(|line| {
+            let mut values: Vec<String> = line.split(',').map(str::to_owned).collect();
+            for value in &mut values[4..6] {
+                if let Ok(degrees) = value.parse::<f64>() {
+                    *value = format!("{:.5}", degrees.to_radians());
+                }
+            }
+            values.join(",") + "\n"
+        })
+        .collect();
+    let told = notes(radians.as_bytes(), Unit::Milligauss);
+    assert!(told.contains("radians"), "{told}");
 }
 
 /// Readings in pairs, out of order and twice: as many samples as of a tidy log.

@@ -14,6 +14,9 @@
 //! | `lat_deg`, `lon_deg`, `height_m` | optional: where |
 //! | `armed` | optional: 0 or 1 |
 //!
+//! Read by hand, a line at a time in bounded memory: quotes that never close, decimal commas and lines that are cut off are what
+//! such tables have, and the crate `csv` holds a record however long it is.
+//!
 //! Others are passed over, and so are lines that begin with `#`. With semicolon or tab a comma is a decimal point. What is
 //! empty is not known there. A line that does not hold what it must costs that line.
 

@@ -208,6 +208,26 @@ fn only_the_first_autopilot_of_a_link_counts() {
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
+/// A frame with a wrong checksum says nothing, though the next one follows it.
+#[test]
+fn a_damaged_frame_is_not_believed() {
+    let mut bytes = tlog(&recording(&ARDUPILOT));
+    let mut damaged = 0;
+    let mut at = 0;
+    while at + 20 < bytes.len() {
+        let is_attitude = bytes[at + 15..at + 18] == [30, 0, 0];
+        if is_attitude && at % 3 == 0 {
+            // The exponent of its roll.
+            bytes[at + 18 + 7] ^= 0x20;
+            damaged += 1;
+        }
+        at += 8 + 10 + usize::from(bytes[at + 9]) + 2;
+    }
+    let flight = read_bytes(&bytes).unwrap();
+    assert!(damaged > 50);
+    assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
+}
+
 /// The frames of a log, sent by another system.
 fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     use mavlink::Message as _;
