@@ -306,7 +306,7 @@ fn parts(iron: &Iron) -> [Vector3<f64>; 3] {
     [iron.centre_ut, m.diagonal(), Vector3::new(m[(0, 1)], m[(0, 2)], m[(1, 2)])]
 }
 
-/// The parameters of a file that [`file`] wrote, for a flight whose other parameters are these.
+/// The parameters of a file that [`file()`] wrote, for a flight whose other parameters are these.
 #[must_use]
 pub fn read_back(text: &str, others: &Parameters) -> Parameters {
     let mut parameters = others.clone();
