@@ -7,8 +7,12 @@ use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
 use autoswing::collection::Lack;
 use autoswing::frames::Attitude;
-use host_sim::replay::recording::{Row, Unit, parse};
-use host_sim::replay::{Options, Refused, Score, Selected, replay};
+use host_sim::log::csv::Unit;
+use host_sim::log::write::{Recording, csv, dataflash, tlog, ulog};
+use host_sim::log::{self, Flight, Iron};
+use host_sim::replay::judge::{Asked, By, Judged, judge, scored};
+use host_sim::replay::parameters::{self, Dialect, HandedOver};
+use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, replay, rows, told};
 use host_sim::score::Errors;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
@@ -16,6 +20,11 @@ use nalgebra::Vector3;
 
 const ALL: Options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
 const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
+
+/// The rows of a flight's first compass, whose field is so old.
+fn rows_of(flight: &Flight, age_s: f64) -> Vec<Row> {
+    rows(flight, &flight.compasses[0], age_s, Reference::best(flight)).0
+}
 
 /// Straight, two circles each way, straight; a row every 0.1 s as an autopilot logs: milligauss to one decimal, its own
 /// attitude. The reference is the true magnetic heading. The first ten seconds are not usable.
@@ -50,7 +59,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
         write!(text, "{t_s},{x:.1},{y:.1},{z:.1},{roll_deg:.2},{pitch_deg:.2},{reference_deg:.2},{usable}").unwrap();
         writeln!(text, ",{p:.3},{q:.3},{r:.3}").unwrap();
     }
-    parse(text.as_bytes(), Unit::Milligauss).unwrap()
+    rows_of(&log::read(&mut text.as_bytes(), Unit::Milligauss).unwrap(), 0.0)
 }
 
 /// Attitude noise of 0.3 deg and a bank 1 % short make up to 1 deg of heading at these inclinations; the coefficients
@@ -206,4 +215,191 @@ fn what_is_wrong_with_a_recording_is_told() {
     let replayed = replay(&slow, &TURNS);
     assert!(replayed.accepted.is_err() && matches!(replayed.lack, Some(Lack::TooSlow { .. })), "{:?}", replayed.lack);
     assert_eq!(replay(&rows, &TURNS).lack, None);
+}
+
+/// How a native log is judged.
+const ASKED: Asked =
+    Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+
+/// ArduPilot's parameters of a compass that is badly calibrated, and PX4's.
+const BAD: [(&str, f64); 16] = [
+    ("COMPASS_OFS_X", 90.0),
+    ("COMPASS_OFS_Y", -120.0),
+    ("COMPASS_DIA_X", 1.1),
+    ("COMPASS_DIA_Y", 0.9),
+    ("COMPASS_DIA_Z", 1.05),
+    ("COMPASS_ODI_X", 0.05),
+    ("COMPASS_ODI_Z", -0.06),
+    ("COMPASS_SCALE", 1.1),
+    ("COMPASS_USE", 1.0),
+    ("COMPASS_ORIENT", 0.0),
+    ("CAL_MAG0_ID", 396_809.0),
+    ("CAL_MAG0_ROT", 6.0),
+    ("CAL_MAG0_XOFF", 0.15),
+    ("CAL_MAG0_ZOFF", -0.1),
+    ("CAL_MAG0_YSCALE", 1.1),
+    ("CAL_MAG0_YODIAG", 0.04),
+];
+
+/// Turns both ways in still air, then legs, as an autopilot logs them whose field is so old.
+fn flown(world: &WorldConfig, age_s: f64) -> Recording {
+    let world = World::new(*world);
+    let mut source = world.attitude_source();
+    for bank_deg in [25.0, 40.0] {
+        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        for heading_change_deg in [720.0, -720.0] {
+            world.fly(Leg::Turn { bank_deg, heading_change_deg });
+        }
+    }
+    let mut recording = Recording::aged(age_s);
+    recording.parameters = BAD.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    for i in 20..2400 {
+        recording.take(&world, &mut source, i * 100_000);
+    }
+    recording
+}
+
+fn judged(bytes: &[u8]) -> (Flight, Judged) {
+    let mut source = bytes;
+    let flight = log::read(&mut source, Unit::Milligauss).unwrap();
+    let mut verdict = judge(&flight, &ASKED);
+    (flight, verdict.compasses.remove(0))
+}
+
+/// The same flight in each format, whatever its autopilot had applied: the field's age is found to ten milliseconds or,
+/// where it rolls little, to what is told, and
+/// the module's answer is as good as the attitude noise of 0.3 deg lets it be. The autopilot's own parameters are bad, and
+/// shown to be.
+#[test]
+fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
+    let world = WorldConfig::random(3);
+    let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
+    for (age_s, write) in [(0.05, dataflash as fn(&Recording) -> Vec<u8>), (0.09, tlog), (0.02, ulog), (0.0, csv)] {
+        let recording = flown(&world, age_s);
+        let (flight, compass) = judged(&write(&recording));
+        let name = flight.format.name();
+        let most_s = 2.5 * compass.age.sigma_s.unwrap();
+        assert!((compass.age.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.age);
+        assert_eq!(compass.module.accepted, Ok(()), "{name}");
+        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
+        if let Some(theirs) = compass.by(By::Autopilot) {
+            assert!(theirs.score.unwrap().rms_deg > 2.0 * ours.rms_deg, "{name}: {theirs:?}");
+        }
+        let used = compass.rows.iter().filter(|row| row.usable).count();
+        assert!(compass.counted.used == used && used > 2300, "{name}: {:?}", compass.counted);
+    }
+}
+
+/// The file that is handed over, loaded and applied to the raw field by the autopilot's own formula, gives the error that
+/// was told, and that is what the solution has but for what is told to be lost.
+#[test]
+fn parameters_give_what_they_say_when_they_are_applied() {
+    for (seed, write, dialect) in [
+        (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
+        (5, ulog, Dialect::Px4),
+        (7, tlog, Dialect::ArduPilot),
+    ] {
+        let (flight, compass) = judged(&write(&flown(&WorldConfig::random(seed), 0.05)));
+        let handed = parameters::handed_over(&flight, &compass, Some(50.0), dialect).unwrap();
+        let score = score_of_file(&flight, &compass, &handed, dialect);
+        assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
+        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        let most = ours.rms_deg + handed.lost_deg[0] + 0.05;
+        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.lost_deg);
+        // As strong as the Earth's field was said to be.
+        let strengths: Vec<f64> =
+            compass.rows.iter().map(|row| handed.iron.apply(row.field.ut.map(f64::from)).norm()).collect();
+        let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
+        assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
+    }
+}
+
+/// What the parameters of a file give, read as the autopilot would.
+fn score_of_file(flight: &Flight, compass: &Judged, handed: &HandedOver, dialect: Dialect) -> Score {
+    let text = parameters::file(flight, std::slice::from_ref(handed), dialect);
+    let loaded = parameters::read_back(&text, &flight.parameters);
+    assert_eq!(handed.turned.number(), 0, "mounted as the log says");
+    let iron = match dialect {
+        Dialect::Px4 => Iron::of_px4(&loaded, compass.number),
+        Dialect::ArduPilot | Dialect::Inav => Iron::of_ardupilot(&loaded, compass.number),
+    };
+    scored(&compass.rows, &iron).unwrap()
+}
+
+/// A payload that moves: when, by how much and on which axis; and nothing of iron that stays.
+#[test]
+fn iron_that_changed_is_found_with_its_time_size_and_axis() {
+    let world = WorldConfig::table1(1);
+    for (moved, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
+        let rows = recorded_with(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { moved });
+        let solution = replay(&rows, &ALL).solution;
+        let calibration = solution.map(|solution| solution.calibration);
+        let about = calibration.map_or_else(Iron::none, |calibration| Iron {
+            matrix: calibration.w_matrix().map(f64::from),
+            centre_ut: calibration.b_vector_ut().map(f64::from),
+        });
+        let change = host_sim::replay::change::found(&rows, &about);
+        if axis == ' ' {
+            assert_eq!(change, None);
+            continue;
+        }
+        let change = change.unwrap();
+        assert!((change.at_s - 110.0).abs() < 2.0, "{change:?}");
+        let off = (Vector3::from(change.ut) - Vector3::from(moved)).norm();
+        assert!(off < 2.0 && change.axis() == axis, "{change:?}");
+    }
+}
+
+/// A field in another unit and an attitude in radians are told by name; what is right is not doubted.
+#[test]
+fn units_that_cannot_be_are_told() {
+    let world = WorldConfig::table1(1);
+    // Where the field model has about the strength of that world, 48 uT.
+    let text = csv(&Recording { place: Some([48.0, 11.3, 500.0]), ..flown(&world, 0.0) });
+    let notes = |bytes: &[u8], unit: Unit| {
+        let mut source = bytes;
+        let flight = log::read(&mut source, unit).unwrap();
+        told::notes(&flight, &judge(&flight, &ASKED)).join("; ")
+    };
+    assert_eq!(notes(&text, Unit::Milligauss), "");
+    let in_ut = notes(&text, Unit::Microtesla);
+    assert!(in_ut.contains("milligauss taken for microtesla"), "{in_ut}");
+    let radians: String = String::from_utf8(text)
+        .unwrap()
+        .lines()
+        .map(|line| {
+            let mut values: Vec<String> = line.split(',').map(str::to_owned).collect();
+            for value in &mut values[4..6] {
+                if let Ok(degrees) = value.parse::<f64>() {
+                    *value = format!("{:.5}", degrees.to_radians());
+                }
+            }
+            values.join(",") + "\n"
+        })
+        .collect();
+    let told = notes(radians.as_bytes(), Unit::Milligauss);
+    assert!(told.contains("radians"), "{told}");
+}
+
+/// Readings in pairs, out of order and twice: as many samples as of a tidy log.
+#[test]
+fn readings_in_pairs_and_out_of_order_are_rows() {
+    let text = String::from_utf8(csv(&flown(&WorldConfig::random(3), 0.0))).unwrap();
+    let mut lines = text.lines();
+    let header = lines.next().unwrap();
+    let mut untidy = format!("{header}\n");
+    let lines: Vec<&str> = lines.collect();
+    for pair in lines.chunks(2) {
+        for line in pair.iter().rev() {
+            let (time, rest) = line.split_once(',').unwrap();
+            let later: f64 = time.parse::<f64>().unwrap() + 0.002;
+            writeln!(untidy, "{later:.3},{rest}\n{line}\n{line}").unwrap();
+        }
+    }
+    let (tidy, untidy) = (judged(text.as_bytes()).1, judged(untidy.as_bytes()).1);
+    assert!(untidy.rows.len().abs_diff(tidy.rows.len()) < 20, "{} {}", untidy.rows.len(), tidy.rows.len());
+    assert_eq!(untidy.module.accepted, Ok(()));
+    let [rms, before] = [&untidy, &tidy].map(|compass| compass.by(By::ModuleOfAll).unwrap().score.unwrap().rms_deg);
+    assert!((rms - before).abs() < 0.1, "{rms} {before}");
 }

@@ -11,7 +11,8 @@
 //! | [`serve`] | the module for those outside: who types, flies, listens, or brings a simulator of their own |
 //! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
 //! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
-//! | [`replay`] | a recorded flight through the module's collection and solver |
+//! | [`log`] | flights from logs as autopilots write them, and small ones written |
+//! | [`replay`] | a logged flight through the module's collection and solver, judged |
 //! | [`accuracy`] | accuracy of the methods against the bound of what is possible |
 //! | [`faults`] | what can go wrong around a module, as decorators |
 //! | [`integrity`] | what the module believes while something is wrong |
@@ -26,6 +27,7 @@ pub mod devices;
 pub mod emulator;
 pub mod faults;
 pub mod integrity;
+pub mod log;
 pub mod mission;
 pub mod module;
 pub mod nmea;

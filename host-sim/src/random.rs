@@ -55,6 +55,8 @@ pub enum Purpose {
     Current = 22,
     /// Delays and troubles of an autopilot's answers.
     Msp = 23,
+    /// Bytes of a log, damaged.
+    Damage = 24,
 }
 
 /// A stream of random numbers.

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use comfy_table::{Table, presets};
 use host_sim::emulator::{self, Emulator, EmulatorError};
+use host_sim::log::write::{self, Recorded};
 use host_sim::mission::{self, Flown, Plan, Stage};
 use host_sim::module::Module;
 use host_sim::report;
@@ -23,7 +24,7 @@ use super::{Emulate, Failure, Fly, iron};
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let flown = fly(&mut Rig::new(world(options)?), options);
+    let flown = recorded(&mut Rig::new(world(options)?), options)?;
     tell(options, &flown)
 }
 
@@ -32,7 +33,7 @@ pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
     let mut emulator = Emulator::start(&image, world(&options.fly)?).map_err(failed)?;
-    let flown = fly(&mut emulator, &options.fly);
+    let flown = recorded(&mut emulator, &options.fly)?;
     emulator.take_failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
 }
 
@@ -65,6 +66,16 @@ fn tell(options: &Fly, flown: &Flown) -> Result<ExitCode, Failure> {
         eprintln!("report: {}", directory.join("index.html").display());
     }
     Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Flies, and writes the log that the autopilot would have written if that was asked for.
+fn recorded(module: &mut impl Module, options: &Fly) -> Result<Flown, Failure> {
+    let Some(path) = &options.record else { return Ok(fly(module, options)) };
+    let mut module = Recorded::new(module);
+    let flown = fly(&mut module, options);
+    std::fs::write(path, write::named(path, &module.recording))
+        .map_err(|error| Failure(format!("cannot write {}: {error}", path.display())))?;
+    Ok(flown)
 }
 
 /// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.

@@ -211,22 +211,42 @@ struct Speed {
     json: bool,
 }
 
-/// Send a recorded flight through the module's collection and solver, and score it if it has a reference.
+/// Judge the compasses of a flight from its log, and send each through the module's own collection and solver.
 ///
-/// The file has comma-separated values with names in the first line: t_s,mx,my,mz,roll_deg,pitch_deg; body axes
-/// forward, right, down. A column `use` that is 0 keeps a row out of the fit, `yaw_ref_deg` is a heading to compare
-/// with. Columns p_dps, q_dps and r_dps are the body rates, deg/s, each the mean since the row before; where a line
-/// leaves all three empty they are not known. Exit codes: 0 the module would calibrate, 1 it would refuse, 2 the file
-/// cannot be read.
+/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg), and tables are known by their content; `-` is
+/// standard input. What the autopilot had applied to the field is undone, the age of the logged field is found from the
+/// flight, and headings by the autopilot's own parameters, by a sphere, an ellipsoid and the module are compared with the
+/// best heading that the log has. A simulator's own attitude (SIM, SIMSTATE) is used for that where there is one, and for
+/// nothing else.
+///
+/// A table has values separated by comma, semicolon or tab, with names in the first line: t_s (seconds), mx, my, mz (raw
+/// field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional: `use` (0 keeps
+/// a row out), p_dps, q_dps, r_dps (body rates, deg/s, each the mean since the row before), yaw_ref_deg (to compare with),
+/// yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, armed (0 or 1), and mx2, my2, mz2 of a
+/// second compass, up to the eighth. A line that cannot be read costs that line.
+///
+/// Exit codes: 0 the module would calibrate with one of the compasses, 1 with none, 2 the file cannot be read.
 #[derive(Args)]
 struct Replay {
-    /// The recording
+    /// The log; `-` is standard input
     file: PathBuf,
-    /// Which rows are fitted to: `all` usable ones, evenly thinned to what the device holds; what its `turns` detector
-    /// would have kept; or what it would have kept of whatever was flown (`flight`), until that is good enough
-    #[arg(long, value_enum, default_value = "turns", value_name = "all|turns|flight")]
+    /// Which rows the module is given: what it would have kept of whatever was flown (`flight`), until that is good enough;
+    /// `all` usable ones, evenly thinned to what the device holds; or what its `turns` detector would have kept
+    #[arg(long, value_enum, default_value = "flight", value_name = "flight|all|turns")]
     samples: SamplesArgument,
-    /// Unit of mx, my, mz: milligauss or microtesla
+    /// Only this compass, 1 to 8, as the autopilot counts them
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    compass: Option<u8>,
+    /// How old the logged field is at its time stamp, milliseconds, -200 to 500; without it, it is found from the flight
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = age)]
+    age: Option<f64>,
+    /// Write the parameters of the compasses that would have calibrated
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Whose parameters [default: those of the autopilot that wrote the log, else ArduPilot's]
+    #[arg(long, value_enum, value_name = "ardupilot|px4|inav")]
+    params_for: Option<DialectArgument>,
+    /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
     unit: UnitArgument,
     /// Inclination of the Earth field there, positive down; without it, it is found from the samples
@@ -235,8 +255,8 @@ struct Replay {
     /// Fit only to rows before this time
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     fit_until: Option<f64>,
-    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row; the last two are empty where
-    /// there is no smooth heading
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row of the first compass; the last two
+    /// are empty where there is no smooth heading
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print one JSON object instead of the table
@@ -261,13 +281,31 @@ impl From<SamplesArgument> for host_sim::replay::Selected {
     }
 }
 
+/// Whose parameters are written.
+#[derive(Clone, Copy, ValueEnum)]
+enum DialectArgument {
+    Ardupilot,
+    Px4,
+    Inav,
+}
+
+impl From<DialectArgument> for host_sim::replay::parameters::Dialect {
+    fn from(argument: DialectArgument) -> Self {
+        match argument {
+            DialectArgument::Ardupilot => Self::ArduPilot,
+            DialectArgument::Px4 => Self::Px4,
+            DialectArgument::Inav => Self::Inav,
+        }
+    }
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 enum UnitArgument {
     Mg,
     Ut,
 }
 
-impl From<UnitArgument> for host_sim::replay::recording::Unit {
+impl From<UnitArgument> for host_sim::log::csv::Unit {
     fn from(argument: UnitArgument) -> Self {
         match argument {
             UnitArgument::Mg => Self::Milligauss,
@@ -307,6 +345,10 @@ struct Fly {
     /// Folder for the pictures and the page of the mission [default: report; none with --json]
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Write what the autopilot would have logged, the field raw, ten rows a second: a table, or by the name's end a log of
+    /// ArduPilot (.bin, .log), PX4 (.ulg) or MAVLink (.tlog); `replay` reads them all
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
@@ -349,6 +391,10 @@ fn bank(text: &str) -> Result<f64, String> {
 
 fn inclination(text: &str) -> Result<f64, String> {
     within(text, -90.0, 90.0)
+}
+
+fn age(text: &str) -> Result<f64, String> {
+    within(text, -200.0, 500.0)
 }
 
 fn minutes(text: &str) -> Result<f64, String> {

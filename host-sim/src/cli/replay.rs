@@ -1,144 +1,290 @@
 //! `host-sim replay`.
 
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-use autoswing::calibration::{Latency, Solution};
-use autoswing::compass::Refusal;
+use autoswing::calibration::Latency;
 use autoswing::heading::NoHeading;
 use comfy_table::{Table, presets};
-use host_sim::replay::recording::{self, Row};
-use host_sim::replay::{self, Options, Refused, Replayed, Score, Shown};
+use host_sim::log::{self, Flight, LogError};
+use host_sim::replay::judge::{Asked, By, Judged, Verdict, judge, refusal};
+use host_sim::replay::parameters::{self, Dialect, HandedOver};
+use host_sim::replay::{Replayed, Shown, told};
 use serde_json::{Value, json};
 
-use super::print::{coefficients, right_aligned, rounded, shortest};
+use super::print::{right_aligned, rounded};
 use super::{Failure, Replay};
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();
-    let rows = recording::read(&options.file, options.unit.into()).map_err(|e| Failure(format!("{name}: {e}")))?;
-    let replayed = replay::replay(
-        &rows,
-        &Options {
+    let flight = log::open(&options.file, options.unit.into()).map_err(|e| match e {
+        LogError::Io(why) => Failure(format!("cannot read {name}: {why}")),
+        other => Failure(format!("{name}: {other}")),
+    })?;
+    let verdict = judge(
+        &flight,
+        &Asked {
             selected: options.samples.into(),
+            compass: options.compass,
             inclination_deg: options.inclination,
             fit_until_s: options.fit_until,
+            age_s: options.age.map(|ms| ms / 1e3),
         },
     );
+    if verdict.compasses.is_empty() {
+        let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.number.to_string()).collect();
+        return Err(Failure(format!("{name}: there is no such compass; it has {}", numbers.join(", "))));
+    }
+    let dialect = options.params_for.map_or_else(|| Dialect::of(flight.autopilot), Dialect::from);
+    let total_ut = verdict.earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
+    let handed = |compass: &Judged| parameters::handed_over(&flight, compass, total_ut, dialect);
+    if let Some(path) = &options.params {
+        let handed: Vec<HandedOver> = verdict.compasses.iter().filter_map(handed).collect();
+        std::fs::write(path, parameters::file(&flight, &handed, dialect)).map_err(|e| cannot_write(path, &e))?;
+    }
     if let Some(path) = &options.out {
-        write(path, &replayed.shown).map_err(|e| Failure(format!("cannot write {}: {e}", path.display())))?;
+        let shown = verdict.compasses.first().map_or(&[][..], |compass| &compass.module.shown);
+        write(path, shown).map_err(|e| cannot_write(path, &e))?;
     }
     if options.json {
-        println!("{}", summary(&rows, &replayed));
+        let parameters = |compass: &Judged| handed(compass).map_or(Value::Null, |handed| parameters_json(&handed));
+        print(&format!("{}\n", told::json(&flight, &verdict, &parameters)))?;
     } else {
-        show(&rows, &replayed);
+        let mut out = String::new();
+        show(&mut out, &name.to_string(), &flight, &verdict, &handed);
+        print(&out)?;
     }
-    Ok(if replayed.accepted.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    let is_accepted = verdict.compasses.iter().any(|compass| compass.module.accepted.is_ok());
+    Ok(if is_accepted { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The refusal as the module would tell it.
-fn refusal(replayed: &Replayed) -> Option<Refusal> {
-    let refusal = match replayed.accepted.as_ref().err()? {
-        Refused::Solve(error) => Refusal::Solve(*error),
-        Refused::Rejected(rejection) => Refusal::Rejected(*rejection),
-    };
-    Some(refusal.because(replayed.lack))
+/// Prints; who has read enough may close the pipe.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure(format!("cannot write: {e}"))),
+        _ => Ok(()),
+    }
 }
 
-fn summary(rows: &[Row], replayed: &Replayed) -> Value {
-    let solution = replayed.solution.as_ref();
-    let rms = |score: &Option<Score>| score.map(|s| rounded(s.rms_deg, 3));
+fn cannot_write(path: &Path, why: &std::io::Error) -> Failure {
+    Failure(format!("cannot write {}: {why}", path.display()))
+}
+
+fn parameters_json(handed: &HandedOver) -> Value {
     json!({
-        "accepted": replayed.accepted.is_ok(),
-        "refusal": refusal(replayed).map(|r| json!({ "code": r.code(), "words": r.to_string() })),
-        "method": solution.map(|s| s.quality.method.name()),
-        "coefficients": solution.map(|s| coefficients(&s.calibration)),
-        "inclination_deg": solution.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
-        "expected_rms_deg": solution.map(|s| shortest(s.quality.expected_rms_deg)),
-        "iron_changed_ut": solution.and_then(|s| s.iron).map(|doubt| shortest(doubt.of.ut)),
-        "bank_read": solution.and_then(|s| s.bank).map(|doubt| shortest(doubt.of.read)),
-        "latency_ms": solution.map(|s| rounded(f64::from(s.calibration.latency_s) * 1e3, 1)),
-        "latency_found_ms": latency(solution).map(|l| rounded(f64::from(l.found_s) * 1e3, 1)),
-        "latency_sigma_ms": latency(solution).map(|l| rounded(f64::from(l.sigma_s) * 1e3, 1)),
-        "rows": rows.len(),
-        "samples": replayed.samples,
-        "ended_s": replayed.ended_s.map(|seconds| rounded(seconds, 1)),
-        "heading_rms_deg": rms(&replayed.score),
-        "heading_mean_deg": replayed.score.map(|s| rounded(s.mean_deg, 3)),
-        "within_one_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[0], 1)),
-        "within_two_sigma_percent": replayed.score.map(|s| rounded(s.within_percent[1], 1)),
-        "uncorrected_rms_deg": rms(&replayed.uncorrected),
-        "smooth": replayed.smooth.map(|s| json!({
-            "heading_rms_deg": rounded(s.rms_deg, 3),
-            "heading_mean_deg": rounded(s.mean_deg, 3),
-            "within_one_sigma_percent": rounded(s.within_percent[0], 1),
-            "within_two_sigma_percent": rounded(s.within_percent[1], 1),
-        })),
+        "matrix": handed.iron.matrix.transpose().iter().map(|number| rounded(*number, 5)).collect::<Vec<_>>(),
+        "offsets_ut": handed.iron.centre_ut.iter().map(|number| rounded(-number, 3)).collect::<Vec<_>>(),
+        "lost_rms_deg": rounded(handed.lost_deg[0], 3),
+        "lost_mean_deg": rounded(handed.lost_deg[1], 3),
+        "heading_rms_deg": handed.score.map(|score| rounded(score.rms_deg, 3)),
+        "warnings": handed.warnings,
     })
 }
 
-/// What the samples showed of the attitude's latency.
-fn latency(solution: Option<&Solution>) -> Option<Latency> {
-    solution.and_then(|solution| solution.quality.latency)
+type HandOver<'a> = dyn Fn(&Judged) -> Option<HandedOver> + 'a;
+
+fn show(out: &mut String, name: &str, flight: &Flight, verdict: &Verdict, handed: &HandOver<'_>) {
+    say(out, "", &format!("VERDICT: {}", told::verdict(verdict)));
+    let [from_s, to_s] = flight.lasts_s();
+    let firmware = flight.firmware.as_deref().unwrap_or("firmware not named");
+    say(out, "", &format!("{name}: {}, {firmware}, {:.0} s", flight.format.name(), to_s - from_s));
+    for compass in &verdict.compasses {
+        out.push('\n');
+        one(out, compass, verdict, handed);
+    }
+    if let Some(reference) = verdict.reference {
+        out.push('\n');
+        let word = if reference.is_accuracy() { "Error" } else { "Disagreement" };
+        say(out, "", &format!("{word} of headings against {}, deg RMS less mean:", reference.name()));
+        let _ = writeln!(out, "{}", table(verdict));
+        say(out, "", &format!("{}: {}", reference.name(), reference.limits()));
+    }
+    for note in told::notes(flight, verdict) {
+        say(out, "note: ", &note);
+    }
 }
 
-fn show(rows: &[Row], replayed: &Replayed) {
-    println!("{} rows, {} samples fitted to", rows.len(), replayed.samples);
-    if let Some(ended_s) = replayed.ended_s {
-        println!("the module would have had enough {ended_s:.0} s after the first row");
+/// One compass in words.
+fn one(out: &mut String, compass: &Judged, verdict: &Verdict, handed: &HandOver<'_>) {
+    let used = match compass.is_used {
+        Some(true) => ", used by the autopilot",
+        Some(false) => ", not used by the autopilot",
+        None => "",
+    };
+    let accepted = match (compass.module.accepted.is_ok(), compass.calibrated_s()) {
+        (true, Some(at_s)) => format!("would have calibrated itself after {at_s:.0} s"),
+        (true, None) => "would have calibrated when asked to at the end".to_owned(),
+        (false, _) => "would have been refused".to_owned(),
+    };
+    say(out, "", &format!("compass {}{used}: {accepted}", compass.number));
+    if let Some(refusal) = compass.refusal() {
+        say(out, "  ", &format!("{}: {refusal}", refusal.code()));
     }
-    if let Some(refusal) = refusal(replayed) {
-        println!("the module would refuse: {}: {refusal}", refusal.code());
+    solved(out, "  ", &compass.module);
+    if compass.module.accepted.is_err() && compass.all.accepted.is_ok() {
+        say(out, "  ", "all of its rows, thinned, would have been enough:");
+        solved(out, "    ", &compass.all);
     }
-    let Some(solution) = &replayed.solution else { return };
-    println!(
-        "solved by {}: expected error {:.2} deg rms, sigma {:.2} deg at the worst heading; inclination {:.1} deg",
-        solution.quality.method.name(),
-        solution.quality.expected_rms_deg,
-        solution.quality.expected_worst_deg,
-        solution.calibration.inclination_rad.to_degrees(),
+    if let (true, Some(refusal)) = (compass.module.accepted.is_ok(), refusal(&compass.all)) {
+        say(out, "  ", &format!("all of its rows, thinned, would have been refused: {refusal}"));
+    }
+    let from = compass.age.sigma_s.map_or_else(
+        || "not found in this flight".to_owned(),
+        |sigma_s| format!("found in this flight, sigma {:.0} ms", sigma_s * 1e3),
     );
-    if let Some(Latency { found_s, sigma_s }) = solution.quality.latency {
-        let used = if solution.calibration.uses_latency() { "used" } else { "not used" };
-        println!("latency of the attitude: {:.0} ms, sigma {:.0} ms, {used}", found_s * 1e3, sigma_s * 1e3);
+    say(
+        out,
+        "  ",
+        &format!(
+            "field {:.1} times a second, {:.0} ms old at its time stamp ({from})",
+            1.0 / compass.every_s,
+            compass.age.used_s * 1e3
+        ),
+    );
+    let counted = &compass.counted;
+    let rejected: Vec<String> = [
+        (counted.disarmed, "disarmed"),
+        (counted.on_the_ground, "on the ground"),
+        (counted.without_attitude, "without attitude"),
+        (counted.unsettled, "while the attitude was settling"),
+        (counted.kept_out, "kept out by the log"),
+    ]
+    .iter()
+    .filter(|(number, _)| *number > 0)
+    .map(|(number, why)| format!("{number} {why}"))
+    .collect();
+    let rejected = if rejected.is_empty() { String::new() } else { format!("; rejected: {}", rejected.join(", ")) };
+    say(out, "  ", &format!("rows: {} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
+    if let (Some((earth, is_valid)), Some(radius_ut)) = (&verdict.earth, compass.radius_ut) {
+        let model = if *is_valid { "by the field model" } else { "by the field model, of another year" };
+        say(out, "  ", &format!("field {radius_ut:.1} uT strong, {:.1} {model}", earth.total_ut));
+    }
+    if let Some(change) = &compass.change {
+        let [x, y, z] = change.ut;
+        let size = change.size_ut();
+        let when = change.at_s - compass.rows.iter().find(|row| row.usable).map_or(0.0, |row| row.t_s);
+        say(
+            out,
+            "  ",
+            &format!(
+                "its iron changed by {size:.1} uT about {when:.0} s into the flight, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}); a drift \
+                 or a current shows as a step, too",
+                change.axis()
+            ),
+        );
+        for (part, expected_deg) in compass.parts.iter().enumerate() {
+            let words = expected_deg
+                .map_or_else(|| "not enough for a calibration".to_owned(), |deg| format!("expecting {deg:.1} deg"));
+            say(out, "    ", &format!("the part {} it alone: {words}", if part == 0 { "before" } else { "after" }));
+        }
+    }
+    if let Some(handed) = handed(compass) {
+        say(out, "  ", &format!("as parameters: {:.2} deg RMS of it are lost", handed.lost_deg[0]));
+        for warning in &handed.warnings {
+            say(out, "    ", warning);
+        }
+    }
+}
+
+fn solved(out: &mut String, indent: &str, replayed: &Replayed) {
+    let Some(solution) = &replayed.solution else { return };
+    let quality = &solution.quality;
+    say(
+        out,
+        indent,
+        &format!(
+            "solved by {}: expected error {:.2} deg rms, sigma {:.2} deg at the worst heading; inclination {:.1} deg",
+            quality.method.name(),
+            quality.expected_rms_deg,
+            quality.expected_worst_deg,
+            solution.calibration.inclination_rad.to_degrees(),
+        ),
+    );
+    if let Some(Latency { found_s, sigma_s }) = quality.latency.filter(|_| solution.calibration.uses_latency()) {
+        say(
+            out,
+            indent,
+            &format!("latency of the attitude beyond that: {:.0} ms, sigma {:.0} ms", found_s * 1e3, sigma_s * 1e3),
+        );
     }
     if let Some(doubt) = &solution.iron {
-        println!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of);
+        say(out, indent, &format!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of));
     }
     if let Some(doubt) = &solution.bank {
-        println!(
-            "allowed for, {:.2} deg of it: the attitude source seems to read {:.0} % of the bank ({:.1} sigma)",
-            doubt.error_deg,
-            100.0 * doubt.of.read,
-            doubt.of.sigmas
+        let read = 100.0 * doubt.of.read;
+        say(
+            out,
+            indent,
+            &format!(
+                "allowed for, {:.2} deg of it: the attitude source seems to read {read:.0} % of the bank",
+                doubt.error_deg
+            ),
         );
     }
     if let Some(advice) = &solution.advice {
-        println!(
-            "weakest: {} ({:.2} deg); best next: {} ({:.2} -> {:.2} deg)",
-            advice.weakest.name(),
-            advice.weakest_deg,
-            advice.manoeuvre,
-            advice.expected_deg,
-            advice.with_it_deg
+        say(
+            out,
+            indent,
+            &format!(
+                "weakest: {} ({:.2} deg); best next: {} ({:.2} -> {:.2} deg)",
+                advice.weakest.name(),
+                advice.weakest_deg,
+                advice.manoeuvre,
+                advice.expected_deg,
+                advice.with_it_deg
+            ),
         );
     }
-    if let (Some(score), Some(smooth), Some(uncorrected)) = (&replayed.score, &replayed.smooth, &replayed.uncorrected) {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_header(
-            ["against yaw_ref_deg, deg", "rms less mean", "mean", "in 1 sigma", "in 2 sigma"].map(right_aligned),
-        );
-        for (name, score) in [("uncorrected", uncorrected), ("corrected, raw", score), ("corrected, smooth", smooth)] {
-            let [one, two] = score
-                .within_percent
-                .map(|p| if p.is_finite() && name != "uncorrected" { format!("{p:.0} %") } else { String::new() });
-            let cells = [name.to_owned(), format!("{:.2}", score.rms_deg), format!("{:.2}", score.mean_deg), one, two];
-            table.add_row(cells.map(right_aligned));
+}
+
+/// A row for each correction, a column for each compass; what was within one and two sigma below.
+fn table(verdict: &Verdict) -> Table {
+    const WHOSE: [By; 6] = [By::Nobody, By::Autopilot, By::Sphere, By::Ellipsoid, By::Module, By::ModuleOfAll];
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    let header =
+        std::iter::once(String::new()).chain(verdict.compasses.iter().map(|c| format!("compass {}", c.number)));
+    table.set_header(header.map(right_aligned));
+    let mut add = |name: &str, cell: &dyn Fn(&Judged) -> Option<String>| {
+        let cells: Vec<Option<String>> = verdict.compasses.iter().map(cell).collect();
+        if cells.iter().any(Option::is_some) {
+            let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| "-".to_owned()));
+            table.add_row(std::iter::once(name.to_owned()).chain(cells).map(right_aligned));
         }
-        println!("{table}");
+    };
+    for by in WHOSE {
+        add(by.name(), &|compass| Some(format!("{:.2}", compass.by(by)?.score?.rms_deg)));
     }
+    add("ours, smooth", &|compass| Some(format!("{:.2}", compass.module.smooth?.rms_deg)));
+    add("ours, mean", &|compass| Some(format!("{:+.2}", compass.by(By::Module)?.score?.mean_deg)));
+    add("ours, in 1 and 2 sigma", &|compass| {
+        let [one, two] = compass.by(By::Module)?.score?.within_percent;
+        Some(format!("{one:.0}, {two:.0} %"))
+    });
+    table
+}
+
+/// Adds words, broken at the width of a terminal.
+fn say(out: &mut String, indent: &str, words: &str) {
+    const WIDTH: usize = 80;
+    let further = " ".repeat(indent.len() + 2);
+    let mut line = indent.to_owned();
+    let mut is_begun = false;
+    for word in words.split(' ') {
+        if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
+            out.push_str(&line);
+            out.push('\n');
+            line.clone_from(&further);
+        } else if is_begun {
+            line.push(' ');
+        }
+        line.push_str(word);
+        is_begun = true;
+    }
+    out.push_str(&line);
+    out.push('\n');
 }
 
 /// A heading for every row; the status says whether the module would have sent it.

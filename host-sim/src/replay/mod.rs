@@ -1,8 +1,17 @@
 //! A recorded flight through the module's own instrument, collection, solver and acceptance.
 
+pub mod age;
+pub mod change;
 mod device;
-mod rates;
-pub mod recording;
+pub mod fits;
+pub mod judge;
+pub mod parameters;
+mod reference;
+mod rows;
+pub mod told;
+
+pub use reference::Reference;
+pub use rows::{Counted, Row, rows};
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
 use autoswing::attitude::{self, Motion, Report, Source};
@@ -16,7 +25,6 @@ use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
-use recording::Row;
 
 use crate::score::{within_percent, wrap_180};
 
@@ -153,7 +161,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
 fn config_of(rows: &[Row]) -> Config {
-    let median_s = rates::median_step_s(rows).unwrap_or(0.1);
+    let median_s = rows::median_step_s(rows).unwrap_or(0.1);
     let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
     Config { attitude, ..Config::new((median_s * 1e6).round() as u32) }
 }
@@ -185,6 +193,15 @@ fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
 }
 
 type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
+
+/// What all usable rows give; none if nothing.
+fn solved_of_all(rows: &[Row]) -> Option<Solution> {
+    let options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
+    let config = config_of(rows);
+    let prior = Prior { readings_per_sample: config.readings_per_sample(), ..Prior::default() };
+    let (solved, _, _) = from_all(&fitted(rows, &options, config), &prior);
+    solved.ok().map(|(solution, _)| solution)
+}
 
 /// Through the device's collection, ladder and verification.
 fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, usize, Option<Lack>) {

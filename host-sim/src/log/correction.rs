@@ -1,0 +1,183 @@
+//! What an autopilot made of the field before it logged it, and how that is undone.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::parameters::Parameters;
+use super::rotation::Rotation;
+
+/// Microtesla in a milligauss and in a gauss.
+const MILLIGAUSS_UT: f64 = 0.1;
+const GAUSS_UT: f64 = 100.0;
+
+/// A correction for iron in body axes: `corrected = matrix (raw - centre)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iron {
+    /// Soft iron and scale.
+    pub matrix: Matrix3<f64>,
+    /// Hard iron, microtesla.
+    pub centre_ut: Vector3<f64>,
+}
+
+impl Iron {
+    /// No correction.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { matrix: Matrix3::identity(), centre_ut: Vector3::zeros() }
+    }
+
+    /// The corrected field of a raw one.
+    #[must_use]
+    pub fn apply(&self, raw_ut: Vector3<f64>) -> Vector3<f64> {
+        self.matrix * (raw_ut - self.centre_ut)
+    }
+
+    /// What ArduPilot corrects a compass with, by its last parameters; what it adds for the motors is not in it.
+    #[must_use]
+    pub fn of_ardupilot(parameters: &Parameters, number: u8) -> Self {
+        Undo::ardupilot(parameters, f64::INFINITY, number).iron
+    }
+
+    /// What PX4 corrects a compass with, by its last parameters.
+    #[must_use]
+    pub fn of_px4(parameters: &Parameters, number: u8) -> Self {
+        Undo::px4(parameters, f64::INFINITY, number.saturating_sub(1)).iron
+    }
+
+    /// The raw field of a corrected one, with the matrix's inverse.
+    fn undo(&self, inverse: &Matrix3<f64>, corrected_ut: Vector3<f64>) -> Vector3<f64> {
+        inverse * corrected_ut + self.centre_ut
+    }
+}
+
+/// How to get from what is logged to the raw field, at the parameters of some time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Undo {
+    pub iron: Iron,
+    inverse: Matrix3<f64>,
+    /// What is added for each ampere after that, microtesla.
+    pub by_current_ut: Option<Vector3<f64>>,
+}
+
+impl Undo {
+    /// The raw field of a logged one, `motor_ut` of it being what was added for the motors.
+    pub fn raw(&self, logged_ut: Vector3<f64>, motor_ut: Vector3<f64>) -> Vector3<f64> {
+        self.iron.undo(&self.inverse, logged_ut - motor_ut)
+    }
+
+    fn of(iron: Iron, by_current_ut: Option<Vector3<f64>>) -> Self {
+        match iron.matrix.try_inverse() {
+            Some(inverse) if inverse.iter().all(|number| number.is_finite()) => Self { iron, inverse, by_current_ut },
+            // Nobody flies with that: what is logged is taken as it stands.
+            _ => Self { iron: Iron::none(), inverse: Matrix3::identity(), by_current_ut },
+        }
+    }
+
+    /// ArduPilot's, by its parameters of that time: `f = M ((raw + OFS) SCALE)`, then the motors' share (AP_Compass,
+    /// `AP_Compass_Backend::correct_field`). A scale outside of 1/1.5 to 1.5 and diagonals of nothing mean one.
+    pub fn ardupilot(parameters: &Parameters, t_s: f64, number: u8) -> Self {
+        let index = if number == 1 { String::new() } else { number.to_string() };
+        let value = |name: &str| parameters.at(t_s, name);
+        let vector = |what: &str| {
+            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{what}{index}_{axis}")).unwrap_or(0.0));
+            Vector3::new(x, y, z)
+        };
+        let scale =
+            value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
+        let (diagonal, off_diagonal) = (vector("DIA"), vector("ODI"));
+        let soft = if diagonal == Vector3::zeros() { Matrix3::identity() } else { symmetric(&diagonal, &off_diagonal) };
+        let by_current_ut = (value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2))
+            .then(|| vector("MOT") * MILLIGAUSS_UT);
+        Self::of(Iron { matrix: soft * scale, centre_ut: -vector("OFS") * MILLIGAUSS_UT }, by_current_ut)
+    }
+
+    /// PX4's, by its parameters: in the sensor's axes `scale (raw - offset)`, then turned into the body's
+    /// (`calibration::Magnetometer::Correct`). `index` is that of `CAL_MAGn`.
+    pub fn px4(parameters: &Parameters, t_s: f64, index: u8) -> Self {
+        let value = |name: &str| parameters.at(t_s, &format!("CAL_MAG{index}_{name}"));
+        let vector = |what: &str, none: f64| {
+            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{what}")).unwrap_or(none));
+            Vector3::new(x, y, z)
+        };
+        let mut diagonal = vector("SCALE", 1.0);
+        if diagonal.iter().any(|scale| *scale < 1e-3) {
+            diagonal = Vector3::repeat(1.0);
+        }
+        let turned = px4_mounting(parameters, t_s, index).matrix();
+        let scale = turned * symmetric(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
+        Self::of(Iron { matrix: scale, centre_ut: turned * vector("OFF", 0.0) * GAUSS_UT }, None)
+    }
+}
+
+/// How a compass of PX4 sits: as its own parameter says, or, if that is negative, as the board does.
+pub(super) fn px4_mounting(parameters: &Parameters, t_s: f64, index: u8) -> Rotation {
+    let own = parameters.at(t_s, &format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
+    own.or_else(|| parameters.at(t_s, "SENS_BOARD_ROT")).and_then(Rotation::new).unwrap_or_default()
+}
+
+/// A symmetric matrix by its diagonal and by what stands at xy, xz and yz.
+pub(crate) fn symmetric(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
+    let (d, o) = (diagonal, off_diagonal);
+    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters(of: &[(&str, f64)]) -> Parameters {
+        let mut parameters = Parameters::default();
+        for &(name, value) in of {
+            parameters.set(0.0, name, value);
+        }
+        parameters
+    }
+
+    /// By hand: what ArduPilot would make of a raw field, and back.
+    #[test]
+    fn ardupilots_correction_is_undone() {
+        let parameters = parameters(&[
+            ("COMPASS_OFS2_X", 100.0),
+            ("COMPASS_OFS2_Y", -50.0),
+            ("COMPASS_DIA2_X", 1.1),
+            ("COMPASS_DIA2_Y", 0.9),
+            ("COMPASS_DIA2_Z", 1.2),
+            ("COMPASS_ODI2_X", 0.05),
+            ("COMPASS_ODI2_Z", -0.1),
+            ("COMPASS_SCALE2", 1.25),
+            ("COMPASS_MOTCT", 2.0),
+            ("COMPASS_MOT2_Y", 2.0),
+        ]);
+        let undo = Undo::ardupilot(&parameters, 0.0, 2);
+        // (raw + OFS) SCALE of the raw field 100, 130, -400 mG: 250, 100, -500.
+        let logged = Vector3::new(275.0 + 5.0, 12.5 + 90.0 + 50.0, -10.0 - 600.0) * 0.1;
+        assert!((undo.raw(logged, Vector3::zeros()) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
+        assert!((undo.iron.apply(Vector3::new(10.0, 13.0, -40.0)) - logged).norm() < 1e-9);
+        let motor = undo.by_current_ut.unwrap() * 10.0;
+        assert!((motor - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
+        assert!((undo.raw(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_scale_beyond_its_bounds_and_diagonals_of_nothing_mean_one() {
+        for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
+            let undo = Undo::ardupilot(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
+            assert!((undo.iron.matrix - Matrix3::identity() * used).norm() < 1e-9, "{scale}");
+        }
+        assert_eq!(Undo::ardupilot(&Parameters::default(), 0.0, 1).iron, Iron::none());
+        // A matrix without an inverse is no correction.
+        let singular = parameters(&[("COMPASS_DIA_X", 1.0)]);
+        assert_eq!(Undo::ardupilot(&singular, 0.0, 1).iron, Iron::none());
+    }
+
+    /// An external compass of PX4 that is turned by 90 deg: 0.5 G along the nose are -y of the sensor.
+    #[test]
+    fn px4s_correction_is_made_in_the_sensors_axes() {
+        let parameters = parameters(&[("CAL_MAG1_ROT", 2.0), ("CAL_MAG1_XOFF", 0.1), ("CAL_MAG1_YSCALE", 1.25)]);
+        let undo = Undo::px4(&parameters, 0.0, 1);
+        // Sensor (0.3, -0.4, 0) G: less offset (0.2, -0.4, 0), scaled (0.2, -0.5, 0), turned (0.5, 0.2, 0).
+        let raw = undo.raw(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
+        assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
+        let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
+        assert_eq!(board.number(), 7);
+    }
+}

@@ -1,0 +1,147 @@
+//! DataFlash as bytes: `A3 95`, the number of a message, its columns in the order that a FMT message has told.
+
+use std::io::{self, Read};
+
+use super::super::flight::{Flight, Format};
+use super::super::window::Window;
+use super::{Message, is_wanted, recorder, take};
+
+const MAGIC: [u8; 2] = [0xA3, 0x95];
+const FMT: u8 = 128;
+const FMT_LENGTH: usize = 89;
+const HEADER: usize = 3;
+
+/// Whether a log begins with these bytes: a FMT message within the first of them.
+pub fn begins_in(head: &[u8]) -> bool {
+    const WITHIN: usize = 1024;
+    head.windows(HEADER).take(WITHIN).any(|at| at == [MAGIC[0], MAGIC[1], FMT])
+}
+
+/// Reads a flight.
+///
+/// # Errors
+///
+/// What the source says.
+pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
+    let mut window = Window::new(source);
+    let mut layouts: [Option<Layout>; 256] = std::array::from_fn(|_| None);
+    let mut recorder = recorder(Format::DataFlash);
+    loop {
+        let bytes = window.peek(256)?;
+        let [first, second, number, ..] = *bytes else { break };
+        let taken = if [first, second] != MAGIC {
+            None
+        } else if number == FMT {
+            bytes.get(..FMT_LENGTH).map(|message| {
+                if let Some((number, layout)) = Layout::told_by(message) {
+                    layouts[usize::from(number)] = Some(layout);
+                }
+                FMT_LENGTH
+            })
+        } else {
+            layouts[usize::from(number)].as_ref().and_then(|layout| {
+                let body = bytes.get(HEADER..layout.length)?;
+                if layout.is_wanted {
+                    take(&mut recorder, &layout.name, &Columns { layout, body });
+                }
+                Some(layout.length)
+            })
+        };
+        recorder.flight.counts.garbage += u64::from(taken.is_none());
+        window.take(taken.unwrap_or(1));
+    }
+    Ok(recorder.finish())
+}
+
+/// What a FMT message tells of another.
+struct Layout {
+    length: usize,
+    name: String,
+    is_wanted: bool,
+    columns: Vec<Column>,
+}
+
+struct Column {
+    name: String,
+    kind: u8,
+    at: usize,
+}
+
+impl Layout {
+    /// Type, length, name (4), format (16), columns (64); none if it contradicts itself.
+    fn told_by(message: &[u8]) -> Option<(u8, Self)> {
+        let [_, _, _, number, length, rest @ ..] = message else { return None };
+        let (name, kinds, names) = (words(rest.get(..4)?), words(rest.get(4..20)?), words(rest.get(20..84)?));
+        let mut at = 0;
+        let mut columns = Vec::new();
+        let mut names = names.split(',');
+        for kind in kinds.bytes() {
+            columns.push(Column { name: names.next().unwrap_or_default().trim().to_owned(), kind, at });
+            at += size(kind)?;
+        }
+        let length = usize::from(*length);
+        let is_wanted = is_wanted(&name);
+        (length >= HEADER + at).then_some((*number, Self { length, name, is_wanted, columns }))
+    }
+}
+
+/// Bytes of a column (LogStructure.h); none of a letter that is not known.
+const fn size(kind: u8) -> Option<usize> {
+    Some(match kind {
+        b'b' | b'B' | b'M' => 1,
+        b'h' | b'H' | b'c' | b'C' | b'g' => 2,
+        b'i' | b'I' | b'e' | b'E' | b'f' | b'L' | b'n' => 4,
+        b'q' | b'Q' | b'd' => 8,
+        b'N' => 16,
+        b'a' | b'Z' => 64,
+        _ => return None,
+    })
+}
+
+/// A message as it stands in the file, without its header.
+struct Columns<'a> {
+    layout: &'a Layout,
+    body: &'a [u8],
+}
+
+impl Columns<'_> {
+    fn bytes(&self, name: &str) -> Option<(u8, &[u8])> {
+        let column = self.layout.columns.iter().find(|column| column.name == name)?;
+        Some((column.kind, self.body.get(column.at..column.at + size(column.kind)?)?))
+    }
+}
+
+impl Message for Columns<'_> {
+    fn number(&self, name: &str) -> Option<f64> {
+        let (kind, bytes) = self.bytes(name)?;
+        Some(match (kind, bytes) {
+            (b'b', &[a]) => f64::from(a.cast_signed()),
+            (b'B' | b'M', &[a]) => f64::from(a),
+            (b'h', &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (b'H', &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (b'c', &[a, b]) => f64::from(i16::from_le_bytes([a, b])) / 100.0,
+            (b'C', &[a, b]) => f64::from(u16::from_le_bytes([a, b])) / 100.0,
+            (b'i', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
+            (b'I', &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
+            (b'e', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])) / 100.0,
+            (b'E', &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])) / 100.0,
+            (b'L', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])) * 1e-7,
+            (b'f', &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            (b'q', &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (b'Q', &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (b'd', &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => return None,
+        })
+    }
+
+    fn words(&self, name: &str) -> Option<String> {
+        let (kind, bytes) = self.bytes(name)?;
+        matches!(kind, b'n' | b'N' | b'Z').then(|| words(bytes))
+    }
+}
+
+/// Words up to the first zero.
+fn words(bytes: &[u8]) -> String {
+    let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
+}

@@ -1,0 +1,196 @@
+//! From the messages of a log to a [`Flight`].
+
+use autoswing::earth::Day;
+use nalgebra::Vector3;
+
+use super::correction::{Iron, Undo, px4_mounting};
+use super::flight::{Autopilot, Compass, Flight, Format, Gps};
+use super::series::Series;
+use super::timeline::Timeline;
+
+/// No autopilot has more compasses; what a file says beyond is passed over.
+pub const MAX_COMPASSES: u8 = 8;
+
+/// A field that is stronger is no field, microtesla: the widest range of such sensors is 1,600 uT a side.
+const MAX_FIELD_UT: f32 = 5000.0;
+
+/// How often it may be armed and disarmed.
+const MAX_ARMED: usize = 100_000;
+
+/// What becomes a flight, as it is read.
+pub struct Recorder {
+    pub flight: Flight,
+    pub timeline: Timeline,
+    /// What the gyros read at rest, as the autopilot's filter has it.
+    pub gyro_bias_rad_s: [f32; 3],
+    /// What is logged of each compass: the field, microtesla, and what the motors' share of it is.
+    logged: Vec<(u8, Logged, Series<6>)>,
+}
+
+/// What a logged field has been through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Logged {
+    /// ArduPilot's correction.
+    ArduPilot,
+    /// PX4's correction; by the parameters of this index.
+    Px4(u8),
+    /// Nothing, and is in the axes of a sensor of PX4's with parameters of this index.
+    Px4Raw(u8),
+    /// Nothing, in body axes.
+    Raw,
+}
+
+impl Recorder {
+    pub fn new(format: Format) -> Self {
+        Self {
+            flight: Flight::new(format),
+            timeline: Timeline::default(),
+            gyro_bias_rad_s: [0.0; 3],
+            logged: Vec::new(),
+        }
+    }
+
+    /// A row of a compass's field in microtesla, with the motors' share if the row says it.
+    pub fn field(&mut self, number: u8, was: Logged, t_s: f64, field_ut: [f32; 3], motor_ut: Option<[f32; 3]>) {
+        let is_field =
+            field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
+        if !is_field || number == 0 || number > MAX_COMPASSES {
+            self.flight.counts.unhealthy += 1;
+            return;
+        }
+        let index = self.logged.iter().position(|&(other, _, _)| other == number).unwrap_or_else(|| {
+            self.logged.push((number, was, Series::new()));
+            self.logged.len() - 1
+        });
+        let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
+        self.logged[index].2.push(t_s, [x, y, z, mx, my, mz]);
+    }
+
+    /// Roll, pitch and yaw, radians.
+    pub fn attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
+        let [roll, pitch, _] = angles_rad;
+        if roll.abs() <= 7.0 && pitch.abs() <= 1.6 {
+            self.flight.attitude.push(t_s, angles_rad);
+        }
+    }
+
+    /// Body rates, rad/s.
+    pub fn rates(&mut self, t_s: f64, rates_rad_s: [f32; 3]) {
+        if rates_rad_s.iter().all(|rate| rate.abs() < 100.0) {
+            self.flight.rates.push(t_s, rates_rad_s);
+        }
+    }
+
+    pub fn truth(&mut self, t_s: f64, angles_rad: [f32; 3]) {
+        if angles_rad.iter().all(|angle| angle.is_finite()) {
+            self.flight.truth.push(t_s, angles_rad);
+        }
+    }
+
+    pub fn gps(&mut self, t_s: f64, gps: Gps) {
+        self.flight.gps.push(t_s, gps.columns());
+    }
+
+    pub fn current(&mut self, t_s: f64, amperes: f32) {
+        if (0.0..10_000.0).contains(&amperes) {
+            self.flight.current.push(t_s, [amperes]);
+        }
+    }
+
+    pub fn armed(&mut self, t_s: f64, is: bool) {
+        let is_news = self.flight.armed.last().is_none_or(|&(_, last)| last != is);
+        if is_news && self.flight.armed.len() < MAX_ARMED {
+            self.flight.armed.push((t_s, is));
+        }
+    }
+
+    pub fn parameter(&mut self, name: &str, value: f64) {
+        self.flight.parameters.set(self.timeline.now_s(), name, value);
+    }
+
+    pub fn firmware(&mut self, name: &str) {
+        let name: String = name.chars().filter(|c| !c.is_control()).take(80).collect();
+        if !name.is_empty() {
+            self.flight.firmware.get_or_insert(name);
+        }
+    }
+
+    /// A Unix time, seconds.
+    pub fn unix_s(&mut self, seconds: u64) {
+        self.flight.day = self.flight.day.or_else(|| Day::from_unix_s(seconds));
+    }
+
+    /// Puts everything in order and undoes what the autopilot had applied.
+    pub fn finish(mut self) -> Flight {
+        let flight = &mut self.flight;
+        flight.counts.bad_times = self.timeline.refused();
+        flight.counts.restarts = self.timeline.restarts();
+        let attitude_repeats = flight.attitude.settle();
+        for series in [&mut flight.rates, &mut flight.truth] {
+            series.settle();
+        }
+        flight.gps.settle();
+        flight.current.settle();
+        flight.reference.settle();
+        flight.usable.settle();
+        flight.counts.repeats += attitude_repeats as u64;
+        self.logged.sort_by_key(|&(number, _, _)| number);
+        for (number, was, mut field) in std::mem::take(&mut self.logged) {
+            flight.counts.repeats += field.settle() as u64;
+            let (iron, field) = undone(flight, number, was, field);
+            let is_used = is_used(flight, number);
+            flight.compasses.push(Compass { number, field, iron, is_used });
+        }
+        self.flight
+    }
+}
+
+/// The raw field and the autopilot's own of each row, and what the autopilot corrected with at the end.
+fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Option<Iron>, Series<6>) {
+    let parameters = &flight.parameters;
+    let at = |t_s: f64| match was {
+        Logged::ArduPilot => Undo::ardupilot(parameters, t_s, number),
+        Logged::Px4(index) | Logged::Px4Raw(index) => Undo::px4(parameters, t_s, index),
+        Logged::Raw => Undo::ardupilot(&super::Parameters::default(), t_s, 1),
+    };
+    let mounting = if let Logged::Px4Raw(index) = was {
+        Some(px4_mounting(parameters, f64::INFINITY, index).matrix())
+    } else {
+        None
+    };
+    let prefix = if was == Logged::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
+    let changes_s = parameters.changes_s(prefix);
+    let mut changes = changes_s.iter().peekable();
+    let mut undo = at(f64::NEG_INFINITY);
+    for row in field.rows_mut() {
+        while changes.next_if(|&&at_s| at_s <= row.t_s).is_some() {
+            undo = at(row.t_s);
+        }
+        let [x, y, z, mx, my, mz] = row.of.map(f64::from);
+        let (logged, said) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
+        let (raw, corrected) = if let Some(turned) = mounting {
+            let raw = turned * logged;
+            (raw, undo.iron.apply(raw))
+        } else {
+            let by_current =
+                undo.by_current_ut.and_then(|by| flight.current.held_at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
+            let motor = if mx.is_nan() { by_current.unwrap_or_default() } else { said };
+            (undo.raw(logged, motor), logged)
+        };
+        row.of = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
+    }
+    let last = at(f64::INFINITY);
+    ((was != Logged::Raw && !parameters.is_empty()).then_some(last.iron), field)
+}
+
+/// Whether the autopilot's heading is made with a compass, as its parameters say.
+fn is_used(flight: &Flight, number: u8) -> Option<bool> {
+    let value = |name: String| flight.parameters.last(&name);
+    match flight.autopilot {
+        Autopilot::ArduPilot => {
+            let index = if number == 1 { String::new() } else { number.to_string() };
+            value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
+        }
+        Autopilot::Px4 | Autopilot::Unknown => None,
+    }
+}

@@ -1,0 +1,119 @@
+//! The mountings that autopilots have numbers for.
+
+use nalgebra::{Matrix3, Rotation3};
+
+/// Roll, pitch, yaw in degrees, by number. ArduPilot's `Rotation` and PX4's `Rotation` agree up to 37; what comes after has
+/// angles that are no multiples of 45 deg.
+const DEGREES: [[u16; 3]; 38] = [
+    [0, 0, 0],
+    [0, 0, 45],
+    [0, 0, 90],
+    [0, 0, 135],
+    [0, 0, 180],
+    [0, 0, 225],
+    [0, 0, 270],
+    [0, 0, 315],
+    [180, 0, 0],
+    [180, 0, 45],
+    [180, 0, 90],
+    [180, 0, 135],
+    [0, 180, 0],
+    [180, 0, 225],
+    [180, 0, 270],
+    [180, 0, 315],
+    [90, 0, 0],
+    [90, 0, 45],
+    [90, 0, 90],
+    [90, 0, 135],
+    [270, 0, 0],
+    [270, 0, 45],
+    [270, 0, 90],
+    [270, 0, 135],
+    [0, 90, 0],
+    [0, 270, 0],
+    [0, 180, 90],
+    [0, 180, 270],
+    [90, 90, 0],
+    [180, 90, 0],
+    [270, 90, 0],
+    [90, 180, 0],
+    [270, 180, 0],
+    [90, 270, 0],
+    [180, 270, 0],
+    [270, 270, 0],
+    [90, 180, 90],
+    [90, 0, 270],
+];
+
+/// A mounting that has a number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rotation(u8);
+
+impl Rotation {
+    /// The mounting of a number, if it is one of those here.
+    #[must_use]
+    pub fn new(number: f64) -> Option<Self> {
+        let whole = number.round();
+        (0.0..DEGREES.len() as f64).contains(&whole).then_some(Self(whole as u8))
+    }
+
+    /// Its number.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
+    /// From the sensor's axes to those of the body: yaw after pitch after roll.
+    #[must_use]
+    pub fn matrix(self) -> Matrix3<f64> {
+        let [roll, pitch, yaw] = DEGREES[usize::from(self.0) % DEGREES.len()].map(|deg| f64::from(deg).to_radians());
+        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    }
+
+    /// The mounting whose matrix is nearest to one, and by how much the two differ, degrees.
+    #[must_use]
+    pub fn nearest(matrix: &Matrix3<f64>) -> (Self, f64) {
+        let angle_deg = |rotation: Self| {
+            let trace = (rotation.matrix().transpose() * matrix).trace();
+            ((trace - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees()
+        };
+        (0..DEGREES.len() as u8)
+            .map(|number| (Self(number), angle_deg(Self(number))))
+            .min_by(|(_, a), (_, b)| a.total_cmp(b))
+            .unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    /// ArduPilot's vector3.cpp: `ROTATION_YAW_90` makes (-y, x, z), `ROTATION_ROLL_180` (x, -y, -z), `ROTATION_PITCH_90`
+    /// (z, y, -x), `ROTATION_YAW_270` (y, -x, z).
+    #[test]
+    fn numbers_turn_as_the_autopilots_do() {
+        let of = |number: f64| Rotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
+        for (number, expected) in [
+            (0.0, [1.0, 2.0, 3.0]),
+            (2.0, [-2.0, 1.0, 3.0]),
+            (8.0, [1.0, -2.0, -3.0]),
+            (24.0, [3.0, 2.0, -1.0]),
+            (6.0, [2.0, -1.0, 3.0]),
+        ] {
+            assert!((of(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", of(number));
+        }
+        assert!(Rotation::new(38.0).is_none() && Rotation::new(-1.0).is_none() && Rotation::new(f64::NAN).is_none());
+    }
+
+    #[test]
+    fn the_nearest_is_found() {
+        for number in 0..38 {
+            let matrix = Rotation(number).matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
+            let (found, off_deg) = Rotation::nearest(&matrix);
+            assert!((found.matrix() - Rotation(number).matrix()).norm() < 1e-9, "{number} {found:?}");
+            assert!(off_deg > 5.0 && off_deg < 12.0, "{off_deg}");
+        }
+    }
+}

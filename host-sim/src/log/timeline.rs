@@ -1,0 +1,124 @@
+//! One line of time from clocks that are reset: a restart of the autopilot in the middle of a file, or a stamp that is
+//! nonsense.
+
+/// What comes out of order by less than this is put in order, microseconds.
+const BACK_US: u64 = 3_000_000;
+
+/// A step ahead by more than this is believed when a second stamp agrees, microseconds.
+const AHEAD_US: u64 = 30_000_000;
+
+/// After a restart time goes on so much later, seconds: nothing is interpolated over that.
+const RESTART_GAP_S: f64 = 10.0;
+
+/// No clock of an aircraft counts further: thirty years, microseconds.
+const MAX_US: u64 = 1_000_000_000_000_000;
+
+/// Stamps of a log's clock in, seconds of one line of time out.
+#[derive(Clone, Debug, Default)]
+pub struct Timeline {
+    newest_us: Option<u64>,
+    /// A stamp far from the others, until a second one agrees or does not.
+    doubted_us: Option<u64>,
+    /// Added to this clock's seconds.
+    offset_s: f64,
+    restarts: u32,
+    refused: u64,
+}
+
+impl Timeline {
+    /// Where a stamp lies, seconds; none if it is not believed.
+    pub fn at(&mut self, us: u64) -> Option<f64> {
+        if us > MAX_US {
+            self.refused += 1;
+            return None;
+        }
+        let Some(newest_us) = self.newest_us else {
+            self.newest_us = Some(us);
+            self.offset_s = -seconds(us);
+            return Some(0.0);
+        };
+        let is_near = |of_us: u64| us.saturating_add(BACK_US) >= of_us && us <= of_us.saturating_add(AHEAD_US);
+        if is_near(newest_us) {
+            self.newest_us = Some(newest_us.max(us));
+            self.doubted_us = None;
+        } else if self.doubted_us.is_some_and(is_near) {
+            self.doubted_us = None;
+            if us < newest_us {
+                self.restarts += 1;
+                self.offset_s += seconds(newest_us) - seconds(us) + RESTART_GAP_S;
+            }
+            self.newest_us = Some(us);
+        } else {
+            self.doubted_us = Some(us);
+            self.refused += 1;
+            return None;
+        }
+        Some(seconds(us) + self.offset_s)
+    }
+
+    /// The newest instant, seconds.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.newest_us.map_or(0.0, |us| seconds(us) + self.offset_s)
+    }
+
+    /// How often the clock began anew.
+    #[must_use]
+    pub const fn restarts(&self) -> u32 {
+        self.restarts
+    }
+
+    /// Stamps that were not believed.
+    #[must_use]
+    pub const fn refused(&self) -> u64 {
+        self.refused
+    }
+}
+
+fn seconds(us: u64) -> f64 {
+    us as f64 / 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn placed(stamps_s: &[f64]) -> (Vec<Option<f64>>, Timeline) {
+        let mut line = Timeline::default();
+        (stamps_s.iter().map(|s| line.at((s * 1e6) as u64)).collect(), line)
+    }
+
+    #[test]
+    fn time_begins_with_the_first_stamp_and_disorder_of_a_moment_stays_where_it_is() {
+        let (placed, line) = placed(&[100.0, 101.0, 100.5, 98.1, 130.0]);
+        for (at_s, expected) in placed.iter().zip([0.0, 1.0, 0.5, -1.9, 30.0]) {
+            assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
+        }
+        assert_eq!((line.restarts(), line.refused()), (0, 0));
+    }
+
+    #[test]
+    fn one_stamp_of_nonsense_is_dropped_and_time_goes_on() {
+        for wrong_s in [5.0, 1e6, 1e12] {
+            let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
+            assert_eq!(placed[2], None);
+            assert!((placed[4].unwrap() - 1.2).abs() < 1e-9, "{placed:?}");
+            assert_eq!((line.restarts(), line.refused()), (0, 1));
+        }
+    }
+
+    #[test]
+    fn a_restart_goes_on_ten_seconds_later() {
+        let (placed, line) = placed(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
+        assert_eq!(line.restarts(), 1);
+        assert_eq!(placed[3], None, "one stamp alone is no restart");
+        assert!((placed[4].unwrap() - 30.1).abs() < 1e-9 && (placed[5].unwrap() - 30.2).abs() < 1e-9, "{placed:?}");
+    }
+
+    #[test]
+    fn a_pause_of_minutes_is_one() {
+        let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
+        assert_eq!(placed[1], None);
+        assert!((placed[3].unwrap() - 400.2).abs() < 1e-9 && line.restarts() == 0, "{placed:?}");
+    }
+}

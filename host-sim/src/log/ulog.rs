@@ -1,0 +1,384 @@
+//! PX4's ULog (docs.px4.io, "ULog File Format"): formats told by name, subscriptions to them, rows.
+
+use std::collections::HashMap;
+use std::io::{self, Read};
+
+use super::dataflash::euler_rad;
+use super::flight::{Autopilot, Flight, Format, Gps};
+use super::recorder::{Logged, Recorder};
+use super::window::{MAX_PEEK, Window};
+
+/// A log begins so; the version and a time follow.
+pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
+const FILE_HEADER: usize = 16;
+const HEADER: usize = 3;
+
+/// No log tells more formats, and none is nested deeper.
+const MAX_FORMATS: usize = 4096;
+const MAX_DEPTH: u8 = 6;
+
+/// `vehicle_status.arming_state` of an aircraft that is armed.
+const ARMED: u8 = 2;
+
+/// Microtesla in a gauss.
+const GAUSS_UT: f32 = 100.0;
+
+/// Reads a flight.
+///
+/// # Errors
+///
+/// What the source says.
+pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
+    let mut window = Window::new(source);
+    window.peek(FILE_HEADER)?;
+    window.take(FILE_HEADER);
+    let mut log = Log::new();
+    while let &[low, high, kind, ..] = window.peek(HEADER)? {
+        let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
+        debug_assert!(end <= MAX_PEEK);
+        let is_kind = b"BFIMPQARDLCSO".contains(&kind);
+        let body = window.peek(end)?.get(HEADER..end).filter(|_| is_kind);
+        let taken = if let Some(body) = body {
+            log.take(kind, body);
+            end
+        } else {
+            log.recorder.flight.counts.garbage += 1;
+            1
+        };
+        window.take(taken);
+    }
+    Ok(log.finish())
+}
+
+/// A number of a row.
+#[derive(Clone, Copy)]
+struct Column {
+    kind: Kind,
+    at: usize,
+    number: usize,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Kind {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "int8_t" => Self::I8,
+            "uint8_t" | "bool" | "char" => Self::U8,
+            "int16_t" => Self::I16,
+            "uint16_t" => Self::U16,
+            "int32_t" => Self::I32,
+            "uint32_t" => Self::U32,
+            "int64_t" => Self::I64,
+            "uint64_t" => Self::U64,
+            "float" => Self::F32,
+            "double" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    const fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn number(self, bytes: &[u8]) -> Option<f64> {
+        let b = bytes.get(..self.size())?;
+        Some(match (self, b) {
+            (Self::I8, &[a]) => f64::from(a.cast_signed()),
+            (Self::U8, &[a]) => f64::from(a),
+            (Self::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (Self::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (Self::I32, &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
+            (Self::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
+            (Self::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            (Self::I64, &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (Self::U64, &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (Self::F64, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => return None,
+        })
+    }
+}
+
+/// What a row holds, by name.
+type Columns = HashMap<String, Column>;
+
+struct Topic {
+    name: String,
+    instance: u8,
+    columns: Columns,
+}
+
+struct Log {
+    recorder: Recorder,
+    formats: HashMap<String, String>,
+    topics: HashMap<u16, Topic>,
+    /// `sensor_mag` is raw since 1.11; before that drivers corrected it.
+    release: Option<(u8, u8)>,
+    has_raw: bool,
+    has_angular_velocity: bool,
+    numbers: HashMap<(bool, u8, u32), u8>,
+}
+
+impl Log {
+    fn new() -> Self {
+        let mut recorder = Recorder::new(Format::ULog);
+        recorder.flight.autopilot = Autopilot::Px4;
+        Self {
+            recorder,
+            formats: HashMap::new(),
+            topics: HashMap::new(),
+            release: None,
+            has_raw: false,
+            has_angular_velocity: false,
+            numbers: HashMap::new(),
+        }
+    }
+
+    fn take(&mut self, kind: u8, body: &[u8]) {
+        match kind {
+            b'F' => {
+                let text = String::from_utf8_lossy(body);
+                if let Some((name, columns)) = text.split_once(':').filter(|_| self.formats.len() < MAX_FORMATS) {
+                    self.formats.insert(name.to_owned(), columns.to_owned());
+                }
+            }
+            b'A' => self.subscribe(body),
+            b'D' => self.row(body),
+            b'I' => self.information(body),
+            b'P' => {
+                if let Some((kind, name, value)) = keyed(body)
+                    && let Some(value) = Kind::named(kind).and_then(|kind| kind.number(value))
+                {
+                    self.recorder.parameter(name, value);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn information(&mut self, body: &[u8]) {
+        let Some((_, name, value)) = keyed(body) else { return };
+        match (name, value) {
+            ("ver_sw_release", &[_, patch, minor, major]) => {
+                self.release = Some((major, minor));
+                self.recorder.firmware(&format!("PX4 {major}.{minor}.{patch}"));
+            }
+            ("sys_name", name) if !name.starts_with(b"PX4") => {
+                self.recorder.firmware(&String::from_utf8_lossy(name));
+            }
+            _ => {}
+        }
+    }
+
+    fn subscribe(&mut self, body: &[u8]) {
+        let [instance, low, high, name @ ..] = body else { return };
+        let name = String::from_utf8_lossy(name).into_owned();
+        let mut columns = Columns::new();
+        let mut at = 0;
+        if is_wanted(&name) && self.lay_out(&name, "", &mut at, 0, &mut columns).is_some() {
+            self.has_raw |= name == "sensor_mag" && self.release.is_some_and(|release| release >= (1, 11));
+            self.has_angular_velocity |= name == "vehicle_angular_velocity";
+            let topic = Topic { name, instance: *instance, columns };
+            self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
+        }
+    }
+
+    /// Where the columns of a format stand, those of formats within it by `prefix`; none where it is told wrong.
+    fn lay_out(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
+        if depth > MAX_DEPTH {
+            return None;
+        }
+        for declared in self.formats.get(name)?.split(';').filter(|declared| !declared.is_empty()) {
+            let (kind, column) = declared.split_once(' ')?;
+            let (kind, number) = match kind.split_once('[') {
+                Some((kind, number)) => (kind, number.strip_suffix(']')?.parse::<usize>().ok()?),
+                None => (kind, 1),
+            };
+            if number > MAX_PEEK || *at > MAX_PEEK || into.len() > 1024 {
+                return None;
+            }
+            if let Some(kind) = Kind::named(kind) {
+                into.insert(format!("{prefix}{column}"), Column { kind, at: *at, number });
+                *at += kind.size() * number;
+            } else {
+                for i in 0..number.min(64) {
+                    self.lay_out(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
+                }
+            }
+        }
+        Some(())
+    }
+
+    fn row(&mut self, body: &[u8]) {
+        let [low, high, body @ ..] = body else { return };
+        let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
+        let row = Row { columns: &topic.columns, body };
+        let Some(us) = row.number("timestamp") else { return };
+        let Some(t_s) = self.recorder.timeline.at(us as u64) else { return };
+        // What is sampled earlier than it is published says so.
+        let sampled_s = row.number("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
+        let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
+        let instance = topic.instance;
+        match topic.name.as_str() {
+            "sensor_mag" if self.has_raw => {
+                if let Some(gauss) = row.three(["x", "y", "z"]) {
+                    let id = row.number("device_id").unwrap_or(0.0) as u32;
+                    self.field(true, instance, id, sampled_s, gauss);
+                }
+            }
+            "vehicle_magnetometer" if !self.has_raw => {
+                if let Some(gauss) = row.array("magnetometer_ga") {
+                    let id = row.number("device_id").unwrap_or(0.0) as u32;
+                    self.field(false, instance, id, sampled_s, gauss);
+                }
+            }
+            "vehicle_attitude" if instance == 0 => {
+                if let Some(quaternion) = row.array("q") {
+                    self.recorder.attitude(sampled_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
+                }
+                if let Some(rates) =
+                    row.three(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                {
+                    self.recorder.rates(sampled_s, rates);
+                }
+            }
+            "vehicle_angular_velocity" if instance == 0 => {
+                if let Some(rates) = row.array("xyz") {
+                    self.recorder.rates(sampled_s, rates);
+                }
+            }
+            "vehicle_attitude_groundtruth" => {
+                if let Some(quaternion) = row.array("q") {
+                    self.recorder.truth(t_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
+                }
+            }
+            "vehicle_gps_position" if instance == 0 => gps(&mut self.recorder, t_s, &row),
+            "battery_status" if instance == 0 => {
+                if let Some(amperes) = row.number("current_a") {
+                    self.recorder.current(t_s, amperes as f32);
+                }
+            }
+            "vehicle_status" => {
+                if let Some(state) = row.number("arming_state") {
+                    self.recorder.armed(t_s, state as u8 == ARMED);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Gauss. A compass is that of the parameters that name its device, or, where none does, of the topic's instance; what
+    /// has no device of its own is the primary one.
+    fn field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
+        let key = (is_raw, instance, id);
+        let number = if let Some(&number) = self.numbers.get(&key) {
+            number
+        } else {
+            if self.numbers.len() > 64 {
+                return;
+            }
+            let parameters = &self.recorder.flight.parameters;
+            let id = if id == 0 && instance == 0 { parameters.last("CAL_MAG_PRIME") } else { Some(f64::from(id)) };
+            let named = |index: &u8| id.is_some() && parameters.last(&format!("CAL_MAG{index}_ID")) == id;
+            let number = (0..4).find(named).unwrap_or(instance).saturating_add(1);
+            self.numbers.insert(key, number);
+            number
+        };
+        let index = number - 1;
+        let was = if is_raw { Logged::Px4Raw(index) } else { Logged::Px4(index) };
+        self.recorder.field(number, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
+    }
+
+    fn finish(self) -> Flight {
+        self.recorder.finish()
+    }
+}
+
+fn is_wanted(name: &str) -> bool {
+    matches!(
+        name,
+        "sensor_mag"
+            | "vehicle_magnetometer"
+            | "vehicle_attitude"
+            | "vehicle_angular_velocity"
+            | "vehicle_attitude_groundtruth"
+            | "vehicle_gps_position"
+            | "battery_status"
+            | "vehicle_status"
+    )
+}
+
+fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
+    if row.number("fix_type").is_none_or(|fix| fix < 3.0) {
+        return;
+    }
+    let degrees = |old: &str, new: &str| row.number(old).map(|number| number * 1e-7).or_else(|| row.number(new));
+    let (Some(latitude), Some(longitude)) = (degrees("lat", "latitude_deg"), degrees("lon", "longitude_deg")) else {
+        return;
+    };
+    let height_m = row.number("alt").map(|mm| mm / 1e3).or_else(|| row.number("altitude_msl_m")).unwrap_or(0.0);
+    let of = |name: &str| row.number(name).unwrap_or(f64::NAN);
+    recorder.gps(
+        t_s,
+        Gps {
+            latitude_deg: latitude as f32,
+            longitude_deg: longitude as f32,
+            height_m: height_m as f32,
+            speed_m_s: of("vel_m_s") as f32,
+            course_deg: of("cog_rad").to_degrees() as f32,
+            yaw_deg: of("heading").to_degrees() as f32,
+        },
+    );
+    recorder.unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+}
+
+/// A key and what it stands for: length, then `type name`, then the value.
+fn keyed(body: &[u8]) -> Option<(&str, &str, &[u8])> {
+    let (&length, rest) = body.split_first()?;
+    let key = std::str::from_utf8(rest.get(..usize::from(length))?).ok()?;
+    let (kind, name) = key.split_once(' ')?;
+    Some((kind, name, &rest[usize::from(length)..]))
+}
+
+struct Row<'a> {
+    columns: &'a Columns,
+    body: &'a [u8],
+}
+
+impl Row<'_> {
+    fn number(&self, name: &str) -> Option<f64> {
+        let column = self.columns.get(name)?;
+        column.kind.number(self.body.get(column.at..)?)
+    }
+
+    fn array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
+        let column = self.columns.get(name).filter(|column| column.number >= N)?;
+        let mut found = [0.0; N];
+        for (i, number) in found.iter_mut().enumerate() {
+            *number = column.kind.number(self.body.get(column.at + i * column.kind.size()..)?)? as f32;
+        }
+        Some(found)
+    }
+
+    fn three(&self, names: [&str; 3]) -> Option<[f32; 3]> {
+        let [x, y, z] = names.map(|name| self.number(name));
+        Some([x? as f32, y? as f32, z? as f32])
+    }
+}

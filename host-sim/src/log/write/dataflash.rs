@@ -1,0 +1,139 @@
+//! DataFlash, binary and text.
+
+use std::fmt::Write as _;
+
+use super::Recording;
+
+/// Number, name, letters and columns of the messages that are written.
+const MESSAGES: [(u8, &str, &str, &str); 8] = [
+    (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
+    (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
+    (65, "MSG", "QZ", "TimeUS,Message"),
+    (66, "ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw"),
+    (67, "MAG", "QBhhhhhhhhhBI", "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S"),
+    (68, "IMU", "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
+    (69, "GPS", "QBBIHLLeff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs"),
+    (70, "BAT", "QBff", "TimeUS,Inst,Volt,Curr"),
+];
+
+/// GPS week 2400 began 2026-01-04.
+const WEEK: u16 = 2400;
+
+/// A value of a message.
+#[derive(Clone)]
+enum Value {
+    Number(f64),
+    Words(String),
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+/// As bytes.
+#[must_use]
+pub fn dataflash(recording: &Recording) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (number, name, letters, columns) in MESSAGES {
+        bytes.extend([0xA3, 0x95, 128, number, (3 + letters.bytes().map(size).sum::<usize>()) as u8]);
+        for (words, length) in [(name, 4), (letters, 16), (columns, 64)] {
+            bytes.extend(padded(words, length));
+        }
+    }
+    messages(recording, &mut |index, values| {
+        let (number, _, letters, _) = MESSAGES[index];
+        bytes.extend([0xA3, 0x95, number]);
+        for (letter, value) in letters.bytes().zip(values) {
+            match value {
+                Value::Words(words) => bytes.extend(padded(words, size(letter))),
+                Value::Number(number) => bytes.extend(encoded(letter, *number)),
+            }
+        }
+    });
+    bytes
+}
+
+/// As text.
+#[must_use]
+pub fn dataflash_text(recording: &Recording) -> Vec<u8> {
+    let mut text = String::new();
+    for (number, name, letters, columns) in MESSAGES {
+        let length = 3 + letters.bytes().map(size).sum::<usize>();
+        let _ = writeln!(text, "FMT, {number}, {length}, {name}, {letters}, {columns}");
+    }
+    messages(recording, &mut |index, values| {
+        let (_, name, letters, _) = MESSAGES[index];
+        text.push_str(name);
+        for (letter, value) in letters.bytes().zip(values) {
+            let _ = match value {
+                Value::Words(words) => write!(text, ", {words}"),
+                Value::Number(number) if matches!(letter, b'f' | b'L' | b'e') => write!(text, ", {number}"),
+                Value::Number(number) => write!(text, ", {number:.0}"),
+            };
+        }
+        text.push('\n');
+    });
+    text.into_bytes()
+}
+
+/// Every message: its place in the list, and its values.
+fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
+    let first_us = recording.instants.first().map_or(0.0, |instant| instant.at_us as f64);
+    let words = |words: &str| Value::Words(words.to_owned());
+    write(2, &[first_us.into(), words("ArduPlane V4.6.0 (host-sim)")]);
+    for (name, value) in &recording.parameters {
+        write(1, &[first_us.into(), words(name), (*value).into(), 0.0.into()]);
+    }
+    for (i, instant) in recording.instants.iter().enumerate() {
+        let us = instant.at_us as f64;
+        let mut row = |index: usize, numbers: &[f64]| {
+            let values: Vec<Value> = std::iter::once(us).chain(numbers.iter().copied()).map(Value::from).collect();
+            write(index, &values);
+        };
+        row(3, &instant.attitude_rad.map(f64::to_degrees));
+        for number in 1..=recording.compasses() {
+            let (field, motor) = recording.ardupilot_ut(instant, number);
+            let [x, y, z] = field.map(|axis| axis * 10.0);
+            let [mx, my, mz] = motor.map(|axis| axis * 10.0);
+            row(4, &[(number - 1) as f64, x, y, z, 0.0, 0.0, 0.0, mx, my, mz, 1.0, 0.0]);
+        }
+        let [p, q, r] = instant.rates_rad_s;
+        row(5, &[0.0, p, q, r]);
+        row(7, &[0.0, 12.0, instant.current_a]);
+        if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
+            row(6, &[0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height, 15.0, 0.0]);
+        }
+    }
+}
+
+const fn size(letter: u8) -> usize {
+    match letter {
+        b'B' => 1,
+        b'h' | b'H' => 2,
+        b'Q' => 8,
+        b'N' => 16,
+        b'Z' => 64,
+        _ => 4,
+    }
+}
+
+fn encoded(letter: u8, number: f64) -> Vec<u8> {
+    match letter {
+        b'B' => vec![number as u8],
+        b'h' => (number.round() as i16).to_le_bytes().to_vec(),
+        b'H' => (number as u16).to_le_bytes().to_vec(),
+        b'I' => (number as u32).to_le_bytes().to_vec(),
+        b'L' => ((number * 1e7).round() as i32).to_le_bytes().to_vec(),
+        b'e' => ((number * 100.0).round() as i32).to_le_bytes().to_vec(),
+        b'Q' => (number as u64).to_le_bytes().to_vec(),
+        _ => (number as f32).to_le_bytes().to_vec(),
+    }
+}
+
+fn padded(words: &str, length: usize) -> Vec<u8> {
+    let mut bytes: Vec<u8> = words.bytes().take(length).collect();
+    bytes.resize(length, 0);
+    bytes
+}

@@ -1,0 +1,247 @@
+//! Iron that changed in flight: when, by how much, on which axis.
+//!
+//! Corrected fields `h = W (m - b)` of constant iron have one strength `F` and one vertical component `F sin I` when levelled.
+//! Both residuals of every row are made linear about a solution, with `W`, `b`, `F` and `I` as unknowns, and with three more:
+//! a step of `b` at an instant. The instant that explains most is the one; each one's normal equations are sums over the rows
+//! after it, so all are had in one pass. A few more passes with the step taken out settle size and instant.
+
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::Row;
+use super::judge::median;
+use crate::log::Iron;
+
+/// Unknowns: `W` row by row, `b`, strength, vertical component; then the step.
+const COMMON: usize = 14;
+const ALL: usize = COMMON + 3;
+
+/// Instants that are tried, and rows of either side that it takes.
+const INSTANTS: usize = 120;
+const MIN_ROWS: usize = 60;
+
+/// Rows that are looked at: more than that tell no more.
+const MAX_ROWS: usize = 4000;
+
+/// A change is one when it is so many of its sigmas, so strong (microtesla), and takes so much of the scatter with it.
+const MIN_SIGMAS: f64 = 8.0;
+const MIN_UT: f64 = 1.0;
+const MAX_SCATTER_LEFT: f64 = 0.85;
+
+/// So many neighbouring rows err alike: those of a second or so.
+const ALIKE: f64 = 10.0;
+
+/// Residuals beyond so many of their scale count as that.
+const CLIP: f64 = 3.0;
+
+/// A step of hard iron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// When, seconds on the flight's time line.
+    pub at_s: f64,
+    /// By how much, body axes, microtesla.
+    pub ut: [f64; 3],
+    /// Its standard deviation, axis by axis.
+    pub sigma_ut: [f64; 3],
+}
+
+impl Change {
+    /// Its size, microtesla.
+    #[must_use]
+    pub fn size_ut(&self) -> f64 {
+        Vector3::from(self.ut).norm()
+    }
+
+    /// The axis that it is most on.
+    #[must_use]
+    pub fn axis(&self) -> char {
+        ['x', 'y', 'z'][Vector3::from(self.ut).iamax()]
+    }
+}
+
+/// The step of the iron that the usable rows show, about a correction that holds for most of them; none if they show none.
+#[must_use]
+pub fn found(rows: &[Row], about: &Iron) -> Option<Change> {
+    let usable: Vec<&Row> = rows.iter().filter(|row| row.usable).collect();
+    let every = usable.len().div_ceil(MAX_ROWS).max(1);
+    let usable: Vec<&Row> = usable.into_iter().step_by(every).collect();
+    if usable.len() < 2 * MIN_ROWS {
+        return None;
+    }
+    let mut state = State::about(&usable, about);
+    let without = state.scatter(&usable, None);
+    let mut change = None;
+    for _ in 0..4 {
+        let (first, sigma) = state.step(&usable, change.map(|(first, _)| first))?;
+        change = Some((state.parted(&usable).unwrap_or(first), sigma));
+    }
+    let (first, sigma) = change?;
+    let with = state.scatter(&usable, Some(first));
+    let found = Change { at_s: usable[first].t_s, ut: state.moved.into(), sigma_ut: sigma.into() };
+    let sigmas = state.moved.component_div(&sigma).amax();
+    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_UT && with < MAX_SCATTER_LEFT * without).then_some(found)
+}
+
+/// Where the search stands.
+struct State {
+    matrix: Matrix3<f64>,
+    centre: Vector3<f64>,
+    strength: f64,
+    down: f64,
+    moved: Vector3<f64>,
+}
+
+impl State {
+    fn about(rows: &[&Row], iron: &Iron) -> Self {
+        let of = |row: &&Row| iron.apply(row.field.ut.map(f64::from));
+        let strength = median(rows.iter().map(|row| of(row).norm()).collect());
+        let down = median(rows.iter().map(|row| down(row).dot(&of(row))).collect());
+        Self { matrix: iron.matrix, centre: iron.centre_ut, strength, down, moved: Vector3::zeros() }
+    }
+
+    /// Corrected field of a row, from the step on or before it.
+    fn field(&self, row: &Row, is_after: bool) -> Vector3<f64> {
+        let moved = if is_after { self.moved } else { Vector3::zeros() };
+        self.matrix * (row.field.ut.map(f64::from) - self.centre - moved)
+    }
+
+    fn residuals(&self, row: &Row, is_after: bool) -> [f64; 2] {
+        let field = self.field(row, is_after);
+        [field.norm() - self.strength, down(row).dot(&field) - self.down]
+    }
+
+    fn scatter(&self, rows: &[&Row], first: Option<usize>) -> f64 {
+        let all =
+            rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
+        median(all.map(f64::abs).collect())
+    }
+
+    /// A step of the search; the first row after the change, sought or as told, and the sigma of its size.
+    fn step(&mut self, rows: &[&Row], told: Option<usize>) -> Option<(usize, Vector3<f64>)> {
+        let scale = (1.4826 * self.scatter(rows, told)).max(1e-6);
+        // Sums over the rows from each instant on; the last is of all rows.
+        let instants: Vec<usize> = (1..=INSTANTS).map(|i| rows.len() * i / (INSTANTS + 1)).collect();
+        let mut sums: Vec<(usize, DMatrix<f64>, DVector<f64>)> = Vec::new();
+        let (mut matrix, mut right) = (DMatrix::zeros(COMMON, COMMON), DVector::zeros(COMMON));
+        let mut squares = 0.0;
+        for (i, row) in rows.iter().enumerate().rev() {
+            let is_after = told.is_some_and(|first| i >= first);
+            for (residual, by) in self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after)) {
+                let clipped = residual.clamp(-CLIP * scale, CLIP * scale);
+                squares += clipped * clipped;
+                matrix.ger(1.0, &by, &by, 1.0);
+                right.axpy(-clipped, &by, 1.0);
+            }
+            let is_tried = told.map_or_else(|| instants.contains(&i), |first| first == i);
+            if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
+                sums.push((i, matrix.clone(), right.clone()));
+            }
+        }
+        let best = sums
+            .iter()
+            .filter_map(|(i, after, after_right)| {
+                let (solved, gain, sigma) = solved(&matrix, &right, after, after_right, &self.scales())?;
+                Some((*i, solved, gain, sigma))
+            })
+            .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
+        let (first, solved, _, sigma) = best;
+        for row in 0..3 {
+            for column in 0..3 {
+                self.matrix[(row, column)] += solved[3 * row + column];
+            }
+        }
+        let of = |from: usize| Vector3::new(solved[from], solved[from + 1], solved[from + 2]);
+        self.centre += of(9);
+        self.strength += solved[12];
+        self.down += solved[13];
+        self.moved += of(COMMON);
+        let variance = squares / (2.0 * rows.len() as f64);
+        Some((first, sigma * (variance * ALIKE).sqrt()))
+    }
+
+    /// The first row after the change, where the two irons explain most with what they are by now.
+    fn parted(&self, rows: &[&Row]) -> Option<usize> {
+        let scale = 1.4826 * self.scatter(rows, None);
+        let squares = |row: &Row, is_after: bool| -> f64 {
+            self.residuals(row, is_after)
+                .iter()
+                .map(|residual| residual.clamp(-CLIP * scale, CLIP * scale).powi(2))
+                .sum()
+        };
+        // What is saved by taking the row for one before the change, summed up from the beginning.
+        let mut saved = 0.0;
+        let sums: Vec<f64> = rows
+            .iter()
+            .map(|row| {
+                saved += squares(row, false) - squares(row, true);
+                saved
+            })
+            .collect();
+        (MIN_ROWS..rows.len().saturating_sub(MIN_ROWS)).min_by(|a, b| sums[a - 1].total_cmp(&sums[b - 1]))
+    }
+
+    /// Each residual by the unknowns.
+    fn derivatives(&self, row: &Row, is_after: bool) -> [DVector<f64>; 2] {
+        let moved = if is_after { self.moved } else { Vector3::zeros() };
+        let raw = row.field.ut.map(f64::from) - self.centre - moved;
+        let field = self.matrix * raw;
+        let directions = [field.normalize(), down(row)];
+        let of = |which: usize| {
+            let direction = directions[which];
+            let mut by = DVector::zeros(COMMON);
+            for i in 0..3 {
+                for j in 0..3 {
+                    by[3 * i + j] = direction[i] * raw[j];
+                }
+            }
+            let by_centre = -(self.matrix.transpose() * direction);
+            by.rows_mut(9, 3).copy_from(&by_centre);
+            by[12 + which] = -1.0;
+            by
+        };
+        [of(0), of(1)]
+    }
+
+    /// How far each unknown may move, which keeps those that nothing tells of where they are.
+    fn scales(&self) -> [f64; ALL] {
+        std::array::from_fn(|i| match i {
+            0..9 => 0.3,
+            12 => 1e-3,
+            _ => self.strength,
+        })
+    }
+}
+
+/// The unknowns, how much they explain beyond what is explained without the step, and the root of the step's covariance.
+fn solved(
+    matrix: &DMatrix<f64>,
+    right: &DVector<f64>,
+    after: &DMatrix<f64>,
+    after_right: &DVector<f64>,
+    scales: &[f64; ALL],
+) -> Option<(DVector<f64>, f64, Vector3<f64>)> {
+    let mut all = DMatrix::zeros(ALL, ALL);
+    all.view_mut((0, 0), (COMMON, COMMON)).copy_from(matrix);
+    let step = after.view((0, 9), (COMMON, 3)).into_owned();
+    all.view_mut((0, COMMON), (COMMON, 3)).copy_from(&step);
+    all.view_mut((COMMON, 0), (3, COMMON)).copy_from(&step.transpose());
+    all.view_mut((COMMON, COMMON), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
+    for (i, scale) in scales.iter().enumerate() {
+        all[(i, i)] += scale.powi(-2);
+    }
+    let mut sides = DVector::zeros(ALL);
+    sides.rows_mut(0, COMMON).copy_from(right);
+    sides.rows_mut(COMMON, 3).copy_from(&after_right.rows(9, 3));
+    let common = all.view((0, 0), (COMMON, COMMON)).into_owned().cholesky()?.solve(right);
+    let cholesky = all.cholesky()?;
+    let solved = cholesky.solve(&sides);
+    let gain = solved.dot(&sides) - common.dot(right);
+    let inverse = cholesky.inverse();
+    let sigma = Vector3::from_fn(|i, _| inverse[(COMMON + i, COMMON + i)].max(0.0).sqrt());
+    Some((solved, gain, sigma))
+}
+
+/// Where down is, in body axes.
+fn down(row: &Row) -> Vector3<f64> {
+    let (roll, pitch) = (f64::from(row.attitude.roll_rad), f64::from(row.attitude.pitch_rad));
+    Vector3::new(-pitch.sin(), roll.sin() * pitch.cos(), roll.cos() * pitch.cos())
+}

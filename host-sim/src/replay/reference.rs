@@ -1,0 +1,86 @@
+//! What headings can be compared with, and how much that says.
+
+use autoswing::frames::wrap_pi;
+use serde::Serialize;
+
+use crate::log::Flight;
+
+/// A heading that a log holds, the best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reference {
+    /// The attitude of the simulator that made the log.
+    Simulator,
+    /// A column of the table.
+    Column,
+    /// A receiver with two antennas.
+    GpsYaw,
+    /// The autopilot's own.
+    AutopilotYaw,
+}
+
+/// References further apart than this are not interpolated between, seconds.
+const MAX_GAP_S: f64 = 0.5;
+
+impl Reference {
+    /// The best that a log has.
+    #[must_use]
+    pub fn best(flight: &Flight) -> Option<Self> {
+        let has_yaw = |series: &crate::log::series::Series<3>| series.rows().iter().any(|row| row.of[2].is_finite());
+        if !flight.truth.is_empty() {
+            Some(Self::Simulator)
+        } else if !flight.reference.is_empty() {
+            Some(Self::Column)
+        } else if flight.gps.rows().iter().filter(|row| row.of[5].is_finite()).count() > 20 {
+            Some(Self::GpsYaw)
+        } else {
+            has_yaw(&flight.attitude).then_some(Self::AutopilotYaw)
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Simulator => "the simulator's own attitude",
+            Self::Column => "yaw_ref_deg",
+            Self::GpsYaw => "GPS yaw",
+            Self::AutopilotYaw => "the autopilot's yaw",
+        }
+    }
+
+    /// What it is worth.
+    #[must_use]
+    pub const fn limits(self) -> &'static str {
+        match self {
+            Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
+            Self::Column => "as good as whoever made it",
+            Self::GpsYaw => "a degree or so, and late by what the receiver takes",
+            Self::AutopilotYaw => {
+                "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"
+            }
+        }
+    }
+
+    /// Whether what differs from it is error.
+    #[must_use]
+    pub const fn is_accuracy(self) -> bool {
+        !matches!(self, Self::AutopilotYaw)
+    }
+
+    /// The heading at an instant, degrees from some north.
+    #[must_use]
+    pub fn at_deg(self, flight: &Flight, t_s: f64) -> Option<f64> {
+        let heading_rad = match self {
+            Self::Simulator => flight.truth.angles_at(t_s, MAX_GAP_S)?[2],
+            Self::Column => flight.reference.angles_at(t_s, MAX_GAP_S)?[0],
+            Self::AutopilotYaw => flight.attitude.angles_at(t_s, MAX_GAP_S)?[2],
+            Self::GpsYaw => {
+                let (before, after, part) = flight.gps.between(t_s, MAX_GAP_S)?;
+                let [from, to] = [before.of[5].to_radians(), after.of[5].to_radians()];
+                from + part as f32 * wrap_pi(to - from)
+            }
+        };
+        heading_rad.is_finite().then(|| f64::from(heading_rad.to_degrees()))
+    }
+}

@@ -1,0 +1,239 @@
+//! A verdict in words and as a JSON object. The object is described in docs/your-flight.md; it is changed by adding to it.
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::judge::{By, Correction, Judged, Verdict};
+use super::{Counted, Replayed, Score};
+use crate::log::{Autopilot, Flight};
+
+/// The number of the schema.
+const SCHEMA: u32 = 2;
+
+/// A field this far from the field model's, as a factor, is in another unit or not the Earth's.
+const PLAUSIBLE: f64 = 1.35;
+
+/// In one line: would the module have calibrated, when, and how well.
+#[must_use]
+pub fn verdict(judged: &Verdict) -> String {
+    let all = judged.compasses.len();
+    let accepted: Vec<&Judged> = judged.compasses.iter().filter(|compass| compass.module.accepted.is_ok()).collect();
+    let expected = |compass: &&Judged| compass.module.solution.as_ref().map(|s| f64::from(s.quality.expected_rms_deg));
+    let times: Vec<f64> = accepted.iter().filter_map(|compass| compass.calibrated_s()).collect();
+    let worst = accepted.iter().filter_map(expected).fold(0.0, f64::max);
+    let which = match (accepted.len(), all) {
+        (0, _) => {
+            let why =
+                judged.compasses.first().and_then(Judged::refusal).map_or_else(String::new, |why| why.to_string());
+            let of = if all > 1 { " every compass, the first for this" } else { "" };
+            return format!("the module would have refused{of}: {why}");
+        }
+        (1, 1) => "the module would have calibrated".to_owned(),
+        (some, _) if some == all => format!("the module would have calibrated each of {all} compasses"),
+        (some, _) => {
+            let numbers: Vec<String> = accepted.iter().map(|compass| compass.number.to_string()).collect();
+            format!("the module would have calibrated {some} of {all} compasses (number {})", numbers.join(", "))
+        }
+    };
+    let when = match (times.iter().copied().reduce(f64::min), times.iter().copied().reduce(f64::max)) {
+        (Some(first), Some(last)) if times.len() == accepted.len() && last - first < 1.5 => {
+            format!(" by itself, {first:.0} s into the flight")
+        }
+        (Some(first), Some(last)) if times.len() == accepted.len() => {
+            format!(" by itself, {first:.0} to {last:.0} s into the flight")
+        }
+        _ => " when asked to at the end of the flight".to_owned(),
+    };
+    format!("{which}{when}, expecting {worst:.1} deg")
+}
+
+impl Judged {
+    /// When the module would have had enough, seconds after the first row that may be used; none if it would not have
+    /// ended by itself.
+    #[must_use]
+    pub fn calibrated_s(&self) -> Option<f64> {
+        let first_s = self.rows.first()?.t_s;
+        let used_s = self.rows.iter().find(|row| row.usable)?.t_s;
+        Some(self.module.ended_s? + first_s - used_s)
+    }
+
+    /// The correction of somebody.
+    #[must_use]
+    pub fn by(&self, by: By) -> Option<&Correction> {
+        self.corrections.iter().find(|correction| correction.by == by)
+    }
+}
+
+/// What is doubtful about the log as a whole, in words.
+#[must_use]
+pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
+    let mut notes = Vec::new();
+    if judged.attitude_every_s > 0.34 {
+        notes.push(format!(
+            "the attitude comes {:.1} times a second; below 3 Hz what lies between is a guess",
+            1.0 / judged.attitude_every_s
+        ));
+    }
+    if flight.rates.is_empty() {
+        notes.push(
+            "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into(),
+        );
+    }
+    if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| *most_deg < 2.0) {
+        notes
+            .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
+    }
+    for compass in &judged.compasses {
+        notes.extend(strength_note(judged, compass));
+    }
+    let counts = &flight.counts;
+    if counts.restarts > 0 {
+        notes.push(format!("the autopilot restarted {} time(s) in the file; time goes on after each", counts.restarts));
+    }
+    for (number, what) in [
+        (counts.garbage, "bytes or lines that belong to nothing"),
+        (counts.bad_times, "messages whose time is nonsense"),
+        (counts.unhealthy, "readings that the autopilot called unhealthy, or that are no field"),
+    ] {
+        if number > 0 {
+            notes.push(format!("passed over: {number} {what}"));
+        }
+    }
+    if flight.autopilot == Autopilot::ArduPilot && flight.parameters.last("COMPASS_OFS_X").is_none() {
+        notes.push("the parameters are not in the log: what the autopilot had applied could not be undone".to_owned());
+    }
+    notes
+}
+
+fn most_tilt_deg(flight: &Flight) -> Option<f64> {
+    let tilts = flight.attitude.rows().iter().map(|row| f64::from(row.of[0].abs().max(row.of[1].abs())));
+    tilts.reduce(f64::max).map(f64::to_degrees)
+}
+
+/// Whether the field is as strong as it is there: judged by a fit, whose centre the iron does not move.
+fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
+    let (earth, _) = judged.earth.as_ref()?;
+    let (expected, found) = (f64::from(earth.total_ut), compass.radius_ut?);
+    let ratio = found / expected;
+    let number = compass.number;
+    if (1.0 / PLAUSIBLE..=PLAUSIBLE).contains(&ratio) {
+        return None;
+    }
+    let guess =
+        [(10.0, "milligauss taken for microtesla"), (0.1, "microtesla taken for milligauss"), (100.0, "nanotesla?")]
+            .into_iter()
+            .find(|(factor, _)| (factor / PLAUSIBLE..=factor * PLAUSIBLE).contains(&ratio))
+            .map_or_else(|| "another unit, or a poor sensor".to_owned(), |(_, words)| words.to_owned());
+    Some(format!("compass {number}: the field is {found:.1} uT strong, by the field model {expected:.1}: {guess}"))
+}
+
+/// As a JSON object.
+#[must_use]
+pub fn json(flight: &Flight, judged: &Verdict, parameters: &dyn Fn(&Judged) -> Value) -> Value {
+    let [from_s, to_s] = flight.lasts_s();
+    json!({
+        "schema": SCHEMA,
+        "verdict": verdict(judged),
+        "accepted": judged.compasses.iter().any(|compass| compass.module.accepted.is_ok()),
+        "log": {
+            "format": flight.format.name(),
+            "autopilot": flight.autopilot,
+            "firmware": flight.firmware,
+            "from_s": rounded(from_s, 3),
+            "to_s": rounded(to_s, 3),
+            "attitude_hz": rounded(1.0 / judged.attitude_every_s, 2),
+            "has_current": !flight.current.is_empty(),
+            "passed_over": flight.counts,
+        },
+        "reference": judged.reference.map(|reference| json!({
+            "name": reference.name(),
+            "is_accuracy": reference.is_accuracy(),
+            "limits": reference.limits(),
+        })),
+        "field_model": judged.earth.as_ref().map(|(earth, is_valid)| json!({
+            "total_ut": rounded(f64::from(earth.total_ut), 2),
+            "inclination_deg": rounded(f64::from(earth.inclination_deg), 2),
+            "declination_deg": earth.declination_deg.map(|deg| rounded(f64::from(deg), 2)),
+            "is_of_that_day": is_valid,
+        })),
+        "notes": notes(flight, judged),
+        "compasses": judged.compasses.iter().map(|compass| one(compass, &parameters(compass))).collect::<Vec<_>>(),
+    })
+}
+
+fn one(judged: &Judged, parameters: &Value) -> Value {
+    #[derive(Serialize)]
+    struct Rows {
+        #[serde(flatten)]
+        counted: Counted,
+        fitted: usize,
+    }
+    json!({
+        "compass": judged.number,
+        "is_used": judged.is_used,
+        "field_hz": rounded(1.0 / judged.every_s, 2),
+        "field_age_ms": rounded(judged.age.used_s * 1e3, 1),
+        "field_age_sigma_ms": judged.age.sigma_s.map(|s| rounded(s * 1e3, 1)),
+        "field_ut": judged.radius_ut.map(|ut| rounded(ut, 2)),
+        "rows": Rows { counted: judged.counted, fitted: judged.module.samples },
+        "calibrated_s": judged.calibrated_s().map(|s| rounded(s, 1)),
+        "module": solved(&judged.module),
+        "all_rows": solved(&judged.all),
+        "headings": judged.corrections.iter().map(|correction| json!({
+            "by": correction.by.name(),
+            "against_reference": correction.score.as_ref().map(scored),
+        })).collect::<Vec<_>>(),
+        "iron_change": judged.change.as_ref().map(|change| json!({
+            "at_s": rounded(change.at_s, 1),
+            "ut": change.ut.map(|axis| rounded(axis, 2)),
+            "sigma_ut": change.sigma_ut.map(|axis| rounded(axis, 2)),
+            "axis": change.axis().to_string(),
+        })),
+        "parameters": parameters,
+    })
+}
+
+fn solved(replayed: &Replayed) -> Value {
+    let solution = replayed.solution.as_ref();
+    let refusal = super::judge::refusal(replayed);
+    json!({
+        "accepted": replayed.accepted.is_ok(),
+        "refusal": refusal.map(|r| json!({ "code": r.code(), "words": r.to_string() })),
+        "method": solution.map(|s| s.quality.method.name()),
+        "coefficients": solution.map(|s| json!({
+            "w": s.calibration.w.as_flattened().iter().copied().map(shortest).collect::<Vec<_>>(),
+            "b_ut": s.calibration.b_ut.map(shortest),
+        })),
+        "inclination_deg": solution.map(|s| rounded(f64::from(s.calibration.inclination_rad.to_degrees()), 2)),
+        "expected_rms_deg": solution.map(|s| rounded(f64::from(s.quality.expected_rms_deg), 3)),
+        "iron_changed_ut": solution.and_then(|s| s.iron).map(|doubt| rounded(f64::from(doubt.of.ut), 2)),
+        "bank_read": solution.and_then(|s| s.bank).map(|doubt| rounded(f64::from(doubt.of.read), 3)),
+        "latency_ms": solution.map(|s| rounded(f64::from(s.calibration.latency_s) * 1e3, 1)),
+        "latency_found_ms": solution.and_then(|s| s.quality.latency).map(|l| rounded(f64::from(l.found_s) * 1e3, 1)),
+        "latency_sigma_ms": solution.and_then(|s| s.quality.latency).map(|l| rounded(f64::from(l.sigma_s) * 1e3, 1)),
+        "samples": replayed.samples,
+        "smooth": replayed.smooth.as_ref().map(scored),
+    })
+}
+
+fn scored(score: &Score) -> Value {
+    let has_sigma = score.within_percent[1] > 0.0;
+    json!({
+        "heading_rms_deg": rounded(score.rms_deg, 3),
+        "heading_mean_deg": rounded(score.mean_deg, 3),
+        "rows": score.rows,
+        "within_one_sigma_percent": has_sigma.then(|| rounded(score.within_percent[0], 1)),
+        "within_two_sigma_percent": has_sigma.then(|| rounded(score.within_percent[1], 1)),
+    })
+}
+
+/// Rounded to so many decimals, for people.
+fn rounded(value: f64, decimals: i32) -> f64 {
+    let scale = 10_f64.powi(decimals);
+    (value * scale).round() / scale
+}
+
+/// The f64 that prints as the f32 does.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::NAN)
+}
