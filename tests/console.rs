@@ -334,3 +334,39 @@ fn no_bytes_stop_it() {
     assert!(text.contains("ok autoswing"), "{text:?}");
     assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
 }
+
+/// What is typed in the documents' examples is understood, and where it needs no flight before it, answered as is shown there;
+/// `...` stands for anything.
+#[test]
+fn the_documents_show_what_is_said() {
+    const DOCUMENTS: [&str; 3] = ["../README.md", "../docs/manual.md", "../docs/autopilots.md"];
+    // These are of a module that has flown.
+    const AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
+    let mut typed = 0;
+    for name in DOCUMENTS {
+        let document = std::fs::read_to_string(name).unwrap();
+        let mut rig = rig();
+        rig.printed();
+        for block in document.split("```text\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
+            let mut lines = block.lines().peekable();
+            while let Some(line) = lines.next() {
+                let Some(command) = line.strip_prefix("> ") else { continue };
+                let said = reply_after(&mut rig, command);
+                let shown: Vec<&str> = std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
+                typed += 1;
+                if AFTER_A_FLIGHT.contains(&command) {
+                    assert!(
+                        ["error no-", "error not-"].iter().any(|code| said.starts_with(code)),
+                        "{name}: {command}: {said}"
+                    );
+                    continue;
+                }
+                for line in shown {
+                    let begin = line.split("...").next().unwrap();
+                    assert!(said.lines().any(|said| said.starts_with(begin)), "{name}: {command}: {line}: {said}");
+                }
+            }
+        }
+    }
+    assert!(typed >= 6, "{typed}");
+}

@@ -42,7 +42,7 @@ fn all_accepted(row: &Row) -> bool {
     row.accepted_percent >= 100.0 && row.wrong_percent <= 0.0
 }
 
-/// Attitude by MSP has no rates: no smooth heading, and four times the error (0.9 to 0.2 deg RMS, docs/integrity.md), but as good
+/// Attitude by MSP has no rates: no smooth heading, and four times the error (0.9 to 0.2 deg RMS, docs/reliability.md), but as good
 /// a calibration, sigmas that hold, and nothing bad. The bounds are half as much again.
 #[test]
 fn without_rates_headings_are_raw_and_their_sigmas_hold() {

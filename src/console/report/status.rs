@@ -127,7 +127,7 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
             let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
             writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
         }
-        None => writeln!(out, "attitude: none, no MAVLink ATTITUDE comes")?,
+        None => writeln!(out, "attitude: none comes on any port")?,
     }
     match health.heading {
         Ok(heading) => {
