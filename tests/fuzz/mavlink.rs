@@ -4,7 +4,7 @@ use autoswing::wire::mavlink::{Message, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::stream::{self, Piece};
+use crate::stream::{self, Piece, Wire};
 use crate::{Promise, hold};
 
 /// Numbers of the messages that are looked for, their extra bytes, and the longest of their payloads. By the protocol's
@@ -112,12 +112,21 @@ impl Intact {
     pub fn has_angles(&self, roll_rad: f32, pitch_rad: f32) -> bool {
         self.id == 30 && [self.u32(4), self.u32(8)] == [roll_rad, pitch_rad].map(f32::to_bits)
     }
+}
+
+impl stream::Intact<Message> for Intact {
+    fn end(&self) -> usize {
+        self.end
+    }
 
     fn says(&self, message: &Message) -> bool {
         let (id, sender) = (self.id, self.sender);
         match message {
             Message::Attitude(report) => {
-                self.has_angles(report.attitude.roll_rad, report.attitude.pitch_rad) && sender == report.source.number()
+                let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
+                // A rounding beyond half a circle, and a quarter; what is no number is not in it.
+                let can_be = roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58;
+                can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.source.number()
             }
             Message::Heartbeat(heartbeat) => {
                 let is_armed = self.payload[6] & 128 != 0;
@@ -142,38 +151,16 @@ fn good() -> Vec<u8> {
     framed(true, false, [1, 1], 30, 28, &payload)
 }
 
-/// Each message that is understood is an intact frame that has come, each of them at most once and in order. A CRC, which is
-/// what costs time, is calculated at most once for each byte that has come, and once for a byte at most as often as the longest
-/// frame has bytes. When good frames follow, one is understood by the end of the first that begins after what the longest frame
-/// can take of them. Angles are angles.
 #[test]
 fn mavlink_is_believed_when_its_crc_is_right() {
     hold(stream(), |pieces| -> Promise {
-        let good = good();
         let mut bytes = stream::bytes(&pieces);
-        let noise = bytes.len();
-        (0..=LONGEST.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(&good));
-        let intact = intact(&bytes);
-        let (mut receiver, mut next, mut checks, mut recovered) = (Receiver::new(), 0, 0, false);
-        for (at, &byte) in bytes.iter().enumerate() {
-            let before = receiver.rejected;
-            let message = receiver.push(byte);
-            let now = receiver.rejected - before + u32::from(message.is_some());
-            checks += now as usize;
-            prop_assert!(now as usize <= LONGEST && checks <= at + 1, "{now} and {checks} checks at {at}");
-            let Some(message) = message else { continue };
-            let it_is = intact.iter().skip(next).position(|frame| frame.end <= at + 1 && frame.says(&message));
-            prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
-            next += it_is.map_or(0, |skipped| skipped + 1);
-            if let Message::Attitude(report) = message {
-                let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
-                // A rounding beyond half a circle, and a quarter; what is no number is not in it.
-                prop_assert!(roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58, "{report:?}");
-            }
-            recovered |= at >= noise
-                && matches!(message, Message::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6);
-        }
-        prop_assert!(recovered, "nothing good is understood");
-        Ok(())
+        let wire = Wire::of(&mut bytes, &good(), LONGEST);
+        let mut receiver = Receiver::new();
+        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push(byte), receiver.rejected), is_good)
     });
+}
+
+fn is_good(message: &Message) -> bool {
+    matches!(message, Message::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6)
 }

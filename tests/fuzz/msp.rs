@@ -4,7 +4,7 @@ use autoswing::wire::msp::{Angles, Firmware, Message, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use crate::stream::{self, Piece};
+use crate::stream::{self, Piece, Wire};
 use crate::{Promise, hold};
 
 /// Numbers of the functions that are asked for.
@@ -95,6 +95,12 @@ impl Intact<'_> {
         };
         (self.function, self.is_error) == (ATTITUDE, false) && is(0, roll_deg) && is(2, pitch_deg)
     }
+}
+
+impl stream::Intact<Message> for Intact<'_> {
+    fn end(&self) -> usize {
+        self.end
+    }
 
     fn says(&self, message: &Message) -> bool {
         if let Message::Refused(function) = message {
@@ -130,29 +136,17 @@ fn good() -> Vec<u8> {
     framed(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
 }
 
-/// As MAVLink's. A request of somebody else's is none of its frames.
+/// A request of somebody else's is none of its frames.
 #[test]
 fn msp_is_believed_when_its_crc_is_right() {
     hold(stream(), |pieces| -> Promise {
-        let good = good();
         let mut bytes = stream::bytes(&pieces);
-        let noise = bytes.len();
-        (0..=LONGEST.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(&good));
-        let intact = intact(&bytes);
-        let (mut receiver, mut next, mut checks, mut recovered) = (Receiver::new(), 0, 0, false);
-        for (at, &byte) in bytes.iter().enumerate() {
-            let before = receiver.rejected;
-            let message = receiver.push(byte);
-            let now = receiver.rejected - before + u32::from(message.is_some());
-            checks += now as usize;
-            prop_assert!(now as usize <= LONGEST && checks <= at + 1, "{now} and {checks} checks at {at}");
-            let Some(message) = message else { continue };
-            let it_is = intact.iter().skip(next).position(|frame| frame.end <= at + 1 && frame.says(&message));
-            prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
-            next += it_is.map_or(0, |skipped| skipped + 1);
-            recovered |= at >= noise && matches!(message, Message::Attitude(angles) if angles.roll_decideg == 123);
-        }
-        prop_assert!(recovered, "nothing good is understood");
-        Ok(())
+        let wire = Wire::of(&mut bytes, &good(), LONGEST);
+        let mut receiver = Receiver::new();
+        stream::holds(&wire, &intact(wire.bytes), |byte| (receiver.push(byte), receiver.rejected), is_good)
     });
+}
+
+fn is_good(message: &Message) -> bool {
+    matches!(message, Message::Attitude(angles) if angles.roll_decideg == 123)
 }

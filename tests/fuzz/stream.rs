@@ -1,7 +1,11 @@
-//! What comes on a wire: frames, damaged ones, and noise.
+//! What comes on a wire: frames, damaged ones, and noise; and what a decoder of it promises.
+
+use std::fmt::Debug;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+
+use crate::Promise;
 
 /// What has happened to a frame on its way.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,4 +73,61 @@ pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
         piece.append(&mut bytes);
     }
     bytes
+}
+
+/// A frame that has come whole, by another way than the decoder's.
+pub trait Intact<M> {
+    /// Where it ends.
+    fn end(&self) -> usize;
+
+    /// Whether a message is what it says.
+    fn says(&self, message: &M) -> bool;
+}
+
+/// Each message that is understood of a wire is a frame that has come intact, each of them at most once and in order. A CRC,
+/// which is what costs time, is calculated at most once for each byte that has come, and for one byte at most as often as the
+/// longest frame has bytes. When good frames follow, one is understood by the end of the first that begins after what the
+/// longest frame can take of them.
+///
+/// `push` is the decoder: of a byte, the message that it completes, and how many candidates for frames it has rejected since
+/// the start.
+pub fn holds<M: Debug, F: Intact<M>>(
+    wire: &Wire<'_>,
+    intact: &[F],
+    mut push: impl FnMut(u8) -> (Option<M>, u32),
+    is_good: impl Fn(&M) -> bool,
+) -> Promise {
+    let (mut next, mut checks, mut rejected_before, mut recovered) = (0, 0, 0, false);
+    for (at, &byte) in wire.bytes.iter().enumerate() {
+        let (message, rejected) = push(byte);
+        let now = rejected - rejected_before + u32::from(message.is_some());
+        rejected_before = rejected;
+        checks += now as usize;
+        prop_assert!(now as usize <= wire.longest && checks <= at + 1, "{now} and {checks} checks at {at}");
+        let Some(message) = message else { continue };
+        let it_is = intact.iter().skip(next).position(|frame| frame.end() <= at + 1 && frame.says(&message));
+        prop_assert!(it_is.is_some(), "{message:?} at {at} is in no intact frame");
+        next += it_is.map_or(0, |skipped| skipped + 1);
+        recovered |= at >= wire.noise && is_good(&message);
+    }
+    prop_assert!(recovered, "nothing good is understood");
+    Ok(())
+}
+
+/// What comes on a wire, and good frames behind it.
+pub struct Wire<'a> {
+    pub bytes: &'a [u8],
+    /// So many bytes of it are whatever has come.
+    noise: usize,
+    /// Bytes of the longest frame.
+    longest: usize,
+}
+
+impl<'a> Wire<'a> {
+    /// Puts good frames behind what has come: as many as the longest frame can take, and one.
+    pub fn of(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
+        let noise = bytes.len();
+        (0..=longest.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(good));
+        Self { bytes, noise, longest }
+    }
 }
