@@ -15,8 +15,8 @@ use autoswing::instrument::{self, Correction, Instrument};
 use autoswing::magnetometer::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
-use autoswing::wire::mavlink::Receiver;
-use autoswing::wire::nmea;
+use autoswing::wire::mavlink::{self, Address, Outgoing, Pose};
+use autoswing::wire::{msp, nmea};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write as _;
@@ -116,12 +116,26 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
         instructions(|| drop(black_box(nmea::hdg(black_box(Some(123.4)), black_box(Some(-11.3)))))),
         instructions(|| drop(black_box(nmea::quality(black_box(&found), black_box(HeadingKind::Smooth))))),
     ];
-    let mut receiver = Receiver::new();
+    let mut receiver = mavlink::Receiver::new();
     let mut reports = 0;
     let to_report = instructions(|| {
         for &byte in black_box(&ATTITUDE_FRAME) {
             reports += u8::from(black_box(receiver.push(black_box(byte)).is_some()));
         }
+    });
+    let mut receiver = msp::Receiver::new();
+    let mut answers = 0;
+    let to_answer = instructions(|| {
+        for &byte in black_box(&ATTITUDE_ANSWER) {
+            answers += u8::from(black_box(receiver.push(black_box(byte)).is_some()));
+        }
+    });
+    let to_pose = instructions(|| {
+        let own = Address { system: 1, component: 158 };
+        drop(black_box(Outgoing::vision(black_box(&POSE)).frame(own, 0)));
+    });
+    let to_compass = instructions(|| {
+        black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));
     });
     let to_watch = watching(&solution);
     let to_collect = collecting(collector);
@@ -132,6 +146,9 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
         ("collect", to_collect, to_collect > 0),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
         ("mavlink", to_report, reports == 1),
+        ("mavlink-out", to_pose, true),
+        ("msp", to_answer, answers == 1),
+        ("msp-out", to_compass, true),
         ("late", late, is_latency_found),
         ("solve", solve, true),
     ] {
@@ -305,3 +322,15 @@ const ATTITUDE_FRAME: [u8; 40] = [
     0xCC, 0x4C, 0x3D, 0x00, 0x00, 0x80, 0x3F, 0x0A, 0xD7, 0x23, 0x3C, 0x0A, 0xD7, 0xA3, 0x3C, 0xCD, 0xCC, 0x4C, 0x3E,
     0xA0, 0x10,
 ];
+
+/// MSP version 2, the answer to MSP_ATTITUDE: roll 23.0, pitch 3.0, heading 100 deg.
+const ATTITUDE_ANSWER: [u8; 15] =
+    [0x24, 0x58, 0x3E, 0x00, 0x6C, 0x00, 0x06, 0x00, 0xE6, 0x00, 0x1E, 0x00, 0x64, 0x00, 0x8B];
+
+/// The longest of the messages that are sent often.
+const POSE: Pose = Pose {
+    at: Timestamp::from_us(1_234_567_000),
+    roll_pitch_yaw_rad: [0.4, 0.05, 1.0],
+    yaw_variance_rad2: 1e-4,
+    reset_counter: 1,
+};

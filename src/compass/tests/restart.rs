@@ -286,11 +286,12 @@ fn what_ports_have_found_is_written_once() {
     let at = |run: &mut Run<'_>, ms: u32, spoken| {
         *run.now = ms;
         run.look(spoken);
-        (run.stored.remembered.found, *run.writes)
+        // The other port speaks sentences, or in a firmware without them searches, too.
+        let [found, _] = run.stored.remembered.found;
+        (found, *run.writes)
     };
     let other = [ProtocolKind::Msp, ProtocolKind::Nmea];
-    let [nothing, mavlink, msp] =
-        [ProtocolKind::Auto, ProtocolKind::Mavlink, ProtocolKind::Msp].map(|kind| [kind, ProtocolKind::Auto]);
+    let [nothing, mavlink, msp] = [ProtocolKind::Auto, ProtocolKind::Mavlink, ProtocolKind::Msp];
     module.run(|run| {
         assert_eq!(at(run, 1000, SILENT), (nothing, 0));
         assert_eq!(at(run, 9000, FOUND), (nothing, 0));
