@@ -14,7 +14,6 @@ mod mps2_an386;
 mod stack;
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod stm32l4;
-#[expect(clippy::large_futures, reason = "a task is in static memory; there is no heap to put it on")]
 mod tasks;
 
 #[cfg(feature = "board-b-l475e-iot01a")]
