@@ -111,7 +111,7 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 }
 
-/// README: 24 KB are reserved for the stack, of which at most 16 are ever used.
+/// README: 24 KB are reserved for the stack, of which at most 21 are ever used.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {

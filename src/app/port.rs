@@ -69,11 +69,13 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     yield_now().await;
                 }
                 let at = now();
-                tell(links, &mut port, at, &settings);
+                // One thing a reading: what a note takes is as much as what is told.
                 if port.has_notes()
                     && let Some(text) = texts.try_changed()
                 {
                     port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
+                } else {
+                    tell(links, &mut port, at, &settings);
                 }
                 if silence.is_due(at, SILENCE_LOOKS_HZ) {
                     links.port_is(number, port.spoken(at), port.is_armed(at));
