@@ -41,10 +41,11 @@ pub async fn run(links: &Links) -> ! {
             links.offer(&links.samples, sample);
         }
         links.counters.take(&instrument.counts());
-        // What takes longer than a heading, a new correction too, has its time when one has just been told, and the next reading is far.
+        // What takes longer than a heading, a new correction too, has its time when one has just been told, and the next
+        // reading is far.
         if has_told {
-            // The heading of the reading goes out first. The executor takes what was woken last first: of one turn given away
-            // this task gets the first again, of two the ports have theirs in between.
+            // The executor takes what was woken last first: of one turn given away this task gets the first again, of two the
+            // ports have theirs in between.
             yield_now().await;
             yield_now().await;
             if let Some(changed) = correction.try_changed() {

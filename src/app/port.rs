@@ -37,11 +37,9 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
     let mut texts = listen(&links.texts);
     let wires = links.port(number);
     let mut settings = changes.changed().await;
-    let PortSettings { protocol, baud } = settings.ports.of(number);
-    let mut port = Port::new(protocol, *number.of(&links.spoken()), now());
-    if baud != Settings::DEFAULT.ports.of(number).baud {
-        tx.set_baud(baud);
-    }
+    let chosen = settings.ports.of(number);
+    let mut port = Port::new(chosen.protocol, *number.of(&links.spoken()), now());
+    adapt(&mut port, &mut tx, Settings::DEFAULT.ports.of(number), chosen);
     let mut counted = Counted::default();
     let mut silence = Pace::new();
     let mut bytes = [0; 64];

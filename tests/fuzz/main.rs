@@ -34,12 +34,15 @@ fn inputs() -> u32 {
 /// What an input must not break.
 type Promise = Result<(), TestCaseError>;
 
+/// So many inputs, of a seed: not of the system's entropy, which is what a runner begins with by itself.
+fn runner(cases: u32) -> TestRunner {
+    let config = Config { cases, failure_persistence: None, ..Config::default() };
+    TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]))
+}
+
 /// Holds a promise against so many inputs of a kind.
 fn hold<S: Strategy<Value: Debug>>(kind: S, promise: impl Fn(S::Value) -> Promise) {
-    let config = Config { cases: inputs(), failure_persistence: None, ..Config::default() };
-    // Not the system's entropy, which is what a runner begins with by itself.
-    let random = TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]);
-    let mut runner = TestRunner::new_with_rng(config, random);
+    let mut runner = runner(inputs());
     if let Err(failure) = runner.run(&kind, promise) {
         panic!("{failure}");
     }
@@ -50,8 +53,7 @@ fn hold<S: Strategy<Value: Debug>>(kind: S, promise: impl Fn(S::Value) -> Promis
 fn one_seed_gives_the_same_inputs() {
     let all = || {
         let all = std::cell::RefCell::new(Vec::new());
-        let config = Config { cases: 100, failure_persistence: None, ..Config::default() };
-        let mut runner = TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]));
+        let mut runner = runner(100);
         let keep = |bytes| {
             all.borrow_mut().push(bytes);
             Ok(())
