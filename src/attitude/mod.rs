@@ -1,5 +1,6 @@
 //! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
 
+mod aligning;
 mod clock;
 mod lines;
 mod motion;
@@ -9,8 +10,9 @@ mod senders;
 
 use core::f32::consts::FRAC_PI_2;
 
-use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::frames::{Attitude, Body, Field, Sensor, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
+use aligning::Aligning;
 use clock::SenderClock;
 pub use lines::Lines;
 use motion::Integral;
@@ -73,6 +75,12 @@ impl Report {
         self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
             && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_RATE_RAD_S)
     }
+
+    /// How fast it turns about any axis, radians a second; none where the source gives no rates.
+    fn turning_rad_s(&self) -> Option<f32> {
+        let [p, q, r] = self.rates_rad_s;
+        self.has_rates().then(|| libm::sqrtf(p * p + q * q + r * r))
+    }
 }
 
 /// 2,000 deg/s, where the gyros of autopilots end, and a little.
@@ -99,6 +107,8 @@ pub enum Lookup {
     Stale,
     /// The source repeats itself: what it says now is not known.
     Frozen,
+    /// The source still seeks its attitude.
+    Aligning,
 }
 
 /// Reports that were not believed so far; each wraps.
@@ -108,13 +118,15 @@ pub struct Doubted {
     pub spikes: u32,
     /// Of a source that repeats itself.
     pub frozen: u32,
+    /// Of a source that still seeks its attitude.
+    pub aligning: u32,
     /// Whose body rates contradict their attitude: they were taken without.
     pub rates: u32,
 }
 
 impl Doubted {
     /// All were believed.
-    pub const NONE: Self = Self { spikes: 0, frozen: 0, rates: 0 };
+    pub const NONE: Self = Self { spikes: 0, frozen: 0, aligning: 0, rates: 0 };
 }
 
 /// The last few reports on the module's clock, without those that cannot be true.
@@ -125,6 +137,9 @@ pub struct Track {
     clock: SenderClock,
     spikes: Spikes,
     freeze: Freeze,
+    aligning: Aligning,
+    /// The last report of a source that still seeks its attitude, until it has found it.
+    aligning_at: Option<Timestamp>,
     rates: Rates,
     doubted: Doubted,
 }
@@ -139,6 +154,8 @@ impl Track {
             clock: SenderClock::new(),
             spikes: Spikes::new(),
             freeze: Freeze::new(),
+            aligning: Aligning::new(),
+            aligning_at: None,
             rates: Rates::NOTHING,
             doubted: Doubted::NONE,
         }
@@ -166,6 +183,12 @@ impl Track {
             self.doubted.spikes = self.doubted.spikes.wrapping_add(1);
             return;
         }
+        let is_aligning = self.aligning.see(at, &report);
+        self.aligning_at = is_aligning.then_some(at);
+        if is_aligning {
+            self.doubted.aligning = self.doubted.aligning.wrapping_add(1);
+            return;
+        }
         if self.rates.see(at, &report) {
             self.doubted.rates = self.doubted.rates.wrapping_add(1);
             report.rates_rad_s = [0.0; 3];
@@ -183,13 +206,16 @@ impl Track {
         self.freeze.see_field(field);
     }
 
+    /// Takes the raw field of a reading: one that is still while the reports are not shows that they are sought yet.
+    pub fn see_raw_field(&mut self, field: Field<Sensor>) {
+        self.aligning.see_field(field);
+    }
+
     /// How fast the aircraft turns about any axis by the newest report, radians a second; none where the source gives
     /// no rates.
     #[must_use]
     pub fn turning_rad_s(&self) -> Option<f32> {
-        let report = &self.reports.back()?.report;
-        let [p, q, r] = report.rates_rad_s;
-        report.has_rates().then(|| libm::sqrtf(p * p + q * q + r * r))
+        self.reports.back()?.report.turning_rad_s()
     }
 
     /// Reports that were not believed so far.
@@ -206,7 +232,8 @@ impl Track {
         match sent.us_since(newest.at) {
             0 if sent == newest.at => return Lookup::Interpolated(newest.report.attitude),
             0 => {}
-            _ if self.repeats_at(sent) => return Lookup::Frozen,
+            _ if self.is_of(self.freeze.frozen_at(), sent) => return Lookup::Frozen,
+            _ if self.is_of(self.aligning_at, sent) => return Lookup::Aligning,
             ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
                 return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
             }
@@ -224,7 +251,8 @@ impl Track {
         let sent = self.sent(at);
         if sent >= newest.at {
             let ahead_us = sent.us_since(newest.at);
-            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && !self.repeats_at(sent);
+            let is_doubted = self.is_of(self.freeze.frozen_at(), sent) || self.is_of(self.aligning_at, sent);
+            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && !is_doubted;
             return newest.integral.ahead(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
         }
         let (before, after) = self.around(sent)?;
@@ -244,10 +272,10 @@ impl Track {
         last.integral.next(report, step_s)
     }
 
-    /// Whether reports come, and are all the same, at the time of sending.
-    fn repeats_at(&self, sent: Timestamp) -> bool {
+    /// Whether reports that are not believed, the last of them then, come at the time of sending.
+    fn is_of(&self, doubted_at: Option<Timestamp>, sent: Timestamp) -> bool {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        self.freeze.frozen_at().is_some_and(|frozen_at| sent.us_since(frozen_at) <= max_age_us)
+        doubted_at.is_some_and(|doubted_at| sent.us_since(doubted_at) <= max_age_us)
     }
 
     /// The reports before and after a time of sending, of which the first may be of that very time.

@@ -82,8 +82,36 @@ impl Spikes {
 /// The angle between the down directions of two attitudes, radians: roll and pitch alone, and no more at a vertical
 /// nose, where roll means nothing.
 fn tilt_between(a: Attitude, b: Attitude) -> f32 {
-    let chord = (a.tilt().down() - b.tilt().down()).norm();
+    angle_between(a.tilt().down(), b.tilt().down())
+}
+
+/// The angle between two directions of any length, radians.
+pub(super) fn angle_between(a: Vector3<f32>, b: Vector3<f32>) -> f32 {
+    let chord = (a / a.norm() - b / b.norm()).norm();
     2.0 * trig::asin(chord / 2.0)
+}
+
+/// Where a field points, averaged over a few readings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Direction(Option<Vector3<f32>>);
+
+impl Direction {
+    /// Before the first reading.
+    pub const UNKNOWN: Self = Self(None);
+
+    /// Takes the field of a reading.
+    pub fn see<F>(&mut self, field: Field<F>) {
+        let direction = field.ut / field.ut.norm();
+        let before = self.0.unwrap_or(direction);
+        let averaged = before + (direction - before) / FIELD_READINGS;
+        // What is no number would stay so for ever.
+        self.0 = averaged.iter().all(|c| c.is_finite()).then_some(averaged);
+    }
+
+    /// Of a length near one; none before the first reading.
+    pub const fn mean(&self) -> Option<Vector3<f32>> {
+        self.0
+    }
 }
 
 /// Finds a source that repeats itself.
@@ -99,7 +127,7 @@ pub(super) struct Freeze {
     is_fine: bool,
     /// Where the field points in body axes, averaged; and where it did when it had settled after the first of the equal
     /// reports.
-    field: Option<Vector3<f32>>,
+    field: Direction,
     field_then: Option<Vector3<f32>>,
     frozen: bool,
 }
@@ -113,7 +141,7 @@ impl Freeze {
             since: Timestamp::START,
             latest: Timestamp::START,
             is_fine: false,
-            field: None,
+            field: Direction::UNKNOWN,
             field_then: None,
             frozen: false,
         }
@@ -121,11 +149,7 @@ impl Freeze {
 
     /// Takes the corrected field of a reading.
     pub fn see_field(&mut self, field: Field<Body>) {
-        let direction = field.ut / field.ut.norm();
-        let before = self.field.unwrap_or(direction);
-        let averaged = before + (direction - before) / FIELD_READINGS;
-        // What is no number would stay so for ever.
-        self.field = averaged.iter().all(|c| c.is_finite()).then_some(averaged);
+        self.field.see(field);
     }
 
     /// Takes a report of an instant, whether or not it is believed otherwise.
@@ -139,7 +163,7 @@ impl Freeze {
             self.equal = self.equal.saturating_add(1);
             if at.us_since(self.since) >= FIELD_SETTLES_US {
                 // The first field may come after many reports.
-                self.field_then = self.field_then.or(self.field);
+                self.field_then = self.field_then.or(self.field.mean());
             }
         } else {
             self.is_fine |= self.last.is_some_and(|last| is_fine_step(last, attitude));
@@ -164,7 +188,7 @@ impl Freeze {
 
     /// Whether the field has turned meanwhile, and not only about the vertical of this attitude.
     fn has_turned(&self, attitude: Attitude) -> bool {
-        let (Some(now), Some(then)) = (self.field, self.field_then) else { return false };
+        let (Some(now), Some(then)) = (self.field.mean(), self.field_then) else { return false };
         let [now, then] = [now, then].map(|direction| direction / direction.norm());
         let down = attitude.tilt().down();
         let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
@@ -326,9 +350,9 @@ mod tests {
         let mut freeze = Freeze::new();
         freeze.see_field(Field::from_ut(f32::NAN, 0.0, 0.0));
         freeze.see_field(Field::from_ut(0.0, 0.0, 0.0));
-        assert!(freeze.field.is_none() && !freeze.has_turned(Attitude::default()));
+        assert!(freeze.field.mean().is_none() && !freeze.has_turned(Attitude::default()));
         freeze.see_field(Field::from_ut(0.0, 2.0, 0.0));
-        assert_eq!(freeze.field, Some(Vector3::new(0.0, 1.0, 0.0)));
+        assert_eq!(freeze.field.mean(), Some(Vector3::new(0.0, 1.0, 0.0)));
     }
 
     #[test]

@@ -275,7 +275,7 @@ fn a_report_far_off_is_left_away() {
         let found_deg = roll_deg(track.at(at(true_us)));
         let expected_deg = if believed { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
-        assert_eq!(track.doubted(), Doubted { spikes: u32::from(!believed), frozen: 0, rates: 0 });
+        assert_eq!(track.doubted(), Doubted { spikes: u32::from(!believed), ..Doubted::NONE });
     }
 }
 
@@ -349,7 +349,7 @@ fn a_source_that_repeats_itself_is_not_believed() {
     assert_ne!(track.at(at(true_us + 1)), Lookup::Frozen, "four are equal");
     let (mut track, true_us) = reported(&[&rolls_deg[..], &[10.05]].concat());
     assert_eq!(track.at(at(true_us + 1)), Lookup::Frozen);
-    assert_eq!(track.doubted(), Doubted { spikes: 0, frozen: 1, rates: 0 });
+    assert_eq!(track.doubted(), Doubted { frozen: 1, ..Doubted::NONE });
     // Of a source that has fallen silent after all nothing else is known than that.
     assert_eq!(track.at(at(true_us + 200_000)), Lookup::Frozen);
     assert_eq!(track.at(at(true_us + 200_001)), Lookup::Stale);
@@ -388,11 +388,11 @@ fn another_source_starts_afresh() {
 #[test]
 fn another_source_is_not_measured_by_the_one_before() {
     let (mut track, true_us) = reported(&[10.0, 10.02, 40.0, 10.05, 10.05, 10.05, 10.05, 10.05]);
-    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, rates: 0 });
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, ..Doubted::NONE });
     let other = Report { source: Source::new(7), ..rolling(0, 50.0, 0.0) };
     track.push(at(true_us + PERIOD_US + LATENCY_US), other);
     assert!((roll_deg(track.at(at(true_us + PERIOD_US))) - 50.0).abs() < 1e-3);
-    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, rates: 0 });
+    assert_eq!(track.doubted(), Doubted { spikes: 1, frozen: 1, ..Doubted::NONE });
 }
 
 /// 0.1 rad and 4 rad/s in 100 ms are 28.6 deg: a roll of 280 deg/s, of which a source without rates says nothing.

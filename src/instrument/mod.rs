@@ -355,6 +355,7 @@ impl Instrument {
             self.pairing.pass(at);
         } else {
             self.pairing.push(at, reading.field);
+            self.track.see_raw_field(reading.field);
         }
         let correction = self.correction.calibration.as_ref().filter(|_| fault.is_none());
         let body = correction.map(|(calibration, _)| calibration.apply(reading.field));
@@ -466,6 +467,7 @@ impl Instrument {
         match self.track.at(self.told_at(at)) {
             Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Ok(attitude),
             Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
+            Lookup::Aligning => Err(NoHeading::AttitudeContradicted),
             Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),
         }
     }

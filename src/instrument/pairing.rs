@@ -77,10 +77,10 @@ impl Pairing {
         while let Some(&(at, field)) = self.waiting.front() {
             let attitude = match attitude_at(at) {
                 Lookup::Interpolated(attitude) => Some(attitude),
-                Lookup::Extrapolated(_) | Lookup::Stale | Lookup::Frozen if self.now.us_since(at) < PATIENCE_US => {
-                    return None;
-                }
-                Lookup::Extrapolated(_) | Lookup::Stale | Lookup::Frozen | Lookup::Missing => None,
+                Lookup::Missing => None,
+                // It may come yet.
+                _ if self.now.us_since(at) < PATIENCE_US => return None,
+                _ => None,
             };
             self.waiting.pop_front();
             let Some(attitude) = attitude else {

@@ -1,6 +1,6 @@
 //! Faults of the attitude source: its messages on their way to the wire, and others on the same wire.
 
-use std::f64::consts::FRAC_PI_4;
+use std::f64::consts::{FRAC_PI_4, TAU};
 
 use mavlink::dialects::common::ATTITUDE_DATA;
 
@@ -162,6 +162,34 @@ impl AttitudeFault for Rates {
             for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
                 *rate *= self.factor as f32;
             }
+        }
+    }
+}
+
+/// What a gyro at rest says while its offset is not yet known, radians a second: 0.01 deg/s were seen.
+const GYRO_OFFSET_RAD_S: f32 = 2e-4;
+
+/// A filter that aligns after its start: roll and pitch swing about while nothing turns, less and less, and are right in
+/// the end.
+pub struct Aligning {
+    /// While it does.
+    pub switch: Switch,
+    /// How far it swings at first, degrees.
+    pub swing_deg: f64,
+    /// How long a swing of roll and one of pitch take, seconds.
+    pub periods_s: [f64; 2],
+}
+
+impl AttitudeFault for Aligning {
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        let Some(on_for_s) = self.switch.on_for_s(now_us) else { return };
+        // No gyro says nothing at all.
+        for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
+            *rate += GYRO_OFFSET_RAD_S;
+        }
+        let swing_rad = self.swing_deg.to_radians() * (1.0 - self.switch.progress(now_us));
+        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
+            *angle += (swing_rad * (TAU * on_for_s / period_s).sin()) as f32;
         }
     }
 }

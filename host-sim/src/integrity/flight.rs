@@ -15,6 +15,7 @@ use crate::rig::Rig;
 use crate::score::{Errors, wrap_180};
 use crate::transcript::{self, Notice};
 use crate::world::WorldConfig;
+use crate::world::aircraft::Carried;
 use crate::world::autopilot::Leg;
 use crate::world::far_end::FarEnd;
 
@@ -66,7 +67,7 @@ const PATIENCE_S: f64 = 10.0;
 /// Flies the flight of a seed with a plan's aircraft, source of attitude and heading that is sent.
 #[must_use]
 pub fn fly(case: &Case, seed: u64, plan: &Plan) -> Flown {
-    let Drawn { world, routine, faults, switch, onset, use_s } = case.draw(seed, plan.aircraft);
+    let Drawn { world, routine, faults, switch, onset, stands_s, use_s } = case.draw(seed, plan.aircraft);
     let fields = faults.field.clone();
     let mut rig = Rig::wired(world, faults, [plan.source.far_end(), FarEnd::Nobody]);
     rig.world.set_armed(true);
@@ -93,7 +94,7 @@ pub fn fly(case: &Case, seed: u64, plan: &Plan) -> Flown {
             switch.act(from_us, later_us(from_us, for_s));
         }
         let counts_from_us = if let Onset::InUse { after_s, .. } = onset { later_us(rig.now_us(), after_s) } else { 0 };
-        listen(&mut rig, use_s, seed, &mut |at_us, judged| {
+        listen(&mut rig, [stands_s, use_s], seed, &mut |at_us, judged| {
             // Iron that has moved while calibrating is part of the airframe that is used.
             let faulty = match onset {
                 Onset::Never => false,
@@ -180,10 +181,17 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f6
     Errors::of(calibration, &now).figures().rms_deg
 }
 
-/// Flies legs for a time, every sentence of which is judged.
-fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judged)) {
+/// Stands on the ground for a time, as it came, and flies legs for a time; every sentence is judged.
+fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn FnMut(u64, &Judged)) {
     let mut random = Random::new(seed, Purpose::Legs);
-    let end_us = later_us(rig.now_us(), use_s);
+    if stands_s > 0.0 {
+        // As it was flying, whole turns of its heading included: nothing real jumps.
+        let now = rig.world.true_state(rig.now_us());
+        let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
+        rig.world.carry(Carried { roll_deg, pitch_deg, heading_deg, ..Carried::default() });
+    }
+    let flies_us = later_us(rig.now_us(), stands_s);
+    let end_us = later_us(flies_us, use_s);
     let kind = rig.world.config().aircraft.kind;
     for leg in usage::first(kind, &mut random) {
         rig.world.fly(leg);
@@ -191,6 +199,9 @@ fn listen(rig: &mut Rig, use_s: f64, seed: u64, judge: &mut dyn FnMut(u64, &Judg
     let mut reader = Reader::default();
     let _ = rig.instrument.receive();
     while rig.now_us() < end_us {
+        if stands_s > 0.0 && rig.now_us() >= flies_us {
+            rig.world.let_go();
+        }
         if rig.world.legs_left() < 2 {
             for leg in usage::next(kind, &mut random) {
                 rig.world.fly(leg);

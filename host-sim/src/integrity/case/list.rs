@@ -36,6 +36,7 @@ pub static CASES: &[Case] = &[
     case("foreign-silent", What::Foreign(None), "another sends attitude, too, 5 deg off, and no heartbeat"),
     case("bias-2", What::Bias(2.0), "attitude bias of 2 deg"),
     case("bias-5", What::Bias(5.0), "attitude bias of 5 deg"),
+    case("aligning", What::Aligning, "attitude swings on the ground, as of a filter that aligns"),
     case("lean-70", What::Lean(0.7), "attitude reads 70 % of the bank"),
     case("lean-30", What::Lean(0.3), "attitude reads 30 % of the bank"),
     case("late-200", What::Late(200), "attitude 200 ms later"),

@@ -8,7 +8,7 @@ use std::rc::Rc;
 use nalgebra::Vector3;
 
 use super::Source;
-use crate::faults::attitude::{Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, Spikes};
+use crate::faults::attitude::{Aligning, Bias, Coarse, Foreign, Frozen, Late, Lean, Rates, Spikes};
 use crate::faults::field::{Drift, Elsewhere, Moved, Passing, Throttle};
 use crate::faults::sensor::{Clipped, Noisy, SensorFault, Spiky, Stuck, Upset};
 use crate::faults::{Faults, Switch};
@@ -67,7 +67,9 @@ pub struct Drawn {
     pub switch: Switch,
     /// When.
     pub onset: Onset,
-    /// How long the calibration is used, seconds.
+    /// For so long it stands on the ground first, anywhere, seconds.
+    pub stands_s: f64,
+    /// How long the calibration is used after that, seconds.
     pub use_s: f64,
 }
 
@@ -93,6 +95,7 @@ enum What {
     CalibrationLean(f64),
     Late(u64),
     Rates(f64),
+    Aligning,
     Moved(f64),
     CalibrationMoved(f64),
     Throttle(f64),
@@ -118,6 +121,10 @@ const SOON_S: f64 = 10.0;
 
 /// What comes and goes.
 const PASSING_AT_S: f64 = 60.0;
+
+/// It stands for so long before it flies again, while its autopilot has restarted and aligns, as a real one did.
+const STANDS_S: f64 = 60.0;
+const ALIGNS_S: f64 = 10.0;
 
 /// The earliest end of a calibration after its beginning, seconds. An aeroplane's takes four circles at 25 deg of bank to
 /// one side, and as many to the other as it takes: of 60 flights it took 196 to 215 s. A copter's may be good enough when
@@ -165,7 +172,7 @@ impl Case {
     /// Whether it is one of such a source: MSP has one sender and no rates.
     #[must_use]
     pub const fn is_of(&self, source: Source) -> bool {
-        matches!(source, Source::Mavlink) || !matches!(self.what, What::Foreign(_) | What::Rates(_))
+        matches!(source, Source::Mavlink) || !matches!(self.what, What::Foreign(_) | What::Rates(_) | What::Aligning)
     }
 
     /// What happens on the flight of a seed.
@@ -179,6 +186,7 @@ impl Case {
             faults: Faults::default(),
             switch: switch.clone(),
             onset: Onset::Never,
+            stands_s: 0.0,
             use_s: USE_S,
         };
         match self.what {
@@ -205,6 +213,7 @@ impl Case {
             | What::Lean(_)
             | What::CalibrationLean(_)
             | What::Late(_)
+            | What::Aligning
             | What::Rates(_) => self.attitude(&mut drawn, &mut random, seed),
             _ => self.field(&mut drawn, &mut random, seed),
         }
@@ -298,6 +307,13 @@ impl Case {
             }
             What::Late(ms) => faults.attitude.push(Box::new(Late { switch, by_us: ms * 1000 })),
             What::Rates(factor) => faults.attitude.push(Box::new(Rates { switch, factor })),
+            What::Aligning => {
+                drawn.stands_s = STANDS_S;
+                drawn.onset = Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S };
+                let [swing_deg, roll_s, pitch_s] =
+                    [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| random.uniform(a, b));
+                faults.attitude.push(Box::new(Aligning { switch, swing_deg, periods_s: [roll_s, pitch_s] }));
+            }
             What::Lean(told) => faults.attitude.push(Box::new(Lean { switch, told })),
             What::CalibrationLean(told) => {
                 drawn.onset = Onset::Always;
