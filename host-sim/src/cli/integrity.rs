@@ -2,13 +2,12 @@
 
 use std::process::ExitCode;
 
-use comfy_table::{Table, presets};
+use comfy_table::{ContentArrangement, Table};
 use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
 use host_sim::world::aircraft::Kind;
-use indicatif::{ProgressBar, ProgressStyle};
 
-use super::print::right_aligned;
-use super::{Failure, Integrity};
+use super::print::{self, right_aligned, table};
+use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
@@ -19,16 +18,17 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     }
     let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
     let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft, source };
-    let bar = ProgressBar::new(integrity::flights(plan, &cases));
-    if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
-        bar.set_style(style);
-    }
+    let bar = progress("flights", integrity::flights(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
-        println!("{}", serde_json::to_string(&rows).map_err(|error| Failure(error.to_string()))?);
+        print::json(&rows)?;
     } else {
-        show(&rows);
+        let [calibrations, headings] = shown(&rows);
+        print::line(format_args!("{calibrations}\n{headings}"));
+        print::line("true/exp.: true over expected error of accepted calibrations, median and worst");
+        print::line("iron: what is told of iron that moved less what did, of its size, median");
+        print::line("longest, worst, rms: seconds and degrees; smooth: headings that are");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -51,48 +51,41 @@ fn chosen(
 }
 
 fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(["case", "what is wrong"]);
+    let mut table = table(["case", "what is wrong"]);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(print::WIDTH as u16);
     for case in CASES.iter().filter(|case| is_to_be_had(case)) {
         table.add_row([case.name, case.says]);
     }
-    println!("{table}");
+    print::line(table);
 }
 
-fn show(rows: &[Row]) {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(
-        [
-            "case",
-            "flights",
-            "accepted",
-            "wrong",
-            "true/exp.",
-            "bad",
-            "longest",
-            "worst",
-            "smooth",
-            "rms",
-            "1/2/3 sigma",
-            "empty",
-            "alarms/h",
-            "iron",
-        ]
-        .map(right_aligned),
-    );
+/// Two tables, for a terminal has no room for one: of calibrations, and of headings.
+fn shown(rows: &[Row]) -> [Table; 2] {
+    let mut calibrations = table(["case", "flights", "accepted, %", "wrong, %", "true/exp.", "iron, %"]);
+    let mut headings =
+        table(["case", "bad, %", "longest", "worst", "smooth", "rms", "1/2/3 sigma", "empty", "alarms/h"]);
+    // Room for the longest name of a case.
+    headings.column_iter_mut().for_each(|column| {
+        column.set_padding((0, 1));
+    });
     for row in rows {
         let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.1}"));
-        table.add_row(
+        calibrations.add_row(
             [
                 row.case.to_owned(),
                 row.flights.to_string(),
-                format!("{:.0} %", row.accepted_percent),
-                format!("{:.0} %", row.wrong_percent),
+                format!("{:.0}", row.accepted_percent),
+                format!("{:.0}", row.wrong_percent),
                 format!("{}, {}", ratio(row.ratio_median), ratio(row.ratio_worst)),
-                format!("{:.2} %", row.bad_percent),
-                format!("{:.1} s", row.longest_bad_s),
+                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
+            ]
+            .map(right_aligned),
+        );
+        headings.add_row(
+            [
+                row.case.to_owned(),
+                format!("{:.2}", row.bad_percent),
+                format!("{:.1}", row.longest_bad_s),
                 format!("{:.1}", row.worst_deg),
                 format!("{:.0} %", row.smooth_percent),
                 format!("{:.2}", row.rms_deg),
@@ -100,14 +93,11 @@ fn show(rows: &[Row]) {
                     "{:.0}/{:.0}/{:.1}",
                     row.within_one_sigma_percent, row.within_two_sigma_percent, row.within_three_sigma_percent
                 ),
-                format!("{:.2} %", row.empty_percent),
+                format!("{:.1} %", row.empty_percent),
                 format!("{:.1}", row.alarms_per_hour),
-                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0} %")),
             ]
             .map(right_aligned),
         );
     }
-    println!("{table}");
-    println!("true/exp.: true over expected error of accepted calibrations, median and worst; errors in degrees");
-    println!("iron: what is told of iron that moved less what did, of its size, median");
+    [calibrations, headings]
 }
