@@ -8,7 +8,7 @@ use host_sim::accuracy::{self, Coverage, Outcome, Plan};
 use host_sim::world::aircraft::Kind;
 use serde_json::json;
 
-use super::print::{self, right_aligned, say, table};
+use super::print::{self, narrow_table, right_aligned, say};
 use super::{Accuracy, Failure, progress};
 
 /// How long a flight is if nobody says.
@@ -50,7 +50,8 @@ fn shown(plan: Plan, outcome: &Outcome) -> String {
         "",
         &format!("{airframes} airframes, {draws} flights of each; bound {bound_deg:.3} deg rms, median"),
     );
-    let mut table = table(["method", "rms/bound", "worst 10 %", "rms, deg", "solved, %", "taken, %", "wrong"]);
+    let mut table =
+        narrow_table(["method", "rms/\nbound", "worst\n10 %", "rms,\ndeg", "solved,\n%", "accepted,\n%", "wrong"]);
     for method in &outcome.methods {
         table.add_row(
             [
@@ -105,8 +106,10 @@ fn whole_flights(options: &Accuracy, kind: Kind, plan: Plan) -> Result<ExitCode,
 fn shown_flights(plan: Plan, rows: &[Row]) -> String {
     let Plan { airframes, draws, .. } = plan;
     let name = |row: &Row| format!("{} {}", row.aircraft, row.pattern.name());
-    let mut errors = table(["flight", "minutes", "readings", "rms", "worst 10 %", "solved, %", "taken, %", "wrong"]);
-    let mut ratios = table(["flight", "rms/kept", "best", "rms/best", "worst 10 %", "1/2 sigma, %", "with faults"]);
+    let mut errors =
+        narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);
+    let mut ratios =
+        narrow_table(["flight", "rms/\nkept", "best", "rms/\nbest", "worst\n10 %", "1/2\nsigma, %", "with\nfaults, %"]);
     for row in rows {
         let within = |of: Coverage| format!("{:.1}/{:.1}", of.one_sigma_percent, of.two_sigma_percent);
         errors.add_row(

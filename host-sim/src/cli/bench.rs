@@ -4,7 +4,6 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use autoswing::calibration::{Method, Prior, Samples, solve};
-use comfy_table::ContentArrangement;
 use host_sim::accuracy::trial::{Faults, Ranges, Trial};
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
@@ -12,7 +11,7 @@ use host_sim::world::WorldConfig;
 use serde_json::json;
 
 use super::interruption::{Interruption, Second};
-use super::print::{self, right_aligned, table};
+use super::print::{self, right_aligned, words_table};
 use super::{Budget, Failure, Speed, waiting};
 
 /// `host-sim bench budget`.
@@ -31,8 +30,7 @@ pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     if options.json {
         print::json(json!({ "budgets": budgets }))?;
     } else {
-        let mut table = table(["instructions", "limit", "of"]);
-        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(print::WIDTH as u16);
+        let mut table = words_table(["instructions", "limit", "of"]);
         for budget in &budgets {
             let counted = budget.counted.map_or_else(|| "not counted".to_owned(), |counted| counted.to_string());
             table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.of.into()]);

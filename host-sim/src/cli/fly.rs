@@ -213,7 +213,8 @@ fn words(figures: &Figures) -> String {
 }
 
 fn errors_table(before: &Errors, after: &Errors) -> Table {
-    let mut table = table(["heading", "before: level", "right 25", "left 25", "after: level", "right 25", "left 25"]);
+    let mut table =
+        table(["heading", "before:\nlevel", "\nright 25", "\nleft 25", "after:\nlevel", "\nright 25", "\nleft 25"]);
     for step in 0..12 {
         let errors = before.0.iter().chain(&after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));

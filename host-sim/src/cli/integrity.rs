@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use comfy_table::{ContentArrangement, Table};
+use comfy_table::Table;
 use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
 use host_sim::world::aircraft::Kind;
 
-use super::print::{self, right_aligned, table};
+use super::print::{self, narrow_table, right_aligned, words_table};
 use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
@@ -26,9 +26,9 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     } else {
         let [calibrations, headings] = shown(&rows);
         print::line(format_args!("{calibrations}\n{headings}"));
-        print::line("true/exp.: true over expected error of accepted calibrations, median and worst");
+        print::line("true/expected: errors of accepted calibrations, median and worst");
         print::line("iron: what is told of iron that moved less what did, of its size, median");
-        print::line("longest, worst, rms: seconds and degrees; smooth: headings that are");
+        print::line("bad, worst, rms: headings that are sent as good, degrees");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -51,8 +51,7 @@ fn chosen(
 }
 
 fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
-    let mut table = table(["case", "what is wrong"]);
-    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(print::WIDTH as u16);
+    let mut table = words_table(["case", "what is wrong"]);
     for case in CASES.iter().filter(|case| is_to_be_had(case)) {
         table.add_row([case.name, case.says]);
     }
@@ -61,13 +60,10 @@ fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
 
 /// Two tables, for a terminal has no room for one: of calibrations, and of headings.
 fn shown(rows: &[Row]) -> [Table; 2] {
-    let mut calibrations = table(["case", "flights", "accepted, %", "wrong, %", "true/exp.", "iron, %"]);
+    let mut calibrations =
+        narrow_table(["case", "flights", "accepted,\n%", "wrong,\n%", "true/\nexpected", "iron,\n%", "alarms\nper h"]);
     let mut headings =
-        table(["case", "bad, %", "longest", "worst", "smooth", "rms", "1/2/3 sigma", "empty", "alarms/h"]);
-    // Room for the longest name of a case.
-    headings.column_iter_mut().for_each(|column| {
-        column.set_padding((0, 1));
-    });
+        narrow_table(["case", "bad,\n%", "long-\nest, s", "worst", "smooth\n%", "rms", "1/2/3\nsigma, %", "empty,\n%"]);
     for row in rows {
         let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.1}"));
         calibrations.add_row(
@@ -78,6 +74,7 @@ fn shown(rows: &[Row]) -> [Table; 2] {
                 format!("{:.0}", row.wrong_percent),
                 format!("{}, {}", ratio(row.ratio_median), ratio(row.ratio_worst)),
                 row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
+                format!("{:.1}", row.alarms_per_hour),
             ]
             .map(right_aligned),
         );
@@ -87,14 +84,13 @@ fn shown(rows: &[Row]) -> [Table; 2] {
                 format!("{:.2}", row.bad_percent),
                 format!("{:.1}", row.longest_bad_s),
                 format!("{:.1}", row.worst_deg),
-                format!("{:.0} %", row.smooth_percent),
+                format!("{:.0}", row.smooth_percent),
                 format!("{:.2}", row.rms_deg),
                 format!(
                     "{:.0}/{:.0}/{:.1}",
                     row.within_one_sigma_percent, row.within_two_sigma_percent, row.within_three_sigma_percent
                 ),
-                format!("{:.1} %", row.empty_percent),
-                format!("{:.1}", row.alarms_per_hour),
+                format!("{:.2}", row.empty_percent),
             ]
             .map(right_aligned),
         );

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use autoswing::calibration::Calibration;
-use comfy_table::{Cell, CellAlignment, Table, presets};
+use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -47,6 +48,18 @@ pub fn is_lost() -> bool {
     LOST.get().is_some()
 }
 
+/// The same, for what goes on for long without printing: looks whether whoever read what was printed has gone.
+pub fn is_left() -> bool {
+    let stdout = io::stdout();
+    let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    // Of a pipe without a reader; a file or a terminal never says so.
+    if poll(&mut ends, Some(&now)).is_ok() && ends[0].revents().contains(PollFlags::ERR) {
+        let _ = LOST.set(ErrorKind::BrokenPipe.into());
+    }
+    is_lost()
+}
+
 /// A line on the error output, where even that may be closed.
 pub fn complain(text: impl std::fmt::Display) {
     let _ = writeln!(io::stderr(), "{text}");
@@ -65,7 +78,8 @@ pub fn ending(code: ExitCode) -> ExitCode {
 }
 
 /// Decimals by the end of a number's name: what it means, and a digit to spare.
-const DECIMALS: [(&str, i32); 6] = [("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
+const DECIMALS: [(&str, i32); 7] =
+    [("soft_iron", 4), ("_deg", 3), ("_percent", 2), ("_ut", 3), ("_ms", 3), ("_s", 2), ("readings", 0)];
 
 /// Ratios, and what has no unit.
 const OTHER_DECIMALS: i32 = 3;
@@ -120,11 +134,29 @@ pub fn right_aligned(text: impl ToString) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
 
-/// A table without rows, of columns with these names.
+/// A table without rows, of columns with these names. It is as wide as its contents, for a number that is broken in two is
+/// none; names are broken where they say.
 pub fn table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(names.into_iter().map(right_aligned));
+    table
+}
+
+/// The same of many columns: what stands at the right needs no space before it.
+pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
+    let mut table = table(names);
+    table.column_iter_mut().for_each(|column| {
+        column.set_padding((0, 1));
+    });
+    table
+}
+
+/// A table whose words are broken at [`WIDTH`].
+pub fn words_table<const N: usize>(names: [&str; N]) -> Table {
+    let mut table = table([""; N]);
+    table.set_header(names);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH as u16);
     table
 }
 

@@ -8,7 +8,7 @@ use host_sim::score::Figures;
 use host_sim::world::table1::{self, Row, Sides};
 use serde_json::{Value, json};
 
-use super::print::{self, right_aligned, table};
+use super::print::{self, narrow_table, right_aligned};
 use super::{Failure, Table1};
 
 pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
@@ -55,7 +55,8 @@ fn figures(columns: &[Column]) -> Value {
 }
 
 fn errors(columns: &[Column]) -> Table {
-    let mut table = table(std::iter::once("heading").chain(columns.iter().map(|column| column.name)));
+    let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
+    let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
     for row in 0..paper::HEADINGS {
         let cells = columns.iter().map(|column| {
             let Sides { right_deg, left_deg } = column.sides(row);
@@ -67,11 +68,11 @@ fn errors(columns: &[Column]) -> Table {
 }
 
 fn summary(published: &[Column], noise_free: &[Column], noisy: &[Column]) -> Table {
-    let mut table = table(["", "published", "12 a side", "256 a side"]);
+    let mut table = narrow_table(["", "published", "12 a side", "256 a side"]);
     for (exact, noisy) in noise_free.iter().zip(noisy) {
         let printed = published.iter().find(|column| column.name == exact.name);
         let cells = [printed, Some(exact), Some(noisy)].map(|column| column.map_or_else(String::new, three));
-        table.add_row(std::iter::once(exact.name.to_owned()).chain(cells).map(right_aligned));
+        table.add_row(std::iter::once(exact.name.replace("maximum", "max.")).chain(cells).map(right_aligned));
     }
     table
 }

@@ -132,7 +132,7 @@ impl WorldConfig {
         }
     }
 
-    /// Reads an airframe file; see `airframes/example.toml` for the format.
+    /// Reads an airframe file; see `host-sim/airframes/example.toml` for the format.
     ///
     /// # Errors
     ///

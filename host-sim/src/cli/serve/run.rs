@@ -35,7 +35,7 @@ impl Wiring {
         let mut keeper = Keeper::new(self.flash.as_deref());
         let mut is_malformed_told = false;
         let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
-        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::is_lost() {
+        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::is_left() {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
                     // As on a real line, who sends faster than it carries waits.
