@@ -262,7 +262,8 @@ fn what_scripts_read_is_documented() {
     let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
     let mut told = BTreeSet::new();
     paths(&flight, "", &mut told);
-    for path in told {
+    // Causes are named by what they are.
+    for path in told.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
         assert!(
             text.contains(&format!("`{name}`")) || text.contains(&format!("`.{name}`")),
