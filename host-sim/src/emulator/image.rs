@@ -51,7 +51,9 @@ mod tests {
     /// The header of an executable for ARM, with some bytes of it changed.
     fn header(changed: &[(usize, u8)]) -> Vec<u8> {
         let mut bytes = [&ELF_32_LITTLE[..], &[1, 0, 0, 0, 0, 0, 0, 0, 0, 0], &[2, 0, 40, 0]].concat();
-        changed.iter().for_each(|&(at, byte)| bytes[at] = byte);
+        for &(at, byte) in changed {
+            bytes[at] = byte;
+        }
         bytes
     }
 

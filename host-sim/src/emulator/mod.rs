@@ -95,7 +95,7 @@ impl Emulator {
     ///
     /// As [`start`](Self::start).
     pub fn start_until(stop: &Arc<AtomicBool>, image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), config, [FarEnd::Talker, FarEnd::Nobody])
+        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Nobody])
     }
 
     /// The same with somebody else at its ports.
@@ -104,16 +104,16 @@ impl Emulator {
     ///
     /// As [`start`](Self::start).
     pub fn start_wired(image: &Path, config: WorldConfig, far_ends: [FarEnd; PORTS]) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::default()), config, far_ends)
+        Self::start_machine(|| Machine::start(image, Arc::default()), &config, far_ends)
     }
 
     fn start_machine(
         machine: impl FnOnce() -> Result<Machine, EmulatorError>,
-        config: WorldConfig,
+        config: &WorldConfig,
         [one, two]: [FarEnd; PORTS],
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
-        let world = World::new(config);
+        let world = World::new(*config);
         let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);

@@ -200,9 +200,10 @@ impl WorldConfig {
     #[must_use]
     pub fn iron_file(&self) -> String {
         let Description { soft_iron, hard_iron_ut, mounting_deg } = Description::from(&self.airframe);
-        let numbers = |values: [f64; 3], decimals: usize| {
+        let numbers = |values: [f64; 3], decimals: u8| {
             // No minus before what rounds to nothing.
-            let scale = 10_f64.powi(decimals as i32);
+            let scale = 10_f64.powi(decimals.into());
+            let decimals = usize::from(decimals);
             let [x, y, z] = values.map(|value| (value * scale).round() / scale + 0.0);
             format!("[{x:.decimals$}, {y:.decimals$}, {z:.decimals$}]")
         };
