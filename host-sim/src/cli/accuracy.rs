@@ -1,5 +1,6 @@
 //! `host-sim bench accuracy`.
 
+use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use host_sim::accuracy::flight::{Flight, Pattern};
@@ -66,7 +67,7 @@ fn shown(plan: Plan, outcome: &Outcome) -> String {
             .map(right_aligned),
         );
     }
-    text += &format!("{table}\nrms/bound, rms: medians over the airframes; worst 10 %: what a tenth exceeds\n");
+    let _ = writeln!(text, "{table}\nrms/bound, rms: medians over the airframes; worst 10 %: what a tenth exceeds");
     for (source, coverage) in
         [("noise alone", outcome.coverage), ("noise, bias and bank scale", outcome.coverage_with_faults)]
     {

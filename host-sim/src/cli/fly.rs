@@ -1,5 +1,6 @@
 //! `host-sim fly` and `host-sim emulate`.
 
+use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -166,9 +167,10 @@ fn shown(options: &Fly, flown: &Flown) -> String {
     let mut text = String::new();
     if options.console {
         let session = flown.session.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
-        text += &format!("{session}\n\n");
+        let _ = writeln!(text, "{session}\n");
     }
-    text += &format!("Heading error in degrees, indicated less true\n{}\n", errors_table(&flown.before, &flown.after));
+    let _ =
+        writeln!(text, "Heading error in degrees, indicated less true\n{}", errors_table(&flown.before, &flown.after));
     match &flown.result {
         Ok(shown) => {
             say(
@@ -201,9 +203,9 @@ fn shown(options: &Fly, flown: &Flown) -> String {
         );
         say(&mut text, "", &format!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %"));
     }
-    text += &format!("{:.0} s of flight, seed {}\n", flown.duration_s, flown.world.seed);
+    let _ = writeln!(text, "{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
     if options.draws_the_airframe() {
-        text += &format!("the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.iron_file());
+        let _ = write!(text, "the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.iron_file());
     }
     text
 }
