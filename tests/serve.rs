@@ -338,7 +338,7 @@ fn over_tcp_it_answers_streams_follows_and_ends() {
     assert!(program.order("land").starts_with("error flown-by-another: "));
     console.write_all(b"set declination 7\r").unwrap();
     read_until(&mut console, contains("ok declination 7.0 deg"));
-    assert_eq!(program.interrupt(), Some(0));
+    assert_eq!(program.interrupt(), Some(130));
     drop(program);
     let image = Image::read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
@@ -363,7 +363,7 @@ fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
     }
     let mut nmea = fs::File::open(program.pty(INSTRUMENT)).unwrap();
     read_until(&mut nmea, contains("$HCHDM,,M*07\r\n"));
-    assert_eq!(program.interrupt(), Some(0));
+    assert_eq!(program.interrupt(), Some(130));
     drop(nmea);
     assert!(!Path::new(&path).exists());
 }

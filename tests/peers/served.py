@@ -47,7 +47,7 @@ class Served:
     def __exit__(self, *_):
         self.held.set()
         self.process.send_signal(signal.SIGINT)
-        assert self.process.wait(timeout=PATIENCE_S) == 0, "it ends cleanly"
+        assert self.process.wait(timeout=PATIENCE_S) == 130, "it ends cleanly"
 
     @staticmethod
     def connect(port):

@@ -4,39 +4,44 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use autoswing::calibration::{Method, Prior, Samples, solve};
-use comfy_table::{Table, presets};
 use host_sim::accuracy::trial::{Faults, Ranges, Trial};
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
 use host_sim::world::WorldConfig;
 use serde_json::json;
 
-use super::print::{right_aligned, rounded};
-use super::{Budget, Failure, Speed};
+use super::interruption::{Interruption, Second};
+use super::print::{self, right_aligned, words_table};
+use super::{Budget, Failure, Speed, waiting};
 
 /// `host-sim bench budget`.
 pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let mut emulator = Emulator::start(&image, WorldConfig::table1(1)).map_err(failed)?;
-    let budgets = emulator::budget::count(&mut emulator).map_err(failed)?;
+    let interruption = Interruption::awaited(Second::Waits)?;
+    let bar = waiting("counting instructions, some two minutes");
+    let budgets = Emulator::start_until(interruption.stop(), &image, WorldConfig::table1(1))
+        .and_then(|mut emulator| emulator::budget::count(&mut emulator));
+    bar.finish_and_clear();
+    if let Some(code) = interruption.code() {
+        return Ok(code);
+    }
+    let budgets = budgets.map_err(failed)?;
     if options.json {
-        println!("{}", json!({ "budgets": budgets }));
+        print::json(json!({ "budgets": budgets }))?;
     } else {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_header(["instructions", "limit", "of"]);
+        let mut table = words_table(["instructions", "limit", "of"]);
         for budget in &budgets {
             let counted = budget.counted.map_or_else(|| "not counted".to_owned(), |counted| counted.to_string());
             table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.of.into()]);
         }
-        println!("{table}");
+        print::line(table);
     }
     Ok(if budgets.iter().all(emulator::budget::Budget::is_kept) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Wall clock: the one command that is not a function of its seed.
-pub fn speed(options: &Speed) -> ExitCode {
+pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
     const RUNS: usize = 21;
     let trial = Trial::draw(&Ranges { samples: 256, ..Ranges::HARSH }, 1);
     let (recorded, _) = trial.record(0, Faults::NONE);
@@ -50,15 +55,15 @@ pub fn speed(options: &Speed) -> ExitCode {
     let simulated_per_real = flown.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =
-            methods.iter().map(|(name, ms)| ((*name).to_owned(), json!(rounded(*ms, 3)))).collect();
-        println!("{}", json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": rounded(simulated_per_real, 0) }));
+            methods.iter().map(|(name, ms)| ((*name).to_owned(), json!(ms))).collect();
+        print::json(json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": simulated_per_real.round() }))?;
     } else {
         for (name, ms) in methods {
-            println!("{name}: {ms:.2} ms for 2 x 256 samples, median of {RUNS}");
+            print::line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {RUNS}"));
         }
-        println!("{simulated_per_real:.0} simulated seconds a second");
+        print::line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
     }
-    ExitCode::SUCCESS
+    Ok(ExitCode::SUCCESS)
 }
 
 fn time_ms(method: Method, samples: Samples<'_>) -> f64 {

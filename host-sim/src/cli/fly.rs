@@ -1,12 +1,13 @@
 //! `host-sim fly` and `host-sim emulate`.
 
+use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-use comfy_table::{Table, presets};
+use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::log::write::{self, Recorded};
-use host_sim::mission::{self, Flown, Plan, Stage};
+use host_sim::log::write::{self, Recorded, Recording};
+use host_sim::mission::{self, Flown, Plan, Stage, Streamed};
 use host_sim::module::Module;
 use host_sim::report;
 use host_sim::rig::Rig;
@@ -17,14 +18,16 @@ use host_sim::world::aircraft::Kind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::print::{coefficients, right_aligned, shortest};
-use super::{Emulate, Failure, Fly, iron};
+use super::interruption::{Interruption, Second};
+use super::print::{self, coefficients, right_aligned, say, table};
+use super::{Emulate, Failure, Fly, iron, iron_of};
 
 /// Where the report goes when a person does not say.
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let flown = recorded(&mut Rig::new(world(options)?), options)?;
+    let (flown, recording) = recorded(&mut Rig::new(world(options)?), options);
+    keep(options, recording.as_ref())?;
     tell(options, &flown)
 }
 
@@ -32,9 +35,17 @@ pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
 pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let mut emulator = Emulator::start(&image, world(&options.fly)?).map_err(failed)?;
-    let flown = recorded(&mut emulator, &options.fly)?;
-    emulator.take_failure().map_or_else(|| tell(&options.fly, &flown), |error| Err(failed(error)))
+    let interruption = Interruption::awaited(Second::Waits)?;
+    let flown = Emulator::start_until(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
+        let flown = recorded(&mut emulator, &options.fly);
+        emulator.take_failure().map_or(Ok(flown), Err)
+    });
+    if let Some(code) = interruption.code() {
+        return Ok(code);
+    }
+    let (flown, recording) = flown.map_err(failed)?;
+    keep(&options.fly, recording.as_ref())?;
+    tell(&options.fly, &flown)
 }
 
 /// `--aircraft` names a kind; before there was more than one it named the iron, and still does.
@@ -51,31 +62,51 @@ fn world(options: &Fly) -> Result<WorldConfig, Failure> {
     Ok(if options.current > 0.0 { world.with_current(options.current) } else { world })
 }
 
+impl Fly {
+    /// Whether the iron is one that nobody has seen before.
+    fn draws_the_airframe(&self) -> bool {
+        self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
+    }
+}
+
 /// Prints what came of it and writes the report.
 fn tell(options: &Fly, flown: &Flown) -> Result<ExitCode, Failure> {
     if options.json {
-        println!("{}", summary(flown));
+        print::json(summary(flown))?;
     } else {
-        show(options, flown);
+        print::out(&shown(options, flown));
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
     if let Some(directory) = options.report.as_deref().or(default) {
-        report::write(flown, directory)
-            .map_err(|error| Failure(format!("cannot write the report into {}: {error}", directory.display())))?;
-        // Not on standard output, whose last line belongs to the JSON object.
-        eprintln!("report: {}", directory.join("index.html").display());
+        report::write(flown, directory).map_err(|error| {
+            Failure(format!(
+                "cannot write the report into {}: {error}; --report names another folder",
+                directory.display()
+            ))
+        })?;
+        if !print::is_lost() {
+            // Not on standard output, whose last line belongs to the JSON object.
+            print::complain(format_args!("report: {}", directory.join("index.html").display()));
+        }
     }
     Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Flies, and writes the log that the autopilot would have written if that was asked for.
-fn recorded(module: &mut impl Module, options: &Fly) -> Result<Flown, Failure> {
-    let Some(path) = &options.record else { return Ok(fly(module, options)) };
+/// Flies, and takes down what the autopilot would have logged if that was asked for.
+fn recorded(module: &mut impl Module, options: &Fly) -> (Flown, Option<Recording>) {
+    if options.record.is_none() {
+        return (fly(module, options), None);
+    }
     let mut module = Recorded::new(module);
     let flown = fly(&mut module, options);
-    std::fs::write(path, write::named(path, &module.recording))
-        .map_err(|error| Failure(format!("cannot write {}: {error}", path.display())))?;
-    Ok(flown)
+    (flown, Some(module.recording))
+}
+
+/// Writes the log.
+fn keep(options: &Fly, recording: Option<&Recording>) -> Result<(), Failure> {
+    let (Some(path), Some(recording)) = (&options.record, recording) else { return Ok(()) };
+    std::fs::write(path, write::named(path, recording))
+        .map_err(|error| Failure(format!("cannot write {}: {error}; --record names another file", path.display())))
 }
 
 /// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.
@@ -120,46 +151,63 @@ fn summary(flown: &Flown) -> Value {
         "refusal": refusal,
         "method": shown.map(|s| &s.method),
         "coefficients": shown.map(|s| coefficients(&s.calibration)),
-        "inclination_deg": shown.map(|s| shortest(s.calibration.inclination_rad.to_degrees())),
+        "inclination_deg": shown.map(|s| s.calibration.inclination_rad.to_degrees()),
         "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
         "before": before,
         "after": shown.map(|_| after),
         "streamed": flown.streamed,
         "duration_s": flown.duration_s,
         "aircraft": flown.world.aircraft.kind.name(),
+        "airframe": iron_of(&flown.world),
         "seed": flown.world.seed,
     })
 }
 
-fn show(options: &Fly, flown: &Flown) {
+fn shown(options: &Fly, flown: &Flown) -> String {
+    let mut text = String::new();
     if options.console {
-        println!("{}\n", flown.session.replace("\r\n", "\n").replace("\r\u{1b}[2K", ""));
+        let session = flown.session.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
+        let _ = writeln!(text, "{session}\n");
     }
-    println!("Heading error in degrees, indicated less true");
-    println!("{}", errors_table(&flown.before, &flown.after));
+    let _ =
+        writeln!(text, "Heading error in degrees, indicated less true\n{}", errors_table(&flown.before, &flown.after));
     match &flown.result {
         Ok(shown) => {
-            println!(
-                "calibrated by {}: expected error {:.2} deg rms, sigma {:.2} at the worst heading; actual {}",
-                shown.method,
-                shown.expected_rms_deg,
-                shown.expected_worst_deg,
-                words(&flown.after.figures())
+            say(
+                &mut text,
+                "",
+                &format!(
+                    "calibrated by {}: expected error {:.2} deg rms, sigma {:.2} at the worst heading; actual {}",
+                    shown.method,
+                    shown.expected_rms_deg,
+                    shown.expected_worst_deg,
+                    words(&flown.after.figures())
+                ),
             );
-            println!("uncalibrated: {}", words(&flown.before.figures()));
+            say(&mut text, "", &format!("uncalibrated: {}", words(&flown.before.figures())));
         }
-        Err(Notice::Refused { code, words }) => println!("the module refused: {code}: {words}"),
-        Err(Notice::Calibrated(words)) => println!("calibrated, but cal show could not be read: {words}"),
+        Err(Notice::Refused { code, words }) => say(&mut text, "", &format!("the module refused: {code}: {words}")),
+        Err(Notice::Calibrated(words)) => {
+            say(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
+        }
     }
     if let Some(streamed) = &flown.streamed {
-        println!(
-            "streamed after the restart: {} headings, {:.2} deg rms, {:.2} at most (attitude noise and age included)",
-            streamed.headings, streamed.rms_deg, streamed.max_deg
+        let Streamed { headings, rms_deg, max_deg, within_percent: [one, two], .. } = streamed;
+        say(
+            &mut text,
+            "",
+            &format!(
+                "streamed after the restart: {headings} headings, {rms_deg:.2} deg rms, {max_deg:.2} at most (attitude noise \
+                 and age included)"
+            ),
         );
-        let [one, two] = streamed.within_percent;
-        println!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %");
+        say(&mut text, "", &format!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %"));
     }
-    println!("{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
+    let _ = writeln!(text, "{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
+    if options.draws_the_airframe() {
+        let _ = write!(text, "the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.iron_file());
+    }
+    text
 }
 
 fn words(figures: &Figures) -> String {
@@ -167,11 +215,8 @@ fn words(figures: &Figures) -> String {
 }
 
 fn errors_table(before: &Errors, after: &Errors) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(
-        ["heading", "before: level", "right 25", "left 25", "after: level", "right 25", "left 25"].map(right_aligned),
-    );
+    let mut table =
+        table(["heading", "before:\nlevel", "\nright 25", "\nleft 25", "after:\nlevel", "\nright 25", "\nleft 25"]);
     for step in 0..12 {
         let errors = before.0.iter().chain(&after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));

@@ -2,13 +2,12 @@
 
 use std::process::ExitCode;
 
-use comfy_table::{Table, presets};
+use comfy_table::Table;
 use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
 use host_sim::world::aircraft::Kind;
-use indicatif::{ProgressBar, ProgressStyle};
 
-use super::print::right_aligned;
-use super::{Failure, Integrity};
+use super::print::{self, narrow_table, right_aligned, words_table};
+use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
@@ -19,16 +18,17 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     }
     let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
     let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft, source };
-    let bar = ProgressBar::new(integrity::flights(plan, &cases));
-    if let Ok(style) = ProgressStyle::with_template("flights {bar:40} {pos}/{len} {eta}") {
-        bar.set_style(style);
-    }
+    let bar = progress("flights", integrity::flights(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
-        println!("{}", serde_json::to_string(&rows).map_err(|error| Failure(error.to_string()))?);
+        print::json(&rows)?;
     } else {
-        show(&rows);
+        let [calibrations, headings] = shown(&rows);
+        print::line(format_args!("{calibrations}\n{headings}"));
+        print::line("true/expected: errors of accepted calibrations, median and worst");
+        print::line("iron: what is told of iron that moved less what did, of its size, median");
+        print::line("bad, worst, rms: headings that are sent as good, degrees");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -51,63 +51,49 @@ fn chosen(
 }
 
 fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(["case", "what is wrong"]);
+    let mut table = words_table(["case", "what is wrong"]);
     for case in CASES.iter().filter(|case| is_to_be_had(case)) {
         table.add_row([case.name, case.says]);
     }
-    println!("{table}");
+    print::line(table);
 }
 
-fn show(rows: &[Row]) {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(
-        [
-            "case",
-            "flights",
-            "accepted",
-            "wrong",
-            "true/exp.",
-            "bad",
-            "longest",
-            "worst",
-            "smooth",
-            "rms",
-            "1/2/3 sigma",
-            "empty",
-            "alarms/h",
-            "iron",
-        ]
-        .map(right_aligned),
-    );
+/// Two tables, for a terminal has no room for one: of calibrations, and of headings.
+fn shown(rows: &[Row]) -> [Table; 2] {
+    let mut calibrations =
+        narrow_table(["case", "flights", "accepted,\n%", "wrong,\n%", "true/\nexpected", "iron,\n%", "alarms\nper h"]);
+    let mut headings =
+        narrow_table(["case", "bad,\n%", "long-\nest, s", "worst", "smooth\n%", "rms", "1/2/3\nsigma, %", "empty,\n%"]);
     for row in rows {
         let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.1}"));
-        table.add_row(
+        calibrations.add_row(
             [
                 row.case.to_owned(),
                 row.flights.to_string(),
-                format!("{:.0} %", row.accepted_percent),
-                format!("{:.0} %", row.wrong_percent),
+                format!("{:.0}", row.accepted_percent),
+                format!("{:.0}", row.wrong_percent),
                 format!("{}, {}", ratio(row.ratio_median), ratio(row.ratio_worst)),
-                format!("{:.2} %", row.bad_percent),
-                format!("{:.1} s", row.longest_bad_s),
+                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
+                format!("{:.1}", row.alarms_per_hour),
+            ]
+            .map(right_aligned),
+        );
+        headings.add_row(
+            [
+                row.case.to_owned(),
+                format!("{:.2}", row.bad_percent),
+                format!("{:.1}", row.longest_bad_s),
                 format!("{:.1}", row.worst_deg),
-                format!("{:.0} %", row.smooth_percent),
+                format!("{:.0}", row.smooth_percent),
                 format!("{:.2}", row.rms_deg),
                 format!(
                     "{:.0}/{:.0}/{:.1}",
                     row.within_one_sigma_percent, row.within_two_sigma_percent, row.within_three_sigma_percent
                 ),
-                format!("{:.2} %", row.empty_percent),
-                format!("{:.1}", row.alarms_per_hour),
-                row.iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0} %")),
+                format!("{:.2}", row.empty_percent),
             ]
             .map(right_aligned),
         );
     }
-    println!("{table}");
-    println!("true/exp.: true over expected error of accepted calibrations, median and worst; errors in degrees");
-    println!("iron: what is told of iron that moved less what did, of its size, median");
+    [calibrations, headings]
 }

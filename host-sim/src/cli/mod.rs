@@ -4,7 +4,9 @@ mod accuracy;
 mod bench;
 mod fly;
 mod integrity;
+mod interruption;
 mod print;
+mod range;
 mod replay;
 mod serve;
 mod table1;
@@ -15,14 +17,21 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use host_sim::integrity::Source;
 use host_sim::world::WorldConfig;
+use host_sim::world::airframe::Description;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+
+use interruption::Interruption;
+use range::{age, airframes, any, bank, circles, compass, current, draws, flights, inclination, minutes, seconds};
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
 /// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes. Only `serve` and
 /// `console` go with the clock on the wall, and with what comes in.
-/// Exit codes: 0 calibrated, 1 the module refused, 2 the command was wrong.
+/// Exit codes: 0 calibrated, 1 the module refused, 2 the command was wrong; 130 ended by Ctrl-C, 141 nobody reads what is
+/// printed. What --json prints is described in docs/json.md.
 #[derive(Parser)]
-#[command(version, about, long_about, args_conflicts_with_subcommands = true)]
+#[command(version, about, long_about, args_conflicts_with_subcommands = true, term_width = print::WIDTH)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -58,8 +67,8 @@ enum Bench {
 /// the paper's experiment: at twelve headings without noise, and at 256 with a LIS3MDL's.
 #[derive(Args)]
 struct Table1 {
-    /// Seed of the sensor's noise
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Seed of the sensor's noise: 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// Print one JSON object instead of the tables
     #[arg(long)]
@@ -84,17 +93,17 @@ struct Accuracy {
     /// What is flown, or these, one row each [default: all three; of an aeroplane turns alone, all of them solved]
     #[arg(long = "pattern", value_enum, value_name = "routine|mirrored|wandering")]
     patterns: Vec<PatternArgument>,
-    /// How long a flight is [default: 3]
+    /// How long a flight is, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = minutes)]
     minutes: Option<f64>,
-    /// Airframes
-    #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    /// Airframes, 1 to 1000000
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = airframes)]
     airframes: u64,
-    /// Draws of the noise for each airframe
-    #[arg(long, default_value_t = 60, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    /// Draws of the noise for each airframe, 1 to 100000
+    #[arg(long, default_value_t = 60, value_name = "N", value_parser = draws)]
     draws: u64,
-    /// Seed of the first airframe; the others follow
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Seed of the first airframe; the others follow: 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// Print one JSON object instead of the table
     #[arg(long)]
@@ -149,11 +158,11 @@ struct Integrity {
     /// What flies: a copter or a VTOL calibrates by its routine, and is turned and pushed about in hover
     #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
     aircraft: AircraftArgument,
-    /// Flights of each case; of the flight of ten hours one
-    #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    /// Flights of each case, 1 to 100000; of the flight of ten hours one
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = flights)]
     flights: u64,
-    /// Seed of the first flight; the others follow
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Seed of the first flight; the others follow: 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// Only this case, or these; `list` shows them
     #[arg(long = "case", value_name = "NAME")]
@@ -235,7 +244,7 @@ struct Replay {
     #[arg(long, value_enum, default_value = "flight", value_name = "flight|all|turns")]
     samples: SamplesArgument,
     /// Only this compass, 1 to 8, as the autopilot counts them
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    #[arg(long, value_name = "N", value_parser = compass)]
     compass: Option<u8>,
     /// How old the logged field is at its time stamp, milliseconds, -200 to 500; without it, it is found from the flight
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = age)]
@@ -249,11 +258,11 @@ struct Replay {
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
     unit: UnitArgument,
-    /// Inclination of the Earth field there, positive down; without it, it is found from the samples
+    /// Inclination of the Earth field there, degrees, -90 to 90, positive down; without it, it is found from the samples
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = inclination)]
     inclination: Option<f64>,
-    /// Fit only to rows before this time
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    /// Fit only to rows before this time, seconds of the log, -1000000000 to 1000000000
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     fit_until: Option<f64>,
     /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row of the first compass; the last two
     /// are empty where there is no smooth heading
@@ -322,8 +331,8 @@ impl From<UnitArgument> for host_sim::log::csv::Unit {
 #[derive(Args)]
 #[command(after_long_help = format!("Routines, none longer than three minutes; each solves by itself, `cal solve` at its end takes what there is:\n\n{}", host_sim::routine::all_words()))]
 struct Fly {
-    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place: 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// What flies: `plane`, `copter`, `vtol`, `rover` or `boat`; or an aeroplane with the iron that --airframe would name
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
@@ -332,14 +341,14 @@ struct Fly {
     /// host-sim/airframes/example.toml [default: table1]
     #[arg(long, value_name = "table1|random|FILE")]
     airframe: Option<String>,
-    /// Iron by current: what the motors add in hover, in level flight or on the flat, microtesla; it follows their
-    /// current
+    /// Iron by current: what the motors add in hover, in level flight or on the flat, microtesla, 0 to 200; it
+    /// follows their current
     #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
     current: f64,
-    /// Bank in an aeroplane's calibration turns, degrees
+    /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = bank)]
     bank: f64,
-    /// An aeroplane's full circles each way
+    /// An aeroplane's full circles each way, 0 to 100
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
     /// Folder for the pictures and the page of the mission [default: report; none with --json]
@@ -385,35 +394,6 @@ struct Budget {
     json: bool,
 }
 
-fn bank(text: &str) -> Result<f64, String> {
-    within(text, 5.0, 60.0)
-}
-
-fn inclination(text: &str) -> Result<f64, String> {
-    within(text, -90.0, 90.0)
-}
-
-fn age(text: &str) -> Result<f64, String> {
-    within(text, -200.0, 500.0)
-}
-
-fn minutes(text: &str) -> Result<f64, String> {
-    within(text, 1.0, 120.0)
-}
-
-fn current(text: &str) -> Result<f64, String> {
-    within(text, 0.0, 200.0)
-}
-
-fn circles(text: &str) -> Result<f64, String> {
-    within(text, 0.0, 100.0)
-}
-
-fn within(text: &str, min: f64, max: f64) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (min..=max).contains(&value) { Ok(value) } else { Err(format!("must lie in {min} to {max}")) }
-}
-
 /// Why a command could not be carried out at all; exit code 2.
 struct Failure(String);
 
@@ -422,26 +402,63 @@ fn iron(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
     WorldConfig::named(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
 }
 
+/// What a person may want to know of iron and place.
+fn iron_of(world: &WorldConfig) -> Value {
+    let Description { soft_iron, hard_iron_ut, mounting_deg } = Description::from(&world.airframe);
+    json!({
+        "soft_iron": soft_iron.map(|row| row.map(|number| print::rounded(number, 4))),
+        "hard_iron_ut": hard_iron_ut,
+        "mounting_deg": mounting_deg,
+        "total_ut": world.earth.total_ut,
+        "inclination_deg": world.earth.inclination_deg,
+    })
+}
+
+/// How far something is that takes long: on the error output, and only where that is a terminal.
+fn progress(words: &str, of: u64) -> ProgressBar {
+    let bar = ProgressBar::new(of);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// That something takes long, where nobody knows how far it is.
+fn waiting(words: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(words);
+    bar.enable_steady_tick(std::time::Duration::from_millis(100));
+    bar
+}
+
 /// Reads the command line and carries it out.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let result = match cli.command.unwrap_or(Command::Fly(cli.fly)) {
-        Command::Fly(options) => fly::run(&options),
-        Command::Emulate(options) => fly::emulate(&options),
-        Command::Serve(options) => serve::serve(&options),
-        Command::Console(options) => serve::console(&options),
-        Command::Table1(options) => table1::run(&options),
-        Command::Replay(options) => replay::run(&options),
-        Command::Bench(Bench::Accuracy(options)) => accuracy::run(&options),
-        Command::Bench(Bench::Budget(options)) => bench::budget(&options),
-        Command::Bench(Bench::Integrity(options)) => integrity::run(&options),
-        Command::Bench(Bench::Speed(options)) => Ok(bench::speed(&options)),
-    };
-    match result {
-        Ok(code) => code,
-        Err(Failure(why)) => {
-            eprintln!("host-sim: {why}");
-            ExitCode::from(2)
-        }
+    let command = cli.command.unwrap_or(Command::Fly(cli.fly));
+    print::ending(carry_out(&command).unwrap_or_else(|Failure(why)| {
+        print::complain(format_args!("host-sim: {why}"));
+        ExitCode::from(2)
+    }))
+}
+
+fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
+    match command {
+        // These have something to clear away first.
+        Command::Emulate(_) | Command::Serve(_) | Command::Console(_) | Command::Bench(Bench::Budget(_)) => {}
+        _ => Interruption::ends()?,
+    }
+    match command {
+        Command::Fly(options) => fly::run(options),
+        Command::Emulate(options) => fly::emulate(options),
+        Command::Serve(options) => serve::serve(options),
+        Command::Console(options) => serve::console(options),
+        Command::Table1(options) => table1::run(options),
+        Command::Replay(options) => replay::run(options),
+        Command::Bench(Bench::Accuracy(options)) => accuracy::run(options),
+        Command::Bench(Bench::Budget(options)) => bench::budget(options),
+        Command::Bench(Bench::Integrity(options)) => integrity::run(options),
+        Command::Bench(Bench::Speed(options)) => bench::speed(options),
     }
 }
+
+#[cfg(test)]
+mod tests;

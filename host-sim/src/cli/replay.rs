@@ -14,15 +14,19 @@ use host_sim::replay::parameters::{self, Dialect, HandedOver};
 use host_sim::replay::{Replayed, Shown, told};
 use serde_json::{Value, json};
 
-use super::print::{right_aligned, rounded};
-use super::{Failure, Replay};
+use super::print::{self, right_aligned, rounded, say};
+use super::{Failure, Replay, waiting};
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();
+    let bar = waiting("reading the log");
     let flight = log::open(&options.file, options.unit.into()).map_err(|e| match e {
-        LogError::Io(why) => Failure(format!("cannot read {name}: {why}")),
+        LogError::Io(why) => {
+            Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
+        }
         other => Failure(format!("{name}: {other}")),
     })?;
+    bar.set_message("judging its compasses");
     let verdict = judge(
         &flight,
         &Asked {
@@ -33,6 +37,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
             age_s: options.age.map(|ms| ms / 1e3),
         },
     );
+    bar.finish_and_clear();
     if verdict.compasses.is_empty() {
         let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.number.to_string()).collect();
         return Err(Failure(format!("{name}: there is no such compass; it has {}", numbers.join(", "))));
@@ -50,22 +55,14 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     }
     if options.json {
         let parameters = |compass: &Judged| handed(compass).map_or(Value::Null, |handed| parameters_json(&handed));
-        print(&format!("{}\n", told::json(&flight, &verdict, &parameters)))?;
+        print::line(told::json(&flight, &verdict, &parameters));
     } else {
         let mut out = String::new();
         show(&mut out, &name.to_string(), &flight, &verdict, &handed);
-        print(&out)?;
+        print::out(&out);
     }
     let is_accepted = verdict.compasses.iter().any(|compass| compass.module.accepted.is_ok());
     Ok(if is_accepted { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-/// Prints; who has read enough may close the pipe.
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure(format!("cannot write: {e}"))),
-        _ => Ok(()),
-    }
 }
 
 fn cannot_write(path: &Path, why: &std::io::Error) -> Failure {
@@ -264,27 +261,6 @@ fn table(verdict: &Verdict) -> Table {
         Some(format!("{one:.0}, {two:.0} %"))
     });
     table
-}
-
-/// Adds words, broken at the width of a terminal.
-fn say(out: &mut String, indent: &str, words: &str) {
-    const WIDTH: usize = 80;
-    let further = " ".repeat(indent.len() + 2);
-    let mut line = indent.to_owned();
-    let mut is_begun = false;
-    for word in words.split(' ') {
-        if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
-            out.push_str(&line);
-            out.push('\n');
-            line.clone_from(&further);
-        } else if is_begun {
-            line.push(' ');
-        }
-        line.push_str(word);
-        is_begun = true;
-    }
-    out.push_str(&line);
-    out.push('\n');
 }
 
 /// A heading for every row; the status says whether the module would have sent it.

@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
-use comfy_table::{Table, presets};
+use comfy_table::Table;
 use host_sim::paper::{self, Column, Experiment};
 use host_sim::score::Figures;
 use host_sim::world::table1::{self, Row, Sides};
 use serde_json::{Value, json};
 
-use super::print::right_aligned;
+use super::print::{self, narrow_table, right_aligned};
 use super::{Failure, Table1};
 
 pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
@@ -24,12 +24,13 @@ pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
             "errors": { "noise_free": noise_free, "noisy": noisy },
             "seed": options.seed,
         });
-        println!("{value}");
+        print::json(value)?;
     } else {
-        println!("Liu 2007 table 1: heading error in degrees, indicated less true, at 20 deg of tilt right / left");
-        println!("{}", errors(&noise_free));
-        println!("largest error, constant error, largest less the constant; deg");
-        println!("{}", summary(&published, &noise_free, &noisy));
+        print::line("Liu 2007 table 1: heading error in degrees, indicated less true, at 20 deg of");
+        print::line(format_args!("tilt right / left\n{}", errors(&noise_free)));
+        print::line("published; 12 samples a side without noise; 256 a side with a LIS3MDL's noise:");
+        print::line("largest error, constant error, largest less the constant; deg");
+        print::line(summary(&published, &noise_free, &noisy));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -54,9 +55,8 @@ fn figures(columns: &[Column]) -> Value {
 }
 
 fn errors(columns: &[Column]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(std::iter::once("heading").chain(columns.iter().map(|column| column.name)).map(right_aligned));
+    let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
+    let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
     for row in 0..paper::HEADINGS {
         let cells = columns.iter().map(|column| {
             let Sides { right_deg, left_deg } = column.sides(row);
@@ -68,14 +68,11 @@ fn errors(columns: &[Column]) -> Table {
 }
 
 fn summary(published: &[Column], noise_free: &[Column], noisy: &[Column]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    let header = ["", "published", "12 samples a side, no noise", "256 a side, LIS3MDL noise"];
-    table.set_header(header.map(right_aligned));
+    let mut table = narrow_table(["", "published", "12 a side", "256 a side"]);
     for (exact, noisy) in noise_free.iter().zip(noisy) {
         let printed = published.iter().find(|column| column.name == exact.name);
         let cells = [printed, Some(exact), Some(noisy)].map(|column| column.map_or_else(String::new, three));
-        table.add_row(std::iter::once(exact.name.to_owned()).chain(cells).map(right_aligned));
+        table.add_row(std::iter::once(exact.name.replace("maximum", "max.")).chain(cells).map(right_aligned));
     }
     table
 }

@@ -11,6 +11,10 @@ pub enum EmulatorError {
     NoQemu(io::Error),
     /// There is no firmware image at this place.
     NoImage(PathBuf),
+    /// What is at this place is no firmware; what it is instead.
+    NotFirmware(PathBuf, &'static str),
+    /// Whoever runs it wants it to end.
+    Interrupted,
     /// It has ended by itself; what it said.
     Ended(String),
     /// A connection to it failed; what for.
@@ -26,6 +30,8 @@ impl EmulatorError {
         match self {
             Self::NoQemu(_) => "no-qemu",
             Self::NoImage(_) => "no-image",
+            Self::NotFirmware(..) => "not-firmware",
+            Self::Interrupted => "interrupted",
             Self::Ended(_) => "emulator-ended",
             Self::Connection(..) => "emulator-connection",
             Self::Protocol(_) => "emulator-protocol",
@@ -45,6 +51,14 @@ impl fmt::Display for EmulatorError {
             Self::NoImage(path) => {
                 write!(f, "no firmware at {}; build it: scripts/build-firmware", path.display())
             }
+            Self::NotFirmware(path, what) => {
+                write!(
+                    f,
+                    "{} is no firmware: {what}; scripts/build-firmware makes target/firmware/*.elf",
+                    path.display()
+                )
+            }
+            Self::Interrupted => f.write_str("interrupted"),
             Self::Ended(said) => write!(f, "{} has ended: {}", super::QEMU, said.trim()),
             Self::Connection(what, error) => write!(f, "the emulator's {what}: {error}"),
             Self::Protocol(said) => write!(f, "the emulator said: {said}"),

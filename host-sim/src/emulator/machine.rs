@@ -5,6 +5,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use nalgebra::Vector3;
@@ -12,6 +14,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::error::EmulatorError;
+use super::image;
 use super::qmp::Qmp;
 
 /// The firmware's own counter, ticks a microsecond.
@@ -31,7 +34,7 @@ const FLASH_BYTES: usize = 16 << 20;
 /// A machine that says nothing for so long has stopped. It is the computer's time, and only ends runs that hang.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Between two looks at whether it has started or ended.
+/// Between two looks at whether it has started or ended, or is to end.
 const PAUSE: Duration = Duration::from_millis(10);
 
 /// A QEMU that has closed a connection ends within this time.
@@ -104,16 +107,16 @@ pub struct Machine {
     autopilot: UnixStream,
     instrument: UnixStream,
     lockstep: UnixStream,
+    /// Whoever runs it wants it to end.
+    stop: Arc<AtomicBool>,
     /// Sockets and flash; gone with this value.
     _directory: TempDir,
 }
 
 impl Machine {
-    /// Starts QEMU with a firmware image; its flash is erased.
-    pub fn start(image: &Path) -> Result<Self, EmulatorError> {
-        if !image.is_file() {
-            return Err(EmulatorError::NoImage(image.to_owned()));
-        }
+    /// Starts QEMU with a firmware image; its flash is erased. When `stop` is set, it is no longer waited for.
+    pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
+        image::check(image)?;
         let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
         let flash = directory.path().join("flash.bin");
         fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;
@@ -121,22 +124,28 @@ impl Machine {
         let log = directory.path().join("log");
         let stderr = fs::File::create(&log).map_err(|error| EmulatorError::Connection("log", error))?;
         let child = command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
-        let mut qemu = Qemu { child, log };
+        let mut qemu = Qemu { child, log, stop: Arc::clone(&stop) };
         let [console, autopilot, lockstep, instrument, qmp] = &sockets;
         let console = not_waited_for(qemu.connect("console", console)?)?;
         let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
         let instrument = not_waited_for(qemu.connect("instrument port", instrument)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
+        lockstep.set_read_timeout(Some(PAUSE)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
         // With an image for another machine it may end before it has answered.
         qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
-        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, _directory: directory })
+        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
     }
 
     /// Waits for the machine's next message; with it come its clock's ticks since its last reset.
     pub fn listen(&mut self) -> Result<(Message, u64), EmulatorError> {
         let mut bytes = [0; 9];
-        if let Err(error) = self.lockstep.read_exact(&mut bytes) {
+        let read = read_until(&mut self.lockstep, &mut bytes, &self.stop);
+        // A terminal tells QEMU to end, too.
+        if self.stop.load(Ordering::SeqCst) {
+            return Err(EmulatorError::Interrupted);
+        }
+        if let Err(error) = read {
             return Err(self.qemu.why_ended(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
         }
         let [kind, ticks @ ..] = bytes;
@@ -198,6 +207,7 @@ struct Qemu {
     child: Child,
     /// What it says.
     log: PathBuf,
+    stop: Arc<AtomicBool>,
 }
 
 impl Qemu {
@@ -211,6 +221,7 @@ impl Qemu {
                     stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
                     return Ok(stream);
                 }
+                Err(_) if self.stop.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
                 Err(error) if left.is_zero() => return Err(failed(error)),
                 Err(_) => {
                     if let Some(ended) = self.why_ended(PAUSE) {
@@ -270,6 +281,21 @@ fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument
 fn not_waited_for(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
     stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
     Ok(stream)
+}
+
+/// Fills `bytes` from a stream that looks up every [`PAUSE`], within [`PATIENCE`] and as long as nobody wants to stop.
+fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
+    let (mut filled, mut left) = (0, PATIENCE);
+    while filled < bytes.len() && !stop.load(Ordering::SeqCst) {
+        match stream.read(&mut bytes[filled..]) {
+            Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+            Ok(read) => filled += read,
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock && !left.is_zero() => left = left.saturating_sub(PAUSE),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }
 
 /// All bytes that are there; an end of the stream is seen by whoever listens to the lockstep.

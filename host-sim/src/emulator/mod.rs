@@ -5,6 +5,7 @@
 
 pub mod budget;
 mod error;
+mod image;
 mod machine;
 mod qmp;
 
@@ -12,6 +13,8 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use autoswing::settings::PORTS;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -86,14 +89,31 @@ impl Emulator {
         Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Nobody])
     }
 
+    /// The same until `stop` is set: every run of it then fails with [`EmulatorError::Interrupted`].
+    ///
+    /// # Errors
+    ///
+    /// As [`start`](Self::start).
+    pub fn start_until(stop: &Arc<AtomicBool>, image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
+        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Nobody])
+    }
+
     /// The same with somebody else at its ports.
     ///
     /// # Errors
     ///
     /// As [`start`](Self::start).
-    pub fn start_wired(image: &Path, config: WorldConfig, [one, two]: [FarEnd; PORTS]) -> Result<Self, EmulatorError> {
+    pub fn start_wired(image: &Path, config: WorldConfig, far_ends: [FarEnd; PORTS]) -> Result<Self, EmulatorError> {
+        Self::start_machine(|| Machine::start(image, Arc::default()), &config, far_ends)
+    }
+
+    fn start_machine(
+        machine: impl FnOnce() -> Result<Machine, EmulatorError>,
+        config: &WorldConfig,
+        [one, two]: [FarEnd; PORTS],
+    ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
-        let world = World::new(config);
+        let world = World::new(*config);
         let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
@@ -111,7 +131,7 @@ impl Emulator {
             autopilot,
             instrument,
             far_ends,
-            machine: Machine::start(image)?,
+            machine: machine()?,
             noise: Random::new(config.seed, Purpose::Magnetometer),
             field_set_us: None,
             sensor_broken: false,

@@ -50,6 +50,22 @@ impl From<Description> for Airframe {
     }
 }
 
+impl From<&Airframe> for Description {
+    /// The soft iron that is symmetric, and the mounting that makes `A` of it: the polar decomposition of `A`, which has one
+    /// as long as the chip is not mirrored.
+    fn from(airframe: &Airframe) -> Self {
+        let svd = airframe.a.svd(true, true);
+        let [u, v_t] = [svd.u, svd.v_t].map(Option::unwrap_or_default);
+        let soft_iron = v_t.transpose() * Matrix3::from_diagonal(&svd.singular_values) * v_t;
+        let (roll, pitch, yaw) = Rotation3::from_matrix_unchecked(u * v_t).inverse().euler_angles();
+        Self {
+            soft_iron: soft_iron.transpose().into(),
+            hard_iron_ut: airframe.b_ut.into(),
+            mounting_deg: [roll, pitch, yaw].map(f64::to_degrees),
+        }
+    }
+}
+
 impl Airframe {
     /// No iron, chip axes equal to body axes.
     #[must_use]

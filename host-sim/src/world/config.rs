@@ -132,7 +132,7 @@ impl WorldConfig {
         }
     }
 
-    /// Reads an airframe file; see `airframes/example.toml` for the format.
+    /// Reads an airframe file; see `host-sim/airframes/example.toml` for the format.
     ///
     /// # Errors
     ///
@@ -193,6 +193,27 @@ impl WorldConfig {
     pub fn with_current(self, size_ut: f64) -> Self {
         let current_ut = Random::new(self.seed, Purpose::Current).direction() * size_ut;
         Self { current_ut: current_ut.into(), ..self }
+    }
+
+    /// Iron and place as a file that [`from_file`](Self::from_file) reads: matrix to 0.0001, microtesla to 0.01, degrees to
+    /// 0.01.
+    #[must_use]
+    pub fn iron_file(&self) -> String {
+        let Description { soft_iron, hard_iron_ut, mounting_deg } = Description::from(&self.airframe);
+        let numbers = |values: [f64; 3], decimals: u8| {
+            // No minus before what rounds to nothing.
+            let scale = 10_f64.powi(decimals.into());
+            let decimals = usize::from(decimals);
+            let [x, y, z] = values.map(|value| (value * scale).round() / scale + 0.0);
+            format!("[{x:.decimals$}, {y:.decimals$}, {z:.decimals$}]")
+        };
+        let [x, y, z] = soft_iron.map(|row| numbers(row, 4));
+        let (hard_iron, mounting) = (numbers(hard_iron_ut, 2), numbers(mounting_deg, 2));
+        let Earth { total_ut, inclination_deg, .. } = self.earth;
+        format!(
+            "[airframe]\nsoft_iron = [\n    {x},\n    {y},\n    {z},\n]\nhard_iron_ut = {hard_iron}\nmounting_deg = {mounting}\n\n\
+             [earth]\ntotal_ut = {total_ut:.2}\ninclination_deg = {inclination_deg:.2}\n"
+        )
     }
 
     /// Checks that every number makes sense, infinities and not-a-numbers included.

@@ -4,12 +4,11 @@ mod pace;
 mod run;
 mod wire;
 
-use std::io::{self, Write as _};
+use std::io;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
@@ -19,11 +18,14 @@ use host_sim::serve::{self, Image, ImageError, PORTS, Pattern, Served};
 use host_sim::world::WorldConfig;
 use host_sim::world::aircraft::Kind;
 use serde_json::{Value, json};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use self::run::{Orders, Wiring};
 use self::wire::{Pty, TcpPort, Terminal, Wire};
-use super::{Failure, iron};
+use super::interruption::{Interruption, Second};
+
+use super::print;
+use super::range::{any, known_port, port, speed};
+use super::{Failure, iron, iron_of};
 
 /// Serve the simulated module: attach a terminal, an autopilot, an instrument or a simulator of your own to it.
 ///
@@ -31,22 +33,23 @@ use super::{Failure, iron};
 /// ports of this computer. How to attach to each is printed. It flies a pattern; type on standard input what to fly
 /// instead. Try:
 ///
-///   host-sim serve --tcp 5760          and in another terminal: host-sim console --tcp 5760, then: cal start
+///   host-sim serve --tcp 5760
+///   host-sim console --tcp 5760        in another terminal; then: cal start
 ///
-/// Exit codes: 0 ended by Ctrl-C, 2 the command was wrong or a port is not to be had.
+/// Exit codes: 130 ended by Ctrl-C, 2 the command was wrong or a port is not to be had.
 #[derive(Args)]
 #[command(verbatim_doc_comment, after_long_help = after_help())]
 pub struct Serve {
     #[command(flatten)]
     aboard: Aboard,
-    /// Serve each port on TCP, too, on successive ports of this computer from this one on: console, then autopilot;
-    /// 0: any that are free. Up to eight may attach to each
-    #[arg(long, value_name = "PORT")]
+    /// Serve each port on TCP, too, on successive ports of this computer from this one on, 0 to 65535: console, then
+    /// autopilot, then instrument; 0: any that are free. Up to eight may attach to each
+    #[arg(long, value_name = "PORT", value_parser = port)]
     tcp: Option<u16>,
-    /// Lie as somebody else's simulator says: UDP datagrams to this port of this computer (0: any that is free), each a
-    /// text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north, 20 a second or more.
+    /// Lie as somebody else's simulator says: UDP datagrams to this port of this computer, 0 to 65535 (0: any that is
+    /// free), each a text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north, 20 a second or more.
     /// The simulator's own attitude then says that it is disarmed
-    #[arg(long, value_name = "PORT")]
+    #[arg(long, value_name = "PORT", value_parser = port)]
     world: Option<u16>,
     /// Who sends the module its attitude: the simulator but while somebody at the autopilot's port does (auto), always the
     /// simulator (own), or only who is at that port (peer). The module itself changes to another sender after 10 s
@@ -67,8 +70,8 @@ pub struct Console {
     /// Pseudo-terminal or serial port
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
     path: Option<PathBuf>,
-    /// TCP port of this computer
-    #[arg(long, value_name = "PORT")]
+    /// TCP port of this computer, 1 to 65535
+    #[arg(long, value_name = "PORT", value_parser = known_port)]
     tcp: Option<u16>,
     #[command(flatten)]
     aboard: Aboard,
@@ -77,15 +80,15 @@ pub struct Console {
 /// What is served.
 #[derive(Args)]
 struct Aboard {
-    /// Times as fast as real time
+    /// Times as fast as real time, 0.01 to 200
     #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = speed)]
     speed: f64,
     /// Iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe file such as
     /// host-sim/airframes/example.toml
     #[arg(long, default_value = "table1", value_name = "table1|random|FILE")]
     airframe: String,
-    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place: 0 to 18446744073709551615
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// What flies [default: plane, or what the airframe file says]
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(Kind::ALL.map(Kind::name)))]
@@ -116,19 +119,23 @@ impl From<AttitudeArgument> for serve::Attitude {
     }
 }
 
-fn speed(text: &str) -> Result<f64, String> {
-    super::within(text, 0.01, 200.0)
+/// An order and what it does, within a terminal's width.
+fn listed(order: &str, does: &str) -> String {
+    let mut text = String::new();
+    print::say(&mut text, &" ".repeat(15), does);
+    format!("  {order:13}{}", text.trim_start())
 }
 
 fn after_help() -> String {
-    let orders: String = serve::WORDS.map(|(order, does)| format!("  {order:15}{does}\n")).concat();
+    let orders = serve::WORDS.map(|(order, does)| listed(order, does)).concat();
     format!(
         "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{orders}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
-           host-sim console --tcp 5760                               type to the module\n  \
-           nc 127.0.0.1 5761                                         read its headings\n  \
-           gpsd -N -n tcp://127.0.0.1:5761                           the same for a navigation program\n  \
-           --serial5=tcpclient:127.0.0.1:5761 (SERIAL5_PROTOCOL 2)   ArduPilot's simulator as the attitude source\n\n\
+           host-sim console --tcp 5760           type to the module\n  \
+           nc 127.0.0.1 5762                     read its headings\n  \
+           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program\n  \
+           --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
+             source, with SERIAL5_PROTOCOL 2\n\n\
          The virtual time of the module stands still while this program does not run; what the module does is a function of \
          the seed and of what comes in when."
     )
@@ -158,24 +165,8 @@ impl Aboard {
     }
 }
 
-/// Ctrl-C, and other ways to be told to end; the second one does not wait.
-fn interruption() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))
-            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
-            .map_err(|error| failed("no-signals", error))?;
-    }
-    Ok(stop)
-}
-
-/// A line for who started it; if nobody reads it any more, that is no reason to end.
-fn say(line: &str) {
-    let mut out = io::stdout().lock();
-    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
-}
-
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
+    let interruption = Interruption::awaited(Second::Ends)?;
     let mut served = options.aboard.module(options.attitude.into(), options.world.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
@@ -191,13 +182,13 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let world = options.world.map(world_port).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
-        say(&described(&places, world_number).to_string());
+        print::json(described(&options.aboard, &places, world_number)?)?;
     } else {
-        introduce(&options.aboard, &places, world_number);
+        introduce(&options.aboard, &places, world_number)?;
     }
     let wiring = Wiring { wires, world, orders: Some(Orders::typed()), flash: options.aboard.flash.clone() };
-    wiring.run(&mut served, options.aboard.speed, &*interruption()?)?;
-    Ok(ExitCode::SUCCESS)
+    wiring.run(&mut served, options.aboard.speed, interruption.stop())?;
+    Ok(interruption.code().unwrap_or(ExitCode::SUCCESS))
 }
 
 fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
@@ -218,14 +209,14 @@ struct Place {
 }
 
 /// What a script reads.
-fn described(places: &[Place], world: Option<u16>) -> Value {
+fn described(aboard: &Aboard, places: &[Place], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
-    json!({ "ports": ports, "world": world })
+    Ok(json!({ "ports": ports, "world": world, "airframe": iron_of(&aboard.world()?) }))
 }
 
 /// What a person reads.
-fn introduce(aboard: &Aboard, places: &[Place], world: Option<u16>) {
+fn introduce(aboard: &Aboard, places: &[Place], world: Option<u16>) -> Result<(), Failure> {
     for (index, Place { port, pty, tcp }) in places.iter().enumerate() {
         let pty = pty.display();
         say(&format!("{}: {}", port.name, port.carries));
@@ -245,7 +236,17 @@ fn introduce(aboard: &Aboard, places: &[Place], world: Option<u16>) {
         }
         None => say(&format!("the aircraft flies: {}. Order it to do something else: help lists how", aboard.pattern)),
     }
+    if aboard.airframe == "random" {
+        let file = aboard.world()?.iron_file();
+        print::line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", aboard.seed));
+    }
     say("Ctrl-C ends");
+    Ok(())
+}
+
+/// A line for who started it.
+fn say(line: &str) {
+    print::line(line);
 }
 
 pub fn console(options: &Console) -> Result<ExitCode, Failure> {
@@ -264,9 +265,9 @@ const LOOK: Duration = Duration::from_millis(2);
 const PIECE: usize = 4096;
 
 fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
-    let stop = interruption()?;
+    let interruption = Interruption::awaited(Second::Ends)?;
     let mut terminal = open_terminal()?;
-    while !stop.load(std::sync::atomic::Ordering::SeqCst) && !terminal.has_ended() {
+    while !interruption.stop().load(Ordering::SeqCst) && !terminal.has_ended() {
         module.write(&terminal.read(PIECE));
         terminal.write(&module.read(PIECE));
         if module.has_ended() {
@@ -276,12 +277,12 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
         thread::sleep(LOOK);
     }
     drop(terminal);
-    Ok(ExitCode::SUCCESS)
+    Ok(interruption.code().unwrap_or(ExitCode::SUCCESS))
 }
 
 fn open_terminal() -> Result<Terminal, Failure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
-        eprintln!("Ctrl-] ends");
+        print::complain("Ctrl-] ends");
     }
     Terminal::open().map_err(|error| failed("no-terminal", error))
 }
@@ -290,11 +291,11 @@ fn open_terminal() -> Result<Terminal, Failure> {
 fn alone(aboard: &Aboard) -> Result<ExitCode, Failure> {
     let mut served = aboard.module(serve::Attitude::Own, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
-    let stop = interruption()?;
+    let interruption = Interruption::awaited(Second::Ends)?;
     wires[serve::CONSOLE].push(Box::new(open_terminal()?));
     let wiring = Wiring { wires, world: None, orders: None, flash: aboard.flash.clone() };
-    wiring.run(&mut served, aboard.speed, &stop)?;
-    Ok(ExitCode::SUCCESS)
+    wiring.run(&mut served, aboard.speed, interruption.stop())?;
+    Ok(interruption.code().unwrap_or(ExitCode::SUCCESS))
 }
 
 /// The flash on its way to its file, whenever it has changed and come to rest.

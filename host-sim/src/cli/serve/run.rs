@@ -11,7 +11,7 @@ use host_sim::serve::Served;
 
 use super::pace::Pace;
 use super::wire::{Wire, reading};
-use super::{Failure, Keeper, LOOK, PIECE, say};
+use super::{Failure, Keeper, LOOK, PIECE, print, say};
 
 /// Everything that is attached.
 pub struct Wiring {
@@ -29,12 +29,13 @@ pub struct Wiring {
 const DATAGRAMS: usize = 64;
 
 impl Wiring {
-    /// Until it is stopped or a wire has ended.
+    /// Until it is stopped, a wire has ended, or nobody reads what is printed.
     pub fn run(mut self, served: &mut Served, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = Pace::new(speed);
         let mut keeper = Keeper::new(self.flash.as_deref());
         let mut is_malformed_told = false;
-        while !stop.load(Ordering::SeqCst) && !self.wires.iter().flatten().any(|wire| wire.has_ended()) {
+        let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
+        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::is_left() {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
                     // As on a real line, who sends faster than it carries waits.
@@ -56,7 +57,7 @@ impl Wiring {
                 }
             }
             if let Some(complaint) = pace.complaint() {
-                eprintln!("{complaint}\r");
+                print::complain(format_args!("{complaint}\r"));
             }
             keeper.look(served, false)?;
             thread::sleep(LOOK);
@@ -74,7 +75,7 @@ fn follow(world: &UdpSocket, served: &mut Served, is_told: bool) -> bool {
         if let Err(error) = served.told(&datagram[..length])
             && !is_told
         {
-            eprintln!("error {}: {error}; more of them are only counted, see status", error.code());
+            print::complain(format_args!("error {}: {error}; more of them are only counted, see status", error.code()));
             is_told = true;
         }
     }

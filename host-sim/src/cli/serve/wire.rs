@@ -15,6 +15,8 @@ use rustix::fs::OFlags;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 
+use super::super::print;
+
 /// A wire with somebody at its far end, or nobody.
 pub trait Wire {
     /// What has come in, so many bytes at most.
@@ -257,9 +259,9 @@ impl Wire for Terminal {
         if !bytes.is_empty() {
             self.ending = self.ending.map(|_| Instant::now());
         }
-        let mut out = io::stdout().lock();
+        print::bytes(bytes);
         // Nobody looks any more.
-        self.is_left |= out.write_all(bytes).and_then(|()| out.flush()).is_err();
+        self.is_left |= print::is_lost();
     }
 
     fn has_ended(&self) -> bool {

@@ -1,0 +1,412 @@
+//! The program's manners: how it ends, how wide it prints, what it tells scripts, and what it says of a person's mistake.
+#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use serde_json::Value;
+
+/// The repository's root: the paths of examples are from there.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// `host-sim` with these words, at the root.
+fn host_sim(words: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(words.split(' ')).current_dir(root()).stdin(Stdio::null());
+    command
+}
+
+/// It runs to its end; what it said and printed.
+fn ran(words: &str) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = host_sim(words).output().unwrap();
+    (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
+}
+
+fn printed(words: &str) -> String {
+    let (code, printed, said) = ran(words);
+    assert!(code.is_some_and(|code| code < 2), "{words}: {code:?} {said}");
+    printed
+}
+
+/// One of each command that needs no emulator, as short as there is.
+const SHORT: [&str; 8] = [
+    "fly --json --circles 0.1",
+    "table1",
+    "replay host-sim/data/flight.csv",
+    "replay --json host-sim/data/flight.csv",
+    "bench accuracy --airframes 1 --draws 1",
+    "bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1",
+    "bench integrity --flights 1 --case clean",
+    "bench integrity --case list",
+];
+
+/// A pipe whose reader has gone, as `| head -1` leaves it. A shell tells 128 and the signal's number, 13, of a program that
+/// ended by it; nobody wants to hear of it.
+#[test]
+fn a_closed_pipe_ends_every_command_without_a_word() {
+    for words in SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"]) {
+        let folder = tempfile::tempdir().unwrap();
+        let report =
+            if words.starts_with("fly") { format!(" --report {}", folder.path().display()) } else { String::new() };
+        for is_heard in [true, false] {
+            let (reader, writer) = io::pipe().unwrap();
+            drop(reader);
+            let mut command = host_sim(&format!("{words}{report}"));
+            // A console prints when something is typed, and speaks as long.
+            let (typed, mut types) = io::pipe().unwrap();
+            io::Write::write_all(&mut types, b"version\r").unwrap();
+            command.stdin(typed).stdout(writer.try_clone().unwrap());
+            command.stderr(if is_heard { Stdio::piped() } else { writer.into() });
+            let mut child = command.spawn().unwrap();
+            drop(command);
+            let code = child.wait().unwrap().code();
+            let mut said = String::new();
+            child.stderr.take().map(|mut stderr| stderr.read_to_string(&mut said));
+            assert_eq!((code, said.as_str()), (Some(141), ""), "{words}");
+        }
+    }
+}
+
+/// What cannot be written for another reason is no success.
+#[test]
+fn a_full_disk_is_told() {
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let Output { status, stderr, .. } = host_sim("table1").stdout(full).output().unwrap();
+    assert_eq!(status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&stderr).contains("cannot write to the standard output: No space left"));
+}
+
+/// Waits until a child is ready to be told to end: it catches SIGINT.
+fn wait_until_it_listens(pid: u32) {
+    for _ in 0..6000 {
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim();
+        if u64::from_str_radix(mask, 16).unwrap() & 1 << (Signal::INT.as_raw() - 1) != 0 {
+            return;
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    panic!("it does not listen to Ctrl-C");
+}
+
+#[test]
+fn ctrl_c_ends_a_long_run() {
+    for words in ["bench accuracy --airframes 1000000", "bench integrity --flights 100000", "serve", "console"] {
+        let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        wait_until_it_listens(child.id());
+        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{words}");
+    }
+}
+
+/// The header of an ELF executable for ARM, and nothing behind it.
+const HEADER: &[u8] = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0";
+
+/// Instead of QEMU a program that starts, makes no sockets, and would stay for ten minutes.
+#[test]
+fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
+    for words in ["emulate", "bench budget"] {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("image.elf"), HEADER).unwrap();
+        fs::write(at("qemu-system-arm"), "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 600\n").unwrap();
+        fs::set_permissions(at("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
+        fs::create_dir(at("tmp")).unwrap();
+        let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+        let mut command = host_sim(&format!("{words} --image {}", at("image.elf").display()));
+        command.env("PATH", path).env("TMPDIR", at("tmp")).env("PID_FILE", at("pid"));
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let pid = loop {
+            if let Some(pid) = fs::read_to_string(at("pid")).ok().filter(|pid| pid.ends_with('\n')) {
+                break pid.trim().to_owned();
+            }
+            assert!(child.try_wait().unwrap().is_none(), "{words} has ended");
+            thread::sleep(Duration::from_millis(10));
+        };
+        assert!(Path::new("/proc").join(&pid).exists() && fs::read_dir(at("tmp")).unwrap().count() == 1);
+        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+        assert_eq!((status.code(), String::from_utf8_lossy(&stderr).as_ref()), (Some(130), ""), "{words}");
+        assert!(!Path::new("/proc").join(&pid).exists(), "{words} left its emulator behind");
+        assert_eq!(fs::read_dir(at("tmp")).unwrap().count(), 0, "{words} left files behind");
+    }
+}
+
+#[test]
+fn tables_fit_a_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = folder.path().display();
+    let flights = [
+        format!("fly --airframe random --seed 7 --report {report}"),
+        format!("fly --aircraft copter --circles 0.1 --report {report}"),
+        "bench integrity --flights 1 --case upset-byte-order --case moved-5".to_owned(),
+        "bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1".to_owned(),
+    ];
+    for words in
+        SHORT.iter().copied().filter(|words| !words.contains("--json")).chain(flights.iter().map(String::as_str))
+    {
+        for line in printed(words).lines() {
+            assert!(line.chars().count() <= 80, "{words}: {line}");
+        }
+    }
+}
+
+/// Fields that are told, by their paths: `a.b` of objects, `[]` of lists. What is null has none below.
+fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(fields) => {
+            for (name, value) in fields {
+                paths(value, format!("{path}.{name}").trim_start_matches('.'), found);
+            }
+        }
+        Value::Array(values) => values.iter().for_each(|value| paths(value, &format!("{path}[]"), found)),
+        Value::Null => {
+            found.insert(format!("{path}?"));
+        }
+        _ => {
+            found.insert(path.to_owned());
+        }
+    }
+}
+
+/// Whether a path is one that is documented, where `*` is any name.
+fn is_of(path: &str, documented: &str) -> bool {
+    let (path, documented): (Vec<_>, Vec<_>) = (path.split('.').collect(), documented.split('.').collect());
+    let is_same = |(one, other): (&&str, &&str)| *other == "*" || one == other;
+    path.len() == documented.len() && path.iter().zip(&documented).all(is_same)
+}
+
+/// Whether what is null stands where something is documented, or what is below it.
+fn is_absent(path: &str, documented: &str) -> bool {
+    documented == path || [".", "[]"].iter().any(|below| documented.starts_with(&format!("{path}{below}")))
+}
+
+/// The paths in the tables of a section of docs/json.md.
+fn documented(section: &str) -> BTreeSet<String> {
+    let text = fs::read_to_string(root().join("docs/json.md")).unwrap();
+    let sections: Vec<_> = text.split("\n## ").collect();
+    let section = sections.iter().find(|text| text.lines().next().unwrap().contains(&format!("`{section}`"))).unwrap();
+    let rows = section.lines().filter(|line| line.starts_with("| `"));
+    rows.flat_map(|row| row.split('|').nth(1).unwrap().split('`').skip(1).step_by(2).map(str::to_owned)).collect()
+}
+
+/// Rounded to its unit, or, of a calibration, the digits of an f32: nine that count.
+fn check_digits(value: &Value, path: &str) {
+    match value {
+        Value::Object(fields) => fields.iter().for_each(|(name, value)| check_digits(value, &format!("{path}.{name}"))),
+        Value::Array(values) => values.iter().for_each(|value| check_digits(value, path)),
+        Value::Number(number) if number.is_f64() => {
+            let text = number.to_string();
+            let decimals = text.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+            let is_good = if path.contains(".coefficients.") {
+                text.replace(['-', '.'], "").trim_start_matches('0').len() <= 9
+            } else {
+                decimals <= 3 + usize::from(path.contains("soft_iron")) + 2 * usize::from(path.contains(".matrix"))
+            };
+            assert!(is_good && !text.contains('e'), "{path}: {text}");
+        }
+        _ => {}
+    }
+}
+
+/// All that these commands tell is documented, and all that is documented is told by one of them.
+fn check_schema(section: &str, outputs: &[Value]) {
+    let mut told = BTreeSet::new();
+    for output in outputs {
+        check_digits(output, "");
+        paths(output, "", &mut told);
+    }
+    let documented = documented(section);
+    for path in &told {
+        let is_documented = match path.strip_suffix('?') {
+            Some(path) => documented.iter().any(|of| is_absent(path, of)),
+            None => documented.iter().any(|of| is_of(path, of)),
+        };
+        assert!(is_documented, "{section}: {path} is not in docs/json.md");
+    }
+    for path in documented {
+        assert!(told.iter().any(|of| is_of(of, &path)), "{section}: {path} of docs/json.md is not told");
+    }
+}
+
+fn json(words: &str) -> Value {
+    let printed = printed(words);
+    assert_eq!(printed.lines().count(), 1, "{words}");
+    serde_json::from_str(&printed).unwrap()
+}
+
+#[test]
+fn what_scripts_read_is_documented() {
+    let refused = json("fly --json --circles 0.1");
+    assert_eq!((&refused["accepted"], &refused["after"]), (&Value::Bool(false), &Value::Null));
+    check_schema("fly --json", &[json("fly --json"), refused]);
+    check_schema("table1 --json", &[json("table1 --json")]);
+    let whole = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
+    check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole]);
+    // One of these refuses, one is silent at times, one tells of iron.
+    let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
+    check_schema("bench integrity --json", &[json(&format!("bench integrity --flights 1 {cases}--json"))]);
+    check_schema("bench speed --json", &[json("bench speed --json")]);
+    let flight = json("replay host-sim/data/flight.csv --json");
+    check_digits(&flight, "");
+    let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
+    let mut told = BTreeSet::new();
+    paths(&flight, "", &mut told);
+    // Causes are named by what they are.
+    for path in told.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
+        let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
+        assert!(
+            text.contains(&format!("`{name}`")) || text.contains(&format!("`.{name}`")),
+            "{path}: docs/your-flight.md"
+        );
+    }
+}
+
+#[test]
+fn what_serve_tells_scripts_is_documented() {
+    let told = |words: &str| {
+        let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut line = String::new();
+        io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
+        // Nobody reads any more, which ends it.
+        child.wait().unwrap();
+        serde_json::from_str(&line).unwrap()
+    };
+    check_schema("serve --json", &[told("serve --json"), told("serve --json --tcp 0 --world 0")]);
+}
+
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn what_the_budget_tells_scripts_is_documented() {
+    check_schema("bench budget --json", &[json("bench budget --json")]);
+}
+
+/// With QEMU under way: the machine, and what belongs to it, go with the command.
+#[test]
+#[ignore = "needs qemu-system-arm and scripts/build-firmware"]
+fn ctrl_c_ends_qemu_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = host_sim("emulate --json").env("TMPDIR", folder.path()).stdout(Stdio::null()).spawn().unwrap();
+    let sockets = || fs::read_dir(folder.path()).unwrap().flatten().any(|entry| entry.path().join("qmp").exists());
+    while !sockets() {
+        assert!(child.try_wait().unwrap().is_none());
+        thread::sleep(Duration::from_millis(10));
+    }
+    // It flies meanwhile.
+    thread::sleep(Duration::from_secs(2));
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    let is_left = |entry: fs::DirEntry| {
+        let words = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+        String::from_utf8_lossy(&words).contains(folder.path().to_str().unwrap())
+    };
+    assert!(!fs::read_dir("/proc").unwrap().flatten().any(is_left), "QEMU is left");
+}
+
+/// Each mistake: what it is about, by name, and what to do. Exit code 2.
+#[test]
+fn mistakes_are_told_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "no firmware, no log").unwrap();
+    let file = file.display();
+    for (words, about, what_to_do) in [
+        (
+            format!("emulate --image {file}"),
+            format!("{file} is no firmware: it is too short"),
+            "scripts/build-firmware",
+        ),
+        (
+            "emulate --image Cargo.toml".to_owned(),
+            "Cargo.toml is no firmware: it is no ELF".to_owned(),
+            "scripts/build",
+        ),
+        ("bench budget --image README.md".to_owned(), "README.md is no firmware".to_owned(), "scripts/build-firmware"),
+        ("emulate --image /nowhere.elf".to_owned(), "/nowhere.elf".to_owned(), "scripts/build-firmware"),
+        ("replay /nowhere.bin".to_owned(), "/nowhere.bin".to_owned(), "give the path of a log"),
+        (format!("replay {file}"), file.to_string(), ""),
+        ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
+        ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
+        (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
+        ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows them"),
+    ] {
+        let (code, _, said) = ran(&words);
+        assert_eq!(code, Some(2), "{words}: {said}");
+        assert!(said.contains(&about) && said.contains(what_to_do), "{words}: {said}");
+    }
+}
+
+/// The error output is a terminal: there it is told how far it is, and nowhere else.
+#[test]
+fn progress_is_shown_on_a_terminal_only() {
+    for (words, bar) in [
+        ("bench accuracy --airframes 2 --draws 1", "airframes"),
+        ("bench integrity --flights 1 --case clean", "flights"),
+        ("replay host-sim/data/flight.csv", "judging its compasses"),
+        ("fly --json --circles 0.1", "take-off"),
+    ] {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap();
+        let terminal = File::options().write(true).open(name.to_str().unwrap()).unwrap();
+        rustix::termios::tcsetwinsize(
+            &terminal,
+            rustix::termios::Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 },
+        )
+        .unwrap();
+        let child = host_sim(words).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
+        let shown = thread::spawn(move || {
+            let (mut master, mut shown) = (File::from(master), Vec::new());
+            // Its end is an error, once nobody has the other end.
+            let _ = master.read_to_end(&mut shown);
+            String::from_utf8_lossy(&shown).into_owned()
+        });
+        let Output { stdout, .. } = child.wait_with_output().unwrap();
+        let shown = shown.join().unwrap().to_lowercase();
+        assert!(shown.contains(bar), "{words}: {shown:?}");
+        let (_, printed, said) = ran(words);
+        assert_eq!(String::from_utf8_lossy(&stdout), printed, "{words}: the same bytes");
+        assert_eq!(said, "", "{words}: on no terminal");
+    }
+}
+
+/// Somebody who meets an airframe that is hard can keep it, and change it.
+#[test]
+fn the_airframe_of_a_seed_is_printed_as_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (report, path) = (folder.path().join("report"), folder.path().join("seven.toml"));
+    let text = printed(&format!("fly --airframe random --seed 7 --circles 0.1 --report {}", report.display()));
+    let (_, file) = text.split_once("the airframe of this seed, as a file for --airframe:\n\n").unwrap();
+    fs::write(&path, file).unwrap();
+    let drawn = json("fly --airframe random --seed 7 --circles 0.1 --json");
+    let read = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
+    for name in ["rms_deg", "max_deg"] {
+        let [drawn, read] = [&drawn, &read].map(|of| of["before"][name].as_f64().unwrap());
+        // Its matrix is rounded to 0.0001, its mounting to 0.01 deg.
+        assert!((drawn - read).abs() < 0.05, "{name}: {drawn} {read}");
+    }
+    let [drawn, read] = [&drawn, &read].map(|of| of["airframe"]["total_ut"].as_f64().unwrap());
+    assert!((drawn - read).abs() < 0.01, "{drawn} {read}");
+    let known = printed(&format!("fly --circles 0.1 --report {}", report.display()));
+    assert!(!known.contains("soft_iron"), "the paper's is known");
+}
+
+#[test]
+fn the_examples_of_the_documentation_work_from_the_root() {
+    printed("fly --airframe host-sim/airframes/example.toml --circles 0.1 --json");
+    printed("replay host-sim/data/flight.csv");
+    let example = fs::read_to_string(root().join("host-sim/airframes/example.toml")).unwrap();
+    assert!(example.contains("--airframe host-sim/airframes/example.toml"));
+}
