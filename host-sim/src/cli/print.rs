@@ -1,8 +1,31 @@
 //! What the commands print alike.
 
+use std::path::Path;
+
 use autoswing::calibration::Calibration;
 use comfy_table::{Cell, CellAlignment};
+use host_sim::report::{self, Report};
 use serde_json::{Value, json};
+
+use super::Failure;
+
+/// Writes a page and says where it is: not on standard output, whose last line may belong to a JSON object.
+pub fn write_report(report: &Report, path: &Path) -> Result<(), Failure> {
+    let written = report::write(report, path)
+        .map_err(|error| Failure(format!("cannot write the report to {}: {error}", path.display())))?;
+    eprintln!("report: {}", written.display());
+    Ok(())
+}
+
+/// The command line, as a shell would take it again; the program by its name alone.
+pub fn command_line() -> String {
+    let words = std::env::args().skip(1).map(|word| {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
+        let is_word = !word.is_empty() && word.chars().all(is_plain);
+        if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    });
+    std::iter::once("host-sim".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}
 
 /// The twelve coefficients.
 pub fn coefficients(calibration: &Calibration) -> Value {
