@@ -43,9 +43,9 @@ pub fn of_mission(flown: &Flown, made: &Made) -> Report {
 fn verdict(flown: &Flown) -> String {
     match &flown.result {
         Ok(shown) => format!(
-            "calibrated itself by {} {} s into the flight, expecting {} deg; it is {} deg off",
-            shown.method,
+            "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
             number(flown.solved_s, 0),
+            shown.method,
             number(shown.expected_rms_deg, 2),
             number(flown.after.figures().rms_deg, 2)
         ),

@@ -6,8 +6,7 @@ use super::text::{each, escaped, number, number_or_dash};
 
 /// First of all: whether, how well, and what is doubtful.
 pub fn verdict(report: &Report) -> String {
-    let (class, sign, word) =
-        if report.accepted { ("good", "✓", "Calibrated") } else { ("bad", "✗", "Not calibrated") };
+    let (class, sign, word) = if report.accepted { ("good", "✓", "Accepted") } else { ("bad", "✗", "Refused") };
     let mut html = vec![format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{word}.</b> {}.</p>\n",
         escaped(&capital(report.verdict.trim_end_matches('.')))
@@ -97,7 +96,7 @@ fn card(swung: &Swung, compared: &Compared) -> String {
         columns.push("sigma".to_owned());
     }
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let rows = (0..sectors).map(|i| {
+    let row = |i: usize| {
         let lines = swung.before.iter().chain(&swung.after);
         let mut cells: Vec<String> =
             lines.map(|line| number_or_dash(line.errors_deg.get(i).copied().flatten(), 2)).collect();
@@ -106,12 +105,20 @@ fn card(swung: &Swung, compared: &Compared) -> String {
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
         }
         (format!("{:03}", i * step), cells)
+    };
+    // Halves of it stand side by side where there is room.
+    let halves = [0..sectors.min(12), 12..sectors].into_iter().filter(|half| !half.is_empty()).map(|half| {
+        let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
+        table(&caption, "heading", &columns, half.map(row))
     });
-    let caption = format!(
-        "Deviation card, {}: {} by heading, degrees, indicated less {}; take it off what the compass shows",
-        swung.name, compared.word, compared.with
-    );
-    format!("<div class=\"card\">{}</div>\n", table(&caption, "heading", &columns, rows))
+    format!(
+        "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>{} by heading, degrees: indicated less {}. Take it off what the \
+         compass shows.</p>\n<div class=\"halves\">{}</div></div>\n",
+        escaped(&swung.name),
+        capital(compared.word),
+        escaped(&compared.with),
+        each(halves, |half| half)
+    )
 }
 
 /// The map.
@@ -149,7 +156,7 @@ pub fn made(report: &Report) -> String {
 fn figure(id: &str, picture: &Picture) -> String {
     let class = if picture.is_wide { "wide" } else { "narrow" };
     format!(
-        "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{title}: picture\">\n{}\
+        "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
          </div><figcaption><b>{title}.</b> {}</figcaption></figure>\n",
         picture.svg.inline(id, &picture.title, &picture.words),
         escaped(&picture.words),
@@ -168,7 +175,7 @@ fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item
         format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escaped(&name))
     });
     format!(
-        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\n\
+        "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\n\
          <thead><tr>{corner}{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n"
     )
 }
@@ -176,7 +183,7 @@ fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item
 fn listing(id: &str, name: &str, text: &str) -> String {
     let (name, text) = (escaped(name), escaped(text));
     format!(
-        "<pre id=\"{id}\" class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{name}: text\">{text}</pre>\n"
+        "<pre id=\"{id}\" class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{name}: text\">{text}</pre>\n"
     )
 }
 

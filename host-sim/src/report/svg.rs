@@ -23,6 +23,8 @@ pub enum Shape {
     Square,
     /// A diamond.
     Diamond,
+    /// A dot, as large as its class's stroke: many of them take little room.
+    Dot,
 }
 
 impl Shape {
@@ -103,6 +105,7 @@ impl Svg {
             let Some([x, y]) = numbers(point) else { continue };
             let Some([r, twice, up]) = numbers([radius, 2.0 * radius, 1.15 * radius]) else { continue };
             let _ = match shape {
+                Shape::Dot => write!(d, "M{x} {y}h0"),
                 Shape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
                 Shape::Square => write!(d, "M{x} {y}m-{r}-{r}h{twice}v{twice}h-{twice}z"),
                 Shape::Triangle => write!(d, "M{x} {y}m0-{up}l{up} {twice}h-{up}h-{up}z"),

@@ -32,6 +32,12 @@ struct Cell {
     fitted: usize,
 }
 
+impl Cell {
+    fn is_missing(self) -> bool {
+        self.flown_s <= 0.0 && self.fitted == 0
+    }
+}
+
 /// Whether it is one that the field was seen in, and that counts.
 fn counts(moment: &Moment) -> bool {
     moment.is_usable && moment.level_ut[0].is_some()
@@ -64,7 +70,7 @@ pub fn coverage(swung: &Swung) -> Picture {
     let number_is = if knows { "collected and fitted to: how many" } else { "flown: seconds" };
     let mut items = vec![(Key::Area("cell used"), number_is)];
     if knows {
-        items.push((Key::Area("cell flown"), "flown, not needed"));
+        items.push((Key::Area("cell flown"), "flown, not collected"));
     }
     items.push((Key::Area("missed"), "not flown"));
     let top = legend(&mut svg, [16.0, 8.0], 600.0, &items) + 14.0;
@@ -89,7 +95,7 @@ pub fn coverage(swung: &Swung) -> Picture {
 }
 
 fn draw(svg: &mut Svg, [x, y]: At, [width, height]: At, cell: Cell, knows_fitted: bool) {
-    if cell.flown_s <= 0.0 && cell.fitted == 0 {
+    if cell.is_missing() {
         svg.rect("missed", [x + 2.0, y + 2.0], [width - 4.0, height - 4.0]);
         svg.points("p2 faint", Shape::Diamond, 2.0, [[x + width / 2.0, y + height / 2.0]]);
         return;
@@ -109,7 +115,7 @@ fn words(swung: &Swung, cells: &[[Cell; SECTORS]; ROWS.len()]) -> String {
         let missing: Vec<String> = row
             .iter()
             .enumerate()
-            .filter(|(_, cell)| cell.flown_s <= 0.0)
+            .filter(|(_, cell)| cell.is_missing())
             .map(|(sector, _)| (30 * sector).to_string())
             .collect();
         words.push(match missing.len() {
@@ -145,13 +151,19 @@ mod tests {
         assert_eq!(cells[0][0], Cell { flown_s: 0.5, fitted: 1 });
         assert_eq!(cells[3][1], Cell { flown_s: 1.0, fitted: 0 });
         assert_eq!(cells[2][1], Cell { flown_s: 0.0, fitted: 1 });
-        assert_eq!(cells.as_flattened().iter().filter(|cell| **cell != Cell::default()).count(), 5, "three, and pitch");
+        assert_eq!(
+            cells.as_flattened().iter().filter(|cell| **cell != Cell::default()).count(),
+            5,
+            "three, and their pitch"
+        );
         let picture = coverage(&swung);
         let drawn = picture.svg.inline("p", "", "");
         assert_eq!(drawn.matches(r#"class="missed""#).count(), 8 * 12 - 5 + 1);
         assert!(
             picture.words.contains("10 and more up: none flown")
-                && picture.words.contains("wings level: not flown 0, 30")
+                && picture.words.contains("wings level: not flown 0, 60"),
+            "{}",
+            picture.words
         );
     }
 }

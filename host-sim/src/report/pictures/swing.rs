@@ -26,7 +26,7 @@ pub fn one_scale(swung: &Swung, word: &str) -> Picture {
     let title = "Before and after, one scale".to_owned();
     let words = match (swung.before.is_empty(), swung.after.is_empty()) {
         (false, false) => {
-            format!("The largest {word} by heading: {} deg before, {} after.", number(before, 1), number(after, 1))
+            format!("The largest {word} by heading is {} deg before, {} after.", number(before, 1), number(after, 1))
         }
         (false, true) => format!("The largest {word} by heading is {} deg; there is no after.", number(before, 1)),
         _ => "There is nothing to compare with.".to_owned(),
@@ -41,8 +41,7 @@ pub fn enlarged(swung: &Swung, word: &str) -> Option<Picture> {
     }
     let mut svg = Svg::new(SIZE[0], SIZE[1]);
     let outside = draw_enlarged(&mut svg, [0.0, 0.0], swung, word);
-    let mut words =
-        vec![format!("After, enlarged: the largest {word} by heading is {} deg.", number(largest_of(&swung.after), 2))];
+    let mut words = vec![format!("The largest {word} by heading is {} deg.", number(largest_of(&swung.after), 2))];
     if !swung.sigma_deg.is_empty() {
         let sigma = largest(swung.sigma_deg.iter().copied());
         words.push(format!("The band is {}, {} deg at the worst heading.", swung.sigma_of, number(sigma, 2)));
@@ -87,7 +86,10 @@ fn draw_one_scale(svg: &mut Svg, at: At, swung: &Swung, word: &str) {
         .zip(&names)
         .map(|(&(line, shape, class), name)| (Key::Both(line, shape, class), &**name))
         .collect();
-    let after = format!("after{}", if swung.after.len() > 1 { ", the same banks" } else { "" });
+    let after = match &swung.after[..] {
+        [only] => format!("after{}", of(&only.name)),
+        _ => "after, the same banks".to_owned(),
+    };
     if !swung.after.is_empty() {
         items.push((Key::Line("l l3"), &after));
     }
@@ -124,7 +126,7 @@ fn draw_enlarged(svg: &mut Svg, at: At, swung: &Swung, word: &str) -> usize {
         items.push((Key::Area("band"), "expected, 1 sigma"));
     }
     if !points.is_empty() {
-        items.push((Key::Points(Shape::Circle, "p4 faint"), "single headings"));
+        items.push((Key::Points(Shape::Dot, "dot"), "single headings"));
     }
     let top = legend(svg, below, SIZE[0] - 32.0, &items);
     let most = largest_of(&swung.after)
@@ -134,7 +136,7 @@ fn draw_enlarged(svg: &mut Svg, at: At, swung: &Swung, word: &str) -> usize {
     band(svg, &frame, &swung.sigma_deg);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
     let drawn: Vec<Option<At>> = thinned(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
-    svg.points("p4 faint", Shape::Circle, 1.4, drawn.iter().copied().flatten());
+    svg.points("dot", Shape::Dot, 1.4, drawn.iter().copied().flatten());
     for (line, (class, shape, points)) in swung.after.iter().zip(classes) {
         draw(svg, &frame, line, class, Some((shape, points)));
     }

@@ -53,11 +53,11 @@ pub fn over_time(swung: &Swung, word: &str) -> Option<Picture> {
         let frame = Frame { x, y: Axis::deviations(most), at, size: [WIDTH, PANEL] };
         shade(&mut svg, &frame, &swung.moments);
         frame.draw(&mut svg, if i + 1 == panels.len() { "time, s" } else { "" }, name);
-        svg.path("l trace", line(&frame, &swung.moments, of));
+        svg.path("l trace", line(&frame, &swung.moments, of, false));
         if i + 1 == panels.len() && swung.moments.iter().any(|moment| moment.error_deg.is_some()) {
             for side in [1.0, -1.0] {
                 let sigma = |moment: &Moment| Some(side * moment.sigma_deg.filter(|_| moment.error_deg.is_some())?);
-                svg.path("edge", line(&frame, &swung.moments, &sigma));
+                svg.path("edge", line(&frame, &swung.moments, &sigma, true));
             }
         }
         for mark in &swung.marks {
@@ -85,7 +85,10 @@ fn words(swung: &Swung, beyond: usize) -> String {
     let silent = swung.moments.iter().filter(|moment| moment.is_silent).count();
     if silent > 0 {
         let percent = 100.0 * silent as f64 / swung.moments.len().max(1) as f64;
-        words.push(format!("For {} % of the time the module would not have sent a heading.", number(percent, 1)));
+        words.push(format!(
+            "For {} % of the time the module would not have sent a heading.",
+            number(percent, if percent < 1.0 { 2 } else { 1 })
+        ));
     }
     if beyond > 0 {
         words.push(format!("{beyond} values beyond a frame are drawn on its edge."));
@@ -103,29 +106,33 @@ fn column(frame: &Frame, columns: usize, at_s: f64) -> usize {
     ((at_s / frame.x.ends[1] * columns as f64) as usize).min(columns - 1)
 }
 
-/// Least and largest of each column, joined; broken at gaps.
-fn line(frame: &Frame, moments: &[Moment], of: &dyn Fn(&Moment) -> Option<f64>) -> Vec<Option<At>> {
+/// Least and largest of each column, or the mean, joined; broken at gaps.
+fn line(frame: &Frame, moments: &[Moment], of: &dyn Fn(&Moment) -> Option<f64>, is_mean: bool) -> Vec<Option<At>> {
     let number = columns(moments);
-    let mut each: Vec<Option<[f64; 3]>> = vec![None; number];
+    let mut each: Vec<Vec<[f64; 2]>> = vec![Vec::new(); number];
     for moment in moments {
         let Some(value) = of(moment).filter(|value| value.is_finite()) else { continue };
         if let Some(cell) = each.get_mut(column(frame, number, moment.at_s)) {
-            let [least, most, _] = cell.unwrap_or([value, value, 0.0]);
-            *cell = Some([least.min(value), most.max(value), moment.at_s]);
+            cell.push([moment.at_s, value]);
         }
     }
     let gap_s = GAP_S.max(GAP_COLUMNS * frame.x.ends[1] / number as f64);
     let mut points = Vec::new();
     let mut last_s = None;
-    for [least, most, at_s] in each.into_iter().flatten() {
+    for cell in each {
+        let Some(&[at_s, first]) = cell.last() else { continue };
         if last_s.is_some_and(|last_s| at_s - last_s > gap_s) {
             points.push(None);
         }
         last_s = Some(at_s);
         let x = frame.across(at_s);
-        points.push(Some([x, frame.up(least)]));
-        if most > least {
-            points.push(Some([x, frame.up(most)]));
+        let values = || cell.iter().map(|[_, value]| *value);
+        let [least, most] = [values().fold(first, f64::min), values().fold(first, f64::max)];
+        if is_mean {
+            points.push(Some([x, frame.up(values().sum::<f64>() / cell.len() as f64)]));
+        } else {
+            points.push(Some([x, frame.up(least)]));
+            points.extend((most > least).then(|| Some([x, frame.up(most)])));
         }
     }
     points
@@ -193,7 +200,7 @@ mod tests {
         let mut swung = flight(400, 0.1);
         let frame = Frame { x: Axis::seconds(139.9), y: Axis::deviations(3.0), at: [0.0; 2], size: [500.0, 100.0] };
         let gaps = |swung: &Swung| {
-            line(&frame, &swung.moments, &|moment: &Moment| moment.strength_percent)
+            line(&frame, &swung.moments, &|moment: &Moment| moment.strength_percent, false)
                 .iter()
                 .filter(|at| at.is_none())
                 .count()
