@@ -136,7 +136,7 @@ impl Frame {
         }
         svg.rect("box", self.at, self.size);
         svg.text("name mid", [self.middle(), bottom + 34.0], x_name);
-        svg.text_up("name mid", [left - 40.0, top + self.size[1] / 2.0], y_name);
+        svg.text_up("name mid", [left - 43.0, top + self.size[1] / 2.0], y_name);
     }
 }
 

@@ -41,8 +41,8 @@ pub fn legend(svg: &mut Svg, [left, top]: At, width: f64, items: &[(Key, &str)])
     const SAMPLE: f64 = 24.0;
     let (mut x, mut y) = (left, top);
     for (key, name) in items {
-        // Seven units a letter: no letter of this size is wider in the mean.
-        let length = SAMPLE + 6.0 + 6.6 * name.chars().count() as f64 + 14.0;
+        // No letter is wider in the mean, on a narrow screen neither, where they are larger.
+        let length = SAMPLE + 6.0 + 7.6 * name.chars().count() as f64 + 12.0;
         if x > left && x + length > left + width {
             (x, y) = (left, y + ROW);
         }

@@ -23,12 +23,12 @@ pub fn one_scale(swung: &Swung, word: &str) -> Picture {
     let mut svg = Svg::new(SIZE[0], SIZE[1]);
     draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
     let [before, after] = [&swung.before, &swung.after].map(|lines| largest_of(lines));
-    let title = "Before and after, one scale".to_owned();
+    let title = headline(swung).to_owned();
     let words = match (swung.before.is_empty(), swung.after.is_empty()) {
         (false, false) => {
             format!("The largest {word} by heading is {} deg before, {} after.", number(before, 1), number(after, 1))
         }
-        (false, true) => format!("The largest {word} by heading is {} deg; there is no after.", number(before, 1)),
+        (false, true) => format!("The largest {word} by heading is {} deg.", number(before, 1)),
         _ => "There is nothing to compare with.".to_owned(),
     };
     Picture { svg, title, words, is_wide: false }
@@ -64,6 +64,10 @@ pub fn both(swung: &Swung, word: &str) -> Picture {
     Picture { svg, title: "Heading error before and after the calibration".to_owned(), words, is_wide: true }
 }
 
+fn headline(swung: &Swung) -> &'static str {
+    if swung.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+}
+
 fn largest_of(lines: &[Line]) -> f64 {
     largest(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
 }
@@ -79,7 +83,7 @@ fn title(svg: &mut Svg, [left, up]: At, words: &str) -> At {
 }
 
 fn draw_one_scale(svg: &mut Svg, at: At, swung: &Swung, word: &str) {
-    let below = title(svg, at, "Before and after, one scale");
+    let below = title(svg, at, headline(swung));
     let names: Vec<String> = swung.before.iter().map(|line| format!("before{}", of(&line.name))).collect();
     let mut items: Vec<(Key, &str)> = BEFORE
         .iter()
