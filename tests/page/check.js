@@ -104,4 +104,7 @@ async function main(files) {
   console.log(`page: ${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
 }
 
-main(process.argv.slice(2));
+main(process.argv.slice(2)).catch((error) => {
+  for (const what of [...wrong, error.message]) console.error(`page: ${what}`);
+  process.exit(1);
+});

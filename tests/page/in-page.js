@@ -38,7 +38,10 @@
     for (const svg of document.querySelectorAll("svg")) {
       const frame = svg.getBoundingClientRect();
       const texts = [...svg.querySelectorAll("text")].map((text) => [text, text.getBoundingClientRect()]);
-      const name = svg.querySelector("title").id;
+      const [title, words] = ["title", "desc"].map((what) => svg.querySelector(what));
+      const name = title.id;
+      const isTold = svg.getAttribute("aria-labelledby") === `${title.id} ${words.id}` && title.textContent && words.textContent;
+      if (svg.getAttribute("role") !== "img" || !isTold) found.push(`${name}: a picture without words`);
       texts.forEach(([text, box], i) => {
         if (!inside(box, frame)) found.push(`${name}: "${text.textContent}" leaves the picture`);
         for (const [other, its] of texts.slice(i + 1)) {
