@@ -188,8 +188,12 @@ mod tests {
         let mut hour = flight(180_000, 0.02);
         assert!(drawn(&hour).len() < 30_000, "{}", drawn(&hour).len());
         let before = drawn(&hour);
-        hour.moments[90_000].strength_percent = Some(-4.0);
-        assert_ne!(before, drawn(&hour), "one value in 180,000 shows");
+        // The scale is that of most: one value in 180,000 shows all the same, to either side.
+        for (at, beyond) in [(90_000, -3.3), (120_000, 3.3)] {
+            let drawn_before = drawn(&hour);
+            hour.moments[at].strength_percent = Some(beyond);
+            assert_ne!(drawn_before, drawn(&hour), "{beyond}");
+        }
         assert_eq!(before.matches(r#"class="off""#).count(), 2, "one span, and its key");
         assert_eq!(before.matches(r#"class="bent""#).count(), 2, "one span, and its key");
         assert!(before.contains(">iron changed</text>") && !before.contains("NaN"));
