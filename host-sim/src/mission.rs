@@ -14,8 +14,8 @@ pub use crate::routine::Plan;
 use crate::routine::Routine;
 use crate::score::{Errors, Figures, within_percent, wrap_180};
 use crate::transcript::{self, Notice, Shown};
-use crate::world::WorldConfig;
 use crate::world::autopilot::Leg;
+use crate::world::{TrueState, WorldConfig};
 
 /// A part of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,8 +48,43 @@ impl Stage {
 pub struct Glimpse {
     /// The field in the chip's axes.
     pub field: Field<Sensor>,
-    /// The true attitude.
+    /// When and where.
+    pub moment: Moment,
+}
+
+/// A moment of the flight, as it truly was: for the report's pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Since the start, seconds.
+    pub at_s: f64,
+    /// The attitude.
     pub attitude: Attitude,
+    /// Magnetic heading, degrees.
+    pub heading_deg: f64,
+    /// Metres magnetic east and north of the start.
+    pub place_m: [f64; 2],
+}
+
+impl Moment {
+    fn of(state: &TrueState) -> Self {
+        Self {
+            at_s: state.time_us as f64 / 1e6,
+            attitude: state.attitude(),
+            heading_deg: state.heading_deg(),
+            place_m: [state.east_m, state.north_m],
+        }
+    }
+}
+
+/// A heading that was streamed after the restart, when its sentence had arrived.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// When and where.
+    pub moment: Moment,
+    /// Its error, degrees.
+    pub error_deg: f64,
+    /// The standard deviation that came with it, degrees.
+    pub sigma_deg: f64,
 }
 
 /// Errors of streamed headings against the true heading at the instant each sentence had arrived: calibration,
@@ -83,6 +118,10 @@ pub struct Flown {
     pub streamed: Option<Streamed>,
     /// What the chip saw in the routine.
     pub glimpses: Vec<Glimpse>,
+    /// The headings streamed after the restart.
+    pub told: Vec<Told>,
+    /// When the solve had ended, seconds since the start.
+    pub solved_s: f64,
     /// The console session, as the pilot saw it.
     pub session: String,
     /// How long it took, seconds of virtual time.
@@ -101,7 +140,11 @@ pub fn fly_with(module: &mut impl Module, plan: Plan, watch: &mut dyn FnMut(Stag
     let before = Errors::of(&Calibration::uncalibrated(Orientation::NONE), &world);
     let routine = Routine::of(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let result = mission.calibrate(&routine);
-    let streamed = result.is_ok().then(|| mission.stream(&routine.mission));
+    let solved_s = mission.module.now_us() as f64 / 1e6;
+    let (streamed, told) = result.as_ref().map_or((None, Vec::new()), |_| {
+        let (streamed, told) = mission.stream(&routine.mission);
+        (Some(streamed), told)
+    });
     let after = result.as_ref().map_or_else(|_| before.clone(), |shown| Errors::of(&shown.calibration, &world));
     Flown {
         world,
@@ -110,6 +153,8 @@ pub fn fly_with(module: &mut impl Module, plan: Plan, watch: &mut dyn FnMut(Stag
         after,
         streamed,
         glimpses: mission.glimpses,
+        told,
+        solved_s,
         session: mission.session,
         duration_s: mission.module.now_us() as f64 / 1e6,
     }
@@ -171,15 +216,14 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Restarts the module and flies all round the compass, comparing what it streams with the truth.
-    fn stream(&mut self, legs: &[Leg]) -> Streamed {
+    fn stream(&mut self, legs: &[Leg]) -> (Streamed, Vec<Told>) {
         // It stands on the ground again: an armed module would not be restarted. The world flies on meanwhile.
         self.module.world().set_armed(false);
         self.module.run_for_s(HEARTBEAT_S);
         let _ = self.module.instrument().receive();
         self.type_line("reboot");
         self.module.world().set_armed(true);
-        let mut errors_deg: Vec<f64> = Vec::new();
-        let mut normalised = Vec::new();
+        let mut told: Vec<Told> = Vec::new();
         let mut empty = 0;
         let mut reader = Reader::default();
         for (done, &leg) in legs.iter().enumerate() {
@@ -192,9 +236,8 @@ impl<M: Module> Mission<'_, M> {
                     };
                     match (received.heading_deg, received.sigma_deg) {
                         (Some(deg), Some(sigma_deg)) => {
-                            let error_deg = wrap_180(deg - self.module.world().true_state(timed.at_us).heading_deg());
-                            errors_deg.push(error_deg);
-                            normalised.push(error_deg / sigma_deg);
+                            let moment = Moment::of(&self.module.world().true_state(timed.at_us));
+                            told.push(Told { moment, error_deg: wrap_180(deg - moment.heading_deg), sigma_deg });
                         }
                         _ => empty += 1,
                     }
@@ -203,8 +246,11 @@ impl<M: Module> Mission<'_, M> {
         }
         (self.watch)(Stage::Stream, 1.0);
         self.listen();
+        let errors_deg: Vec<f64> = told.iter().map(|told| told.error_deg).collect();
+        let normalised: Vec<f64> = told.iter().map(|told| told.error_deg / told.sigma_deg).collect();
         let Figures { rms_deg, max_deg, .. } = Figures::of(&errors_deg);
-        Streamed { rms_deg, max_deg, within_percent: within_percent(&normalised), headings: errors_deg.len(), empty }
+        let (within_percent, headings) = (within_percent(&normalised), told.len());
+        (Streamed { rms_deg, max_deg, within_percent, headings, empty }, told)
     }
 
     /// Flies a leg to its end, taking glimpses in the routine.
@@ -215,9 +261,8 @@ impl<M: Module> Mission<'_, M> {
             self.listen();
             let now = self.module.world().true_state(self.module.now_us());
             if matches!(stage, Stage::Routine(_)) {
-                let glimpse =
-                    Glimpse { field: self.module.world().sensor_field(now.time_us), attitude: now.attitude() };
-                self.glimpses.push(glimpse);
+                let field = self.module.world().sensor_field(now.time_us);
+                self.glimpses.push(Glimpse { field, moment: Moment::of(&now) });
             }
             let done = match leg {
                 Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {

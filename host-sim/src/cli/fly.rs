@@ -9,7 +9,7 @@ use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::log::write::{self, Recorded, Recording};
 use host_sim::mission::{self, Flown, Plan, Stage, Streamed};
 use host_sim::module::Module;
-use host_sim::report;
+use host_sim::report::{self, Made};
 use host_sim::rig::Rig;
 use host_sim::score::{Errors, Figures};
 use host_sim::transcript::Notice;
@@ -19,7 +19,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::interruption::{Interruption, Second};
-use super::print::{self, coefficients, right_aligned, say, table};
+use super::print::{self, coefficients, command_line, right_aligned, say, table, write_report};
 use super::{Emulate, Failure, Fly, iron, iron_of};
 
 /// Where the report goes when a person does not say.
@@ -77,19 +77,25 @@ fn tell(options: &Fly, flown: &Flown) -> Result<ExitCode, Failure> {
         print::out(&shown(options, flown));
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
-    if let Some(directory) = options.report.as_deref().or(default) {
-        report::write(flown, directory).map_err(|error| {
-            Failure(format!(
-                "cannot write the report into {}: {error}; --report names another folder",
-                directory.display()
-            ))
-        })?;
-        if !print::is_lost() {
-            // Not on standard output, whose last line belongs to the JSON object.
-            print::complain(format_args!("report: {}", directory.join("index.html").display()));
-        }
+    if let Some(path) = options.report.as_deref().or(default) {
+        write_report(&report::of_mission(flown, &made(options)), path)?;
     }
     Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// What the page says of how it was made.
+fn made(options: &Fly) -> Made {
+    let setting = |name: &str, value: String| [name.to_owned(), value];
+    let mut settings = vec![
+        setting("aircraft", options.aircraft.clone()),
+        setting("airframe", options.airframe.clone().unwrap_or_else(|| "table1".to_owned())),
+        setting("seed", options.seed.to_string()),
+    ];
+    if options.current > 0.0 {
+        settings.push(setting("iron by current", format!("{} uT", options.current)));
+    }
+    settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
+    Made { command: command_line(), settings, ..Made::default() }
 }
 
 /// Flies, and takes down what the autopilot would have logged if that was asked for.

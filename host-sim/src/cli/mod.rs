@@ -268,6 +268,9 @@ struct Replay {
     /// are empty where there is no smooth heading
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write the page: a folder for its index.html, or a file (.html; a .svg gets the picture of before and after alone)
+    #[arg(long, value_name = "DIR|FILE")]
+    report: Option<PathBuf>,
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
@@ -351,8 +354,9 @@ struct Fly {
     /// An aeroplane's full circles each way, 0 to 100
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
-    /// Folder for the pictures and the page of the mission [default: report; none with --json]
-    #[arg(long, value_name = "DIR")]
+    /// The page of the mission: a folder for its index.html, or a file (.html; a .svg gets the picture of before and after
+    /// alone) [default: report; none with --json]
+    #[arg(long, value_name = "DIR|FILE")]
     report: Option<PathBuf>,
     /// Write what the autopilot would have logged, the field raw, ten rows a second: a table, or by the name's end a log of
     /// ArduPilot (.bin, .log), PX4 (.ulg) or MAVLink (.tlog); `replay` reads them all

@@ -1,11 +1,13 @@
 //! What the commands print alike, and what becomes of it when nobody reads it.
 
 use std::io::{self, ErrorKind, Write as _};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
 use autoswing::calibration::Calibration;
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
+use host_sim::report::{self, Report};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -109,6 +111,27 @@ fn round(value: &mut Value, decimals: i32) {
         }
         _ => {}
     }
+}
+
+/// Writes a page and says where it is: not on standard output, whose last line may belong to a JSON object.
+pub fn write_report(report: &Report, path: &Path) -> Result<(), Failure> {
+    let written = report::write(report, path).map_err(|error| {
+        Failure(format!("cannot write the report to {}: {error}; --report names another place", path.display()))
+    })?;
+    if !is_lost() {
+        complain(format_args!("report: {}", written.display()));
+    }
+    Ok(())
+}
+
+/// The command line, as a shell would take it again; the program by its name alone.
+pub fn command_line() -> String {
+    let words = std::env::args().skip(1).map(|word| {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
+        let is_word = !word.is_empty() && word.chars().all(is_plain);
+        if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    });
+    std::iter::once("host-sim".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// The twelve coefficients.

@@ -7,14 +7,16 @@ use std::process::ExitCode;
 
 use autoswing::calibration::Latency;
 use autoswing::heading::NoHeading;
+use clap::ValueEnum as _;
 use comfy_table::{Table, presets};
 use host_sim::log::{self, Flight, LogError};
 use host_sim::replay::judge::{Asked, By, Judged, Verdict, judge, refusal};
 use host_sim::replay::parameters::{self, Dialect, HandedOver};
 use host_sim::replay::{Replayed, Shown, told};
+use host_sim::report::{self, Made};
 use serde_json::{Value, json};
 
-use super::print::{self, right_aligned, rounded, say};
+use super::print::{self, command_line, right_aligned, rounded, say, write_report};
 use super::{Failure, Replay, waiting};
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
@@ -53,6 +55,21 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
         let shown = verdict.compasses.first().map_or(&[][..], |compass| &compass.module.shown);
         write(path, shown).map_err(|e| cannot_write(path, &e))?;
     }
+    if let Some(path) = &options.report {
+        let handed_over: Vec<HandedOver> = verdict.compasses.iter().filter_map(handed).collect();
+        let mut printed = String::new();
+        show(&mut printed, &name.to_string(), &flight, &verdict, &handed);
+        let made = Made {
+            command: command_line(),
+            settings: settings(options),
+            printed,
+            parameters: (!handed_over.is_empty()).then(|| {
+                let end = if dialect == Dialect::Inav { "txt" } else { "param" };
+                [format!("compass.{end}"), parameters::file(&flight, &handed_over, dialect)]
+            }),
+        };
+        write_report(&report::of_replay(&flight, &verdict, &name.to_string(), &made), path)?;
+    }
     if options.json {
         let parameters = |compass: &Judged| handed(compass).map_or(Value::Null, |handed| parameters_json(&handed));
         print::line(told::json(&flight, &verdict, &parameters));
@@ -63,6 +80,20 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     }
     let is_accepted = verdict.compasses.iter().any(|compass| compass.module.accepted.is_ok());
     Ok(if is_accepted { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// What was set, for the page.
+fn settings(options: &Replay) -> Vec<[String; 2]> {
+    let samples = options.samples.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+    let age = options.age.map_or_else(|| "found in the flight".to_owned(), |ms| format!("{ms} ms"));
+    let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
+    let told = [
+        ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
+        ("fitted until", options.fit_until.map(|s| format!("{s} s"))),
+        ("compass", options.compass.map(|number| number.to_string())),
+    ];
+    settings.extend(told.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])));
+    settings
 }
 
 fn cannot_write(path: &Path, why: &std::io::Error) -> Failure {

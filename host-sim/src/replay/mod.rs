@@ -21,6 +21,7 @@ use autoswing::calibration::{
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector, Kept, Lack};
+use autoswing::frames::{Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
@@ -112,6 +113,8 @@ pub struct Replayed {
     pub lack: Option<Lack>,
     /// Samples that were fitted to.
     pub samples: usize,
+    /// When they were taken, seconds after the first row, in any order.
+    pub fitted_s: Vec<f64>,
     /// When the collection of whatever was flown ended by itself, seconds after the first row; none if it did not.
     pub ended_s: Option<f64>,
     /// A heading for each row; none without a solution.
@@ -138,7 +141,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         Selected::Flight => device::ends_after(&usable, options),
         Selected::All | Selected::Turns => None,
     };
-    let (result, samples, lack) = match options.selected {
+    let (result, fitted_s, lack) = match options.selected {
         Selected::All => from_all(&usable, &prior),
         Selected::Turns => from_collected(&usable, Procedure::Turns, &prior),
         Selected::Flight => from_collected(&usable[..ended.unwrap_or(usable.len())], Procedure::Flight, &prior),
@@ -156,7 +159,8 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
     let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(Shown::sent_deg));
-    Replayed { solution, accepted, lack, samples, ended_s, shown, score: raw, smooth, uncorrected }
+    let samples = fitted_s.len();
+    Replayed { solution, accepted, lack, samples, fitted_s, ended_s, shown, score: raw, smooth, uncorrected }
 }
 
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
@@ -204,7 +208,7 @@ fn solved_of_all(rows: &[Row]) -> Option<Solution> {
 }
 
 /// Through the device's collection, ladder and verification.
-fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, usize, Option<Lack>) {
+fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, Vec<f64>, Option<Lack>) {
     let mut kept = Kept::EMPTY;
     let mut collector = Collector::new(&mut kept);
     collector.begin(procedure);
@@ -216,11 +220,11 @@ fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (S
     let solved = ladder::choose(collector.fit(), procedure)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
-    (solved, fit.all().count(), collector.lack())
+    (solved, seconds(fit), collector.lack())
 }
 
 /// Every so many samples one is fitted to, and the ones half-way between are held back.
-fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize, Option<Lack>) {
+fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, Vec<f64>, Option<Lack>) {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -231,7 +235,12 @@ fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, usize, Option<Lack>) 
     let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
     let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
         .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
-    (solved, number, None)
+    (solved, seconds(fit.samples()), None)
+}
+
+/// When samples were taken, seconds after the first row.
+fn seconds(samples: Samples<'_>) -> Vec<f64> {
+    samples.all().map(|sample| f64::from(sample.time.count()) / 1e3).collect()
 }
 
 /// Samples by the side they bank to.
@@ -266,11 +275,17 @@ fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> R
     acceptance::judge(&Policy::DEFAULT, solution, grounds, &none).map(|_| ()).map_err(Refused::Rejected)
 }
 
-fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
+/// The field of a row as a calibration corrects and levels it.
+#[must_use]
+pub fn levelled(calibration: &Calibration, row: &Row) -> Field<Level> {
     let Motion { roll_rad_s, pitch_rad_s, heading_rad_s } = Motion::of(&report(row)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
-    f64::from(calibration.level(&sample).heading_rad().to_degrees())
+    calibration.level(&sample)
+}
+
+fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
+    f64::from(levelled(calibration, row).heading_rad().to_degrees())
 }
 
 /// What the module would have shown for every row.

@@ -1,80 +1,76 @@
-//! The mission's report: pictures, and a page that holds them and the numbers.
+//! The report: one page that needs nothing else, of a simulated mission or of a log.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `model.rs` | what a page shows, wherever it comes from |
+//! | `of_mission.rs`, `of_replay.rs` | that of a mission and of a replayed log |
+//! | `page.rs`, `sections.rs` | the page |
+//! | `pictures/` | its pictures, a file each |
+//! | `frame.rs`, `svg.rs`, `text.rs` | axes, shapes, words and numbers |
+//! | `assets/` | style and script |
 
+mod frame;
+mod model;
+mod of_mission;
+mod of_replay;
 mod page;
 mod pictures;
+mod sections;
+mod svg;
+#[cfg(test)]
+mod tests;
+mod text;
+
+pub use model::Report;
+pub use of_mission::of_mission;
+pub use of_replay::of_replay;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::mission::Flown;
+/// What a report is made of besides its flight.
+#[derive(Clone, Debug, Default)]
+pub struct Made {
+    /// The command line.
+    pub command: String,
+    /// What was set, and to what.
+    pub settings: Vec<[String; 2]>,
+    /// What the command printed.
+    pub printed: String,
+    /// Name and text of a file of parameters to load.
+    pub parameters: Option<[String; 2]>,
+}
 
-/// Writes `index.html` (which needs no other file), `ellipses.svg`, `errors.svg` and `before-after.svg` into a
-/// directory, which is made if it is not there; gives their paths. The same mission writes the same bytes.
+/// Writes the page into a file, `index.html` if `path` is a folder's; of a `.svg` the picture of before and after alone.
+/// Folders are made. Gives the file. The same report writes the same bytes.
 ///
 /// # Errors
 ///
 /// What the file system says.
-pub fn write(flown: &Flown, directory: &Path) -> io::Result<Vec<PathBuf>> {
-    let ellipses = pictures::ellipses(flown).map_err(io::Error::other)?;
-    let errors = pictures::errors(flown).map_err(io::Error::other)?;
-    let page = page::page(flown, &ellipses, &errors);
-    let before_after = pictures::before_after(flown).map_err(io::Error::other)?;
-    fs::create_dir_all(directory)?;
-    let files =
-        [("index.html", page), ("ellipses.svg", ellipses), ("errors.svg", errors), ("before-after.svg", before_after)];
-    files
-        .into_iter()
-        .map(|(name, contents)| {
-            let path = directory.join(name);
-            fs::write(&path, contents)?;
-            Ok(path)
-        })
-        .collect()
+pub fn write(report: &Report, path: &Path) -> io::Result<PathBuf> {
+    let ends_with = |ends: &[&str]| {
+        path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
+    };
+    let is_file = ends_with(&["html", "htm", "svg"]) && !path.is_dir();
+    let file = if is_file { path.to_owned() } else { path.join("index.html") };
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder)?;
+    }
+    fs::write(&file, if is_file && ends_with(&["svg"]) { picture(report) } else { page(report) })?;
+    Ok(file)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::mission::{Plan, fly};
-    use crate::world::WorldConfig;
+/// The page.
+#[must_use]
+pub fn page(report: &Report) -> String {
+    page::page(report)
+}
 
-    fn written(flown: &Flown, name: &str) -> Vec<(String, String)> {
-        let directory = std::env::temp_dir().join(format!("autoswing-report-{}-{name}", std::process::id()));
-        let files = write(flown, &directory)
-            .unwrap()
-            .into_iter()
-            .map(|path| {
-                let contents = fs::read_to_string(&path).unwrap();
-                (path.file_name().unwrap().to_string_lossy().into_owned(), contents)
-            })
-            .collect();
-        fs::remove_dir_all(&directory).unwrap();
-        files
-    }
-
-    #[test]
-    fn a_calibrated_mission_is_reported_the_same_each_time() {
-        let flown = fly(WorldConfig::table1(1), Plan::default(), &mut |_, _| {});
-        let files = written(&flown, "first");
-        assert_eq!(files, written(&flown, "second"));
-        for (name, contents) in &files {
-            let end = if name == "index.html" { "</html>\n" } else { "</svg>\n" };
-            assert!(contents.ends_with(end), "{name}");
-        }
-        let page = &files[0].1;
-        let worst = format!("{:.2}", flown.after.figures().max_deg);
-        assert!(page.contains(&worst) && page.contains("maximum-likelihood"), "the numbers are on the page");
-        assert!(!page.contains('\u{1b}'), "terminal control sequences are not");
-        assert!(
-            !page.contains("http://") || page.matches("http://").count() == page.matches("http://www.w3.org").count()
-        );
-    }
-
-    #[test]
-    fn a_refusal_is_reported_with_its_reason() {
-        let flown = fly(WorldConfig::table1(1), Plan { bank_deg: 25.0, circles: 0.05 }, &mut |_, _| {});
-        let page = written(&flown, "refused").remove(0).1;
-        assert!(page.contains("too-few-samples"), "the code is on the page");
-    }
+/// Before and after as a picture of its own, of the compass that matters most.
+#[must_use]
+pub fn picture(report: &Report) -> String {
+    let Some(compass) = report.foremost() else { return svg::Svg::new(1.0, 1.0).file("nothing", "") };
+    let picture = pictures::swing::both(compass, report.compared.word);
+    picture.svg.file(&picture.title, &picture.words)
 }

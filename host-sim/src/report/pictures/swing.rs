@@ -1,0 +1,220 @@
+//! Errors by heading: before and after on one scale, and after enlarged, with what the module expects.
+
+use super::super::frame::{Axis, Frame, round_the_circle};
+use super::super::model::{Line, Swung, largest, most_of, thinned};
+use super::super::svg::{At, Shape, Svg};
+use super::super::text::number;
+use super::{Key, Picture, legend};
+
+const SIZE: At = [440.0, 350.0];
+
+/// So many points of a flight are drawn.
+const POINTS: usize = 700;
+
+/// So much of them lies within the frame at least.
+const MOST: f64 = 0.98;
+
+/// Classes of several lines before: line, points.
+const BEFORE: [(&str, Shape, &str); 3] =
+    [("l l0", Shape::Circle, "p0"), ("l l1", Shape::Triangle, "p1"), ("l l2", Shape::Square, "p2")];
+
+/// Before and after in one frame.
+pub fn one_scale(swung: &Swung, word: &str) -> Picture {
+    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
+    let [before, after] = [&swung.before, &swung.after].map(|lines| largest_of(lines));
+    let title = headline(swung).to_owned();
+    let words = match (swung.before.is_empty(), swung.after.is_empty()) {
+        (false, false) => {
+            format!("The largest {word} by heading is {} deg before, {} after.", number(before, 1), number(after, 1))
+        }
+        (false, true) => format!("The largest {word} by heading is {} deg.", number(before, 1)),
+        _ => "There is nothing to compare with.".to_owned(),
+    };
+    Picture { svg, title, words, is_wide: false }
+}
+
+/// After alone; none if there is nothing.
+pub fn enlarged(swung: &Swung, word: &str) -> Option<Picture> {
+    if swung.after.is_empty() {
+        return None;
+    }
+    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    let outside = draw_enlarged(&mut svg, [0.0, 0.0], swung, word);
+    let mut words = vec![format!("The largest {word} by heading is {} deg.", number(largest_of(&swung.after), 2))];
+    if !swung.sigma_deg.is_empty() {
+        let sigma = largest(swung.sigma_deg.iter().copied());
+        words.push(format!("The band is {}, {} deg at the worst heading.", swung.sigma_of, number(sigma, 2)));
+    }
+    if outside > 0 {
+        words.push(format!("{outside} of the points drawn would lie outside."));
+    }
+    Some(Picture { svg, title: "After, enlarged".to_owned(), words: words.join(" "), is_wide: false })
+}
+
+/// Both, side by side, for a document that has room for one picture.
+pub fn both(swung: &Swung, word: &str) -> Picture {
+    let mut svg = Svg::new(2.0 * SIZE[0], SIZE[1]);
+    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
+    let (first, second) = (one_scale(swung, word), enlarged(swung, word));
+    if second.is_some() {
+        draw_enlarged(&mut svg, [SIZE[0], 0.0], swung, word);
+    }
+    let words = second.map_or_else(|| first.words.clone(), |second| format!("{} {}", first.words, second.words));
+    Picture { svg, title: "Heading error before and after the calibration".to_owned(), words, is_wide: true }
+}
+
+fn headline(swung: &Swung) -> &'static str {
+    if swung.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+}
+
+fn largest_of(lines: &[Line]) -> f64 {
+    largest(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
+}
+
+fn frame(top: f64, [left, up]: At, y: Axis) -> Frame {
+    let at = [left + 58.0, top];
+    Frame { x: Axis::headings(90), y, at, size: [SIZE[0] - 58.0 - 16.0, up + SIZE[1] - 44.0 - top] }
+}
+
+fn title(svg: &mut Svg, [left, up]: At, words: &str) -> At {
+    svg.text("title", [left + 16.0, up + 20.0], words);
+    [left + 16.0, up + 30.0]
+}
+
+fn draw_one_scale(svg: &mut Svg, at: At, swung: &Swung, word: &str) {
+    let below = title(svg, at, headline(swung));
+    let names: Vec<String> = swung.before.iter().map(|line| format!("before{}", of(&line.name))).collect();
+    let mut items: Vec<(Key, &str)> = BEFORE
+        .iter()
+        .zip(&names)
+        .map(|(&(line, shape, class), name)| (Key::Both(line, shape, class), &**name))
+        .collect();
+    let after = match &swung.after[..] {
+        [only] => format!("after{}", of(&only.name)),
+        _ => "after, the same banks".to_owned(),
+    };
+    if !swung.after.is_empty() {
+        items.push((Key::Line("l l3"), &after));
+    }
+    let top = legend(svg, below, SIZE[0] - 32.0, &items);
+    let y = Axis::deviations(largest_of(&swung.before).max(largest_of(&swung.after)));
+    let frame = frame(top, at, y);
+    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
+    for (line, (class, shape, points)) in swung.before.iter().zip(BEFORE) {
+        draw(svg, &frame, line, class, Some((shape, points)));
+    }
+    for line in &swung.after {
+        draw(svg, &frame, line, "l l3", None);
+    }
+}
+
+/// Gives how many of the points drawn would lie outside.
+fn draw_enlarged(svg: &mut Svg, at: At, swung: &Swung, word: &str) -> usize {
+    let below = title(svg, at, "After, enlarged");
+    let points: Vec<At> = swung
+        .moments
+        .iter()
+        .filter(|moment| moment.is_usable)
+        .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
+        .collect();
+    let names: Vec<String> = swung.after.iter().map(|line| format!("after{}", of(&line.name))).collect();
+    // A single line is the same as on one scale.
+    let classes = if swung.after.len() > 1 { BEFORE } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let mut items: Vec<(Key, &str)> = classes
+        .iter()
+        .zip(&names)
+        .map(|(&(line, shape, class), name)| (Key::Both(line, shape, class), &**name))
+        .collect();
+    if !swung.sigma_deg.is_empty() {
+        items.push((Key::Area("band"), "expected, 1 sigma"));
+    }
+    if !points.is_empty() {
+        items.push((Key::Points(Shape::Dot, "dot"), "single headings"));
+    }
+    let top = legend(svg, below, SIZE[0] - 32.0, &items);
+    let most = largest_of(&swung.after)
+        .max(largest(swung.sigma_deg.iter().copied()))
+        .max(most_of(points.iter().map(|[_, error]| *error), MOST));
+    let frame = frame(top, at, Axis::deviations(most));
+    band(svg, &frame, &swung.sigma_deg);
+    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
+    let drawn: Vec<Option<At>> = thinned(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
+    svg.points("dot", Shape::Dot, 1.4, drawn.iter().copied().flatten());
+    for (line, (class, shape, points)) in swung.after.iter().zip(classes) {
+        draw(svg, &frame, line, class, Some((shape, points)));
+    }
+    drawn.iter().filter(|point| point.is_none()).count()
+}
+
+fn draw(svg: &mut Svg, frame: &Frame, line: &Line, class: &str, points: Option<(Shape, &str)>) {
+    let places: Vec<Option<At>> = round_the_circle(&line.errors_deg)
+        .into_iter()
+        .map(|point| point.and_then(|[x, y]| frame.point(x, y)))
+        .collect();
+    svg.path(class, places.iter().copied());
+    if let Some((shape, class)) = points {
+        svg.points(class, shape, 3.0, places.into_iter().flatten());
+    }
+}
+
+/// What the module expects, to both sides of nothing.
+fn band(svg: &mut Svg, frame: &Frame, sigma_deg: &[f64]) {
+    let width_deg = 360.0 / sigma_deg.len().max(1) as f64;
+    for (i, sigma) in sigma_deg.iter().enumerate().chain(sigma_deg.first().map(|first| (sigma_deg.len(), first))) {
+        let middle = i as f64 * width_deg;
+        let [from, to] = [middle - width_deg / 2.0, middle + width_deg / 2.0].map(|deg| deg.clamp(0.0, 360.0));
+        let [left, right] = [from, to].map(|deg| frame.across(deg));
+        let [top, bottom] = [*sigma, -sigma].map(|deg| frame.up(deg));
+        svg.rect("band", [left, top], [right - left, bottom - top]);
+    }
+}
+
+fn of(name: &str) -> String {
+    if name.is_empty() { String::new() } else { format!(": {name}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(errors_deg: &[f64]) -> Line {
+        Line { name: "level".to_owned(), errors_deg: errors_deg.iter().map(|error| Some(*error)).collect() }
+    }
+
+    #[test]
+    fn before_and_after_share_the_scale_and_after_has_its_own() {
+        let swung = Swung {
+            before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
+            after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
+            sigma_deg: vec![0.5; 4],
+            sigma_of: "what is expected",
+            ..Swung::default()
+        };
+        let one = one_scale(&swung, "error");
+        let drawn = one.svg.inline("p", &one.title, &one.words);
+        assert!(drawn.contains(">20</text>") && drawn.contains("20.0 deg before, 0.4 after"), "{drawn}");
+        let two = enlarged(&swung, "error").unwrap();
+        let drawn = two.svg.inline("p", &two.title, &two.words);
+        assert!(!drawn.contains(">20</text>") && drawn.contains(">0.4</text>"), "{drawn}");
+        assert_eq!(
+            drawn.matches(r#"class="band""#).count(),
+            6,
+            "four sectors, of which north has two halves, and the key"
+        );
+    }
+
+    #[test]
+    fn points_beyond_the_frame_are_counted() {
+        let moment = |heading_deg: f64, error_deg: f64| super::super::super::model::Moment {
+            heading_deg: Some(heading_deg),
+            error_deg: Some(error_deg),
+            is_usable: true,
+            ..Default::default()
+        };
+        let mut moments: Vec<_> = (0..200).map(|i| moment(f64::from(i), 0.1)).collect();
+        moments.push(moment(10.0, 50.0));
+        let swung = Swung { after: vec![line(&[0.1, -0.1])], moments, ..Swung::default() };
+        assert!(enlarged(&swung, "error").unwrap().words.contains("1 of the points drawn"));
+    }
+}

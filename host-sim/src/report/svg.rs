@@ -1,0 +1,189 @@
+//! A writer of SVG: shapes with classes. What they look like stands in `assets/picture.css`, whose colours are variables, so
+//! that a picture is right in a light and in a dark scheme; plotting libraries, plotters among them, write the colours
+//! into each shape. What is not a number is never drawn.
+
+use std::fmt::Write as _;
+
+use super::text::escaped;
+
+const COLOURS: &str = include_str!("assets/colours.css");
+const PICTURE: &str = include_str!("assets/picture.css");
+
+/// A place in a picture: to the right and down.
+pub type At = [f64; 2];
+
+/// What a point is drawn as: told apart without colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// A circle.
+    Circle,
+    /// A triangle.
+    Triangle,
+    /// A square.
+    Square,
+    /// A diamond.
+    Diamond,
+    /// A dot, as large as its class's stroke: many of them take little room.
+    Dot,
+}
+
+impl Shape {
+    /// For the so manyeth of some.
+    pub const fn of(number: usize) -> Self {
+        match number % 4 {
+            0 => Self::Circle,
+            1 => Self::Triangle,
+            2 => Self::Square,
+            _ => Self::Diamond,
+        }
+    }
+}
+
+/// A picture that is being drawn.
+pub struct Svg {
+    size: At,
+    body: String,
+}
+
+impl Svg {
+    /// An empty one of a size, in units of its own.
+    pub const fn new(width: f64, height: f64) -> Self {
+        Self { size: [width, height], body: String::new() }
+    }
+
+    /// A straight line.
+    pub fn line(&mut self, class: &str, [x1, y1]: At, [x2, y2]: At) {
+        if let Some([x1, y1, x2, y2]) = numbers([x1, y1, x2, y2]) {
+            self.push(&format!(r#"<line class="{class}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>"#));
+        }
+    }
+
+    /// A rectangle by its upper left corner.
+    pub fn rect(&mut self, class: &str, [x, y]: At, [width, height]: At) {
+        if let Some([x, y, width, height]) = numbers([x, y, width.max(0.0), height.max(0.0)]) {
+            self.push(&format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#));
+        }
+    }
+
+    /// Words; the class says which end of them stands at the place.
+    pub fn text(&mut self, class: &str, [x, y]: At, words: &str) {
+        if let Some([x, y]) = numbers([x, y]) {
+            self.push(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escaped(words)));
+        }
+    }
+
+    /// Words that are read upwards, their middle at a place.
+    pub fn text_up(&mut self, class: &str, [x, y]: At, words: &str) {
+        if let Some([x, y]) = numbers([x, y]) {
+            let words = escaped(words);
+            self.push(&format!(r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{words}</text>"#));
+        }
+    }
+
+    /// A line through points, broken where there is none.
+    pub fn path(&mut self, class: &str, points: impl IntoIterator<Item = Option<At>>) {
+        let mut d = String::new();
+        let mut is_down = false;
+        for point in points {
+            let Some([x, y]) = point.and_then(numbers) else {
+                is_down = false;
+                continue;
+            };
+            // Writing to a string never fails.
+            let _ = write!(d, "{}{x} {y}", if is_down { 'L' } else { 'M' });
+            is_down = true;
+        }
+        if !d.is_empty() {
+            self.push(&format!(r#"<path class="{class}" d="{d}"/>"#));
+        }
+    }
+
+    /// Points, all of one class and shape, as one element.
+    pub fn points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = At>) {
+        let mut d = String::new();
+        for point in points {
+            let Some([x, y]) = numbers(point) else { continue };
+            let Some([r, twice, up]) = numbers([radius, 2.0 * radius, 1.15 * radius]) else { continue };
+            let _ = match shape {
+                Shape::Dot => write!(d, "M{x} {y}h0"),
+                Shape::Circle => write!(d, "M{x} {y}m-{r} 0a{r} {r} 0 1 0 {twice} 0a{r} {r} 0 1 0-{twice} 0"),
+                Shape::Square => write!(d, "M{x} {y}m-{r}-{r}h{twice}v{twice}h-{twice}z"),
+                Shape::Triangle => write!(d, "M{x} {y}m0-{up}l{up} {twice}h-{up}h-{up}z"),
+                Shape::Diamond => write!(d, "M{x} {y}m0-{up}l{up} {up}l-{up} {up}l-{up}-{up}z"),
+            };
+        }
+        if !d.is_empty() {
+            self.push(&format!(r#"<path class="{class}" d="{d}"/>"#));
+        }
+    }
+
+    fn push(&mut self, element: &str) {
+        self.body.push_str(element);
+        self.body.push('\n');
+    }
+
+    /// For a page, whose style it takes. The id is its own in the page; title and words say what one who does not see it
+    /// should know.
+    pub fn inline(&self, id: &str, title: &str, words: &str) -> String {
+        let [width, height] = self.size;
+        let (title, words) = (escaped(title), escaped(words));
+        format!(
+            "<svg role=\"img\" viewBox=\"0 0 {width} {height}\" aria-labelledby=\"{id}-t {id}-d\">\
+             <title id=\"{id}-t\">{title}</title><desc id=\"{id}-d\">{words}</desc>\n{}</svg>\n",
+            self.body
+        )
+    }
+
+    /// A file of its own, with its background and both schemes.
+    pub fn file(&self, title: &str, words: &str) -> String {
+        let [width, height] = self.size;
+        let (title, words) = (escaped(title), escaped(words));
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" role=\"img\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" aria-labelledby=\"t d\">\n<title id=\"t\">{title}</title><desc id=\"d\">{words}\
+             </desc>\n<style>\n{COLOURS}{PICTURE}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{}\
+             </svg>\n",
+            self.body
+        )
+    }
+}
+
+/// The style that pictures of a page need in it.
+pub fn style() -> String {
+    format!("{COLOURS}{PICTURE}")
+}
+
+/// As they stand in a file, to a tenth; none if one of them is none.
+fn numbers<const N: usize>(of: [f64; N]) -> Option<[f64; N]> {
+    // A tenth is written with one decimal: the shortest that reads back.
+    of.iter().all(|number| number.is_finite()).then(|| of.map(|number| (number * 10.0).round() / 10.0 + 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_number_is_not_drawn() {
+        let mut svg = Svg::new(10.0, 10.0);
+        svg.line("a", [0.0, f64::NAN], [1.0, 1.0]);
+        svg.rect("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
+        svg.text("a", [f64::NAN, 0.0], "words");
+        svg.text_up("a", [f64::NAN, 0.0], "words");
+        svg.points("a", Shape::Circle, 1.0, [[f64::NAN, 1.0]]);
+        svg.path("a", [None, Some([f64::NAN, 1.0])]);
+        assert_eq!(svg.body, "");
+        svg.path("a", [Some([0.0, 0.0]), Some([1.0, 1.0]), Some([f64::NAN, 2.0]), None, Some([3.04, -0.01])]);
+        assert_eq!(svg.body, "<path class=\"a\" d=\"M0 0L1 1M3 0\"/>\n");
+    }
+
+    #[test]
+    fn words_are_words() {
+        let mut svg = Svg::new(10.0, 10.0);
+        svg.text("a", [0.0, 0.0], "<script>alert(1)</script>");
+        for whole in [svg.inline("p", "<b>", "\"&"), svg.file("<b>", "\"&")] {
+            assert!(!whole.contains("<script") && !whole.contains("<b>"), "{whole}");
+            assert!(whole.contains("&lt;script&gt;") && whole.contains("&quot;&amp;"), "{whole}");
+        }
+    }
+}

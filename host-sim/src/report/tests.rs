@@ -1,0 +1,245 @@
+//! The whole page: what it holds of whatever came, and what it never does.
+
+use serde_json::Value;
+
+use super::model::{Compared, Line, Mark, Methods, Moment, Swung};
+use super::*;
+use crate::log::{self, csv::Unit};
+use crate::mission::{Flown, Plan, fly};
+use crate::replay::judge::{Asked, judge};
+use crate::replay::{Selected, told};
+use crate::world::WorldConfig;
+
+fn flown(plan: Plan) -> Flown {
+    fly(WorldConfig::table1(1), plan, &mut |_, _| {})
+}
+
+fn page_of(flown: &Flown) -> String {
+    page(&of_mission(flown, &Made { command: "host-sim fly".to_owned(), ..Made::default() }))
+}
+
+/// All elements are closed in the order in which they were opened, and all words are within them.
+fn assert_well_formed(html: &str) {
+    const VOID: [&str; 2] = ["meta", "!doctype"];
+    let mut open: Vec<&str> = Vec::new();
+    let mut rest = html;
+    while let Some(at) = rest.find('<') {
+        let end = at + rest[at..].find('>').expect("a tag ends");
+        let tag = &rest[at + 1..end];
+        rest = &rest[end + 1..];
+        let name = tag.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap();
+        if tag.starts_with('/') {
+            assert_eq!(open.pop(), Some(name), "{tag}");
+        } else if !tag.ends_with('/') && !VOID.contains(&name) {
+            open.push(name);
+            if ["style", "script"].contains(&name) {
+                rest = &rest[rest.find("</").expect("an end")..];
+            }
+        }
+    }
+    assert!(open.is_empty(), "{open:?}");
+}
+
+/// What every page promises.
+fn assert_sound(html: &str) {
+    assert_well_formed(html);
+    assert!(html.ends_with("</html>\n"));
+    for never in ["NaN", "inf ", "http:", "https:", "url(", "@import", "\u{1b}", "src=", "<link", "<img", "style=\""] {
+        assert!(!html.contains(never), "{never}");
+    }
+    let pictures = html.matches("<svg ").count();
+    assert_eq!(html.matches("role=\"img\"").count(), pictures);
+    assert_eq!(html.matches("<title id=").count(), pictures);
+    assert_eq!(html.matches("<script").count(), 1, "the page's own");
+    // What scrolls can be reached by keyboard, and has a name.
+    assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
+    let ids: Vec<&str> = html.split(" id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let mut unique = ids.clone();
+    unique.sort_unstable();
+    unique.dedup();
+    assert_eq!(unique.len(), ids.len(), "{ids:?}");
+    for target in html.split("href=\"#").skip(1).map(|rest| rest.split('"').next().unwrap()) {
+        assert!(ids.contains(&target), "{target}");
+    }
+}
+
+#[test]
+fn a_calibrated_mission_is_reported_the_same_each_time() {
+    let flown = flown(Plan::default());
+    let html = page_of(&flown);
+    assert_eq!(html, page_of(&flown));
+    assert_sound(&html);
+    for title in [
+        "Verdict",
+        "Before and after, one scale",
+        "After, enlarged",
+        "Deviation card",
+        "What was flown",
+        "Over time",
+        "Horizontal field",
+        "Where it was flown",
+        "How this was made",
+        "Console session",
+    ] {
+        assert!(html.contains(title), "{title}");
+    }
+    let (before, after) = (flown.before.figures(), flown.after.figures());
+    let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
+    for number in [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed.unwrap().rms_deg] {
+        assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
+    }
+    // Every heading of the card, and every error on it.
+    for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
+        assert!(html.contains(&heading), "{heading}");
+        for bank in flown.before.0.iter().chain(&flown.after.0) {
+            assert!(html.contains(&format!("<td>{}</td>", text::number(bank[step], 2))), "{heading}");
+        }
+    }
+    assert!(html.contains(">host-sim fly</dd>") && html.contains(env!("CARGO_PKG_VERSION")));
+    assert!(html.len() < 300_000, "{}", html.len());
+}
+
+#[test]
+fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
+    let html = page_of(&flown(Plan { bank_deg: 25.0, circles: 0.05 }));
+    assert_sound(&html);
+    assert!(html.contains("too-few-samples") && html.contains("Refused"));
+    assert!(!html.contains("After, enlarged") && !html.contains("<th scope=\"col\">after"));
+}
+
+/// What the page says of the repository's table is what `--json` says of it.
+#[test]
+fn a_replayed_log_has_the_numbers_of_its_json() {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
+    let flight = log::open(path, Unit::Milligauss).unwrap();
+    let asked =
+        Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+    let verdict = judge(&flight, &asked);
+    let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
+    let report = of_replay(&flight, &verdict, "a folder/flight.csv", &Made { parameters, ..Made::default() });
+    let html = page(&report);
+    assert_sound(&html);
+    let json = told::json(&flight, &verdict, &|_| Value::Null);
+    assert!(html.to_lowercase().contains(&text::escaped(json["verdict"].as_str().unwrap()).to_lowercase()));
+    assert_eq!(json["accepted"], report.accepted);
+    for title in [
+        "side by side",
+        "Deviation card",
+        "Horizontal field",
+        "Parameters to load",
+        "Flight flight.csv",
+        "What was flown",
+    ] {
+        assert!(html.contains(title), "{title}");
+    }
+    // A table's cells of two decimals, of numbers that the object has with three.
+    let is_shown = |number: &Value, from: &str, to: &str| {
+        let number = number.as_f64().unwrap();
+        let cells = html.split(from).skip(1).filter_map(|rest| rest.split(to).next()?.parse::<f64>().ok());
+        assert!(cells.into_iter().any(|cell| (cell - number).abs() < 0.0056), "{number}");
+    };
+    for compass in json["compasses"].as_array().unwrap() {
+        is_shown(&compass["module"]["expected_rms_deg"], "<dd>", " deg RMS");
+        for heading in compass["headings"].as_array().unwrap() {
+            is_shown(&heading["against_reference"]["heading_rms_deg"], "<td>", "</td>");
+        }
+    }
+    // What was fitted to is found again among the rows.
+    let fitted = report.compasses[0].moments.iter().filter(|moment| moment.is_fitted).count();
+    assert_eq!(fitted, verdict.compasses[0].module.samples);
+    assert!(fitted > 50, "{fitted}");
+}
+
+/// Names and texts that a log brings are words, wherever they stand; numbers that are none are dashes, or not drawn.
+#[test]
+fn a_hostile_log_brings_words_alone() {
+    const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
+    let hostile = || HOSTILE.to_owned();
+    let nan = Some(f64::NAN);
+    let moment = |i: u32| Moment {
+        at_s: f64::from(i),
+        heading_deg: nan,
+        roll_deg: f64::NAN,
+        pitch_deg: f64::INFINITY,
+        place_m: Some([f64::NAN, f64::INFINITY]),
+        level_ut: [Some([f64::NAN; 2]); 2],
+        strength_percent: nan,
+        dip_deg: if i.is_multiple_of(2) { nan } else { Some(1.0) },
+        error_deg: Some(f64::INFINITY),
+        sigma_deg: nan,
+        before_deg: nan,
+        is_usable: true,
+        is_fitted: true,
+        is_silent: true,
+    };
+    let line = Line { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
+    let swung = Swung {
+        name: hostile(),
+        accepted: true,
+        facts: vec![[hostile(), hostile()]],
+        before: vec![line.clone()],
+        after: vec![line],
+        sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
+        moments: (0..50).map(moment).collect(),
+        marks: vec![Mark { at_s: f64::NAN, name: hostile() }, Mark { at_s: 1e9, name: hostile() }],
+        horizontal_ut: Some(f64::NAN),
+        advice: Some(hostile()),
+        coefficients: Some([[f64::NAN; 3]; 4]),
+        ..Swung::default()
+    };
+    let report = Report {
+        title: hostile(),
+        verdict: hostile(),
+        figures: vec![[hostile(), hostile()]],
+        notes: vec![hostile()],
+        compared: Compared { word: "error", with: hostile(), limits: hostile() },
+        methods: Methods {
+            compasses: vec![hostile()],
+            rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
+        },
+        compasses: vec![swung],
+        parameters: Some([hostile(), hostile()]),
+        printed: Some([hostile(), hostile()]),
+        made: vec![[hostile(), hostile()]],
+        ..Report::default()
+    };
+    let html = page(&report);
+    // The words themselves are there, escaped; none of them is an element.
+    assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
+    assert_sound(&html.replace("src=x", ""));
+    let drawn = picture(&report);
+    assert!(!drawn.contains("NaN") && !drawn.contains("inf") && !drawn.contains("<script"), "{drawn}");
+}
+
+/// Nothing at all is still a page.
+#[test]
+fn an_empty_report_is_a_page() {
+    assert_sound(&page(&Report::default()));
+    assert_sound(&page(&Report { compasses: vec![Swung::default()], ..Report::default() }));
+    assert!(picture(&Report::default()).contains("</svg>"));
+}
+
+#[test]
+fn a_picture_of_its_own_has_its_background_and_both_schemes() {
+    let drawn = picture(&of_mission(&flown(Plan::default()), &Made::default()));
+    assert!(drawn.starts_with("<svg xmlns=") && drawn.ends_with("</svg>\n"));
+    for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
+        assert!(drawn.contains(needed), "{needed}");
+    }
+    assert!(drawn.len() < 30_000, "{}", drawn.len());
+}
+
+#[test]
+fn a_page_goes_where_it_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = Report::default();
+    let at = |name: &str| write(&report, &folder.path().join(name)).unwrap();
+    assert_eq!(at("new/folder"), folder.path().join("new/folder/index.html"));
+    assert_eq!(at("page.HTML"), folder.path().join("page.HTML"));
+    assert_eq!(at("deep/er/page.html"), folder.path().join("deep/er/page.html"));
+    fs::create_dir(folder.path().join("odd.html")).unwrap();
+    assert_eq!(at("odd.html"), folder.path().join("odd.html/index.html"));
+    let picture = fs::read_to_string(at("only.svg")).unwrap();
+    assert!(picture.starts_with("<svg"));
+    assert!(fs::read_to_string(at("page.html")).unwrap().starts_with("<!doctype html>"));
+}

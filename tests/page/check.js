@@ -1,0 +1,110 @@
+// Looks at report pages in a headless Chromium as people with different screens do: three widths, both colour schemes, keyboard
+// alone, on paper. Fails on the first thing that is wrong, after all of them were said. Takes pages; PAGE_MODULES holds
+// node_modules, PAGE_SHOTS is a folder for screenshots, CHROMIUM the browser.
+"use strict";
+const fs = require("node:fs");
+const path = require("node:path");
+const { createRequire } = require("node:module");
+const { pathToFileURL } = require("node:url");
+
+const installed = createRequire(path.join(process.env.PAGE_MODULES, "package.json"));
+const { chromium } = installed("playwright-core");
+const axe = fs.readFileSync(installed.resolve("axe-core/axe.min.js"), "utf8");
+const inPage = fs.readFileSync(path.join(__dirname, "in-page.js"), "utf8");
+
+const WIDTHS = [320, 768, 1440];
+const SCHEMES = ["light", "dark"];
+const wrong = [];
+
+async function opened(browser, file, width, colorScheme) {
+  const context = await browser.newContext({ viewport: { width, height: 900 }, colorScheme });
+  const page = await context.newPage();
+  const where = `${path.basename(file)} at ${width} px, ${colorScheme}`;
+  const say = (what) => wrong.push(`${where}: ${what}`);
+  page.on("console", (message) => ["error", "warning"].includes(message.type()) && say(`console: ${message.text()}`));
+  page.on("pageerror", (error) => say(`script: ${error.message}`));
+  const url = pathToFileURL(path.resolve(file)).href;
+  page.on("request", (request) => request.url() !== url && say(`asks for ${request.url()}`));
+  await page.goto(url);
+  return { context, page, say };
+}
+
+async function looksRight({ page, say }) {
+  await page.evaluate(inPage);
+  for (const what of await page.evaluate(() => window.looked())) say(what);
+  await page.evaluate(axe);
+  const { violations } = await page.evaluate(() => window.axe.run(document));
+  for (const { id, nodes } of violations) say(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
+}
+
+// Everything that can be used is reached by Tab, in the order of the page, and is seen to be.
+async function keyboardReaches({ page, say }) {
+  const all = await page.evaluate(() => window.usable());
+  const reached = [];
+  for (let i = 0; i < all; i++) {
+    await page.keyboard.press("Tab");
+    const { number, isSeen } = await page.evaluate(() => window.focused());
+    reached.push(number);
+    if (!isSeen) say(`focus on number ${number} is not seen`);
+  }
+  const missed = [...Array(all).keys()].filter((number) => !reached.includes(number));
+  if (missed.length || reached.some((number, i) => number !== i)) say(`Tab reaches ${reached}, not ${missed}`);
+  // The skip link leads past the navigation.
+  await page.reload();
+  await page.keyboard.press("Tab");
+  await page.keyboard.press("Enter");
+  await page.waitForURL(/#verdict$/, { timeout: 10000 }).catch(() => say("the skip link leads nowhere"));
+}
+
+async function copies({ context, page, say }) {
+  const button = page.locator("button[data-copy]");
+  if ((await button.count()) === 0) return false;
+  await context.grantPermissions(["clipboard-read", "clipboard-write"]);
+  await button.focus();
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.getElementById("copied").textContent !== "");
+  const [copied, shown] = await page.evaluate(async () => [
+    await navigator.clipboard.readText(),
+    document.getElementById("parameters-text").textContent,
+  ]);
+  if (copied !== shown || shown === "") say(`copied ${copied.length} letters of ${shown.length}`);
+  return true;
+}
+
+async function prints({ page, say }) {
+  await page.emulateMedia({ media: "print", colorScheme: "light" });
+  for (const what of await page.evaluate(() => window.printed())) say(what);
+  const paper = await page.pdf({ format: "A4" });
+  if (paper.length < 20000) say("prints nothing");
+}
+
+async function main(files) {
+  const args = process.getuid() === 0 ? ["--no-sandbox"] : [];
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM, args });
+  let copied = 0;
+  for (const file of files) {
+    for (const width of WIDTHS) {
+      for (const scheme of SCHEMES) {
+        const look = await opened(browser, file, width, scheme);
+        await looksRight(look);
+        const shot = `${path.basename(file, ".html")}-${width}-${scheme}.png`;
+        await look.page.screenshot({ path: path.join(process.env.PAGE_SHOTS, shot), fullPage: true });
+        if (scheme === "light" && width !== 768) await keyboardReaches(look);
+        if (scheme === "light") copied += await copies(look);
+        await look.page.evaluate(inPage);
+        if (scheme === "dark" && width === 1440) await prints(look);
+        await look.context.close();
+      }
+    }
+  }
+  await browser.close();
+  if (copied === 0) wrong.push("no page had anything to copy");
+  for (const what of wrong) console.error(`page: ${what}`);
+  if (wrong.length) process.exit(1);
+  console.log(`page: ${files.length} pages, ${WIDTHS.length} widths, ${SCHEMES.length} schemes: all right`);
+}
+
+main(process.argv.slice(2)).catch((error) => {
+  for (const what of [...wrong, error.message]) console.error(`page: ${what}`);
+  process.exit(1);
+});
