@@ -308,8 +308,7 @@ fn parameters_give_what_they_say_when_they_are_applied() {
         let most = ours.rms_deg + handed.lost_deg[0] + 0.05;
         assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.lost_deg);
         // As strong as the Earth's field was said to be.
-        let strengths: Vec<f64> =
-            compass.rows.iter().map(|row| handed.iron.apply(row.field.ut.map(f64::from)).norm()).collect();
+        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&handed.iron).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
     }

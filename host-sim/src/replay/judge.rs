@@ -182,13 +182,14 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<Refere
 fn ours(replayed: &Replayed) -> Option<Iron> {
     let calibration = replayed.solution.as_ref()?.calibration;
     let matrix = calibration.w_matrix().map(f64::from);
-    Some(Iron { matrix, centre_ut: calibration.b_vector_ut().map(f64::from) })
+    let by_current_ut = Vector3::from(calibration.current.ut_per_a).map(f64::from);
+    Some(Iron { matrix, centre_ut: calibration.b_vector_ut().map(f64::from), by_current_ut })
 }
 
 /// How good headings by a correction are.
 #[must_use]
 pub fn scored(rows: &[Row], iron: &Iron) -> Option<Score> {
-    score(rows, |row| Some((heading_deg(row, iron.apply(row.field.ut.map(f64::from))), f64::NAN)))
+    score(rows, |row| Some((heading_deg(row, row.corrected(iron)), f64::NAN)))
 }
 
 fn heading_deg(row: &Row, corrected: Vector3<f64>) -> f64 {

@@ -196,6 +196,7 @@ fn verification_prefers_the_truth() {
         inclination_rad: airframe.inclination_rad,
         total_ut: airframe.total_ut,
         latency_s: 0.0,
+        current: crate::calibration::CurrentIron::NONE,
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     // 2 uT of hard iron is about 4 deg of heading in this field.

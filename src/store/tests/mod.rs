@@ -28,6 +28,7 @@ pub(crate) fn record(serial: u32) -> Record {
         inclination_rad: 1.0,
         total_ut: 48.0,
         latency_s: -0.04,
+        current: crate::calibration::CurrentIron::NONE,
         ..Calibration::uncalibrated(Orientation::NONE)
     };
     let quality = Quality {
