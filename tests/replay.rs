@@ -314,6 +314,50 @@ fn parameters_give_what_they_say_when_they_are_applied() {
     }
 }
 
+/// Iron of 8 uT in level flight, by a current of 15 to 30 A that follows the bank: half a microtesla per ampere. It is found
+/// with its sigma and used, headings are as good as they are without such iron, and who is not told the current errs by
+/// more than what is expected of him who is. An autopilot that loads the file has the same.
+#[test]
+fn iron_by_current_is_found_and_handed_over() {
+    /// Of the motors' unit current, as recordings have it.
+    const AMPERES: f64 = 15.0;
+    for (seed, write, dialect) in [
+        (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
+        (5, ulog, Dialect::Px4),
+        (7, tlog, Dialect::ArduPilot),
+        (9, csv, Dialect::Px4),
+    ] {
+        let world = WorldConfig::random(seed).with_current(8.0);
+        let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
+        let (flight, compass) = judged(&write(&flown(&world, 0.05)));
+        assert_eq!(compass.module.accepted, Ok(()), "seed {seed}");
+        let iron = compass.module.solution.as_ref().unwrap().calibration.current;
+        for (found, added_ut) in iron.ut_per_a.iter().zip(world.current_ut) {
+            let off = f64::from(*found) - added_ut / AMPERES;
+            assert!(
+                off.abs() < 4.0 * f64::from(iron.sigma_ut_per_a) + 0.01,
+                "seed {seed}: {iron:?} {:?}",
+                world.current_ut
+            );
+        }
+        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
+        assert!(
+            compass.without_current_deg.unwrap() > 1.5 * ours.rms_deg,
+            "seed {seed}: {:?}",
+            compass.without_current_deg
+        );
+        let handed = parameters::handed_over(&flight, &compass, Some(50.0), dialect).unwrap();
+        let score = score_of_file(&flight, &compass, &handed, dialect);
+        assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
+        assert!(score.rms_deg < ours.rms_deg + handed.lost_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
+        // Of what takes no current, the mean of it is a part of the offsets, and the rest is lost.
+        let inav = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::Inav).unwrap();
+        assert!(inav.warnings.iter().any(|words| words.contains("current")), "seed {seed}: {:?}", inav.warnings);
+        assert!(inav.lost_deg[0] > handed.lost_deg[0], "seed {seed}: {inav:?}");
+    }
+}
+
 /// What the parameters of a file give, read as the autopilot would.
 fn score_of_file(flight: &Flight, compass: &Judged, handed: &HandedOver, dialect: Dialect) -> Score {
     let text = parameters::file(flight, std::slice::from_ref(handed), dialect);

@@ -9,7 +9,7 @@
 //! `k` is used where it is known and matters: its sigma, with the likeness of neighbouring residuals in it, makes no more
 //! than half a microtesla at the current's spread, and it is more than chance. Used or not, what is left unknown of it is in
 //! the covariance of the coefficients, at the mean current and at its spread about that, and what was found and is not used,
-//! too. What is known before any sample is that it is some tenths of a microtesla per ampere.
+//! too, if it is more than chance. What is known before any sample is that it is some tenths of a microtesla per ampere.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -146,7 +146,7 @@ impl Found {
         (is_off && tried < MAX_TRIED).then_some(self.k)
     }
 
-    /// Vectors whose squares are the covariance, and what was found and is not used.
+    /// Vectors whose squares are the covariance, and what was found and is not used, if it is more than chance.
     pub fn roots(&self, used: &Vector3<f32>) -> [Vector3<f32>; 4] {
         let mut left = self.covariance;
         let mut root = |axis: usize| {
@@ -155,7 +155,8 @@ impl Found {
             left -= root * root.transpose();
             root
         };
-        [root(0), root(1), root(2), self.k - used]
+        let unused = if self.significance[1] > MIN_SIGNIFICANCE { self.k - used } else { Vector3::zeros() };
+        [root(0), root(1), root(2), unused]
     }
 }
 

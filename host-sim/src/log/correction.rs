@@ -173,6 +173,31 @@ mod tests {
         assert!((undo.raw(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
     }
 
+    /// By hand: PX4's, whose share by current is taken off in the sensor's axes, before the offsets, by kiloampere; and only
+    /// where it is by a battery's current.
+    #[test]
+    fn px4s_correction_for_the_current_is_undone() {
+        for (kind, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
+            let undo = Undo::px4(
+                &parameters(&[
+                    ("CAL_MAG0_XOFF", 0.1),
+                    ("CAL_MAG0_YSCALE", 1.1),
+                    ("CAL_MAG0_YCOMP", -5.0),
+                    // Sensor's z is the body's z, x and y the other way round.
+                    ("CAL_MAG0_ROT", 4.0),
+                    ("CAL_MAG_COMP_TYP", kind),
+                ]),
+                0.0,
+                0,
+            );
+            // Body axes, microtesla, at 20 A: 5 G/kA are 0.5 uT per ampere, so 10 on y of the sensor.
+            let raw = Vector3::new(20.0, 30.0, 40.0);
+            let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
+            assert!((undo.iron.apply(raw, 20.0) - logged).norm() < 1e-9, "{kind}: {}", undo.iron.apply(raw, 20.0));
+            assert!((undo.raw(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
+        }
+    }
+
     #[test]
     fn a_scale_beyond_its_bounds_and_diagonals_of_nothing_mean_one() {
         for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
