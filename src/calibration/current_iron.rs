@@ -18,6 +18,9 @@ use super::{Calibration, Sample, Samples};
 use crate::frames::{Body, Field, Sensor};
 use crate::trig;
 
+/// Whether it is looked for: a firmware without the feature has none of this in it. On a host it always is.
+pub(super) const IS_LOOKED_FOR: bool = cfg!(any(feature = "current", not(target_os = "none")));
+
 /// What is known beforehand of an axis of `k`, microtesla per ampere, 1 sigma: a motor battery's wires at a hand's breadth.
 const PRIOR_SIGMA_UT_PER_A: f32 = 0.3;
 
@@ -41,7 +44,7 @@ const MAX_TRIED: u8 = 4;
 const UNKNOWN_OF: usize = 4;
 
 /// Iron that goes with the current, and the currents that it was found with.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurrentIron {
     /// `k`, microtesla per ampere, chip axes: what each ampere adds to the field as the sensor measures it. Nothing where
     /// it is not used.
@@ -60,6 +63,9 @@ impl CurrentIron {
 
     /// None yet, of samples with their currents.
     pub(super) fn of(samples: Samples<'_>) -> Self {
+        if !IS_LOOKED_FOR {
+            return Self::NONE;
+        }
         let currents = || samples.all().filter_map(|sample| sample.rates.current_a());
         let known = currents().count();
         if known * UNKNOWN_OF < samples.all().count() * (UNKNOWN_OF - 1) || known == 0 {
@@ -79,12 +85,15 @@ impl CurrentIron {
     /// What a current adds to the field, microtesla, chip axes; of one that is not known, what the mean adds.
     #[must_use]
     pub fn ut(&self, current_a: Option<f32>) -> Vector3<f32> {
+        if !IS_LOOKED_FOR {
+            return Vector3::zeros();
+        }
         Vector3::from(self.ut_per_a) * current_a.unwrap_or(self.mean_a)
     }
 
     /// Current less the mean, amperes; nothing where it is not known.
     pub(super) fn share_a(&self, sample: &Sample) -> f32 {
-        sample.rates.current_a().map_or(0.0, |amperes| amperes - self.mean_a)
+        sample.rates.current_a().filter(|_| IS_LOOKED_FOR).map_or(0.0, |amperes| amperes - self.mean_a)
     }
 
     /// Variance of the field on an axis, square microtesla, beyond what the uncertainty of the coefficients allows for: at a
@@ -164,6 +173,9 @@ impl Calibration {
     /// The field of a sensor without what a current adds to it, chip axes.
     #[must_use]
     pub fn without_current(&self, field: Field<Sensor>, current_a: Option<f32>) -> Field<Sensor> {
+        if !IS_LOOKED_FOR {
+            return field;
+        }
         Field::new(field.ut - self.current.ut(current_a))
     }
 
@@ -171,6 +183,9 @@ impl Calibration {
     /// uncertainty of the coefficients allows for: on an axis of the horizontal field that this was found in.
     #[must_use]
     pub fn current_variance_rad2(&self, current_a: Option<f32>) -> f32 {
+        if !IS_LOOKED_FOR {
+            return 0.0;
+        }
         let horizontal_ut = self.total_ut * trig::sin_cos(self.inclination_rad).1;
         let variance_ut2 = self.current.variance_ut2(current_a);
         if variance_ut2 > 0.0 { variance_ut2 / (horizontal_ut * horizontal_ut) } else { 0.0 }

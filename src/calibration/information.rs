@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::bank_scale::{BankEvidence, BankScale, Clusters};
 use super::constancy::{Scan, Sums, by_beta, kinds};
 use super::correlation::Correlation;
-use super::current_iron::Found;
+use super::current_iron::{Found, IS_LOOKED_FOR};
 use super::latency::LatencyEvidence;
 use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, beta, d, w};
 use super::likelihood::{
@@ -149,7 +149,7 @@ impl Information {
         for (part, sample) in InTime::new(samples) {
             let equations = likelihood.equations(sample, None, &parameters);
             self.add_dip(&equations);
-            if likelihood.current.spread_a > 0.0 {
+            if IS_LOOKED_FOR && likelihood.current.spread_a > 0.0 {
                 let share_a = likelihood.current.share_a(sample);
                 kinds(&equations)
                     .for_each(|equation| self.by_current.add(equation, &by_beta(&parameters.w, equation), share_a));
@@ -249,7 +249,7 @@ impl Information {
         }
         covariance.add_square(&along(&self.changed), 1.0);
         let per_ampere = Parameters::new(unknowns).w;
-        for error in &self.current_errors {
+        for error in self.current_errors.iter().filter(|_| IS_LOOKED_FOR) {
             covariance.add_square(&along(&self.effect_of(error)), 1.0);
             // At the mean current the others follow; at its spread about that the field is wrong by so much more.
             let beyond = per_ampere * error * likelihood.current.spread_a;
@@ -287,7 +287,7 @@ impl Information {
     /// what is not known of it counts. `None` where they know no current that changes.
     #[inline(never)]
     pub fn current(&mut self, likelihood: &Likelihood) -> Option<Found> {
-        if likelihood.current.spread_a == 0.0 {
+        if !IS_LOOKED_FOR || likelihood.current.spread_a == 0.0 {
             return None;
         }
         let (used, prior) = (likelihood.k(), Found::prior(likelihood.unit_ut));

@@ -50,6 +50,7 @@ pub(super) use equations::CLIPPED_MEAN_SQUARE;
 use nalgebra::{Matrix3, Vector3};
 use unknowns::UNKNOWNS;
 
+use super::current_iron::IS_LOOKED_FOR;
 use super::response::Start;
 use super::{Calibration, CurrentIron, Orientation, Sample, Samples, SolveError, rows};
 use crate::trig;
@@ -196,7 +197,11 @@ impl Likelihood {
     pub fn equations(&self, sample: &Sample, heading_rad: Option<f32>, parameters: &Parameters) -> Equations {
         let attitude = sample.attitude_after(self.latency_s);
         // As if all were of the mean current, whose field is the mean.
-        let added_ut = Vector3::from(self.current.ut_per_a) * self.current.share_a(sample);
+        let added_ut = if IS_LOOKED_FOR {
+            Vector3::from(self.current.ut_per_a) * self.current.share_a(sample)
+        } else {
+            Vector3::zeros()
+        };
         let measured = Measured {
             x: self.rotation * (sample.field.ut - added_ut) / self.unit_ut - self.mean,
             tilt: attitude.tilt(),
