@@ -79,7 +79,7 @@ impl CurrentIron {
     /// Whether any is in use.
     #[must_use]
     pub fn is_used(&self) -> bool {
-        self.ut_per_a != [0.0; 3]
+        self.ut_per_a.iter().any(|axis| *axis != 0.0)
     }
 
     /// What a current adds to the field, microtesla, chip axes; of one that is not known, what the mean adds.
