@@ -323,6 +323,7 @@ mod tests {
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
+            current: crate::calibration::CurrentIron::NONE,
         },
         quality: None,
     };

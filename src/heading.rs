@@ -43,6 +43,12 @@ impl Heading {
         }
     }
 
+    /// The heading with so much more variance of what stays the same from one reading to the next, square radians.
+    #[must_use]
+    pub fn with_more(self, variance_rad2: f32) -> Self {
+        self.with_systematic(self.systematic_rad2 + variance_rad2)
+    }
+
     /// Its standard deviation in degrees.
     #[must_use]
     pub fn sigma_deg(&self) -> f32 {

@@ -1,6 +1,6 @@
 //! What the console prints, read back as a script would read it.
 
-use autoswing::calibration::Calibration;
+use autoswing::calibration::{Calibration, CurrentIron};
 
 /// An unasked `note` or an `error`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,6 +72,7 @@ pub fn shown(reply: &str) -> Option<Shown> {
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
         latency_s: latency_s(line("latency: ")?)?,
+        current: CurrentIron::NONE,
     };
     Some(Shown {
         method,

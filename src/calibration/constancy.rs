@@ -132,20 +132,20 @@ impl Span {
 
 /// Sums of what samples say of `beta`, in mount axes and the unit of field.
 #[derive(Clone, Debug)]
-struct Sums {
+pub(super) struct Sums {
     /// `H_bu`, a row for each axis.
-    with_unknowns: [Vector13; 3],
+    pub with_unknowns: [Vector13; 3],
     information: Matrix3<f32>,
     gradient: Vector3<f32>,
 }
 
 impl Sums {
-    fn none() -> Self {
+    pub fn none() -> Self {
         Self { with_unknowns: [Vector13::zeros(); 3], information: Matrix3::zeros(), gradient: Vector3::zeros() }
     }
 
     /// Adds an equation whose residual changes by `by_beta` with `beta`, of which the sample has a share.
-    fn add(&mut self, equation: &Equation, by_beta: &Vector3<f32>, share: f32) {
+    pub fn add(&mut self, equation: &Equation, by_beta: &Vector3<f32>, share: f32) {
         let weighted = by_beta * (equation.weight * share);
         for (sum, of_axis) in self.with_unknowns.iter_mut().zip(&weighted) {
             equation.row.add_to(sum, *of_axis);
@@ -165,6 +165,14 @@ impl Sums {
 
     /// `beta` with its significance, were errors independent and their sigma known.
     fn estimate(&self, system: &System, to_likeliest: &Vector13) -> Option<(Vector3<f32>, f32)> {
+        let (information, gradient) = self.left(system, to_likeliest)?;
+        let beta = inverse(&(information + self.digits()))? * gradient;
+        let significance = beta.dot(&gradient);
+        significance.is_finite().then_some((beta, significance))
+    }
+
+    /// `S` and `U`: what is left of information and gradient when the other unknowns follow.
+    pub fn left(&self, system: &System, to_likeliest: &Vector13) -> Option<(Matrix3<f32>, Vector3<f32>)> {
         let (mut information, mut gradient) = (self.information, self.gradient);
         for (axis, with) in self.with_unknowns.iter().enumerate() {
             let column = system.covariance_times(with)?;
@@ -173,9 +181,7 @@ impl Sums {
             }
             gradient[axis] -= with.dot(to_likeliest);
         }
-        let beta = inverse(&(information + self.digits()))? * gradient;
-        let significance = beta.dot(&gradient);
-        significance.is_finite().then_some((beta, significance))
+        Some((information, gradient))
     }
 
     /// The significance of `beta` by these sums, if they are of norms alone, whose errors have a variance of `norm`
@@ -351,13 +357,13 @@ fn seconds(ms: u32) -> u16 {
 }
 
 /// The equations that a change of the iron is seen in.
-fn kinds(equations: &Equations) -> impl Iterator<Item = &Equation> {
+pub(super) fn kinds(equations: &Equations) -> impl Iterator<Item = &Equation> {
     core::iter::once(&equations.norm).chain(&equations.dip)
 }
 
 /// Derivative of a residual by what the hard iron was more: the corrected field was less by `W beta`, and `d` is added
 /// to the corrected field.
-fn by_beta(w: &Matrix3<f32>, equation: &Equation) -> Vector3<f32> {
+pub(super) fn by_beta(w: &Matrix3<f32>, equation: &Equation) -> Vector3<f32> {
     -w.tr_mul(&equation.row.by_field)
 }
 

@@ -3,10 +3,11 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::bank_scale::{BankEvidence, BankScale, Clusters};
-use super::constancy::Scan;
+use super::constancy::{Scan, Sums, by_beta, kinds};
 use super::correlation::Correlation;
+use super::current_iron::{Found, IS_LOOKED_FOR};
 use super::latency::LatencyEvidence;
-use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, d, w};
+use super::likelihood::unknowns::{COEFFICIENTS, Coefficient, INCLINATION, Vector12, Vector13, beta, d, w};
 use super::likelihood::{
     Equation, Equations, Likelihood, Measured, Parameters, Quantity, Squares, System, for_each_prior,
 };
@@ -14,7 +15,7 @@ use super::roughness::Roughness;
 use super::time_order::{InTime, PARTS};
 use super::uncertainty::{Covariance, Uncertainty};
 use super::unevenness::Unevenness;
-use super::{Latency, Rates, Samples};
+use super::{Latency, Rates, Samples, inverse};
 use crate::frames::Attitude;
 use crate::trig;
 
@@ -103,6 +104,10 @@ pub(super) struct Information {
     latency: LatencyEvidence,
     /// Sigma of the latency, seconds: what is not known of it is not known of the coefficients.
     latency_sigma_s: f32,
+    /// Of what goes with the current.
+    by_current: Sums,
+    /// What is not known of it, mount axes and units of field per ampere: vectors to be summed up as squares.
+    current_errors: [Vector3<f32>; 4],
     correlation: Correlation,
     unevenness: Unevenness,
     roughness: Roughness,
@@ -121,6 +126,8 @@ impl Information {
             bank: BankEvidence::default(),
             latency: LatencyEvidence::default(),
             latency_sigma_s: 0.0,
+            by_current: Sums::none(),
+            current_errors: [Vector3::zeros(); 4],
             correlation: Correlation::default(),
             unevenness: Unevenness::default(),
             roughness: Roughness::default(),
@@ -142,6 +149,11 @@ impl Information {
         for (part, sample) in InTime::new(samples) {
             let equations = likelihood.equations(sample, None, &parameters);
             self.add_dip(&equations);
+            if IS_LOOKED_FOR && likelihood.current.spread_a > 0.0 {
+                let share_a = likelihood.current.share_a(sample);
+                kinds(&equations)
+                    .for_each(|equation| self.by_current.add(equation, &by_beta(&parameters.w, equation), share_a));
+            }
             if let Some(dip) = &equations.dip {
                 let [.., by_latency] = equations.attitude_effects;
                 self.latency.add(part, dip, by_latency);
@@ -236,6 +248,17 @@ impl Information {
             covariance.add_square(&along(effect), sigma * sigma);
         }
         covariance.add_square(&along(&self.changed), 1.0);
+        let per_ampere = Parameters::new(unknowns).w;
+        for error in self.current_errors.iter().filter(|_| IS_LOOKED_FOR) {
+            covariance.add_square(&along(&self.effect_of(error)), 1.0);
+            // At the mean current the others follow; at its spread about that the field is wrong by so much more.
+            let beyond = per_ampere * error * likelihood.current.spread_a;
+            let mut coefficients = Vector12::zeros();
+            for axis in 0..3 {
+                coefficients[beta(axis)] = beyond[axis];
+            }
+            covariance.add_square(&coefficients, 1.0);
+        }
         let change = self.system.change()?;
         covariance.add_square(&Vector12::from_fn(|i, _| units.row(i).dot(&change)), 1.0);
         covariance.is_finite().then_some(())
@@ -258,6 +281,36 @@ impl Information {
         let latency = self.latency.latency(used_s, known, pulled)?;
         self.latency_sigma_s = latency.sigma_s;
         Some((latency, follows))
+    }
+
+    /// What the samples show of iron that goes with the current: see [`current_iron`](super::current_iron). From then on
+    /// what is not known of it counts. `None` where they know no current that changes.
+    #[inline(never)]
+    pub fn current(&mut self, likelihood: &Likelihood) -> Option<Found> {
+        if !IS_LOOKED_FOR || likelihood.current.spread_a == 0.0 {
+            return None;
+        }
+        let (used, prior) = (likelihood.k(), Found::prior(likelihood.unit_ut));
+        let (own, gradient) = self.by_current.left(&self.system, &self.system.change()?)?;
+        let all = own + Matrix3::from_diagonal_element(prior);
+        let independent = inverse(&all)?;
+        let k = used + independent * (gradient - used * prior);
+        let alone = k.dot(&(all * k));
+        let inflation = self.inflation();
+        let covariance = independent * own * independent * inflation + independent * independent * prior;
+        let found = Found { k, covariance, significance: [alone, alone / inflation] };
+        self.current_errors = found.roots(&used);
+        (alone + found.sigma()).is_finite().then_some(found)
+    }
+
+    /// `H_ub` times a change of `k`.
+    fn effect_of(&self, k: &Vector3<f32>) -> Vector13 {
+        self.by_current.with_unknowns.iter().zip(k).map(|(with, k)| with * *k).sum()
+    }
+
+    /// How the unknowns follow a change of what goes with the current.
+    pub fn following(&self, k: &Vector3<f32>) -> Option<Vector13> {
+        Some(-self.system.covariance_times(&self.effect_of(k))?)
     }
 
     /// How much of the norms' variance is white.

@@ -30,6 +30,8 @@
 //! The samples are centred on their mean before anything is summed up; that, not the width of the numbers, is what
 //! keeps the digits.
 
+use nalgebra::Vector3;
+
 use super::Samples;
 use super::likelihood::{Likelihood, Noise, System, Vector13};
 
@@ -131,6 +133,19 @@ impl Refinement {
         self.likelihood.latency_s = latency_s;
         self.unknowns += follows;
         self.seek_nearby(samples);
+    }
+
+    /// Seeks again with so much more of the field taken for what the current added, mount axes and the unit of field per
+    /// ampere, from unknowns that have been moved as they follow that.
+    #[inline(never)]
+    pub fn with_current(&mut self, samples: Samples<'_>, more: &Vector3<f32>, follow: &Vector13) {
+        let likelihood = &mut self.likelihood;
+        let k = likelihood.k() + more;
+        likelihood.current.ut_per_a = (likelihood.rotation.tr_mul(&k) * likelihood.unit_ut).into();
+        self.unknowns += follow;
+        self.seek_nearby(samples);
+        // What it had been taken for is noise no more.
+        self.rounds = ROUNDS - 2;
     }
 
     /// Seeks again from a start that had settled with this noise.

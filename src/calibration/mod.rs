@@ -74,7 +74,8 @@
 //! | `constancy.rs` | whether the iron stayed what it was: `time_order.rs` merges the parts of a flight for it |
 //! | `bank_scale.rs` | whether the attitude source reads all of the bank |
 //! | `latency.rs` | how old the attitude is |
-//! | `rates.rs` | how fast a sample's attitude changes |
+//! | `current_iron.rs` | iron that goes with the current |
+//! | `rates.rs` | how fast a sample's attitude changes, and its current |
 //! | `judgement.rs` | what a result is worth, by all of these |
 //! | `expected_error.rs` | the heading error to expect, in degrees |
 //! | `advice.rs` | what to fly to make it smaller |
@@ -87,6 +88,7 @@ mod compass_swing;
 mod conic;
 mod constancy;
 mod correlation;
+mod current_iron;
 mod ellipsoid;
 mod error;
 mod expected_error;
@@ -115,6 +117,7 @@ pub mod verification;
 pub use advice::{Advice, Assumed, Manoeuvre, Quarter, Towards};
 pub use bank_scale::BankError;
 pub use constancy::{Course, IronChange};
+pub use current_iron::CurrentIron;
 pub use error::SolveError;
 pub use expected_error::{Deviation, Envelope};
 pub use information::Consider;
@@ -145,7 +148,7 @@ pub struct Sample {
     pub field: Field<Sensor>,
     /// Attitude interpolated to the instant of the measurement.
     pub attitude: Attitude,
-    /// How fast that changes.
+    /// How fast that changes, and the current that flowed.
     pub rates: Rates,
     /// When it was measured. Only the order and differences within one turn are used.
     pub time: WrappingMillis,
@@ -306,7 +309,7 @@ pub struct Calibration {
     /// `W`, row-major, dimensionless, normalised to determinant 1: takes the field less hard iron from the chip's axes
     /// to the body frame. Holds soft iron, scale, non-orthogonality and mounting.
     pub w: [[f32; 3]; 3],
-    /// `b`, microtesla, chip axes: hard iron and zero offset.
+    /// `b`, microtesla, chip axes: hard iron and zero offset, where no current flows.
     pub b_ut: [f32; 3],
     /// Inclination of the Earth field the calibration was found in, radians, positive down.
     pub inclination_rad: f32,
@@ -315,6 +318,9 @@ pub struct Calibration {
     /// How much older the attitude is than the attitude source's own latency says, seconds, as far as it is used: the
     /// attitude of a field is that of so much later. Nothing where it is not used.
     pub latency_s: f32,
+    /// What a current adds to the field as it is measured. It is not stored: no port tells a module its current yet.
+    #[serde(skip)]
+    pub current: CurrentIron,
 }
 
 impl Calibration {
@@ -322,7 +328,14 @@ impl Calibration {
     #[must_use]
     pub fn uncalibrated(mount: Orientation) -> Self {
         let rotation = mount.body_from_sensor();
-        Self { w: rows(&rotation), b_ut: [0.0; 3], inclination_rad: 0.0, total_ut: 0.0, latency_s: 0.0 }
+        Self {
+            w: rows(&rotation),
+            b_ut: [0.0; 3],
+            inclination_rad: 0.0,
+            total_ut: 0.0,
+            latency_s: 0.0,
+            current: CurrentIron::NONE,
+        }
     }
 
     /// `W` as a matrix.
@@ -337,7 +350,8 @@ impl Calibration {
         Vector3::from(self.b_ut)
     }
 
-    /// The corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla.
+    /// The corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla, where no current flows: see
+    /// [`without_current`](Self::without_current).
     #[must_use]
     pub fn apply(&self, sensor: Field<Sensor>) -> Field<Body> {
         let from_b = sensor.ut - self.b_vector_ut();
@@ -347,10 +361,10 @@ impl Calibration {
     }
 
     /// The corrected field of a sample in the level frame, microtesla: by its attitude as it is with this calibration's
-    /// latency.
+    /// latency, without what its current added.
     #[must_use]
     pub fn level(&self, sample: &Sample) -> Field<Level> {
-        sample.attitude_after(self.latency_s).level(self.apply(sample.field))
+        sample.attitude_after(self.latency_s).level(self.body(sample))
     }
 
     /// Whether the inclination is known: tumbling without one that was told leaves it at nothing, which is what a solver
@@ -367,6 +381,7 @@ impl Calibration {
     pub fn is_finite(&self) -> bool {
         self.w.as_flattened().iter().chain(&self.b_ut).all(|c| c.is_finite())
             && [self.inclination_rad, self.total_ut, self.latency_s].iter().all(|number| number.is_finite())
+            && self.current.is_finite()
     }
 }
 

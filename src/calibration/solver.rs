@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::constancy::Change;
+use super::current_iron::Found;
 use super::expected_error::Envelope;
 use super::information::{Consider, Information};
 use super::judgement::{Judgement, Solution};
@@ -40,6 +41,8 @@ pub struct Solver {
     told: Option<(f32, Option<SolveError>)>,
     /// How often another latency was taken since the start.
     latencies: u8,
+    /// The same of what goes with the current.
+    currents: u8,
     /// What was wrong with a result that is no mounting of this sensor, while the other start is tried.
     odd: Option<SolveError>,
 }
@@ -49,9 +52,23 @@ pub struct Solver {
 struct Kept {
     start: Start,
     misfit: f32,
-    /// The latency that was in use, seconds.
-    latency_s: f32,
+    /// What was in use.
+    assumed: Assumed,
     noise: Noise,
+}
+
+/// What samples are looked at with.
+#[derive(Clone, Copy, Debug)]
+struct Assumed {
+    /// By how much their attitudes are too old, seconds.
+    latency_s: f32,
+    /// What each ampere added to their fields, microtesla, chip axes.
+    ut_per_a: [f32; 3],
+}
+
+impl Assumed {
+    /// That they are as they are.
+    const NOTHING: Self = Self { latency_s: 0.0, ut_per_a: [0.0; 3] };
 }
 
 /// A field of more than this, microtesla, is no measurement: ten thousand times the Earth's.
@@ -101,7 +118,7 @@ impl Solver {
     ) -> Result<Self, SolveError> {
         check(method, samples)?;
         let (start, from_sphere) = first_start(method, samples, prior)?;
-        let refinement = begin(method, prior, samples, &start, 0.0)?;
+        let refinement = begin(method, prior, samples, &start, Assumed::NOTHING)?;
         Ok(Self {
             method,
             prior: *prior,
@@ -111,6 +128,7 @@ impl Solver {
             kept: None,
             told: None,
             latencies: 0,
+            currents: 0,
             odd: None,
         })
     }
@@ -151,8 +169,9 @@ impl Solver {
     /// when those that do explain them cannot be right ([`SolveError::TurnsReversed`],
     /// [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
     pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
-        // Ends, because a refinement takes a bounded number of steps, and there are at most 24: from two starts and back
-        // to the first, with what was told of the inclination and without, each with up to four latencies.
+        // Ends, because a refinement takes a bounded number of steps, and there are at most 54: from two starts and back
+        // to the first, with what was told of the inclination and without, each with up to four latencies, and five times
+        // what goes with the current.
         loop {
             if let Progress::Finished(end) = self.step(samples) {
                 return end;
@@ -164,10 +183,10 @@ impl Solver {
     /// another to try. Of two results the one that fits better is taken, and sought again.
     #[inline(never)]
     fn tries_other(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
-        if let Some(Kept { start, misfit, latency_s, noise }) = self.kept.take() {
+        if let Some(Kept { start, misfit, assumed, noise }) = self.kept.take() {
             // Not a number is no better either.
             let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
-            let goes_back = !is_better && self.begin(samples, &start, latency_s);
+            let goes_back = !is_better && self.begin(samples, &start, assumed);
             if goes_back {
                 self.refinement.with_noise(samples, noise);
             }
@@ -183,7 +202,7 @@ impl Solver {
         }
         let start = response::sphere(samples, &self.prior.mount.body_from_sensor());
         let kept = end.as_ref().ok().and_then(|solution| self.keep(solution));
-        self.from_sphere = start.is_some_and(|start| self.begin(samples, &start, 0.0));
+        self.from_sphere = start.is_some_and(|start| self.begin(samples, &start, Assumed::NOTHING));
         self.kept = kept.filter(|_| self.from_sphere);
         self.from_sphere
     }
@@ -200,14 +219,15 @@ impl Solver {
         self.told = Some((told_rad, error));
         let Ok((start, from_sphere)) = first_start(self.method, samples, &self.prior) else { return false };
         self.from_sphere = from_sphere;
-        self.begin(samples, &start, 0.0)
+        self.begin(samples, &start, Assumed::NOTHING)
     }
 
-    /// Begins again, with a latency that had been in use, seconds; whether that is possible.
-    fn begin(&mut self, samples: Samples<'_>, start: &Start, latency_s: f32) -> bool {
-        let Ok(refinement) = begin(self.method, &self.prior, samples, start, latency_s) else { return false };
+    /// Begins again, with what had been in use; whether that is possible.
+    fn begin(&mut self, samples: Samples<'_>, start: &Start, assumed: Assumed) -> bool {
+        let Ok(refinement) = begin(self.method, &self.prior, samples, start, assumed) else { return false };
         self.refinement = refinement;
-        self.latencies = u8::from(latency_s != 0.0);
+        self.latencies = u8::from(assumed.latency_s != 0.0);
+        self.currents = u8::from(self.refinement.likelihood.current.is_used());
         true
     }
 
@@ -215,8 +235,8 @@ impl Solver {
     fn keep(&self, solution: &Solution) -> Option<Kept> {
         let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
         let misfit = self.misfit(&solution.calibration);
-        let Likelihood { latency_s, ref noise, .. } = *likelihood;
-        Some(Kept { start: likelihood.start(unknowns)?, misfit, latency_s, noise: noise.clone() })
+        let assumed = Assumed { latency_s: likelihood.latency_s, ut_per_a: likelihood.current.ut_per_a };
+        Some(Kept { start: likelihood.start(unknowns)?, misfit, assumed, noise: likelihood.noise.clone() })
     }
 
     /// What is less of the more likely of two results: of `N` samples the likelihood is `-N ln` of this, the product of
@@ -233,7 +253,7 @@ impl Solver {
         let likelihood =
             &Likelihood { known_inclination_rad: self.prior.inclination_rad, ..self.refinement.likelihood.clone() };
         let unknowns = &self.refinement.unknowns.clone();
-        let calibration = match likelihood.calibration(unknowns) {
+        let mut calibration = match likelihood.calibration(unknowns) {
             Ok(calibration) => calibration,
             Err(error) => return Some(Err(error)),
         };
@@ -242,8 +262,17 @@ impl Solver {
             return Some(Err(SolveError::NotConverged));
         }
         let mut information = self.information(likelihood, samples);
+        let look = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let change = look.look(&mut information);
+        if self.method == Method::MaximumLikelihood
+            && let Some(found) = information.current(likelihood)
+        {
+            if self.takes_current(samples, &information, &found) {
+                return None;
+            }
+            calibration.current.sigma_ut_per_a = found.sigma() * likelihood.unit_ut;
+        }
         let judgement = Judgement { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
-        let change = judgement.look(&mut information);
         let latency = if self.method == Method::MaximumLikelihood {
             let found = information.latency(likelihood.latency_s);
             if self.takes_latency(samples, found.as_ref()) {
@@ -263,6 +292,21 @@ impl Solver {
         let Some(latency_s) = latency.next(used_s, self.latencies) else { return false };
         self.latencies += 1;
         self.refinement.with_latency(samples, latency_s, &(follows * (latency_s - used_s)));
+        true
+    }
+
+    /// Whether the samples show that more or less of their fields went with the current than they were looked at with, which
+    /// is taken from now on.
+    #[inline(never)]
+    fn takes_current(&mut self, samples: Samples<'_>, information: &Information, found: &Found) -> bool {
+        let likelihood = &self.refinement.likelihood;
+        let used = likelihood.k();
+        let spread = likelihood.current.spread_a * likelihood.unit_ut;
+        let Some(k) = found.next(&used, self.currents, spread) else { return false };
+        let more = k - used;
+        let Some(follow) = information.following(&more) else { return false };
+        self.currents += 1;
+        self.refinement.with_current(samples, &more, &follow);
         true
     }
 
@@ -431,14 +475,16 @@ fn begin(
     prior: &Prior,
     samples: Samples<'_>,
     start: &Start,
-    latency_s: f32,
+    assumed: Assumed,
 ) -> Result<Refinement, SolveError> {
     let config = match method {
         Method::Level => Config::ALIGNED,
         Method::Ellipsoid => Config::NO_ATTITUDE,
         Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => Config::DEFAULT,
     };
-    let mut likelihood = Likelihood { latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
+    let mut likelihood =
+        Likelihood { latency_s: assumed.latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
+    likelihood.current.ut_per_a = assumed.ut_per_a;
     if method == Method::CompassSwing && Envelope::of(method, samples) == Envelope::Level {
         // On level ground the vertical stays open; while the rest is refined, it is what the start took it for.
         likelihood.known_inclination_rad = Some(start.inclination_rad);
@@ -646,8 +692,8 @@ mod tests {
             while !matches!(solver.refinement.step(samples), Refining::Settled) {}
             let Kept { start, noise, .. } = solver.keep(&plain).unwrap();
             let sphere = response::sphere(samples, &Matrix3::identity()).unwrap();
-            assert!(solver.begin(samples, &sphere, 0.0));
-            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit, latency_s: 0.0, noise }));
+            assert!(solver.begin(samples, &sphere, Assumed::NOTHING));
+            (solver.from_sphere, solver.kept) = (true, Some(Kept { start, misfit, assumed: Assumed::NOTHING, noise }));
             let (again, began) = run(solver, samples);
             assert_eq!(began, if is_found_again { 2 } else { 1 });
             let again = again.unwrap();

@@ -214,6 +214,7 @@ mod tests {
                 inclination_rad: random.uniform(-1.1, 1.1),
                 total_ut: random.uniform(30.0, 60.0),
                 latency_s: 0.0,
+                current: crate::calibration::CurrentIron::NONE,
             };
             let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
             let level = Field::earth(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));

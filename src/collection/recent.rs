@@ -55,7 +55,8 @@ impl Recent {
                 mean(|s| s.rates.roll_rad_s()),
                 mean(|s| s.rates.pitch_rad_s()),
                 mean(|s| s.rates.heading_rad_s()),
-            ]),
+            ])
+            .with_current(oldest.rates.current_a()),
             time: oldest.time,
         })
     }

@@ -54,6 +54,7 @@ impl View {
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
+            current: crate::calibration::CurrentIron::NONE,
         },
         of_reading: 0.0,
         new: 0.0,
@@ -77,7 +78,7 @@ impl View {
     /// the reading was off towards the vertical, by where it was not.
     #[inline(never)]
     fn rows(&self, sample: &Sample) -> [Row; 2] {
-        let field_ut = self.calibration.apply(sample.field).ut;
+        let field_ut = self.calibration.body(sample).ut;
         let direction = field_ut / field_ut.norm().max(MIN_UT);
         let latency_s = self.calibration.latency_s;
         let attitude = if latency_s == 0.0 { sample.attitude } else { sample.attitude_after(latency_s) };

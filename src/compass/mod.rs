@@ -392,7 +392,7 @@ impl<'a> Compass<'a> {
             in_circle(heading_deg)?;
             let calibration = &self.in_use().ok_or(Refusal::NoCalibration)?.calibration;
             let steady = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
-            let shown_rad = steady.attitude.level(calibration.apply(steady.field)).heading_rad();
+            let shown_rad = steady.attitude.level(calibration.body(&steady)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
             if align_deg.abs() > MAX_ALIGN_DEG && !is_sure {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });

@@ -262,10 +262,15 @@ pub struct Instrument {
     watched_at: Timestamp,
     /// Reports in a row whose rates were not believed.
     doubted_rates: u8,
+    /// The last current that was told, amperes, and when.
+    current: Option<(Timestamp, f32)>,
 }
 
 /// After so many reports in a row whose rates contradict them, a fifth of a second, the rates are wrong.
 const RATES_ARE_WRONG: u8 = 10;
+
+/// What was told of the current holds for so long, microseconds: autopilots that tell it do so once a second at least.
+const CURRENT_HOLDS_US: u64 = 3_000_000;
 
 /// Without an attitude the watch sees nothing: that it last saw a disturbed field counts for so long, microseconds.
 const DISTURBED_US: u64 = 10_000_000;
@@ -291,6 +296,7 @@ impl Instrument {
             is_compass_due: false,
             watched_at: Timestamp::START,
             doubted_rates: 0,
+            current: None,
         }
     }
 
@@ -345,6 +351,16 @@ impl Instrument {
         }
     }
 
+    /// Takes the current that the motors draw, amperes, as it was told at `at`.
+    pub const fn on_current(&mut self, at: Timestamp, amperes: f32) {
+        self.current = Some((at, amperes));
+    }
+
+    /// The current at an instant, amperes; none if it has not been told for long.
+    fn current_a(&self, at: Timestamp) -> Option<f32> {
+        self.current.filter(|&(told, _)| at.us_since(told) <= CURRENT_HOLDS_US).map(|(_, amperes)| amperes)
+    }
+
     /// Takes a reading that was ready at `at`. It may complete a sample.
     #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
@@ -357,18 +373,19 @@ impl Instrument {
             self.pairing.push(at, reading.field);
             self.track.see_raw_field(reading.field);
         }
-        let correction = self.correction.calibration.as_ref().filter(|_| fault.is_none());
-        let body = correction.map(|(calibration, _)| calibration.apply(reading.field));
+        let current_a = self.current_a(at);
+        let calibration = self.correction.calibration.as_ref().map(|(calibration, _)| calibration);
+        let field = calibration.map_or(reading.field, |in_use| in_use.without_current(reading.field, current_a));
+        let body = calibration.filter(|_| fault.is_none()).map(|calibration| calibration.apply(field));
         if let Some(body) = body {
             self.track.see_field(body);
         }
         let attitude = self.attitude_at(at);
         let turning = self.track.turning_at(self.told_at(at));
         let heading =
-            fault.map_or_else(|| self.heading(reading.field, attitude, turning.as_ref()), |fault| Err(fault.into()));
+            fault.map_or_else(|| self.heading(field, current_a, attitude, turning.as_ref()), |fault| Err(fault.into()));
         let smooth = self.smoother.smooth(at, heading.as_ref().ok(), turning);
-        let compass =
-            self.compass_field.tell(at, reading.field).filter(|_| self.is_trusted(at, reading.field, &heading));
+        let compass = self.compass_field.tell(at, field).filter(|_| self.is_trusted(at, field, &heading));
         Estimate { at, body, compass, heading, smooth, attitude: attitude.ok(), iron: self.iron() }
     }
 
@@ -385,13 +402,15 @@ impl Instrument {
         match self.correction.sample_attitude {
             SampleAttitude::Interpolated => {
                 let motion_at = |at| self.track.turning_at(at).map_or_else(Motion::default, |turning| turning.motion);
-                let (at, sample) = self.pairing.next(|at| self.track.at(at), motion_at)?;
+                let (at, mut sample) = self.pairing.next(|at| self.track.at(at), motion_at)?;
+                sample.rates = sample.rates.with_current(self.current_a(at));
                 self.unwatched = Some((at, sample));
                 Some(sample)
             }
             SampleAttitude::Unknown => {
                 let at_rest = |_| Motion::default();
-                let (_, sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()), at_rest)?;
+                let (at, mut sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()), at_rest)?;
+                sample.rates = sample.rates.with_current(self.current_a(at));
                 Some(sample)
             }
         }
@@ -505,6 +524,7 @@ impl Instrument {
     fn heading(
         &self,
         field: Field<Sensor>,
+        current_a: Option<f32>,
         attitude: Result<Attitude, NoHeading>,
         turning: Option<&Turning>,
     ) -> Result<Heading, NoHeading> {
@@ -522,7 +542,8 @@ impl Instrument {
         let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
         adjustment.verdict?;
         let heading = heading::heading(config, calibration, uncertainty, field, attitude)?
-            .with_systematic(adjustment.variance_rad2);
+            .with_systematic(adjustment.variance_rad2)
+            .with_more(calibration.current_variance_rad2(current_a));
         if believes_all || adjustment.agrees(self.watch.config(), heading, turning) {
             Ok(heading.turned_by(self.correction.align_deg))
         } else {

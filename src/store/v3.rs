@@ -159,6 +159,7 @@ impl Calibrated {
                 inclination_rad: self.inclination_rad,
                 total_ut: self.total_ut,
                 latency_s: 0.0,
+                current: calibration::CurrentIron::NONE,
             },
             quality: calibration::Quality {
                 method: self.method.convert(),

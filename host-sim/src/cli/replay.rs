@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-use autoswing::calibration::Latency;
+use autoswing::calibration::{CurrentIron, Latency};
 use autoswing::heading::NoHeading;
 use clap::ValueEnum as _;
 use comfy_table::{Table, presets};
@@ -151,6 +151,9 @@ fn one(out: &mut String, compass: &Judged, verdict: &Verdict, handed: &HandOver<
         say(out, "  ", &format!("{}: {refusal}", refusal.code()));
     }
     solved(out, "  ", &compass.module);
+    if let Some(without_deg) = compass.without_current_deg {
+        say(out, "  ", &format!("without the current, headings would err by {without_deg:.2} deg RMS"));
+    }
     if compass.module.accepted.is_err() && compass.all.accepted.is_ok() {
         say(out, "  ", "all of its rows, thinned, would have been enough:");
         solved(out, "    ", &compass.all);
@@ -237,6 +240,9 @@ fn solved(out: &mut String, indent: &str, replayed: &Replayed) {
             &format!("latency of the attitude beyond that: {:.0} ms, sigma {:.0} ms", found_s * 1e3, sigma_s * 1e3),
         );
     }
+    if let Some(words) = by_current(&solution.calibration.current) {
+        say(out, indent, &words);
+    }
     if let Some(doubt) = &solution.iron {
         say(out, indent, &format!("allowed for, {:.2} deg of it: {}", doubt.error_deg, doubt.of));
     }
@@ -265,6 +271,20 @@ fn solved(out: &mut String, indent: &str, replayed: &Replayed) {
             ),
         );
     }
+}
+
+/// What goes with the current, in words; none where none is known.
+fn by_current(iron: &CurrentIron) -> Option<String> {
+    let CurrentIron { ut_per_a: [x, y, z], sigma_ut_per_a, mean_a, spread_a } = *iron;
+    if spread_a == 0.0 {
+        return None;
+    }
+    let found = if iron.is_used() {
+        format!("iron by current: x {x:+.3}, y {y:+.3}, z {z:+.3} uT per ampere (sigma {sigma_ut_per_a:.3})")
+    } else {
+        format!("no iron by current that is certain (sigma {sigma_ut_per_a:.3} uT per ampere)")
+    };
+    Some(format!("{found}, of a current of {mean_a:.1} A that varied by {spread_a:.1} A"))
 }
 
 /// A row for each correction, a column for each compass; what was within one and two sigma below.

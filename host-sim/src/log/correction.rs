@@ -9,29 +9,37 @@ use super::rotation::Rotation;
 const MILLIGAUSS_UT: f64 = 0.1;
 const GAUSS_UT: f64 = 100.0;
 
-/// A correction for iron in body axes: `corrected = matrix (raw - centre)`.
+/// A correction for iron in body axes: `corrected = matrix (raw - centre - by_current I)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Iron {
     /// Soft iron and scale.
     pub matrix: Matrix3<f64>,
     /// Hard iron, microtesla.
     pub centre_ut: Vector3<f64>,
+    /// What each ampere of the current `I` adds to the raw field, microtesla.
+    pub by_current_ut: Vector3<f64>,
 }
 
 impl Iron {
     /// No correction.
     #[must_use]
     pub fn none() -> Self {
-        Self { matrix: Matrix3::identity(), centre_ut: Vector3::zeros() }
+        Self::constant(Matrix3::identity(), Vector3::zeros())
     }
 
-    /// The corrected field of a raw one.
+    /// One that no current changes.
     #[must_use]
-    pub fn apply(&self, raw_ut: Vector3<f64>) -> Vector3<f64> {
-        self.matrix * (raw_ut - self.centre_ut)
+    pub fn constant(matrix: Matrix3<f64>, centre_ut: Vector3<f64>) -> Self {
+        Self { matrix, centre_ut, by_current_ut: Vector3::zeros() }
     }
 
-    /// What ArduPilot corrects a compass with, by its last parameters; what it adds for the motors is not in it.
+    /// The corrected field of a raw one, measured at a current, amperes.
+    #[must_use]
+    pub fn apply(&self, raw_ut: Vector3<f64>, current_a: f64) -> Vector3<f64> {
+        self.matrix * (raw_ut - self.centre_ut - self.by_current_ut * current_a)
+    }
+
+    /// What ArduPilot corrects a compass with, by its last parameters; what it adds by the throttle is not in it.
     #[must_use]
     pub fn of_ardupilot(parameters: &Parameters, number: u8) -> Self {
         Undo::ardupilot(parameters, f64::INFINITY, number).iron
@@ -42,11 +50,6 @@ impl Iron {
     pub fn of_px4(parameters: &Parameters, number: u8) -> Self {
         Undo::px4(parameters, f64::INFINITY, number.saturating_sub(1)).iron
     }
-
-    /// The raw field of a corrected one, with the matrix's inverse.
-    fn undo(&self, inverse: &Matrix3<f64>, corrected_ut: Vector3<f64>) -> Vector3<f64> {
-        inverse * corrected_ut + self.centre_ut
-    }
 }
 
 /// How to get from what is logged to the raw field, at the parameters of some time.
@@ -54,21 +57,28 @@ impl Iron {
 pub(super) struct Undo {
     pub iron: Iron,
     inverse: Matrix3<f64>,
-    /// What is added for each ampere after that, microtesla.
-    pub by_current_ut: Option<Vector3<f64>>,
 }
 
 impl Undo {
     /// The raw field of a logged one, `motor_ut` of it being what was added for the motors.
     pub fn raw(&self, logged_ut: Vector3<f64>, motor_ut: Vector3<f64>) -> Vector3<f64> {
-        self.iron.undo(&self.inverse, logged_ut - motor_ut)
+        self.inverse * (logged_ut - motor_ut) + self.iron.centre_ut
     }
 
-    fn of(iron: Iron, by_current_ut: Option<Vector3<f64>>) -> Self {
+    /// The share of a logged field that was added for the motors at a current, amperes, microtesla.
+    pub fn motor_ut(&self, current_a: f64) -> Vector3<f64> {
+        self.iron.matrix * self.iron.by_current_ut * -current_a
+    }
+
+    /// Of a correction, after which so many microtesla are added for each ampere.
+    fn of(iron: Iron, after_ut: Vector3<f64>) -> Self {
         match iron.matrix.try_inverse() {
-            Some(inverse) if inverse.iter().all(|number| number.is_finite()) => Self { iron, inverse, by_current_ut },
+            Some(inverse) if inverse.iter().all(|number| number.is_finite()) => {
+                let by_current_ut = iron.by_current_ut - inverse * after_ut;
+                Self { iron: Iron { by_current_ut, ..iron }, inverse }
+            }
             // Nobody flies with that: what is logged is taken as it stands.
-            _ => Self { iron: Iron::none(), inverse: Matrix3::identity(), by_current_ut },
+            _ => Self { iron: Iron::none(), inverse: Matrix3::identity() },
         }
     }
 
@@ -85,13 +95,14 @@ impl Undo {
             value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
         let (diagonal, off_diagonal) = (vector("DIA"), vector("ODI"));
         let soft = if diagonal == Vector3::zeros() { Matrix3::identity() } else { symmetric(&diagonal, &off_diagonal) };
-        let by_current_ut = (value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2))
-            .then(|| vector("MOT") * MILLIGAUSS_UT);
-        Self::of(Iron { matrix: soft * scale, centre_ut: -vector("OFS") * MILLIGAUSS_UT }, by_current_ut)
+        let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);
+        let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
+        Self::of(Iron::constant(soft * scale, -vector("OFS") * MILLIGAUSS_UT), after_ut)
     }
 
-    /// PX4's, by its parameters: in the sensor's axes `scale (raw - offset)`, then turned into the body's
-    /// (`calibration::Magnetometer::Correct`). `index` is that of `CAL_MAGn`.
+    /// PX4's, by its parameters: in the sensor's axes `scale (raw + current COMP - offset)`, then turned into the body's
+    /// (`calibration::Magnetometer::Correct`); `COMP` is in gauss per kiloampere, and of a battery where `CAL_MAG_COMP_TYP`
+    /// is 2 or 3. `index` is that of `CAL_MAGn`.
     pub fn px4(parameters: &Parameters, t_s: f64, index: u8) -> Self {
         let value = |name: &str| parameters.at(t_s, &format!("CAL_MAG{index}_{name}"));
         let vector = |what: &str, none: f64| {
@@ -104,7 +115,12 @@ impl Undo {
         }
         let turned = px4_mounting(parameters, t_s, index).matrix();
         let scale = turned * symmetric(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
-        Self::of(Iron { matrix: scale, centre_ut: turned * vector("OFF", 0.0) * GAUSS_UT }, None)
+        let is_by_current =
+            parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
+        let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
+        let by_current_ut = turned * comp * -GAUSS_UT / 1000.0;
+        let iron = Iron { by_current_ut, ..Iron::constant(scale, turned * vector("OFF", 0.0) * GAUSS_UT) };
+        Self::of(iron, Vector3::zeros())
     }
 }
 
@@ -151,10 +167,35 @@ mod tests {
         // (raw + OFS) SCALE of the raw field 100, 130, -400 mG: 250, 100, -500.
         let logged = Vector3::new(275.0 + 5.0, 12.5 + 90.0 + 50.0, -10.0 - 600.0) * 0.1;
         assert!((undo.raw(logged, Vector3::zeros()) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
-        assert!((undo.iron.apply(Vector3::new(10.0, 13.0, -40.0)) - logged).norm() < 1e-9);
-        let motor = undo.by_current_ut.unwrap() * 10.0;
+        assert!((undo.iron.apply(Vector3::new(10.0, 13.0, -40.0), 0.0) - logged).norm() < 1e-9);
+        let motor = undo.motor_ut(1.0) * 10.0;
         assert!((motor - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
         assert!((undo.raw(logged + motor, motor) - Vector3::new(10.0, 13.0, -40.0)).norm() < 1e-9);
+    }
+
+    /// By hand: PX4's, whose share by current is taken off in the sensor's axes, before the offsets, by kiloampere; and only
+    /// where it is by a battery's current.
+    #[test]
+    fn px4s_correction_for_the_current_is_undone() {
+        for (kind, share) in [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)] {
+            let undo = Undo::px4(
+                &parameters(&[
+                    ("CAL_MAG0_XOFF", 0.1),
+                    ("CAL_MAG0_YSCALE", 1.1),
+                    ("CAL_MAG0_YCOMP", -5.0),
+                    // Sensor's z is the body's z, x and y the other way round.
+                    ("CAL_MAG0_ROT", 4.0),
+                    ("CAL_MAG_COMP_TYP", kind),
+                ]),
+                0.0,
+                0,
+            );
+            // Body axes, microtesla, at 20 A: 5 G/kA are 0.5 uT per ampere, so 10 on y of the sensor.
+            let raw = Vector3::new(20.0, 30.0, 40.0);
+            let logged = Vector3::new(20.0 + 10.0, 1.1 * (30.0 + share * 10.0), 40.0);
+            assert!((undo.iron.apply(raw, 20.0) - logged).norm() < 1e-9, "{kind}: {}", undo.iron.apply(raw, 20.0));
+            assert!((undo.raw(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
+        }
     }
 
     #[test]

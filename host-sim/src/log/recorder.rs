@@ -168,13 +168,12 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
         }
         let [x, y, z, mx, my, mz] = row.of.map(f64::from);
         let (logged, said) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
+        let current_a = flight.current.held_at(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
         let (raw, corrected) = if let Some(turned) = mounting {
             let raw = turned * logged;
-            (raw, undo.iron.apply(raw))
+            (raw, undo.iron.apply(raw, current_a))
         } else {
-            let by_current =
-                undo.by_current_ut.and_then(|by| flight.current.held_at(row.t_s, 2.0).map(|[a]| by * f64::from(a)));
-            let motor = if mx.is_nan() { by_current.unwrap_or_default() } else { said };
+            let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { said };
             (undo.raw(logged, motor), logged)
         };
         row.of = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);

@@ -87,21 +87,33 @@ struct State {
     centre: Vector3<f64>,
     strength: f64,
     down: f64,
+    by_current: Vector3<f64>,
     moved: Vector3<f64>,
 }
 
 impl State {
     fn about(rows: &[&Row], iron: &Iron) -> Self {
-        let of = |row: &&Row| iron.apply(row.field.ut.map(f64::from));
+        let of = |row: &&Row| row.corrected(iron);
         let strength = median(rows.iter().map(|row| of(row).norm()).collect());
         let down = median(rows.iter().map(|row| down(row).dot(&of(row))).collect());
-        Self { matrix: iron.matrix, centre: iron.centre_ut, strength, down, moved: Vector3::zeros() }
+        Self {
+            matrix: iron.matrix,
+            centre: iron.centre_ut,
+            strength,
+            down,
+            by_current: iron.by_current_ut,
+            moved: Vector3::zeros(),
+        }
+    }
+
+    fn from_centre(&self, row: &Row) -> Vector3<f64> {
+        row.field.ut.map(f64::from) - self.centre - self.by_current * row.current_a.map_or(0.0, f64::from)
     }
 
     /// Corrected field of a row, from the step on or before it.
     fn field(&self, row: &Row, is_after: bool) -> Vector3<f64> {
         let moved = if is_after { self.moved } else { Vector3::zeros() };
-        self.matrix * (row.field.ut.map(f64::from) - self.centre - moved)
+        self.matrix * (self.from_centre(row) - moved)
     }
 
     fn residuals(&self, row: &Row, is_after: bool) -> [f64; 2] {
@@ -182,7 +194,7 @@ impl State {
     /// Each residual by the unknowns.
     fn derivatives(&self, row: &Row, is_after: bool) -> [DVector<f64>; 2] {
         let moved = if is_after { self.moved } else { Vector3::zeros() };
-        let raw = row.field.ut.map(f64::from) - self.centre - moved;
+        let raw = self.from_centre(row) - moved;
         let field = self.matrix * raw;
         let directions = [field.normalize(), down(row)];
         let of = |which: usize| {

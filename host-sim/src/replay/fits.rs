@@ -17,7 +17,7 @@ pub fn sphere(fields: &[Vector3<f64>]) -> Option<(Iron, f64)> {
     let [x, y, z, k] = *solved(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);
     let radius = (k + centre.norm_squared()).sqrt() * scale;
-    let iron = Iron { matrix: Matrix3::identity(), centre_ut: mean + centre * scale };
+    let iron = Iron::constant(Matrix3::identity(), mean + centre * scale);
     radius.is_finite().then_some((iron, radius))
 }
 
@@ -49,7 +49,7 @@ pub fn ellipsoid(fields: &[Vector3<f64>]) -> Option<(Iron, f64)> {
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
     let matrix = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
     let radius = matrix.determinant().powf(-1.0 / 3.0);
-    let iron = Iron { matrix: matrix * radius, centre_ut: mean + centre * scale };
+    let iron = Iron::constant(matrix * radius, mean + centre * scale);
     Some((iron, radius * scale))
 }
 

@@ -46,6 +46,9 @@ pub struct Judged {
     pub module: Replayed,
     /// What it makes of all of them.
     pub all: Replayed,
+    /// How good its headings are without what it found to go with the current, in degrees RMS less mean; none where it
+    /// found none, and without a reference.
+    pub without_current_deg: Option<f64>,
     /// Each correction and how good its headings are.
     pub corrections: Vec<Correction>,
     /// How strong the field is by the fit of a sphere, which hard iron does not change, microtesla.
@@ -145,6 +148,7 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<Refere
     } else {
         replay(&rows, &Options { selected: Selected::All, ..*options })
     };
+    let without_current_deg = without_current_deg(&rows, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
     let of = |by, iron: Option<Iron>| Correction { by, iron, score: iron.and_then(|iron| scored(&rows, &iron)) };
@@ -175,20 +179,45 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<Refere
     });
     let every_s = compass.field.median_step_s().unwrap_or(f64::NAN);
     let Compass { number, is_used, .. } = *compass;
-    Judged { number, is_used, age, rows, counted, every_s, module, all, corrections, radius_ut, change, parts }
+    Judged {
+        number,
+        is_used,
+        age,
+        rows,
+        counted,
+        every_s,
+        module,
+        all,
+        without_current_deg,
+        corrections,
+        radius_ut,
+        change,
+        parts,
+    }
+}
+
+/// What the module would have made of the rows if it had not been told the current.
+fn without_current_deg(rows: &[Row], module: &Replayed, options: &Options) -> Option<f64> {
+    let is_used = module.solution.as_ref().is_some_and(|solution| solution.calibration.current.is_used());
+    if !is_used {
+        return None;
+    }
+    let untold: Vec<Row> = rows.iter().map(|row| Row { current_a: None, ..*row }).collect();
+    Some(replay(&untold, options).score?.rms_deg)
 }
 
 /// What the module solved, as a correction.
 fn ours(replayed: &Replayed) -> Option<Iron> {
     let calibration = replayed.solution.as_ref()?.calibration;
     let matrix = calibration.w_matrix().map(f64::from);
-    Some(Iron { matrix, centre_ut: calibration.b_vector_ut().map(f64::from) })
+    let by_current_ut = Vector3::from(calibration.current.ut_per_a).map(f64::from);
+    Some(Iron { matrix, centre_ut: calibration.b_vector_ut().map(f64::from), by_current_ut })
 }
 
 /// How good headings by a correction are.
 #[must_use]
 pub fn scored(rows: &[Row], iron: &Iron) -> Option<Score> {
-    score(rows, |row| Some((heading_deg(row, iron.apply(row.field.ut.map(f64::from))), f64::NAN)))
+    score(rows, |row| Some((heading_deg(row, row.corrected(iron)), f64::NAN)))
 }
 
 fn heading_deg(row: &Row, corrected: Vector3<f64>) -> f64 {

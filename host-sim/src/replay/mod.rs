@@ -174,6 +174,9 @@ fn config_of(rows: &[Row]) -> Config {
 fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
     let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
     instrument.on_attitude(at, report(row));
+    if let Some(amperes) = row.current_a {
+        instrument.on_current(at, amperes);
+    }
     instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
 }
 

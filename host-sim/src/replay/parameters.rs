@@ -61,6 +61,14 @@ const LOSS_WORTH_SAYING_DEG: f64 = 0.3;
 
 const MILLIGAUSS: f64 = 10.0;
 const GAUSS: f64 = 0.01;
+/// PX4 counts in gauss per kiloampere.
+const AMPERES_IN_KILOAMPERE: f64 = 1000.0;
+
+impl HandedOver {
+    fn goes_with_current(&self) -> bool {
+        self.iron.by_current_ut != Vector3::zeros()
+    }
+}
 
 /// What an autopilot can have of what the module made of a compass; none of one that it would have refused.
 /// `total_ut` is the Earth's field there, if it is known.
@@ -76,13 +84,23 @@ pub fn handed_over(flight: &Flight, judged: &Judged, total_ut: Option<f64>, dial
     // As strong as the Earth's field is there, or as it came out.
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
     let rows: Vec<Row> = judged.rows.iter().map(|row| turned_row(row, &q)).collect();
-    let full = Iron { matrix: w, centre_ut: b };
-    let near = Iron { matrix: q * symmetric * q.transpose() * scale, centre_ut: q * b };
+    let by_current_ut = Vector3::from(calibration.current.ut_per_a).map(f64::from);
+    let full = Iron { matrix: w, centre_ut: b, by_current_ut };
+    // INAV knows no current: what the mean of it adds is there at all times.
+    let usual_a = if dialect == Dialect::Inav { f64::from(calibration.current.mean_a) } else { 0.0 };
+    let near = Iron {
+        matrix: q * symmetric * q.transpose() * scale,
+        centre_ut: q * (b + by_current_ut * usual_a),
+        by_current_ut: if dialect == Dialect::Inav { Vector3::zeros() } else { q * by_current_ut },
+    };
     let iron = nearest(&judged.rows, &rows, &full, near, dialect == Dialect::Inav);
     let lost_deg = lost(&judged.rows, &rows, &full, &iron);
     let mut warnings = Vec::new();
     if lost_deg[0] > LOSS_WORTH_SAYING_DEG {
         warnings.push(format!("what cannot be expressed costs {:.1} deg RMS", lost_deg[0]));
+    }
+    if dialect == Dialect::Inav && calibration.current.is_used() {
+        warnings.push("what goes with the current cannot be expressed".to_owned());
     }
     if turned.number() != 0 {
         warnings.push("the compass sits otherwise than the parameters said: check the orientation".to_owned());
@@ -114,7 +132,7 @@ fn nearest(rows: &[Row], turned: &[Row], full: &Iron, near: Iron, is_diagonal: b
     let built = |p: &DVector<f64>| {
         let off = if is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
         let matrix = symmetric_of(&Vector3::new(p[0], p[1], p[2]), &off);
-        Iron { matrix, centre_ut: Vector3::new(p[3], p[4], p[5]) }
+        Iron { matrix, centre_ut: Vector3::new(p[3], p[4], p[5]), ..near }
     };
     let [centre, diagonal, off] = parts(&near);
     let start =
@@ -150,8 +168,7 @@ fn nearest(rows: &[Row], turned: &[Row], full: &Iron, near: Iron, is_diagonal: b
     }
     let found = built(&best.0);
     // Headings do not tell the size: that of what was near is kept.
-    let total =
-        |iron: &Iron| -> f64 { pairs.iter().map(|(row, _)| iron.apply(row.field.ut.map(f64::from)).norm()).sum() };
+    let total = |iron: &Iron| -> f64 { pairs.iter().map(|(row, _)| row.corrected(iron).norm()).sum() };
     let size = total(&near) / total(&found);
     if size.is_finite() && size > 0.0 { Iron { matrix: found.matrix * size, ..found } } else { near }
 }
@@ -161,7 +178,7 @@ fn symmetric_of(d: &Vector3<f64>, o: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 fn heading_deg(row: &Row, iron: &Iron) -> f64 {
-    let corrected = iron.apply(row.field.ut.map(f64::from)).map(|axis| axis as f32);
+    let corrected = row.corrected(iron).map(|axis| axis as f32);
     f64::from(row.attitude.level(Field::new(corrected)).heading_rad().to_degrees())
 }
 
@@ -224,6 +241,9 @@ fn comments(text: &mut String, handed: &HandedOver) -> std::fmt::Result {
 }
 
 fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::fmt::Result {
+    if handed_over.iter().any(HandedOver::goes_with_current) {
+        writeln!(text, "COMPASS_MOTCT,2")?;
+    }
     for handed in handed_over {
         comments(text, handed)?;
         let index = if handed.number == 1 { String::new() } else { handed.number.to_string() };
@@ -232,7 +252,8 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> 
             ("OFS", -offsets * MILLIGAUSS, 2),
             ("DIA", diagonal, 5),
             ("ODI", off_diagonal, 5),
-            ("MOT", Vector3::zeros(), 1),
+            // Added after the matrix: it takes away there what the current had added before.
+            ("MOT", -(handed.iron.matrix * handed.iron.by_current_ut) * MILLIGAUSS, 3),
         ] {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "COMPASS_{name}{index}_{axis},{number:.decimals$}")?;
@@ -254,6 +275,10 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> 
 
 /// Vehicle, component, name, value, type (9 float, 6 integer), tab-separated.
 fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::fmt::Result {
+    if handed_over.iter().any(HandedOver::goes_with_current) {
+        // Current of the first battery.
+        writeln!(text, "1\t1\tCAL_MAG_COMP_TYP\t2\t6")?;
+    }
     for handed in handed_over {
         comments(text, handed)?;
         let index = handed.number - 1;
@@ -265,9 +290,12 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::f
         let sensor = Iron {
             matrix: to_sensor * handed.iron.matrix * to_sensor.transpose(),
             centre_ut: to_sensor * handed.iron.centre_ut,
+            by_current_ut: to_sensor * handed.iron.by_current_ut,
         };
         let [offsets, diagonal, off_diagonal] = parts(&sensor);
-        for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal)] {
+        let comp = -sensor.by_current_ut * GAUSS * AMPERES_IN_KILOAMPERE;
+        for (name, numbers) in [("OFF", offsets * GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
+        {
             for (axis, number) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{number:.6}\t9")?;
             }

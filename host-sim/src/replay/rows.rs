@@ -3,11 +3,12 @@
 use autoswing::attitude::{Motion, Report, Source};
 use autoswing::frames::{Attitude, Field, Sensor, wrap_pi};
 use autoswing::time::WrappingMillis;
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::reference::Reference;
 use crate::log::series::{Series, Stamped};
-use crate::log::{Compass, Flight};
+use crate::log::{Compass, Flight, Iron};
 
 /// Attitudes further apart than this are not interpolated between, seconds: a source of 3 Hz that lost one.
 const MAX_GAP_S: f64 = 0.7;
@@ -40,6 +41,8 @@ pub struct Row {
     pub attitude: Attitude,
     /// Body rates p, q, r at that instant, rad/s, where there are any.
     pub rates_rad_s: Option<[f32; 3]>,
+    /// Current of the battery at that instant, amperes, where it is known.
+    pub current_a: Option<f32>,
     /// Whether the row may be fitted to and scored.
     pub usable: bool,
     /// A reference heading in degrees, from any north, where there is one.
@@ -161,9 +164,25 @@ impl Run {
             logged: field(self.logged),
             attitude,
             rates_rad_s: (self.rates_number > 0).then_some(rates),
+            current_a: current_at(flight, t_s),
             usable: true,
             reference_deg: reference.and_then(|reference| reference.at_deg(flight, t_s)),
         }
+    }
+}
+
+/// Current at an instant, amperes, between two that were told, or soon after the last.
+fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
+    /// A battery is told of once a second or oftener.
+    const MAX_GAP_S: f64 = 3.0;
+    flight.current.held_at(t_s, MAX_GAP_S).map(|[amperes]| amperes)
+}
+
+impl Row {
+    /// The field by a correction, microtesla: where no current is known, as if none flowed.
+    #[must_use]
+    pub fn corrected(&self, iron: &Iron) -> Vector3<f64> {
+        iron.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
 }
 
@@ -220,7 +239,7 @@ fn tilted_rad(a: &Stamped<3>, b: &Stamped<3>) -> f32 {
     let down = |row: &Stamped<3>| {
         let ([sin_roll, sin_pitch], [cos_roll, cos_pitch]) =
             ([row.of[0].sin(), row.of[1].sin()], [row.of[0].cos(), row.of[1].cos()]);
-        nalgebra::Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
+        Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch)
     };
     down(a).angle(&down(b))
 }

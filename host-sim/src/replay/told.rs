@@ -1,5 +1,6 @@
 //! A verdict in words and as a JSON object. The object is described in docs/your-flight.md; it is changed by adding to it.
 
+use autoswing::calibration::CurrentIron;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -99,6 +100,19 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
             notes.push(format!("passed over: {number} {what}"));
         }
     }
+    if flight.autopilot == Autopilot::ArduPilot && flight.parameters.last("COMPASS_MOTCT").map(f64::round) == Some(1.0)
+    {
+        notes.push(
+            "the autopilot compensates by throttle; what goes with it is only found where the current is logged"
+                .to_owned(),
+        );
+    }
+    if flight.current.is_empty() {
+        notes.push(
+            "no current is logged: iron that goes with it, if there is any, is neither found nor in the expected error"
+                .to_owned(),
+        );
+    }
     if flight.autopilot == Autopilot::ArduPilot && flight.parameters.last("COMPASS_OFS_X").is_none() {
         notes.push("the parameters are not in the log: what the autopilot had applied could not be undone".to_owned());
     }
@@ -178,6 +192,7 @@ fn one(judged: &Judged, parameters: &Value) -> Value {
         "rows": Rows { counted: judged.counted, fitted: judged.module.samples },
         "calibrated_s": judged.calibrated_s().map(|s| rounded(s, 1)),
         "module": solved(&judged.module),
+        "without_current_rms_deg": judged.without_current_deg.map(|deg| rounded(deg, 3)),
         "all_rows": solved(&judged.all),
         "headings": judged.corrections.iter().map(|correction| json!({
             "by": correction.by.name(),
@@ -211,8 +226,18 @@ fn solved(replayed: &Replayed) -> Value {
         "latency_ms": solution.map(|s| rounded(f64::from(s.calibration.latency_s) * 1e3, 1)),
         "latency_found_ms": solution.and_then(|s| s.quality.latency).map(|l| rounded(f64::from(l.found_s) * 1e3, 1)),
         "latency_sigma_ms": solution.and_then(|s| s.quality.latency).map(|l| rounded(f64::from(l.sigma_s) * 1e3, 1)),
+        "by_current": solution.filter(|s| s.calibration.current.spread_a > 0.0).map(|s| by_current(&s.calibration.current)),
         "samples": replayed.samples,
         "smooth": replayed.smooth.as_ref().map(scored),
+    })
+}
+
+fn by_current(iron: &CurrentIron) -> Value {
+    json!({
+        "ut_per_a": iron.ut_per_a.map(|axis| rounded(f64::from(axis), 4)),
+        "sigma_ut_per_a": rounded(f64::from(iron.sigma_ut_per_a), 4),
+        "mean_a": rounded(f64::from(iron.mean_a), 2),
+        "spread_a": rounded(f64::from(iron.spread_a), 2),
     })
 }
 

@@ -1,6 +1,6 @@
 //! The airframe's iron and the mounting of the sensor: `m = A h_body + b` (Liu 2007 eq. 8).
 
-use autoswing::calibration::Calibration;
+use autoswing::calibration::{Calibration, CurrentIron};
 use autoswing::frames::{Field, Sensor};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -113,6 +113,7 @@ impl Airframe {
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
             latency_s: 0.0,
+            current: CurrentIron::NONE,
         })
     }
 }

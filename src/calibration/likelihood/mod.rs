@@ -50,8 +50,9 @@ pub(super) use equations::CLIPPED_MEAN_SQUARE;
 use nalgebra::{Matrix3, Vector3};
 use unknowns::UNKNOWNS;
 
+use super::current_iron::IS_LOOKED_FOR;
 use super::response::Start;
-use super::{Calibration, Orientation, Sample, Samples, SolveError, rows};
+use super::{Calibration, CurrentIron, Orientation, Sample, Samples, SolveError, rows};
 use crate::trig;
 
 /// Fixed numbers of the model.
@@ -151,6 +152,8 @@ pub(super) struct Likelihood {
     pub refined: bool,
     /// By how much the samples' attitudes are too old, seconds.
     pub latency_s: f32,
+    /// What the samples' currents added to their fields.
+    pub current: CurrentIron,
     /// Every so many samples one is looked at: while a bad start is left behind, a part of many will do.
     pub stride: usize,
     /// Whether equations are summed up instead of rotated into a triangle: while many samples are sought through.
@@ -176,6 +179,7 @@ impl Likelihood {
             noise: Noise::INITIAL,
             refined: false,
             latency_s: 0.0,
+            current: CurrentIron::of(samples),
             stride: (number / ENOUGH_TO_START).max(1),
             sums_up: number > ENOUGH_TO_START,
         }
@@ -192,8 +196,14 @@ impl Likelihood {
     /// The equations of a sample, and of its heading in radians where that was given.
     pub fn equations(&self, sample: &Sample, heading_rad: Option<f32>, parameters: &Parameters) -> Equations {
         let attitude = sample.attitude_after(self.latency_s);
+        // As if all were of the mean current, whose field is the mean.
+        let added_ut = if IS_LOOKED_FOR {
+            Vector3::from(self.current.ut_per_a) * self.current.share_a(sample)
+        } else {
+            Vector3::zeros()
+        };
         let measured = Measured {
-            x: self.rotation * sample.field.ut / self.unit_ut - self.mean,
+            x: self.rotation * (sample.field.ut - added_ut) / self.unit_ut - self.mean,
             tilt: attitude.tilt(),
             roll_rad: attitude.roll_rad,
             rates: sample.rates,
@@ -217,6 +227,11 @@ impl Likelihood {
     /// One pass over the samples.
     pub fn linearise(&self, samples: Samples<'_>, unknowns: &Vector13) -> System {
         System::of(self, samples, unknowns)
+    }
+
+    /// What the samples' currents are taken to have added, mount axes and the unit of field per ampere.
+    pub fn k(&self) -> Vector3<f32> {
+        self.rotation * Vector3::from(self.current.ut_per_a) / self.unit_ut
     }
 
     /// New sigmas from the residuals.
@@ -257,10 +272,11 @@ impl Likelihood {
         let per_unit = trig::reciprocal_cbrt(determinant);
         Ok(Calibration {
             w: rows(&(parameters.w * per_unit * self.rotation)),
-            b_ut: (self.rotation.tr_mul(&b) * self.unit_ut).into(),
+            b_ut: (self.rotation.tr_mul(&b) * self.unit_ut - self.current.ut(None)).into(),
             inclination_rad: parameters.inclination_rad,
             total_ut: self.unit_ut * per_unit,
             latency_s: self.latency_s,
+            current: self.current,
         })
     }
 }

@@ -55,6 +55,7 @@ fn calibration() -> Calibration {
         inclination_rad: 1.0,
         total_ut: 50.0,
         latency_s: -0.02,
+        current: crate::calibration::CurrentIron::NONE,
     }
 }
 

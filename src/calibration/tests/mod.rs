@@ -1,11 +1,13 @@
 //! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
 //! `robustness`, samples of two airframes in `constancy`, what is tried again in `second_thoughts`, symmetries in
 //! `symmetry`, which method when and what to fly in `guidance`, small values in `basics`, the likelihood's derivatives
-//! in `derivatives`, samples of no side in `any`, its noise and damping in `likelihood`, its sigmas in `forecast`.
+//! in `derivatives`, samples of no side in `any`, its noise and damping in `likelihood`, its sigmas in `forecast`, how late
+//! the attitude is in `latency`, iron that goes with the current in `current`.
 
 mod any;
 mod basics;
 mod constancy;
+mod current;
 pub(crate) mod derivatives;
 mod forecast;
 mod guidance;
@@ -196,6 +198,7 @@ fn verification_prefers_the_truth() {
         inclination_rad: airframe.inclination_rad,
         total_ut: airframe.total_ut,
         latency_s: 0.0,
+        current: crate::calibration::CurrentIron::NONE,
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     // 2 uT of hard iron is about 4 deg of heading in this field.

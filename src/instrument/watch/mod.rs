@@ -278,7 +278,7 @@ impl Watch {
     #[inline(never)]
     pub fn see(&mut self, watched: &Watched<'_>, at: Timestamp, sample: &Sample, turning: Option<Turning>) {
         let Watched { calibration, .. } = watched;
-        let field = calibration.apply(sample.field).ut / calibration.total_ut;
+        let field = calibration.body(sample).ut / calibration.total_ut;
         let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
         let seen = Seen { field, attitude: sample.attitude_after(calibration.latency_s), motion };
         if !seen.is_finite() || turning.is_some_and(|turning| !turning.turned_rad.is_finite()) {

@@ -10,7 +10,7 @@ use serde::Serialize;
 use testkit::flash::RamFlash;
 
 use super::*;
-use crate::calibration::{Calibration, Envelope, Latency, Method, Orientation, Quality, Uncertainty};
+use crate::calibration::{Calibration, CurrentIron, Envelope, Latency, Method, Orientation, Quality, Uncertainty};
 use crate::magnetometer::{Identity, Model};
 use crate::settings::{HeadingKind, Settings};
 
@@ -28,6 +28,7 @@ pub(crate) fn record(serial: u32) -> Record {
         inclination_rad: 1.0,
         total_ut: 48.0,
         latency_s: -0.04,
+        current: CurrentIron::NONE,
         ..Calibration::uncalibrated(Orientation::NONE)
     };
     let quality = Quality {

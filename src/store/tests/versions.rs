@@ -96,6 +96,7 @@ fn stored_by_v2() -> Stored {
             inclination_rad: 0.945_756_7,
             total_ut: 51.482_952,
             latency_s: 0.0,
+            current: CurrentIron::NONE,
         },
         quality: Quality {
             method: Method::MaximumLikelihood,
@@ -200,6 +201,7 @@ fn stored_by_v2() -> Stored {
             inclination_rad: 0.946_622_7,
             total_ut: 51.541_1,
             latency_s: 0.0,
+            current: CurrentIron::NONE,
         },
         quality: Quality {
             method: Method::MaximumLikelihood,

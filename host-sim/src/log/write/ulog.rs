@@ -59,7 +59,7 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
         };
         for (number, iron) in irons.iter().enumerate() {
             let raw = instant.field_ut[number];
-            let gauss = iron.apply(raw.into()) / 100.0;
+            let gauss = iron.apply(raw.into(), instant.current_a) / 100.0;
             let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
             data(number, &[&id.to_le_bytes(), &floats(gauss.as_slice())]);
         }
