@@ -8,7 +8,7 @@
 use nalgebra::Vector3;
 
 use super::Report;
-use super::plausibility::{Direction, angle_between};
+use super::plausibility::Direction;
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
 
@@ -63,11 +63,12 @@ impl Aligning {
 
     /// Takes the raw field of a reading: a calibration may not be there yet.
     pub fn see_field(&mut self, field: Field<Sensor>) {
-        self.field.see(field);
+        self.field.see(field.ut);
     }
 
     /// Takes a report of an instant; says whether the attitude is one that is still sought. Without a field and of a
-    /// source without rates nothing can be said.
+    /// source without rates nothing can be said. Angles are small where they are compared: chords of unit vectors.
+    #[inline(never)]
     pub fn see(&mut self, at: Timestamp, report: &Report) -> bool {
         let Some((field, rate_rad_s)) = self.field.mean().zip(report.turning_rad_s()) else {
             (self.last, self.settles_s) = (None, 0.0);
@@ -79,9 +80,9 @@ impl Aligning {
         self.settles_s = (self.settles_s - step_s).max(0.0);
         if step_s <= GAP_S {
             let mean = last.with(&now, step_s);
-            let tilted_rad = angle_between(now.down, mean.down);
+            let tilted_rad = (now.down - mean.down).norm();
             if tilted_rad > SPARE_RAD + SPARE_TIMES * mean.turned_rad
-                && angle_between(field, mean.field) < STILL * tilted_rad
+                && (field - mean.field).norm() < STILL * tilted_rad
             {
                 self.settles_s = SETTLES_S;
             }

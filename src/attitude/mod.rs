@@ -118,15 +118,13 @@ pub struct Doubted {
     pub spikes: u32,
     /// Of a source that repeats itself.
     pub frozen: u32,
-    /// Of a source that still seeks its attitude.
-    pub aligning: u32,
     /// Whose body rates contradict their attitude: they were taken without.
     pub rates: u32,
 }
 
 impl Doubted {
     /// All were believed.
-    pub const NONE: Self = Self { spikes: 0, frozen: 0, aligning: 0, rates: 0 };
+    pub const NONE: Self = Self { spikes: 0, frozen: 0, rates: 0 };
 }
 
 /// The last few reports on the module's clock, without those that cannot be true.
@@ -186,7 +184,6 @@ impl Track {
         let is_aligning = self.aligning.see(at, &report);
         self.aligning_at = is_aligning.then_some(at);
         if is_aligning {
-            self.doubted.aligning = self.doubted.aligning.wrapping_add(1);
             return;
         }
         if self.rates.see(at, &report) {

@@ -82,12 +82,7 @@ impl Spikes {
 /// The angle between the down directions of two attitudes, radians: roll and pitch alone, and no more at a vertical
 /// nose, where roll means nothing.
 fn tilt_between(a: Attitude, b: Attitude) -> f32 {
-    angle_between(a.tilt().down(), b.tilt().down())
-}
-
-/// The angle between two directions of any length, radians.
-pub(super) fn angle_between(a: Vector3<f32>, b: Vector3<f32>) -> f32 {
-    let chord = (a / a.norm() - b / b.norm()).norm();
+    let chord = (a.tilt().down() - b.tilt().down()).norm();
     2.0 * trig::asin(chord / 2.0)
 }
 
@@ -99,9 +94,10 @@ impl Direction {
     /// Before the first reading.
     pub const UNKNOWN: Self = Self(None);
 
-    /// Takes the field of a reading.
-    pub fn see<F>(&mut self, field: Field<F>) {
-        let direction = field.ut / field.ut.norm();
+    /// Takes the field of a reading, any axes.
+    #[inline(never)]
+    pub fn see(&mut self, field: Vector3<f32>) {
+        let direction = field / field.norm();
         let before = self.0.unwrap_or(direction);
         let averaged = before + (direction - before) / FIELD_READINGS;
         // What is no number would stay so for ever.
@@ -149,7 +145,7 @@ impl Freeze {
 
     /// Takes the corrected field of a reading.
     pub fn see_field(&mut self, field: Field<Body>) {
-        self.field.see(field);
+        self.field.see(field.ut);
     }
 
     /// Takes a report of an instant, whether or not it is believed otherwise.

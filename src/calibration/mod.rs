@@ -118,6 +118,7 @@ pub use advice::{Advice, Assumed, Manoeuvre, Quarter, Towards};
 pub use bank_scale::BankError;
 pub use constancy::{Course, IronChange};
 pub use current_iron::CurrentIron;
+pub(crate) use current_iron::IS_LOOKED_FOR as CURRENT_IS_LOOKED_FOR;
 pub use error::SolveError;
 pub use expected_error::{Deviation, Envelope};
 pub use information::Consider;

@@ -58,7 +58,8 @@ impl Rates {
     #[must_use]
     pub fn with_current(self, current_a: Option<f32>) -> Self {
         let root = |amperes: f32| libm::roundf(libm::sqrtf(amperes.max(0.0)) * ROOT_STEPS) as u32;
-        let bits = current_a.filter(|amperes| !amperes.is_nan()).map_or(0, |amperes| root(amperes).min(CURRENT - 1) + 1);
+        let bits =
+            current_a.filter(|amperes| !amperes.is_nan()).map_or(0, |amperes| root(amperes).min(CURRENT - 1) + 1);
         Self(self.0 & !CURRENT | bits)
     }
 

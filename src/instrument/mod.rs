@@ -52,7 +52,7 @@ mod tests;
 mod watch;
 
 use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track, Turning};
-use crate::calibration::{Calibration, Orientation, Sample, Uncertainty};
+use crate::calibration::{CURRENT_IS_LOOKED_FOR, Calibration, Orientation, Sample, Uncertainty};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
 use crate::magnetometer::Reading;
@@ -358,7 +358,8 @@ impl Instrument {
 
     /// The current at an instant, amperes; none if it has not been told for long.
     fn current_a(&self, at: Timestamp) -> Option<f32> {
-        self.current.filter(|&(told, _)| at.us_since(told) <= CURRENT_HOLDS_US).map(|(_, amperes)| amperes)
+        let told = self.current.filter(|_| CURRENT_IS_LOOKED_FOR);
+        told.filter(|&(told, _)| at.us_since(told) <= CURRENT_HOLDS_US).map(|(_, amperes)| amperes)
     }
 
     /// Takes a reading that was ready at `at`. It may complete a sample.

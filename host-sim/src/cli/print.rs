@@ -116,7 +116,7 @@ fn round(value: &mut Value, decimals: i32) {
 /// Writes a page and says where it is: not on standard output, whose last line may belong to a JSON object.
 pub fn write_report(report: &Report, path: &Path) -> Result<(), Failure> {
     let written = report::write(report, path).map_err(|error| {
-        Failure(format!("cannot write the report to {}: {error}; --report names another place", path.display()))
+        Failure(format!("cannot write the report to {}: {error}; --report names another folder", path.display()))
     })?;
     if !is_lost() {
         complain(format_args!("report: {}", written.display()));

@@ -106,14 +106,14 @@ impl State {
         }
     }
 
-    fn from_centre(&self, row: &Row) -> Vector3<f64> {
+    fn off_centre(&self, row: &Row) -> Vector3<f64> {
         row.field.ut.map(f64::from) - self.centre - self.by_current * row.current_a.map_or(0.0, f64::from)
     }
 
     /// Corrected field of a row, from the step on or before it.
     fn field(&self, row: &Row, is_after: bool) -> Vector3<f64> {
         let moved = if is_after { self.moved } else { Vector3::zeros() };
-        self.matrix * (self.from_centre(row) - moved)
+        self.matrix * (self.off_centre(row) - moved)
     }
 
     fn residuals(&self, row: &Row, is_after: bool) -> [f64; 2] {
@@ -194,7 +194,7 @@ impl State {
     /// Each residual by the unknowns.
     fn derivatives(&self, row: &Row, is_after: bool) -> [DVector<f64>; 2] {
         let moved = if is_after { self.moved } else { Vector3::zeros() };
-        let raw = self.from_centre(row) - moved;
+        let raw = self.off_centre(row) - moved;
         let field = self.matrix * raw;
         let directions = [field.normalize(), down(row)];
         let of = |which: usize| {
