@@ -380,7 +380,7 @@ fn iron_that_changed_is_found_with_its_time_size_and_axis() {
         let calibration = solution.map(|solution| solution.calibration);
         let about = calibration.map_or_else(Iron::none, |calibration| Iron {
             matrix: calibration.w_matrix().map(f64::from),
-            by_current_ut: nalgebra::Vector3::zeros(),
+            by_current_ut: Vector3::zeros(),
             centre_ut: calibration.b_vector_ut().map(f64::from),
         });
         let change = host_sim::replay::change::found(&rows, &about);
