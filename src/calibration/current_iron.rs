@@ -139,14 +139,14 @@ impl Found {
     }
 
     /// What samples are to be looked at with next, after so many others and now `used`; none: all is well. `spread` is that
-    /// of the current over the unit of field.
-    pub fn next(&self, used: &Vector3<f32>, tried: u8, spread_per_unit: f32) -> Option<Vector3<f32>> {
+    /// of the current, amperes, times the unit of field, microtesla.
+    pub fn next(&self, used: &Vector3<f32>, tried: u8, spread: f32) -> Option<Vector3<f32>> {
         let [alone, alike] = self.significance;
         let is_used = *used != Vector3::zeros();
         if !is_used {
             return (tried == 0 && alone > WORTH_A_TRY).then_some(self.k);
         }
-        let is_of_use = self.sigma() * spread_per_unit <= MAX_SIGMA_UT && alike > MIN_SIGNIFICANCE;
+        let is_of_use = self.sigma() * spread <= MAX_SIGMA_UT && alike > MIN_SIGNIFICANCE;
         if !is_of_use {
             // One step alone may leave so much of it that the rest hides it.
             return Some(if tried > 1 { Vector3::zeros() } else { self.k });
