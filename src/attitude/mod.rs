@@ -181,7 +181,8 @@ impl Track {
             self.doubted.spikes = self.doubted.spikes.wrapping_add(1);
             return;
         }
-        let is_aligning = self.aligning.see(at, &report);
+        // Rates that are known to be wrong tell of nothing.
+        let is_aligning = self.aligning.see(at, &report) && !self.rates.contradict();
         self.aligning_at = is_aligning.then_some(at);
         if is_aligning {
             return;

@@ -64,6 +64,11 @@ impl Rates {
         contradict: false,
     };
 
+    /// Whether the rates contradict the attitude, by the reports so far.
+    pub const fn contradict(&self) -> bool {
+        self.contradict
+    }
+
     /// Takes a report; says whether its rates contradict the attitude.
     pub fn see(&mut self, at: Timestamp, report: &Report) -> bool {
         let Some(motion) = Motion::of(report) else { return false };

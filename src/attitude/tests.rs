@@ -490,3 +490,28 @@ fn rates_that_contradict_their_attitude_are_left_away() {
     assert_eq!((track.turning_at(at(now_us)), track.turning_rad_s()), (None, None));
     assert!(track.doubted().rates > 300 && track.doubted().spikes == 0, "{:?}", track.doubted());
 }
+
+/// Swings of 20 deg with the field at rest: of a source whose rates were right so far it is one that still seeks its
+/// attitude, and nothing is known until it has settled; of one whose rates were wrong it is what it says.
+#[test]
+fn an_attitude_that_is_sought_is_not_believed() {
+    for (rates_are, is_sought) in [(1.0, true), (-1.0, false)] {
+        let mut track = Track::new(CONFIG);
+        let mut found = Vec::new();
+        for i in 0..1500_u16 {
+            let t_s = f32::from(i) * 0.02;
+            let now_us = 1_000_000 + u64::from(i) * PERIOD_US;
+            // Flown at first, and then only said.
+            let is_flown = t_s < 15.0;
+            let angle = if is_flown { (10.0 * t_s.sin()).to_radians() } else { 0.0 };
+            track.see_raw_field(Field::from_ut(20.0, 43.0 * angle.sin(), 43.0 * angle.cos()));
+            let (roll_deg, p_deg_s) =
+                if is_flown { (10.0 * t_s.sin(), rates_are * 10.0 * t_s.cos()) } else { (20.0 * t_s.sin(), 0.01) };
+            track.push(at(now_us + LATENCY_US), rolling(20 * u32::from(i), roll_deg, p_deg_s));
+            if t_s > 20.0 {
+                found.push(track.at(at(now_us + 1)));
+            }
+        }
+        assert!(found.iter().all(|lookup| (*lookup == Lookup::Aligning) == is_sought), "{rates_are}");
+    }
+}
