@@ -71,7 +71,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 if port.has_notes()
                     && let Some(text) = texts.try_changed()
                 {
-                    port.note(text.strip_prefix("note ").unwrap_or(&text).trim_end());
+                    port.note(text.strip_prefix("note ").unwrap_or(&text));
                 } else {
                     tell(links, &mut port, at, &settings);
                 }

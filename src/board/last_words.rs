@@ -90,7 +90,10 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     match info.location() {
         // The end of the path is what tells most; a message that does not fit loses its own end.
         Some(place) => {
-            let file = place.file().rsplit('/').next().unwrap_or_default();
+            let path = place.file();
+            // Bytes, for a search among characters is half a kilobyte of flash.
+            let file =
+                path.bytes().rposition(|byte| byte == b'/').and_then(|slash| path.get(slash + 1..)).unwrap_or(path);
             die(format_args!("{file}:{} {message}", place.line()))
         }
         None => die(format_args!("{message}")),

@@ -7,11 +7,13 @@ use autoswing::health::ResetCause;
 use autoswing::settings::{PORTS, PortNumber};
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
+use static_cell::StaticCell;
 
 use super::chosen::{Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
 use super::kept;
 
-static LINKS: Links = Links::new();
+/// Filled at the start, not by the image: what it begins with is zeros but for some bytes, which flash would hold all of.
+static LINKS: StaticCell<Links> = StaticCell::new();
 
 /// What a board brings up for the tasks.
 pub struct Hardware {
@@ -30,19 +32,20 @@ pub struct Hardware {
 /// Spawns all tasks: those that make headings above, on an executor that interrupts the other, those that may take long
 /// below.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
-    above.spawn(spawned(sensor(hardware.magnetometer)));
-    above.spawn(spawned(instrument()));
+    let links = LINKS.init_with(Links::new);
+    above.spawn(spawned(sensor(links, hardware.magnetometer)));
+    above.spawn(spawned(instrument(links)));
     for (number, (tx, rx)) in PortNumber::ALL.into_iter().zip(hardware.ports) {
-        above.spawn(spawned(port(number, tx, rx)));
+        above.spawn(spawned(port(links, number, tx, rx)));
     }
-    above.spawn(spawned(watch(hardware.watchdog)));
-    above.spawn(spawned(panel(hardware.panel)));
+    above.spawn(spawned(watch(links, hardware.watchdog)));
+    above.spawn(spawned(panel(links, hardware.panel)));
 
     let region = hardware.flash.region();
     let (console_tx, console_rx) = hardware.console;
-    below.spawn(spawned(compass(Store::new(hardware.flash, region), kept::lend())));
-    below.spawn(spawned(console(console_rx, console_tx, hardware.platform, hardware.reset)));
-    below.spawn(spawned(pulse()));
+    below.spawn(spawned(compass(links, Store::new(hardware.flash, region), kept::lend())));
+    below.spawn(spawned(console(links, console_rx, console_tx, hardware.platform, hardware.reset)));
+    below.spawn(spawned(pulse(links)));
 }
 
 /// Each task is spawned once, and a port's once for each port; there is room for them, so this cannot fail.
@@ -51,41 +54,41 @@ pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
 }
 
 #[embassy_executor::task]
-async fn sensor(magnetometer: Magnetometer) -> ! {
-    app::sensor::run(&LINKS, magnetometer).await
+async fn sensor(links: &'static Links, magnetometer: Magnetometer) -> ! {
+    app::sensor::run(links, magnetometer).await
 }
 
 #[embassy_executor::task]
-async fn instrument() -> ! {
-    app::instrument::run(&LINKS).await
+async fn instrument(links: &'static Links) -> ! {
+    app::instrument::run(links).await
 }
 
 #[embassy_executor::task(pool_size = PORTS)]
-async fn port(number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
-    app::port::run(&LINKS, number, rx, tx).await
+async fn port(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
+    app::port::run(links, number, rx, tx).await
 }
 
 #[embassy_executor::task]
-async fn watch(watchdog: Watchdog) -> ! {
-    app::watchdog::run(&LINKS, watchdog).await
+async fn watch(links: &'static Links, watchdog: Watchdog) -> ! {
+    app::watchdog::run(links, watchdog).await
 }
 
 #[embassy_executor::task]
-async fn panel(panel: Panel) -> ! {
-    app::panel::run(&LINKS, panel).await
+async fn panel(links: &'static Links, panel: Panel) -> ! {
+    app::panel::run(links, panel).await
 }
 
 #[embassy_executor::task]
-async fn pulse() -> ! {
-    app::watchdog::pulse(&LINKS).await
+async fn pulse(links: &'static Links) -> ! {
+    app::watchdog::pulse(links).await
 }
 
 #[embassy_executor::task]
-async fn compass(store: Store<StoreFlash>, kept: &'static mut Kept) -> ! {
-    app::compass::run(&LINKS, store, kept).await
+async fn compass(links: &'static Links, store: Store<StoreFlash>, kept: &'static mut Kept) -> ! {
+    app::compass::run(links, store, kept).await
 }
 
 #[embassy_executor::task]
-async fn console(rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
-    app::console::run(&LINKS, rx, tx, platform, reset).await
+async fn console(links: &'static Links, rx: UartRx, tx: UartTx, platform: Platform, reset: ResetCause) -> ! {
+    app::console::run(links, rx, tx, platform, reset).await
 }
