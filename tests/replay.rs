@@ -23,7 +23,7 @@ const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
 
 /// The rows of a flight's first compass, whose field is so old.
 fn rows_of(flight: &Flight, age_s: f64) -> Vec<Row> {
-    rows(flight, &flight.compasses[0], age_s, Reference::best(flight)).0
+    rows(flight, &flight.compasses[0], age_s, Reference::best(flight).as_ref()).0
 }
 
 /// Straight, two circles each way, straight; a row every 0.1 s as an autopilot logs: milligauss to one decimal, its own

@@ -122,7 +122,7 @@ fn show(out: &mut String, name: &str, flight: &Flight, verdict: &Verdict, handed
         out.push('\n');
         one(out, compass, verdict, handed);
     }
-    if let Some(reference) = verdict.reference {
+    if let Some(reference) = &verdict.reference {
         out.push('\n');
         let word = if reference.is_accuracy() { "Error" } else { "Disagreement" };
         say(out, "", &format!("{word} of headings against {}, deg RMS less mean:", reference.name()));

@@ -132,6 +132,8 @@ pub struct Flight {
     pub autopilot: Autopilot,
     /// What the autopilot calls its firmware.
     pub firmware: Option<String>,
+    /// Whether the log says that it flies on rotors, and on nothing else.
+    pub is_copter: bool,
     /// The compasses.
     pub compasses: Vec<Compass>,
     /// Roll and pitch as the autopilot has them, and its yaw from true north, radians; yaw is not a number where it has
@@ -167,6 +169,7 @@ impl Flight {
             format,
             autopilot: Autopilot::default(),
             firmware: None,
+            is_copter: false,
             compasses: Vec::new(),
             attitude: Series::new(),
             rates: Series::new(),

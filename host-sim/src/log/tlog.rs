@@ -142,6 +142,8 @@ impl Log {
         const INVALID: u8 = 8;
         const PX4: u8 = 12;
         const ARMED: u8 = 0x80;
+        // MAV_TYPE: four, coaxial, helicopter, six, eight, three, twelve, ten.
+        const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
         let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
         let (autopilot, mode) = (byte(5), byte(6));
         if autopilot == INVALID {
@@ -149,6 +151,7 @@ impl Log {
         }
         if self.autopilot.is_none() {
             self.autopilot = Some(frame.sender);
+            self.recorder.flight.is_copter = ROTORS.contains(&byte(4));
             self.recorder.flight.autopilot = match autopilot {
                 ARDUPILOT => Autopilot::ArduPilot,
                 PX4 => Autopilot::Px4,

@@ -279,6 +279,7 @@ impl Log {
                 if let Some(state) = row.number("arming_state") {
                     self.recorder.armed(t_s, state as u8 == ARMED);
                 }
+                self.recorder.flight.is_copter |= is_copter(&row);
             }
             _ => {}
         }
@@ -325,6 +326,23 @@ fn is_wanted(name: &str) -> bool {
     )
 }
 
+/// Whether a `vehicle_status` is of rotors alone: a VTOL on its rotors says so, too.
+fn is_copter(row: &Row<'_>) -> bool {
+    const ROTARY_WING: f64 = 1.0;
+    let is = |name: &str| row.number(name).is_some_and(|number| number != 0.0);
+    let rotors =
+        row.number("vehicle_type").map_or_else(|| is("is_rotary_wing"), |kind| (kind - ROTARY_WING).abs() < 0.5);
+    rotors && !is("is_vtol")
+}
+
+/// Speed, m/s, and course, radians, over ground: of the velocity where it is logged, which has no jump at north.
+fn over_ground(row: &Row<'_>) -> [f64; 2] {
+    match (row.number("vel_n_m_s"), row.number("vel_e_m_s")) {
+        (Some(north), Some(east)) => [north.hypot(east), east.atan2(north)],
+        _ => ["vel_m_s", "cog_rad"].map(|name| row.number(name).unwrap_or(f64::NAN)),
+    }
+}
+
 fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
     if row.number("fix_type").is_none_or(|fix| fix < 3.0) {
         return;
@@ -334,16 +352,17 @@ fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
         return;
     };
     let height_m = row.number("alt").map(|mm| mm / 1e3).or_else(|| row.number("altitude_msl_m")).unwrap_or(0.0);
-    let of = |name: &str| row.number(name).unwrap_or(f64::NAN);
+    let [speed_m_s, course_rad] = over_ground(row);
+    let yaw_rad = row.number("heading").unwrap_or(f64::NAN);
     recorder.gps(
         t_s,
         Gps {
             latitude_deg: latitude as f32,
             longitude_deg: longitude as f32,
             height_m: height_m as f32,
-            speed_m_s: of("vel_m_s") as f32,
-            course_deg: of("cog_rad").to_degrees() as f32,
-            yaw_deg: of("heading").to_degrees() as f32,
+            speed_m_s: speed_m_s as f32,
+            course_deg: course_rad.to_degrees() as f32,
+            yaw_deg: yaw_rad.to_degrees() as f32,
         },
     );
     recorder.unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);

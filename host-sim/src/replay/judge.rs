@@ -131,16 +131,15 @@ pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
         compasses.iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
     age::shared(&mut ages);
     let options = Options { selected: asked.selected, inclination_deg, fit_until_s: asked.fit_until_s };
-    let compasses = compasses.iter().zip(ages).map(|(compass, age)| judged(flight, compass, age, reference, &options));
-    Verdict {
-        compasses: compasses.collect(),
-        reference,
-        earth,
-        attitude_every_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
-    }
+    let compasses: Vec<Judged> = compasses
+        .iter()
+        .zip(ages)
+        .map(|(compass, age)| judged(flight, compass, age, reference.as_ref(), &options))
+        .collect();
+    Verdict { compasses, reference, earth, attitude_every_s: flight.attitude.median_step_s().unwrap_or(f64::NAN) }
 }
 
-fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<Reference>, options: &Options) -> Judged {
+fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Reference>, options: &Options) -> Judged {
     let (rows, counted) = rows(flight, compass, age.used_s, reference);
     let module = replay(&rows, options);
     let all = if options.selected == Selected::All {

@@ -2,6 +2,7 @@
 
 pub mod age;
 pub mod change;
+pub mod course;
 mod device;
 pub mod fits;
 pub mod judge;

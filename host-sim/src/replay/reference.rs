@@ -1,13 +1,12 @@
 //! What headings can be compared with, and how much that says.
 
 use autoswing::frames::wrap_pi;
-use serde::Serialize;
 
+use super::course::Course;
 use crate::log::Flight;
 
 /// A heading that a log holds, the best first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Reference {
     /// The attitude of the simulator that made the log.
     Simulator,
@@ -15,6 +14,8 @@ pub enum Reference {
     Column,
     /// A receiver with two antennas.
     GpsYaw,
+    /// A receiver's course in straight flight, less the wind.
+    GpsCourse(Course),
     /// The autopilot's own.
     AutopilotYaw,
 }
@@ -33,6 +34,8 @@ impl Reference {
             Some(Self::Column)
         } else if flight.gps.rows().iter().filter(|row| row.of[5].is_finite()).count() > 20 {
             Some(Self::GpsYaw)
+        } else if let Ok(course) = Course::of(flight) {
+            Some(Self::GpsCourse(course))
         } else {
             has_yaw(&flight.attitude).then_some(Self::AutopilotYaw)
         }
@@ -40,40 +43,50 @@ impl Reference {
 
     /// Its name.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub const fn name(&self) -> &'static str {
         match self {
             Self::Simulator => "the simulator's own attitude",
             Self::Column => "yaw_ref_deg",
             Self::GpsYaw => "GPS yaw",
+            Self::GpsCourse(_) => "GPS course in straight flight",
             Self::AutopilotYaw => "the autopilot's yaw",
         }
     }
 
     /// What it is worth.
     #[must_use]
-    pub const fn limits(self) -> &'static str {
-        match self {
+    pub fn limits(&self) -> String {
+        let words = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
             Self::Column => "as good as whoever made it",
             Self::GpsYaw => "a degree or so, and late by what the receiver takes",
+            Self::GpsCourse(course) => return course.limits(),
             Self::AutopilotYaw => {
                 "made with a compass, its errors included: this is agreement, not accuracy, and does not decide"
             }
-        }
+        };
+        words.to_owned()
+    }
+
+    /// How it was found, where it is GPS course.
+    #[must_use]
+    pub const fn course(&self) -> Option<&Course> {
+        if let Self::GpsCourse(course) = self { Some(course) } else { None }
     }
 
     /// Whether what differs from it is error.
     #[must_use]
-    pub const fn is_accuracy(self) -> bool {
+    pub const fn is_accuracy(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)
     }
 
     /// The heading at an instant, degrees from some north.
     #[must_use]
-    pub fn at_deg(self, flight: &Flight, t_s: f64) -> Option<f64> {
+    pub fn at_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {
         let heading_rad = match self {
             Self::Simulator => flight.truth.angles_at(t_s, MAX_GAP_S)?[2],
             Self::Column => flight.reference.angles_at(t_s, MAX_GAP_S)?[0],
+            Self::GpsCourse(course) => course.at_rad(t_s)?,
             Self::AutopilotYaw => flight.attitude.angles_at(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
                 let (before, after, part) = flight.gps.between(t_s, MAX_GAP_S)?;

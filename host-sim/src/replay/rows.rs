@@ -70,7 +70,7 @@ pub struct Counted {
 
 /// Rows of a compass whose logged field is so old at its own time stamp, seconds.
 #[must_use]
-pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<Reference>) -> (Vec<Row>, Counted) {
+pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<&Reference>) -> (Vec<Row>, Counted) {
     let mut counted = Counted { readings: compass.field.rows().len(), ..Counted::default() };
     // Of a log in which it never was, nothing follows from that.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
@@ -146,7 +146,7 @@ impl Run {
         }
     }
 
-    fn row(&self, flight: &Flight, reference: Option<Reference>) -> Row {
+    fn row(&self, flight: &Flight, reference: Option<&Reference>) -> Row {
         let number = f32::from(self.number);
         let field = |sum: [f32; 3]| {
             let [x, y, z] = sum.map(|axis| axis / number);

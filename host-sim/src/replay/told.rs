@@ -4,8 +4,9 @@ use autoswing::calibration::CurrentIron;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Replayed, Score};
+use super::{Counted, Reference, Replayed, Score};
 use crate::log::{Autopilot, Flight};
 
 /// The number of the schema.
@@ -107,6 +108,7 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
                 .to_owned(),
         );
     }
+    notes.extend(course_note(flight, judged));
     if flight.current.is_empty() {
         notes.push(
             "no current is logged: iron that goes with it, if there is any, is neither found nor in the expected error"
@@ -117,6 +119,15 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         notes.push("the parameters are not in the log: what the autopilot had applied could not be undone".to_owned());
     }
     notes
+}
+
+/// Why the receiver's course is no reference, where nothing else tells accuracy.
+fn course_note(flight: &Flight, judged: &Verdict) -> Option<String> {
+    if judged.reference.as_ref().is_some_and(Reference::is_accuracy) {
+        return None;
+    }
+    let why = Course::of(flight).err().filter(|why| *why != NoCourse::NotLogged)?;
+    Some(format!("GPS course tells no heading here: {}", why.words()))
 }
 
 fn most_tilt_deg(flight: &Flight) -> Option<f64> {
@@ -159,10 +170,11 @@ pub fn json(flight: &Flight, judged: &Verdict, parameters: &dyn Fn(&Judged) -> V
             "has_current": !flight.current.is_empty(),
             "passed_over": flight.counts,
         },
-        "reference": judged.reference.map(|reference| json!({
+        "reference": judged.reference.as_ref().map(|reference| json!({
             "name": reference.name(),
             "is_accuracy": reference.is_accuracy(),
             "limits": reference.limits(),
+            "course": reference.course().map(course),
         })),
         "field_model": judged.earth.as_ref().map(|(earth, is_valid)| json!({
             "total_ut": rounded(f64::from(earth.total_ut), 2),
@@ -172,6 +184,18 @@ pub fn json(flight: &Flight, judged: &Verdict, parameters: &dyn Fn(&Judged) -> V
         })),
         "notes": notes(flight, judged),
         "compasses": judged.compasses.iter().map(|compass| one(compass, &parameters(compass))).collect::<Vec<_>>(),
+    })
+}
+
+fn course(course: &Course) -> Value {
+    json!({
+        "wind_m_s": rounded(course.wind_speed_m_s(), 2),
+        "wind_from_deg": rounded(course.wind_from_deg(), 1),
+        "wind_sigma_m_s": rounded(course.wind_sigma_m_s, 2),
+        "airspeed_m_s": rounded(course.airspeed_m_s, 2),
+        "scatter_m_s": rounded(course.scatter_m_s, 2),
+        "sigma_deg": rounded(course.sigma_deg(), 2),
+        "widest_gap_deg": course.widest_gap_deg,
     })
 }
 

@@ -41,7 +41,7 @@ pub fn of_replay(flight: &Flight, verdict: &Verdict, log: &str, made: &Made) -> 
 }
 
 fn compared(verdict: &Verdict) -> Compared {
-    match verdict.reference {
+    match &verdict.reference {
         Some(reference) => Compared {
             word: if reference.is_accuracy() { "error" } else { "disagreement" },
             with: reference.name().to_owned(),

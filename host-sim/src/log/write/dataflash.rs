@@ -103,7 +103,10 @@ fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
         row(5, &[0.0, p, q, r]);
         row(7, &[0.0, 12.0, instant.current_a]);
         if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
-            row(6, &[0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height, 15.0, 0.0]);
+            let [speed_m_s, course_rad] = instant.over_ground();
+            let over_ground = [speed_m_s, course_rad.to_degrees()];
+            let place = [0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height];
+            row(6, &[&place[..], &over_ground].concat());
         }
     }
 }

@@ -8,6 +8,7 @@ pub use dataflash::{dataflash, dataflash_text};
 pub use tlog::tlog;
 pub use ulog::ulog;
 
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -38,6 +39,8 @@ pub struct Instant {
     pub rates_rad_s: [f64; 3],
     /// The true magnetic heading, radians.
     pub heading_rad: f64,
+    /// Velocity over ground towards north and east, m/s.
+    pub velocity_m_s: [f64; 2],
     /// Current, amperes.
     pub current_a: f64,
     /// Whether it is armed.
@@ -55,6 +58,14 @@ pub struct Recording {
     pub place: Option<[f64; 3]>,
     /// How old the fields are at their instants, seconds: they were measured so much earlier.
     pub age_s: f64,
+}
+
+impl Instant {
+    /// Speed, m/s, and course, radians from north to a whole turn, over ground.
+    fn over_ground(&self) -> [f64; 2] {
+        let [north, east] = self.velocity_m_s;
+        [north.hypot(east), east.atan2(north).rem_euclid(TAU)]
+    }
 }
 
 impl Recording {
@@ -75,6 +86,7 @@ impl Recording {
             attitude_rad: [reported.roll_rad, reported.pitch_rad, heading_rad],
             rates_rad_s: truth.body_rates_rad_s(),
             heading_rad,
+            velocity_m_s: [truth.north_m_s, truth.east_m_s],
             current_a: truth.current * AMPERES,
             is_armed: true,
         });

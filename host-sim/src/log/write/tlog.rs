@@ -70,7 +70,9 @@ impl Frames {
         self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
         if let Some([latitude, longitude, height]) = recording.place {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
-            let (alt, vel, cog, fix_type) = ((height * 1e3) as i32, 1500, 0, GpsFixType::GPS_FIX_TYPE_3D_FIX);
+            let [speed_m_s, course_rad] = instant.over_ground();
+            let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);
+            let (alt, fix_type) = ((height * 1e3) as i32, GpsFixType::GPS_FIX_TYPE_3D_FIX);
             self.send(&GPS_RAW_INT_DATA { lat, lon, alt, vel, cog, fix_type, ..Default::default() });
         }
     }

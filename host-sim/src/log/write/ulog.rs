@@ -9,8 +9,8 @@ const FORMATS: [&str; 5] = [
     "vehicle_attitude:uint64_t timestamp;float[4] q;",
     "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
     "battery_status:uint64_t timestamp;float current_a;bool connected;uint8_t[3] _padding0;",
-    "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;float cog_rad;uint64_t \
-     time_utc_usec;uint8_t fix_type;",
+    "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;float vel_n_m_s;float \
+     vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
 ];
 
 /// 2026-01-04, microseconds.
@@ -71,7 +71,9 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
                 .iter()
                 .flat_map(|n| (n.round() as i32).to_le_bytes())
                 .collect();
-            data(compasses + 3, &[&place, &floats(&[15.0, 0.0]), &(UTC_US + instant.at_us).to_le_bytes(), &[3]]);
+            let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
+            let over_ground = floats(&[speed_m_s, north, east, course_rad]);
+            data(compasses + 3, &[&place, &over_ground, &(UTC_US + instant.at_us).to_le_bytes(), &[3]]);
         }
     }
     bytes
