@@ -110,7 +110,7 @@ impl Recorder {
 
     pub fn firmware(&mut self, name: &str) {
         let name: String = name.chars().filter(|c| !c.is_control()).take(80).collect();
-        self.flight.is_copter |= name.starts_with("ArduCopter");
+        self.flight.is_copter |= name.contains("Copter");
         if !name.is_empty() {
             self.flight.firmware.get_or_insert(name);
         }

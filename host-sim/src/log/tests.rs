@@ -65,6 +65,7 @@ fn recording(parameters: &[(&str, f64)]) -> Recording {
         instants: instants.collect(),
         parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
         place: Some([48.0, 11.3, 500.0]),
+        is_copter: false,
         age_s: 0.0,
     }
 }
@@ -126,6 +127,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
         let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
         assert!(is_right || format == Format::Csv, "{format:?}: {gps:?}");
         assert_eq!(flight.counts, Counts::default(), "{format:?}");
+        assert!(!flight.is_copter, "{format:?}");
         assert!(flight.truth.is_empty() || format == Format::Csv);
     }
 }
@@ -145,6 +147,16 @@ fn what_the_autopilot_says_of_itself_is_told() {
     assert_eq!(bin.compasses[0].is_used.zip(bin.compasses[1].is_used), Some((true, false)));
     assert_eq!([&bin, &link, &px4, &table].map(|flight| flight.day.is_some()), [true, true, true, false]);
     assert_eq!((link.is_armed(5.0), table.is_armed(5.0), bin.is_armed(5.0)), (Some(true), Some(true), None));
+}
+
+#[test]
+fn a_copter_is_known_as_one() {
+    let copter = |parameters| Recording { is_copter: true, ..recording(parameters) };
+    let (ardupilot, px4) = (copter(&ARDUPILOT), copter(&PX4));
+    for bytes in [dataflash(&ardupilot), dataflash_text(&ardupilot), tlog(&ardupilot), ulog(&px4)] {
+        let flight = read_bytes(&bytes).unwrap();
+        assert!(flight.is_copter, "{:?}", flight.format);
+    }
 }
 
 /// Nothing, something else, or a log without what is needed.

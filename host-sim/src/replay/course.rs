@@ -16,12 +16,13 @@ use super::judge::median;
 use crate::log::series::Series;
 use crate::log::{Flight, Gps};
 
-/// Banked or turning by more, it does not fly straight, degrees and degrees a second: gusts roll by a few degrees.
+/// Banked by more, degrees, it does not fly straight: gusts roll by a few. No more for so long before and after, seconds:
+/// receivers are late by 0.1 to 0.4 s, and a roll-out takes a second.
 const MAX_BANK_DEG: f32 = 10.0;
-const MAX_TURN_DEG_S: f32 = 5.0;
-
-/// For so long before and after, seconds: receivers are late by 0.1 to 0.4 s, and a roll-out takes a second.
 const STRAIGHT_S: f64 = 2.0;
+
+/// Nor does it if it turns by more on the mean of that, degrees a second; single readings of gyros vibrate.
+const MAX_TURN_DEG_S: f64 = 3.0;
 
 /// Velocities and attitudes further apart are not interpolated between, seconds: over MAVLink they come once a second.
 const MAX_GAP_S: f64 = 1.5;
@@ -137,7 +138,8 @@ impl Course {
             return Err(NoCourse::Copter);
         }
         let moving = moving(velocities).ok_or(NoCourse::Slow)?;
-        let circle = Circle::through(&moving).ok_or(NoCourse::NoCircle)?;
+        let fitted = thinned(&moving);
+        let circle = Circle::through(&fitted).ok_or(NoCourse::NoCircle)?;
         let airspeed_m_s = circle.radius_m_s;
         if airspeed_m_s < MIN_AIRSPEED_M_S {
             return Err(NoCourse::Slow);
@@ -161,7 +163,7 @@ impl Course {
         if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
             return Err(NoCourse::Windy);
         }
-        let wind_sigma_m_s = circle.wind_sigma_m_s(&moving).ok_or(NoCourse::UncertainWind)?;
+        let wind_sigma_m_s = circle.wind_sigma_m_s(&fitted).ok_or(NoCourse::UncertainWind)?;
         if wind_sigma_m_s > MAX_WIND_SIGMA * airspeed_m_s {
             return Err(NoCourse::UncertainWind);
         }
@@ -199,9 +201,9 @@ impl Course {
     pub fn limits(&self) -> String {
         format!(
             "no compass is in it: ground velocity less a wind of {:.1} m/s from {:.0} deg true, which the velocities \
-             themselves show; {:.1} m/s through the air, scatter {:.1}. Sigma {:.1} deg, which is in every figure: {:.1} \
-             of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says nothing of banked \
-             flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
+             themselves show; {:.1} m/s through the air, scatter {:.1}. Its own sigma, which is in the figures, is up to \
+             {:.1} deg: {:.1} of the wind as it changed in the flight, {SIDESLIP_DEG} assumed for sideslip. It says \
+             nothing of banked flight, nor of directions that were not flown straight: the widest gap is {:.0} deg",
             self.wind_speed_m_s(),
             self.wind_from_deg(),
             self.airspeed_m_s,
@@ -244,6 +246,12 @@ fn moving(velocities: Vec<Velocity>) -> Option<Vec<Velocity>> {
     let least_m_s = MIN_SPEED_M_S.max(MIN_SPEED_SHARE * fast_m_s);
     let moving: Vec<Velocity> = velocities.into_iter().filter(|v| v.m_s.norm() > least_m_s).collect();
     (moving.len() >= MIN_NUMBER).then_some(moving)
+}
+
+/// Not more of them than a fit needs.
+fn thinned(velocities: &[Velocity]) -> Vec<Velocity> {
+    const MAX_NUMBER: usize = 5000;
+    velocities.iter().step_by(velocities.len().div_ceil(MAX_NUMBER).max(1)).copied().collect()
 }
 
 /// The widest angle between neighbouring directions of straight flight, degrees; a whole turn where there are none.
@@ -346,17 +354,17 @@ impl Circle {
     }
 }
 
-/// How the nose turned, by the gyros, and when it did not fly straight.
+/// How the nose turned, by the gyros, and when it was banked.
 struct Turned {
     /// Seconds and the integral of the heading's rate, radians.
     nose: Vec<(f64, f64)>,
-    /// Banked or turning, seconds.
-    crooked_s: Vec<f64>,
+    /// When it was banked, seconds.
+    banked_s: Vec<f64>,
 }
 
 impl Turned {
     fn of(flight: &Flight) -> Option<Self> {
-        let (mut nose, mut crooked_s) = (Vec::new(), Vec::new());
+        let (mut nose, mut banked_s) = (Vec::new(), Vec::new());
         let mut last: Option<(f64, f64, f64)> = None;
         for row in flight.attitude.rows() {
             let [roll_rad, pitch_rad, _] = row.of;
@@ -364,23 +372,27 @@ impl Turned {
             let (source, sender_time) = (Source::default(), WrappingMillis::default());
             let attitude = Attitude { roll_rad, pitch_rad };
             let Some(motion) = Motion::of(&Report { source, sender_time, attitude, rates_rad_s }) else { continue };
-            let turn_rad_s = motion.heading_rad_s;
-            if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG || turn_rad_s.abs().to_degrees() > MAX_TURN_DEG_S {
-                crooked_s.push(row.t_s);
+            if wrap_pi(roll_rad).abs().to_degrees() > MAX_BANK_DEG {
+                banked_s.push(row.t_s);
             }
-            let rate = f64::from(turn_rad_s);
+            let rate = f64::from(motion.heading_rad_s);
             let turned = last.map_or(0.0, |(t_s, turned, before)| turned + rate.midpoint(before) * (row.t_s - t_s));
             nose.push((row.t_s, turned));
             last = Some((row.t_s, turned, rate));
         }
-        (!nose.is_empty()).then_some(Self { nose, crooked_s })
+        (!nose.is_empty()).then_some(Self { nose, banked_s })
     }
 
     /// Whether it flies straight, with attitudes that say so, for a while before and after.
     fn is_straight(&self, t_s: f64) -> bool {
-        let from = self.crooked_s.partition_point(|at_s| *at_s < t_s - STRAIGHT_S);
-        let is_crooked = self.crooked_s.get(from).is_some_and(|at_s| *at_s <= t_s + STRAIGHT_S);
-        !is_crooked && [-STRAIGHT_S, 0.0, STRAIGHT_S].iter().all(|by_s| self.at_rad(t_s + by_s).is_some())
+        let from = self.banked_s.partition_point(|at_s| *at_s < t_s - STRAIGHT_S);
+        let is_banked = self.banked_s.get(from).is_some_and(|at_s| *at_s <= t_s + STRAIGHT_S);
+        let nose = |by_s: f64| self.at_rad(t_s + by_s);
+        let (Some(before), Some(now), Some(after)) = (nose(-STRAIGHT_S), nose(0.0), nose(STRAIGHT_S)) else {
+            return false;
+        };
+        let most = (MAX_TURN_DEG_S * STRAIGHT_S).to_radians();
+        !is_banked && (now - before).abs() < most && (after - now).abs() < most
     }
 
     /// How far the nose had turned.

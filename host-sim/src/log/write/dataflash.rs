@@ -82,7 +82,8 @@ pub fn dataflash_text(recording: &Recording) -> Vec<u8> {
 fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
     let first_us = recording.instants.first().map_or(0.0, |instant| instant.at_us as f64);
     let words = |words: &str| Value::Words(words.to_owned());
-    write(2, &[first_us.into(), words("ArduPlane V4.6.0 (host-sim)")]);
+    let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
+    write(2, &[first_us.into(), words(firmware)]);
     for (name, value) in &recording.parameters {
         write(1, &[first_us.into(), words(name), (*value).into(), 0.0.into()]);
     }

@@ -15,6 +15,7 @@ use std::path::Path;
 use crate::devices::uart::HostEnd;
 use crate::module::{Module, Ran};
 use crate::world::World;
+use crate::world::aircraft::Kind;
 use crate::world::attitude_source::AttitudeSource;
 
 /// Ten rows a second, as autopilots log, microseconds.
@@ -56,6 +57,8 @@ pub struct Recording {
     pub parameters: Vec<(String, f64)>,
     /// Latitude, longitude, degrees, and height, metres, where it was flown, if that is told.
     pub place: Option<[f64; 3]>,
+    /// Whether its autopilot says that it is a copter.
+    pub is_copter: bool,
     /// How old the fields are at their instants, seconds: they were measured so much earlier.
     pub age_s: f64,
 }
@@ -77,6 +80,7 @@ impl Recording {
 
     /// Takes down what there is at an instant, which is now or up to a second ago.
     pub fn take(&mut self, world: &World, source: &mut AttitudeSource, at_us: u64) {
+        self.is_copter = world.config().aircraft.kind == Kind::Copter;
         let (truth, reported) = (world.true_state(at_us), source.report(&world.true_state(at_us)));
         let field = world.sensor_field(at_us.saturating_sub((self.age_s * 1e6) as u64)).ut;
         let heading_rad = truth.heading_deg().to_radians();

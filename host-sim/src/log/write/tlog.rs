@@ -1,7 +1,7 @@
 //! MAVLink 2 with the receiver's clock, as an ArduPilot sends it.
 
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, PARAM_VALUE_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType, PARAM_VALUE_DATA,
     RAW_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
@@ -63,7 +63,8 @@ impl Frames {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
-        self.send(&HEARTBEAT_DATA { autopilot, base_mode, ..Default::default() });
+        let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
+        self.send(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
         let time_boot_ms = (instant.at_us / 1000) as u32;
         self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.at_us, time_boot_ms });
         let current_battery = (instant.current_a * 100.0) as i16;

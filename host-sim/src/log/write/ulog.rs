@@ -4,13 +4,14 @@ use super::Recording;
 use crate::log::Iron;
 use crate::log::Parameters;
 
-const FORMATS: [&str; 5] = [
+const FORMATS: [&str; 6] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
     "vehicle_attitude:uint64_t timestamp;float[4] q;",
     "vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;",
     "battery_status:uint64_t timestamp;float current_a;bool connected;uint8_t[3] _padding0;",
     "vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;float vel_n_m_s;float \
      vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
+    "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;bool is_vtol;",
 ];
 
 /// 2026-01-04, microseconds.
@@ -45,7 +46,8 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
     let compasses = recording.compasses();
     let mut subscribed: Vec<(u8, &str)> = (0..compasses).map(|i| (i as u8, "vehicle_magnetometer")).collect();
     subscribed.extend(
-        ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position"].map(|n| (0, n)),
+        ["vehicle_attitude", "vehicle_angular_velocity", "battery_status", "vehicle_gps_position", "vehicle_status"]
+            .map(|n| (0, n)),
     );
     for (id, (instance, name)) in subscribed.iter().enumerate() {
         let [low, high] = (id as u16).to_le_bytes();
@@ -66,6 +68,10 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
         data(compasses, &[&floats(&quaternion(instant.attitude_rad))]);
         data(compasses + 1, &[&floats(&instant.rates_rad_s)]);
         data(compasses + 2, &[&floats(&[instant.current_a]), &[1, 0, 0, 0]]);
+        if i % 10 == 0 {
+            // On rotors, or on wings.
+            data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
+        }
         if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
             let place: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
                 .iter()
