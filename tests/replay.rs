@@ -480,15 +480,17 @@ fn in_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
     world
 }
 
-/// With wind and without, in each format: headings of straight flight by GPS course are true to the sideslip of gusts of
-/// 0.5 m/s at 22 m/s, 1.3 deg, which is in the sigma told; their mean, and that of each leg, to three sigma of gusts that last
-/// 1.5 s: of 100 s half of the sigma told, of 26 s 1.3 deg. The yaw of a recording is the truth. Of turns there are none.
+/// With wind and without, in each format, of a receiver that is 0.3 s late: headings of straight flight by GPS course are true,
+/// each to a degree and those of each leg to 0.3 deg, where no gusts make a sideslip; a bank that wanders by 1.5 deg turns
+/// it by 0.7 deg/s, and over MAVLink it is told of once a second. The yaw of a recording is the truth. Of turns there are none.
 #[test]
 fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
     for (seed, wind_m_s, write) in
         [(1, 0.0, dataflash as fn(&Recording) -> Vec<u8>), (1, 8.0, dataflash), (2, 8.0, tlog), (3, 10.0, ulog)]
     {
-        let flight = read(&write(&legs(&in_wind(seed, wind_m_s), &ALL_ROUND_DEG)));
+        let mut world = in_wind(seed, wind_m_s);
+        world.weather.gust_m_s = 0.0;
+        let flight = read(&write(&late(legs(&world, &ALL_ROUND_DEG))));
         let course = Course::of(&flight).unwrap();
         let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
@@ -500,21 +502,24 @@ fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
             let Some(found_rad) = course.at_rad(row.t_s) else { continue };
             assert!(roll_rad.abs() < 0.2, "{name}: banked by {roll_rad} at {}", row.t_s);
             let error_deg = f64::from(wrap_pi(found_rad - yaw_rad).to_degrees());
+            assert!(error_deg.abs() < 1.0, "{name}: {error_deg} at {}", row.t_s);
             by_leg[(f64::from(yaw_rad).to_degrees().rem_euclid(360.0) / 30.0) as usize].push(error_deg);
         }
-        let errors: Vec<f64> = by_leg.concat();
-        assert!(errors.len() > 900, "{name}: {}", errors.len());
-        let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
-        let rms = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
-        assert!(
-            rms < course.sigma_deg() && mean(&errors).abs() < course.sigma_deg() / 2.0,
-            "{name}: {rms} {}",
-            mean(&errors)
-        );
+        assert!(by_leg.concat().len() > 900, "{name}: {}", by_leg.concat().len());
         for leg in by_leg.iter().filter(|leg| leg.len() > 100) {
-            assert!(mean(leg).abs() < 1.3, "{name}: {}", mean(leg));
+            let mean_deg = leg.iter().sum::<f64>() / leg.len() as f64;
+            assert!(mean_deg.abs() < 0.3, "{name}: {mean_deg}");
         }
     }
+}
+
+/// What the receiver says is 0.3 s old.
+fn late(mut recording: Recording) -> Recording {
+    let velocities: Vec<[f64; 2]> = recording.instants.iter().map(|instant| instant.velocity_m_s).collect();
+    for (instant, velocity_m_s) in recording.instants.iter_mut().skip(3).zip(velocities) {
+        instant.velocity_m_s = velocity_m_s;
+    }
+    recording
 }
 
 /// What is told against GPS course is what is told against the truth in straight flight: iron makes one cycle of error a turn,

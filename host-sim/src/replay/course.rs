@@ -140,18 +140,20 @@ impl Course {
         let moving = moving(velocities).ok_or(NoCourse::Slow)?;
         let fitted = thinned(&moving);
         let circle = Circle::through(&fitted).ok_or(NoCourse::NoCircle)?;
-        let airspeed_m_s = circle.radius_m_s;
-        if airspeed_m_s < MIN_AIRSPEED_M_S {
-            return Err(NoCourse::Slow);
-        }
-        let flown: Vec<Velocity> =
-            moving.iter().filter(|v| circle.off(v).abs() < MAX_OFF * airspeed_m_s).copied().collect();
-        if (flown.len() as f64) < MIN_ON_CIRCLE * moving.len() as f64 {
-            return Err(NoCourse::NoCircle);
-        }
+        let flown = on_circle(&moving, &circle)?;
         let turned = Turned::of(flight).ok_or(NoCourse::NoRates)?;
         let straight: Vec<Velocity> = flown.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
-        let widest_gap_deg = widest_gap_deg(&straight, &circle);
+        let course = Self::by(&circle, &fitted, &straight)?;
+        if !turned.follows(&flown, &circle) {
+            return Err(NoCourse::NoseElsewhere);
+        }
+        Ok(course)
+    }
+
+    /// Of straight flight by a circle, fitted to these velocities, if that is good enough.
+    fn by(circle: &Circle, fitted: &[Velocity], straight: &[Velocity]) -> Result<Self, NoCourse> {
+        let airspeed_m_s = circle.radius_m_s;
+        let widest_gap_deg = widest_gap_deg(straight, circle);
         if widest_gap_deg > MAX_GAP_DEG {
             return Err(NoCourse::FewDirections);
         }
@@ -163,15 +165,12 @@ impl Course {
         if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
             return Err(NoCourse::Windy);
         }
-        let wind_sigma_m_s = circle.wind_sigma_m_s(&fitted).ok_or(NoCourse::UncertainWind)?;
+        let wind_sigma_m_s = Circle::wind_sigma_m_s(fitted).ok_or(NoCourse::UncertainWind)?;
         if wind_sigma_m_s > MAX_WIND_SIGMA * airspeed_m_s {
             return Err(NoCourse::UncertainWind);
         }
-        if !turned.follows(&flown, &circle) {
-            return Err(NoCourse::NoseElsewhere);
-        }
         let mut heading = Series::new();
-        for v in &straight {
+        for v in straight {
             heading.push(v.t_s, [circle.heading_rad(v) as f32]);
         }
         let wind_m_s = circle.wind_m_s.into();
@@ -248,6 +247,18 @@ fn moving(velocities: Vec<Velocity>) -> Option<Vec<Velocity>> {
     (moving.len() >= MIN_NUMBER).then_some(moving)
 }
 
+/// Those that fly as fast as most of them do.
+fn on_circle(moving: &[Velocity], circle: &Circle) -> Result<Vec<Velocity>, NoCourse> {
+    let airspeed_m_s = circle.radius_m_s;
+    if airspeed_m_s < MIN_AIRSPEED_M_S {
+        return Err(NoCourse::Slow);
+    }
+    let flown: Vec<Velocity> =
+        moving.iter().filter(|v| circle.off(v).abs() < MAX_OFF * airspeed_m_s).copied().collect();
+    let is_most = flown.len() as f64 >= MIN_ON_CIRCLE * moving.len() as f64;
+    is_most.then_some(flown).ok_or(NoCourse::NoCircle)
+}
+
 /// Not more of them than a fit needs.
 fn thinned(velocities: &[Velocity]) -> Vec<Velocity> {
     const MAX_NUMBER: usize = 5000;
@@ -274,7 +285,7 @@ fn widest_gap_deg(straight: &[Velocity], circle: &Circle) -> f64 {
         empty = if is_flown(bin) { 0 } else { empty + 1 };
         widest = widest.max(empty + 1);
     }
-    (widest as f64 * BIN_DEG).min(360.0)
+    (f64::from(widest) * BIN_DEG).min(360.0)
 }
 
 /// Velocities over ground at one airspeed in one wind.
@@ -341,7 +352,7 @@ impl Circle {
 
     /// Standard deviation of a component of the wind from part to part of the flight, by leaving out each in turn: the
     /// jackknife's of their mean, times the root of their number.
-    fn wind_sigma_m_s(&self, velocities: &[Velocity]) -> Option<f64> {
+    fn wind_sigma_m_s(velocities: &[Velocity]) -> Option<f64> {
         let mut winds = Vec::new();
         for part in 0..PARTS {
             let [from, to] = [part, part + 1].map(|part| part * velocities.len() / PARTS);
