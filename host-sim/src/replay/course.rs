@@ -40,9 +40,6 @@ const MIN_AIRSPEED_BY_WIND: f64 = 2.0;
 const MAX_OFF: f64 = 0.15;
 const MIN_ON_CIRCLE: f64 = 0.7;
 
-/// Largest scatter of straight flight about the circle, by airspeed: more is no constant airspeed.
-const MAX_SCATTER: f64 = 0.1;
-
 /// Largest standard deviation of the wind, by airspeed: 2.9 deg of heading.
 const MAX_WIND_SIGMA: f64 = 0.05;
 
@@ -159,9 +156,6 @@ impl Course {
         }
         let squares: f64 = straight.iter().map(|v| circle.off(v).powi(2)).sum();
         let scatter_m_s = (squares / straight.len() as f64).sqrt();
-        if scatter_m_s > MAX_SCATTER * airspeed_m_s {
-            return Err(NoCourse::NoCircle);
-        }
         if airspeed_m_s < MIN_AIRSPEED_BY_WIND * circle.wind_m_s.norm() {
             return Err(NoCourse::Windy);
         }
@@ -443,5 +437,54 @@ impl Turned {
             }
         }
         otherwise <= MAX_OTHERWISE * all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::Format;
+
+    /// Twenty seconds at ten a second of a bank and a turn from the tenth second to the eleventh, degrees. Rates of nothing
+    /// at all are none.
+    fn turned(bank_deg: f32, turn_deg_s: f32) -> Turned {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0..200 {
+            let is_then = (100..110).contains(&i);
+            let [roll, turn] =
+                [bank_deg, turn_deg_s].map(|angle| 0.001 + if is_then { angle.to_radians() } else { 0.0 });
+            flight.attitude.push(f64::from(i) / 10.0, [roll, 0.0, 0.0]);
+            flight.rates.push(f64::from(i) / 10.0, [0.0, 0.0, turn]);
+        }
+        Turned::of(&flight).unwrap()
+    }
+
+    /// Wings level and no turn, and not soon after or before either; at the ends nobody knows.
+    #[test]
+    fn straight_is_neither_banked_nor_turning() {
+        for (name, turned, is_straight) in [
+            ("level", turned(0.0, 0.0), true),
+            ("in a gust", turned(5.0, 2.0), true),
+            ("slipping", turned(15.0, 0.0), false),
+            ("turning flat", turned(0.0, 20.0), false),
+        ] {
+            for (t_s, is_far) in [(5.0, true), (8.5, false), (10.5, false), (12.5, false), (15.0, true)] {
+                assert_eq!(turned.is_straight(t_s), is_straight || is_far, "{name} at {t_s}");
+            }
+            assert!(!turned.is_straight(1.0) && !turned.is_straight(19.0), "{name}");
+        }
+    }
+
+    /// An eighth of the velocities are a climb at two thirds of the airspeed in one direction.
+    #[test]
+    fn a_climb_does_not_move_the_circle() {
+        let of = |i: u32| {
+            let (sin, cos) = (f64::from(i) * 0.1).sin_cos();
+            let air = if i % 8 == 0 { Vector2::new(14.0, 0.0) } else { Vector2::new(cos, sin) * 21.0 };
+            Velocity { t_s: f64::from(i), m_s: air + Vector2::new(3.0, -5.0) }
+        };
+        let circle = Circle::through(&(0..800).map(of).collect::<Vec<_>>()).unwrap();
+        let off_m_s = (circle.wind_m_s - Vector2::new(3.0, -5.0)).norm();
+        assert!(off_m_s < 0.05 && (circle.radius_m_s - 21.0).abs() < 0.05, "{circle:?}");
     }
 }
