@@ -480,7 +480,7 @@ mod tests {
     fn a_climb_does_not_move_the_circle() {
         let of = |i: u32| {
             let (sin, cos) = (f64::from(i) * 0.1).sin_cos();
-            let air = if i % 8 == 0 { Vector2::new(14.0, 0.0) } else { Vector2::new(cos, sin) * 21.0 };
+            let air = if i.is_multiple_of(8) { Vector2::new(14.0, 0.0) } else { Vector2::new(cos, sin) * 21.0 };
             Velocity { t_s: f64::from(i), m_s: air + Vector2::new(3.0, -5.0) }
         };
         let circle = Circle::through(&(0..800).map(of).collect::<Vec<_>>()).unwrap();
