@@ -6,6 +6,7 @@ use embassy_time::{Instant, Timer};
 
 use super::Links;
 use super::links::{FoundSensor, count, listen, now};
+use crate::calibration::CURRENT_IS_LOOKED_FOR;
 use crate::instrument::{Config, Instrument, IronNews};
 
 /// The period of the reference sensor: what silence is measured by until one has answered.
@@ -29,6 +30,9 @@ pub async fn run(links: &Links) -> ! {
             Either4::First(found) => adapt(&mut instrument, found),
             Either4::Second(report) => instrument.on_attitude(report.at, report.value),
             Either4::Third(reading) => {
+                if CURRENT_IS_LOOKED_FOR && let Some(told) = links.current.try_get() {
+                    instrument.on_current(told.at, told.value);
+                }
                 estimates.send(instrument.on_reading(reading.at, reading.value));
                 silent_at = silence_from_now(&instrument);
             }

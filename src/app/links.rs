@@ -70,6 +70,8 @@ pub struct Links {
     pub(super) place: Latest<Place, 1>,
     /// To the state machine: what day it is.
     pub(super) day: Latest<Day, 1>,
+    /// To the instrument, which looks at it now and then: the current that the motors draw, amperes.
+    pub(super) current: Latest<Stamped<f32>, 0>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: Latest<Correction, 1>,
     /// To the ports.
@@ -106,6 +108,7 @@ impl Links {
             armed: Watch::new(),
             place: Watch::new(),
             day: Watch::new(),
+            current: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             texts: Watch::new(),

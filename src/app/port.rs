@@ -130,6 +130,7 @@ fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
             Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
             Some(Heard::Place(place)) => publish(&links.place, place),
             Some(Heard::Day(day)) => publish(&links.day, day),
+            Some(Heard::Current(value)) => links.current.sender().send(Stamped { at, value }),
             Some(Heard::Life) | None => {}
         }
     }

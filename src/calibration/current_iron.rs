@@ -18,7 +18,7 @@ use super::{Calibration, Sample, Samples};
 use crate::frames::{Body, Field, Sensor};
 use crate::trig;
 
-/// Whether it is looked for: a firmware without the feature has none of this in it. On a host it always is.
+/// Whether it is looked for: a firmware without the feature `current` has none of this in it. On a host it always is.
 pub(crate) const IS_LOOKED_FOR: bool = cfg!(any(feature = "current", not(target_os = "none")));
 
 /// What is known beforehand of an axis of `k`, microtesla per ampere, 1 sigma: a motor battery's wires at a hand's breadth.

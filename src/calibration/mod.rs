@@ -319,7 +319,8 @@ pub struct Calibration {
     /// How much older the attitude is than the attitude source's own latency says, seconds, as far as it is used: the
     /// attitude of a field is that of so much later. Nothing where it is not used.
     pub latency_s: f32,
-    /// What a current adds to the field as it is measured. It is not stored: no port tells a module its current yet.
+    /// What a current adds to the field as it is measured. The store has it behind the calibrations, which have been there
+    /// longer.
     #[serde(skip)]
     pub current: CurrentIron,
 }

@@ -54,6 +54,8 @@ pub enum Heard {
     Place(Place),
     /// Today.
     Day(Day),
+    /// The current that the motors draw, amperes.
+    Current(f32),
     /// Somebody wants something, and waits for [`Protocol::answer`].
     Asked(Order),
     /// Anything else in this protocol: somebody is there.

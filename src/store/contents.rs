@@ -3,17 +3,18 @@
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-use super::{StoreError, v2, v3, v4, v5, v6, v7};
-use crate::calibration::{Calibration, Latency, Orientation, Quality, Uncertainty};
+use super::{StoreError, v2, v3, v4, v5, v6, v7, v8};
+use crate::calibration::{Calibration, CurrentIron, Latency, Orientation, Quality, Uncertainty};
 use crate::magnetometer::Identity;
 use crate::settings::{PORTS, ProtocolKind, Settings};
 
 /// Version of the format. To be raised when the bytes change or their meaning does; what this version is like then goes
 /// into a module of its own, as `v7` did.
-pub(super) const VERSION: u8 = 8;
-/// Room for version, contents and CRC. The contents take at most 736 bytes: 346 for each record, 41 for settings and
-/// the count of saves, the tags of the options, and a byte of what is [`Remembered`].
-pub(super) const VALUE_SIZE: usize = 744;
+pub(super) const VERSION: u8 = 9;
+/// Room for version, contents and CRC. The contents take at most 784 bytes: 346 for each record, 41 for settings and
+/// the count of saves, the tags of the options, 24 for what goes with the current in each calibration, and a byte of
+/// what is [`Remembered`].
+pub(super) const VALUE_SIZE: usize = 792;
 
 /// Without a table of 1 KB: a save waits for the flash, not for this.
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
@@ -81,6 +82,21 @@ impl Generations {
 
     fn is_valid(&self) -> bool {
         [&self.current, &self.previous].into_iter().flatten().all(Record::is_valid)
+    }
+
+    /// What goes with the current in each, as it stands behind both.
+    pub(super) fn currents(&self) -> [CurrentIron; 2] {
+        let of =
+            |record: &Option<Record>| record.as_ref().map_or(CurrentIron::NONE, |record| record.calibration.current);
+        [of(&self.current), of(&self.previous)]
+    }
+
+    fn take_currents(&mut self, currents: [CurrentIron; 2]) {
+        for (record, current) in [&mut self.current, &mut self.previous].into_iter().zip(currents) {
+            if let Some(record) = record {
+                record.calibration.current = current;
+            }
+        }
     }
 }
 
@@ -193,7 +209,8 @@ impl Contents {
         }
         let (version, rest) = buffer.split_first_mut().ok_or(StoreError::Full)?;
         *version = VERSION;
-        let mut payload_size = postcard::to_slice(self, rest).map_err(|_| StoreError::Full)?.len();
+        let whole = (self, self.stored.generations.currents());
+        let mut payload_size = postcard::to_slice(&whole, rest).map_err(|_| StoreError::Full)?.len();
         let remembered = self.stored.remembered.byte();
         if remembered != 0 {
             *rest.get_mut(payload_size).ok_or(StoreError::Full)? = remembered;
@@ -215,7 +232,7 @@ impl Contents {
         }
         let (&version, payload) = checked.split_first().ok_or(StoreError::Corrupt)?;
         let contents = match version {
-            VERSION => Self::read(payload),
+            VERSION | v8::VERSION => Self::read(version, payload),
             v7::VERSION => v7::read(payload),
             v6::VERSION => v6::read(payload),
             v5::VERSION => v5::read(payload),
@@ -227,8 +244,13 @@ impl Contents {
     }
 
     #[inline(never)]
-    fn read(payload: &[u8]) -> Option<Self> {
-        let (mut contents, rest): (Self, _) = postcard::take_from_bytes(payload).ok()?;
+    fn read(version: u8, payload: &[u8]) -> Option<Self> {
+        let (mut contents, mut rest): (Self, _) = postcard::take_from_bytes(payload).ok()?;
+        if version > v8::VERSION {
+            let currents: [CurrentIron; 2];
+            (currents, rest) = postcard::take_from_bytes(rest).ok()?;
+            contents.stored.generations.take_currents(currents);
+        }
         contents.stored.remembered = rest.first().copied().map(Remembered::from_byte).unwrap_or_default();
         Some(contents)
     }
@@ -251,10 +273,12 @@ mod tests {
     use crate::magnetometer::Model;
     use crate::settings::{AttitudeError, HeadingKind};
     use crate::settings::{Baud, PortNumber, ProtocolKind};
-    use crate::store::tests::{record, sealed, settings, value_of};
+    use crate::store::tests::{present, record, sealed, settings};
 
     fn contents() -> Contents {
-        let generations = Generations { current: Some(record(u32::MAX)), previous: Some(record(u32::MAX - 1)) };
+        let mut generations = Generations { current: Some(record(u32::MAX)), previous: Some(record(u32::MAX - 1)) };
+        let iron = CurrentIron { ut_per_a: [0.5, -0.25, 0.125], sigma_ut_per_a: 0.01, mean_a: 12.0, spread_a: 4.0 };
+        generations.take_currents([iron, CurrentIron { mean_a: -3.0, ..iron }]);
         let mut settings = Settings { inclination_deg: Some(-60.0), ..settings() };
         // Whatever this firmware was built with.
         settings.ports.of_mut(PortNumber::Two).protocol = ProtocolKind::Nmea;
@@ -274,15 +298,15 @@ mod tests {
         largest.stored.remembered.is_collecting = true;
         let value = encoded(&largest).unwrap();
         // Contents as stated at `VALUE_SIZE`, version and CRC.
-        assert_eq!(value.len(), 736 + 1 + CRC_SIZE);
+        assert_eq!(value.len(), 784 + 1 + CRC_SIZE);
     }
 
-    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v7` is.
+    /// If this fails, the layout of what is stored has changed: raise `VERSION`, and keep the layout before as `v8` is.
     #[test]
     fn the_bytes_of_this_version_stay_what_they_are() {
         let value = encoded(&contents()).unwrap();
         let (version, crc) = (value[0], &value[value.len() - CRC_SIZE..]);
-        assert_eq!((version, value.len(), crc), (8, 740, &[184, 4, 175, 199][..]));
+        assert_eq!((version, value.len(), crc), (9, 788, &[198, 71, 171, 133][..]));
     }
 
     /// A variant that is put between others moves those behind it, which no record with the first of them shows.
@@ -342,7 +366,7 @@ mod tests {
 
     #[test]
     fn another_version_is_named() {
-        for version in [0, 1, 9, 10, 255] {
+        for version in [0, 1, VERSION + 1, VERSION + 2, 255] {
             let value = sealed(vec![version, 1, 2, 3]);
             assert_eq!(Contents::decode(&value), Err(StoreError::UnknownVersion(version)));
         }
@@ -352,7 +376,7 @@ mod tests {
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn assert_valid(stored: Stored, valid: bool, what: &str) {
         let contents = Contents { saves: 1, stored };
-        let value = value_of(VERSION, &contents);
+        let value = present(&contents);
         if valid {
             assert_eq!(encoded(&contents).as_deref(), Ok(&value[..]), "{what}");
             assert_eq!(Contents::decode(&value), Ok(contents), "{what}");

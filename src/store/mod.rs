@@ -32,6 +32,7 @@ mod v4;
 mod v5;
 mod v6;
 mod v7;
+mod v8;
 
 use core::ops::Range;
 

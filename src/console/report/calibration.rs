@@ -3,7 +3,7 @@
 use core::fmt::{self, Display, Write};
 
 use super::error;
-use crate::calibration::{Advice, Calibration, Envelope, Latency, Quality};
+use crate::calibration::{Advice, Calibration, CurrentIron, Envelope, Latency, Quality};
 use crate::compass::{Report, Summary, Verdict};
 use crate::wire::decimal::Decimal;
 
@@ -45,6 +45,7 @@ fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
         Decimal::<2>(quality.dip_residual_deg)
     )?;
     latency(out, calibration, quality.latency)?;
+    current(out, &calibration.current)?;
     writeln!(
         out,
         "sensor: {} at {:02x}, mount {}",
@@ -61,6 +62,17 @@ pub(super) fn latency(out: &mut impl Write, calibration: &Calibration, found: Op
         if calibration.uses_latency() { (calibration.latency_s, "used") } else { (found_s, "not used") };
     let [shown_ms, sigma_ms] = [shown_s, sigma_s].map(|seconds| Decimal::<0>(seconds * 1e3));
     writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {used}")
+}
+
+/// What each ampere adds to the field, where that is used, and by which currents it was sought.
+pub(super) fn current(out: &mut impl Write, iron: &CurrentIron) -> fmt::Result {
+    if iron.spread_a == 0.0 {
+        return writeln!(out, "current: not known");
+    }
+    let [mean_a, spread_a] = [iron.mean_a, iron.spread_a].map(Decimal::<1>);
+    let ([x, y, z], sigma) = (iron.ut_per_a.map(Decimal::<3>), Decimal::<3>(iron.sigma_ut_per_a));
+    let used = if iron.is_used() { "used" } else { "not used" };
+    writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {used}; {mean_a} A, sigma {spread_a}")
 }
 
 /// Which one, and what to expect of it.
@@ -127,6 +139,21 @@ pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
 mod tests {
     use super::*;
     use crate::calibration::Orientation;
+
+    /// So that who looks at a calibration sees whether the autopilot has told a current, and what came of it.
+    #[test]
+    fn what_goes_with_the_current_is_said() {
+        let said = |iron: CurrentIron| {
+            let mut out = heapless::String::<96>::new();
+            current(&mut out, &iron).unwrap();
+            out
+        };
+        let found = CurrentIron { ut_per_a: [0.25, -0.125, 0.5], sigma_ut_per_a: 0.004, mean_a: 14.25, spread_a: 6.5 };
+        assert_eq!(said(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
+        let unused = CurrentIron { ut_per_a: [0.0; 3], ..found };
+        assert_eq!(said(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
+        assert_eq!(said(CurrentIron::NONE), "current: not known\n");
+    }
 
     /// What is used is said to be, with the number in use; what was only found is not used; and without rates nothing is
     /// known.

@@ -5,7 +5,9 @@
 //! the old way. It never asks oftener than once a second.
 
 use ::mavlink::MessageData;
-use ::mavlink::dialects::common::{ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYSTEM_TIME_DATA};
+use ::mavlink::dialects::common::{
+    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+};
 
 use super::Line;
 use crate::attitude::Source;
@@ -19,20 +21,24 @@ enum Wish {
     Attitude(u8),
     /// The stream that it belongs to, so many times a second: what every autopilot that knows streams can do.
     Stream(u8),
-    /// Another message by its number, once a second.
-    Message(u32),
+    /// Another message by its number, so many times a second.
+    Message(u32, u8),
 }
 
 /// In the order in which they are tried: what helps the calibration, then what the Earth's field is known by.
-const WISHES: [Wish; 7] = [
+const WISHES: [Wish; 8] = [
     Wish::Attitude(50),
     Wish::Attitude(40),
     Wish::Attitude(25),
     Wish::Attitude(20),
     Wish::Stream(25),
-    Wish::Message(GLOBAL_POSITION_INT_DATA::ID),
-    Wish::Message(SYSTEM_TIME_DATA::ID),
+    Wish::Message(SYS_STATUS_DATA::ID, CURRENT_HZ),
+    Wish::Message(GLOBAL_POSITION_INT_DATA::ID, 1),
+    Wish::Message(SYSTEM_TIME_DATA::ID, 1),
 ];
+
+/// A copter's current is another one after half a second.
+const CURRENT_HZ: u8 = 10;
 
 /// Where the wishes for attitude end.
 const AFTER_ATTITUDE: usize = 5;
@@ -86,7 +92,7 @@ impl Asking {
         match WISHES.get(self.wish) {
             // Now it has to come.
             Some(Wish::Attitude(_)) if is_granted => self.count_from(at),
-            Some(Wish::Attitude(_) | Wish::Message(_)) => self.go_on_to(self.wish + 1),
+            Some(Wish::Attitude(_) | Wish::Message(..)) => self.go_on_to(self.wish + 1),
             Some(Wish::Stream(_)) | None => {}
         }
     }
@@ -148,7 +154,7 @@ impl Wish {
             Self::Attitude(rate_hz) | Self::Stream(rate_hz) => {
                 u64::from(reports) * 1_250_000 >= u64::from(rate_hz) * elapsed_us
             }
-            Self::Message(_) => false,
+            Self::Message(..) => false,
         }
     }
 
@@ -156,7 +162,7 @@ impl Wish {
         match self {
             Self::Attitude(rate_hz) => Outgoing::set_message_interval(autopilot, ATTITUDE_DATA::ID, rate_hz),
             Self::Stream(rate_hz) => Outgoing::request_attitude_stream(autopilot, rate_hz),
-            Self::Message(id) => Outgoing::set_message_interval(autopilot, id, 1),
+            Self::Message(id, rate_hz) => Outgoing::set_message_interval(autopilot, id, rate_hz),
         }
     }
 }

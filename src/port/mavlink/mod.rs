@@ -5,13 +5,13 @@
 //! component it is, nor whether the line speaks MAVLink. Then it
 //!
 //! - shows life once a second, and in what state it is;
-//! - asks the autopilot for attitude, as often as that gives it, for its position and for the time (`asking.rs`);
+//! - asks the autopilot for attitude, as often as that gives it, for its current, its position and the time (`asking.rs`);
 //! - takes commands of anybody on the network that are addressed to component 158 (`orders.rs`). Those to all components are
 //!   left to the autopilot, whose own compass they are meant for;
 //! - tells texts (`texts.rs`), how a collection goes on and what comes of it (`collection.rs`), and headings as named values;
 //! - tells the heading as a pose where it is to replace the autopilot's own yaw.
 //!
-//! What another system, or another component of the same one, says of a place or a day changes nothing, nor do the module's
+//! What another system, or another component of the same one, says of a current, a place or a day changes nothing, nor do the module's
 //! own messages that come back.
 
 mod asking;
@@ -110,6 +110,7 @@ impl Mavlink {
             Message::Attitude(_) => Some(Heard::Foreign),
             Message::Place(source, place) => place.filter(|_| is_autopilot(&source)).map(Heard::Place),
             Message::Day(source, day) => day.filter(|_| is_autopilot(&source)).map(Heard::Day),
+            Message::Current(source, current) => current.filter(|_| is_autopilot(&source)).map(Heard::Current),
             Message::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
                 let is_armed = self.senders.is_armed(at) == Some(true);
                 self.orders.take(at, &command, is_armed).map(Heard::Asked)

@@ -5,8 +5,8 @@
 //!
 //! One request for the attitude is under way at a time, so that an answer is as young as it can be: autopilots answer in
 //! 3.5 to 18 ms. As long as it is not known which firmware it is, and so which signs an attitude has, that is asked
-//! instead. The others are asked about once a second, one after the other, and nobody waits for their answers. The
-//! firmware stays one of them: an autopilot can be exchanged while the module runs.
+//! instead. The others are asked about once a second, one after the other, the current between every two of them, and nobody
+//! waits for their answers. The firmware stays one of them: an autopilot can be exchanged while the module runs.
 
 use super::{Facts, Heard, Output, Pace, Protocol};
 use crate::attitude::{Report, Source};
@@ -20,11 +20,20 @@ const COMPASS_HZ: u8 = 50;
 /// Requests for the attitude a second, at most.
 const ATTITUDE_HZ: u8 = 50;
 
-/// Requests for anything else a second: each of them about once.
+/// Requests for anything else a second: each of them about once, the current four times.
 const OTHERS_HZ: u8 = OTHERS.len() as u8;
 
 /// What is asked for now and then.
-const OTHERS: [Function; 4] = [Function::Status, Function::RawGps, Function::Rtc, Function::FcVariant];
+const OTHERS: [Function; 8] = [
+    Function::Status,
+    Function::Analog,
+    Function::RawGps,
+    Function::Analog,
+    Function::Rtc,
+    Function::Analog,
+    Function::FcVariant,
+    Function::Analog,
+];
 
 /// An answer that has not come after so long does not come, microseconds: nearly three times the longest that was seen.
 const ANSWERED_WITHIN_US: u64 = 50_000;
@@ -73,6 +82,7 @@ impl Msp {
         match message {
             Message::Attitude(angles) => return self.report(angles),
             Message::RawGps(place) => return place.map(Heard::Place),
+            Message::Current(amperes) => return Some(Heard::Current(amperes)),
             Message::Rtc(day) => return day.map(Heard::Day),
             Message::FcVariant(firmware) => self.firmware = Some(firmware),
             Message::Armed(is_armed) => self.armed = Some((at, is_armed)),

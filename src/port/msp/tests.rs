@@ -144,7 +144,7 @@ fn an_attitude_is_passed_on_with_the_firmware_s_signs() {
 }
 
 /// As often as answers come: 50 a second at most, and fewer from a slow autopilot, in steps of the estimates. The others
-/// about once a second each.
+/// about once a second each, the current four times.
 #[test]
 fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
     for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
@@ -153,7 +153,8 @@ fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
         let number = number_of(&asked, Function::Attitude);
         assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
         for other in OTHERS {
-            assert!((9..=11).contains(&number_of(&asked, other)), "{other:?}");
+            let times = if other == Function::Analog { 4 } else { 1 };
+            assert!((9 * times..=10 * times + 1).contains(&number_of(&asked, other)), "{other:?}");
         }
     }
 }
@@ -200,6 +201,12 @@ fn an_answer_tells_who_is_there() {
         let (last, before) = heard.split_last().unwrap();
         assert_eq!((*last, before.iter().flatten().count()), (Some(Heard::Life), 0));
     }
+}
+
+#[test]
+fn a_current_is_passed_on() {
+    let heard = hear(&mut Msp::new(), 0, b'>', Function::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
+    assert_eq!(heard, [Heard::Current(12.5)]);
 }
 
 /// Ten answers without one, and what was said of arming is no longer known.

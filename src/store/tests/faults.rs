@@ -123,7 +123,7 @@ fn damaged_contents_are_reported_and_replaced() {
             saves: 7,
             stored: Stored { settings: settings(), generations: generations(4), ..Stored::default() },
         };
-        put(&mut flash, 1 - half, &value_of(VERSION, &contents));
+        put(&mut flash, 1 - half, &present(&contents));
         assert_eq!(load(&mut flash), Ok(contents.stored));
         put(&mut flash, 1 - half, &broken);
         assert_eq!(load(&mut flash), Err(StoreError::Corrupt));

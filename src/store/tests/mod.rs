@@ -75,6 +75,11 @@ pub(super) fn value_of(version: u8, contents: &impl Serialize) -> Vec<u8> {
     sealed(value)
 }
 
+/// The value of contents of this version.
+pub(super) fn present(contents: &Contents) -> Vec<u8> {
+    value_of(VERSION, &(contents, contents.stored.generations.currents()))
+}
+
 /// The same with the CRC-32 behind it.
 pub(super) fn sealed(mut value: Vec<u8>) -> Vec<u8> {
     value.extend(Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&value).to_le_bytes());
@@ -173,7 +178,7 @@ fn the_count_of_saves_wraps() {
         let mut flash = Flash::new(PAGES);
         for (saves, half) in [(u32::MAX - 1, first), (u32::MAX, 1 - first)] {
             let contents = Contents { saves, stored: Stored { generations: generations(1), ..Stored::default() } };
-            put(&mut flash, half, &value_of(VERSION, &contents));
+            put(&mut flash, half, &present(&contents));
         }
         for serial in 2..6 {
             save(&mut flash, serial).unwrap();

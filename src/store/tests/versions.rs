@@ -14,7 +14,8 @@
 //! `set attitude-error 0.5 2` before the magnet; `v5-first-half.bin` and `v5-second-half.bin` of the last one of version 5,
 //! which was given `stream heading raw` besides; `v6-first-half.bin` and `v6-second-half.bin` of the last one of version 6,
 //! which was given `set accuracy 1.5` besides; `v7-first-half.bin` and `v7-second-half.bin` of the last one of version 7, which
-//! flew four circles to each side and was given `cal auto off` besides.
+//! flew four circles to each side and was given `cal auto off` besides; `v8-first-half.bin` and `v8-second-half.bin` of the last
+//! one of version 8, which was given `set vision on` and `set baud2 57600` before the magnet, and `set port1 msp` at the end.
 #![expect(clippy::unreadable_literal, reason = "numbers as the device of that time printed them")]
 
 use std::format;
@@ -23,8 +24,8 @@ use testkit::flash::Cut;
 
 use super::*;
 use crate::settings::{AttitudeError, HeadingKind};
-use crate::settings::{PortNumber, PortsSettings, ProtocolKind};
-use crate::store::{v2, v3, v4, v5, v6, v7};
+use crate::settings::{Baud, PortNumber, PortsSettings, ProtocolKind};
+use crate::store::{v2, v3, v4, v5, v6, v7, v8};
 
 /// Later than any that this firmware knows.
 const LATER: u8 = VERSION + 1;
@@ -66,6 +67,11 @@ fn flash_of_v6() -> Flash {
 /// The flash as the last firmware of version 7 left it.
 fn flash_of_v7() -> Flash {
     flash_of([include_bytes!("../testdata/v7-first-half.bin"), include_bytes!("../testdata/v7-second-half.bin")])
+}
+
+/// The flash as the last firmware of version 8 left it.
+fn flash_of_v8() -> Flash {
+    flash_of([include_bytes!("../testdata/v8-first-half.bin"), include_bytes!("../testdata/v8-second-half.bin")])
 }
 
 /// What that firmware loaded; of the uncertainty, the noise of an average of eight readings.
@@ -386,7 +392,10 @@ fn assert_kept_as_it_is(mut flash: Flash, version: u8, settings: Settings, shown
         let value = get(&mut flash, half).unwrap();
         let (found, contents) = value[..value.len() - 4].split_first().unwrap();
         assert_eq!(*found, version);
-        assert!(contents.ends_with(&generations), "half {half}");
+        // Of version 8 on what is remembered may be behind them.
+        let before = contents.split_last().map_or(contents, |(_, before)| before);
+        let is_kept = contents.ends_with(&generations) || (version >= v8::VERSION && before.ends_with(&generations));
+        assert!(is_kept, "half {half}");
     }
 }
 
@@ -479,6 +488,43 @@ fn settings_of_version_7_are_read_one_by_one() {
     }
     let cut_short = value_of(v7::VERSION, &(head, true));
     assert_eq!(Contents::decode(&cut_short), Err(StoreError::Corrupt));
+}
+
+/// Nothing goes with the current.
+#[test]
+fn what_version_8_stored_is_kept_to_the_last_digit() {
+    let mut ports = PortsSettings::DEFAULT;
+    ports.of_mut(PortNumber::One).protocol = ProtocolKind::Msp;
+    ports.of_mut(PortNumber::Two).baud = Baud::B57600;
+    let settings = Settings {
+        attitude_error: AttitudeError { bias_deg: 0.5, bank_percent: 2.0 },
+        stream_heading: HeadingKind::Raw,
+        accuracy_deg: 1.5,
+        auto_on: false,
+        tells_vision: true,
+        ports,
+        ..stored_by_v2().settings
+    };
+    assert_kept_as_it_is(flash_of_v8(), 8, settings, (324, [15_437, -4_866, 2_100]));
+}
+
+/// What is remembered is where what goes with the current is now, and is not taken for it; and that is not there by half.
+#[test]
+fn version_8_knew_no_current_and_this_one_wants_it_whole() {
+    let before = Contents { saves: 3, stored: Stored { generations: generations(4), ..Stored::default() } };
+    let with = |version, behind: &[u8]| {
+        let mut payload = postcard::to_slice(&before, &mut [0; VALUE_SIZE]).unwrap().to_vec();
+        payload.extend_from_slice(behind);
+        Contents::decode(&sealed([vec![version], payload].concat()))
+    };
+    assert_eq!(with(v8::VERSION, &[]), Ok(before));
+    assert!(with(v8::VERSION, &[1]).unwrap().stored.remembered.is_collecting);
+    assert_eq!(with(VERSION, &[0; 48]), Ok(before));
+    assert_eq!(with(VERSION, &[0; 47]), Err(StoreError::Corrupt));
+    let collecting = with(VERSION, &[&[0; 48][..], &[1]].concat()).unwrap();
+    assert!(collecting.stored.remembered.is_collecting);
+    let nan: [u8; 48] = [f32::NAN.to_le_bytes(); 12].as_flattened().try_into().unwrap();
+    assert_eq!(with(VERSION, &nan), Err(StoreError::Corrupt));
 }
 
 /// Both headings, every value in its place, and what is checked now is checked.
@@ -587,10 +633,10 @@ fn the_first_save_after_an_update_writes_the_present_version() {
     assert_eq!(versions(&mut flash), [2, 2], "a load changes nothing");
     save_change(&mut flash, Change::Settings(&settings())).unwrap();
     let after = Stored { settings: settings(), ..converted() };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, 8], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([2, VERSION], Ok(after)));
     save(&mut flash, 9).unwrap();
     let after = Stored { generations: generations(9), ..after };
-    assert_eq!((versions(&mut flash), load(&mut flash)), ([8, 8], Ok(after)));
+    assert_eq!((versions(&mut flash), load(&mut flash)), ([VERSION; 2], Ok(after)));
 }
 
 /// Power fails at every program and erase of that save: what version 2 stored is found, or all that was saved.
@@ -744,13 +790,14 @@ fn flashes_of_later() -> Vec<(String, Flash)> {
     let error = v4::AttitudeError { bias_deg: 0.2, bank_percent: 1.0 };
     let others = [
         ("nothing", None),
-        ("this version", Some(value_of(VERSION, &present))),
+        ("this version", Some(super::present(&present))),
         ("version 2", Some(value_of(v2::VERSION, &before))),
         ("version 3", Some(value_of(v3::VERSION, &before))),
         ("version 4", Some(value_of(v4::VERSION, &(before.head, error, before.generations)))),
         ("version 5", Some(value_of(v5::VERSION, &(before.head, error, true, generations(4))))),
         ("version 6", Some(value_of(v6::VERSION, &(before.head, error, true, 1.5_f32, generations(4))))),
         ("version 7", Some(value_of(v7::VERSION, &(before.head, error, true, (1.5_f32, false), generations(4))))),
+        ("version 8", Some(value_of(v8::VERSION, &present))),
         ("version 1", Some(sealed(vec![1, 2, 3]))),
         ("damaged", Some(sealed(vec![VERSION, 2, 3]))),
         ("later", Some(later(LATER))),

@@ -8,8 +8,8 @@ use core::array::from_fn;
 
 use mavlink::MessageData;
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
-    MavAutopilot, MavModeFlag, SYSTEM_TIME_DATA,
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::Address;
@@ -29,6 +29,8 @@ pub enum Message {
     Place(Source, Option<Place>),
     /// SYSTEM_TIME: its sender's day, if it knows.
     Day(Source, Option<Day>),
+    /// SYS_STATUS, or BATTERY_STATUS of the first battery: the current that is drawn, amperes, if its sender measures it.
+    Current(Source, Option<f32>),
     /// COMMAND_LONG or COMMAND_INT.
     Command(Command),
     /// COMMAND_ACK.
@@ -86,10 +88,12 @@ impl Wanted {
 }
 
 /// All that are looked for, the most frequent first.
-pub(super) const WANTED: [Wanted; 7] = [
+pub(super) const WANTED: [Wanted; 9] = [
     Wanted::of::<ATTITUDE_DATA>(attitude),
+    Wanted::of::<SYS_STATUS_DATA>(system_status).extended(43),
     Wanted::of::<HEARTBEAT_DATA>(heartbeat),
     Wanted::of::<GLOBAL_POSITION_INT_DATA>(place),
+    Wanted::of::<BATTERY_STATUS_DATA>(battery_status).extended(54),
     Wanted::of::<SYSTEM_TIME_DATA>(day),
     Wanted::of::<COMMAND_LONG_DATA>(command_long),
     Wanted::of::<COMMAND_INT_DATA>(command_int),
@@ -189,6 +193,28 @@ fn place(source: Source, payload: &[u8]) -> Option<Message> {
     let fields = Fields(payload);
     let (latitude_deg, longitude_deg) = (fields.scaled(LATITUDE, 1e-7), fields.scaled(LONGITUDE, 1e-7));
     Some(Message::Place(source, Place::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT, 1e-3))))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn system_status(source: Source, payload: &[u8]) -> Option<Message> {
+    const CURRENT: usize = 16;
+    Some(Message::Current(source, amperes(Fields(payload).u16(CURRENT))))
+}
+
+/// Of another battery than the first nothing is told: SYS_STATUS is of the first, too.
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn battery_status(source: Source, payload: &[u8]) -> Option<Message> {
+    const CURRENT: usize = 30;
+    const BATTERY: usize = 32;
+    let fields = Fields(payload);
+    let is_first = fields.u8(BATTERY) == 0;
+    Some(Message::Current(source, amperes(fields.u16(CURRENT)).filter(|_| is_first)))
+}
+
+/// Of hundredths of an ampere, of which -1 is not known.
+fn amperes(centiamperes: u16) -> Option<f32> {
+    let centiamperes = centiamperes.cast_signed();
+    (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
 }
 
 /// Unix time in microseconds.

@@ -48,12 +48,14 @@ pub enum Function {
     RawGps = 106,
     /// MSP_ATTITUDE: roll and pitch.
     Attitude = 108,
+    /// MSP_ANALOG: what current it draws.
+    Analog = 110,
     /// MSP_RTC: what day it is.
     Rtc = 247,
 }
 
 impl Function {
-    const ALL: [Self; 5] = [Self::FcVariant, Self::Status, Self::RawGps, Self::Attitude, Self::Rtc];
+    const ALL: [Self; 6] = [Self::FcVariant, Self::Status, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
 
     /// The function of a reply.
     fn of(number: u16) -> Option<Self> {
@@ -107,6 +109,8 @@ pub enum Message {
     RawGps(Option<Place>),
     /// Roll and pitch.
     Attitude(Angles),
+    /// The current that is drawn, amperes. One that is not measured is sent as nothing.
+    Current(f32),
     /// What day it is; none if its clock was never set.
     Rtc(Option<Day>),
     /// It does not answer this: an error frame, or a reply without a payload, which is what ArduPilot sends for what it
@@ -217,6 +221,10 @@ fn decode(frame: &[u8]) -> Option<Message> {
         (Function::Status, [_, _, _, _, _, _, flags, _, _, _, _profile, ..]) => Some(Message::Armed(flags & 1 != 0)),
         (Function::RawGps, payload) => raw_gps(payload),
         (Function::Attitude, [r0, r1, p0, p1, _, _, ..]) => angles([*r0, *r1], [*p0, *p1]),
+        // Voltage, charge, signal strength, and the current in hundredths of an ampere.
+        (Function::Analog, [_, _, _, _, _, c0, c1, ..]) => {
+            Some(Message::Current(f32::from(i16::from_le_bytes([*c0, *c1])) * 0.01))
+        }
         (Function::Rtc, payload) => rtc(payload),
         _ => None,
     }

@@ -160,6 +160,18 @@ fn armed_is_the_first_box() {
     }
 }
 
+/// Behind voltage, charge and signal strength, with a sign: a battery can be charged. Whatever is behind it.
+#[test]
+fn a_current_is_in_hundredths() {
+    for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
+        let payload = [[7; 5].as_slice(), &bytes].concat();
+        assert_eq!(one(&reply(Function::Analog, &payload)), Some(Message::Current(amperes)));
+        let longer = [&payload[..], &[9, 9]].concat();
+        assert_eq!(one(&reply(Function::Analog, &longer)), Some(Message::Current(amperes)));
+        assert_eq!(one(&reply(Function::Analog, &payload[..6])), None, "too short");
+    }
+}
+
 /// No fix, no place; and a place below the sea.
 #[test]
 fn a_place_wants_a_fix() {

@@ -47,6 +47,11 @@ fn place(who: Who) -> Vec<u8> {
     frame(who, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 
+/// SYS_STATUS with 12.5 A.
+fn current(who: Who) -> Vec<u8> {
+    frame(who, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
+}
+
 fn time(who: Who) -> Vec<u8> {
     frame(who, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }

@@ -35,14 +35,14 @@ fn a_heartbeat_a_second_tells_the_state() {
 
 /// Of each kind what others say changes nothing: a second autopilot, a gimbal of the same system, the module itself.
 #[test]
-fn place_and_day_are_of_the_autopilot_that_is_believed() {
+fn place_day_and_current_are_of_the_autopilot_that_is_believed() {
     let mut bed = Bed::beside_an_autopilot();
     bed.hear(&heartbeat(SECOND, true, true));
     for who in [SECOND, GIMBAL, [1, 158], STATION] {
-        assert_eq!(bed.hear(&[place(who), time(who)].concat()), [], "{who:?}");
+        assert_eq!(bed.hear(&[place(who), time(who), current(who)].concat()), [], "{who:?}");
     }
-    let heard = bed.hear(&[place(AUTOPILOT), time(AUTOPILOT)].concat());
-    let [Heard::Place(here), Heard::Day(day)] = heard[..] else { panic!("{heard:?}") };
+    let heard = bed.hear(&[place(AUTOPILOT), time(AUTOPILOT), current(AUTOPILOT)].concat());
+    let [Heard::Place(here), Heard::Day(day), Heard::Current(12.5)] = heard[..] else { panic!("{heard:?}") };
     assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
     assert_eq!(Some(day), Day::from_unix_s(1_790_000_000));
     // Without a fix.

@@ -36,6 +36,37 @@ fn a_place_is_in_degrees_and_metres_above_the_sea() {
     }
 }
 
+/// As the library writes them, whole and with the zeros cut off; -1 is not known, and of a second battery nothing is.
+#[test]
+fn a_current_is_in_amperes() {
+    use ::mavlink::dialects::common::{BATTERY_STATUS_DATA, SYS_STATUS_DATA};
+    use ::mavlink::{MavlinkVersion, MessageData};
+    fn sent<M: MessageData>(data: &M) -> Message {
+        let mut payload = [0; 255];
+        let length = data.ser(MavlinkVersion::V2, &mut payload);
+        one(&frame(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
+    }
+    let status = |current_battery| {
+        sent(&SYS_STATUS_DATA { current_battery, voltage_battery: 0x7777, ..SYS_STATUS_DATA::DEFAULT })
+    };
+    let battery = |current_battery, id| {
+        let others =
+            BATTERY_STATUS_DATA { voltages: [0x5555; 10], battery_remaining: 50, ..BATTERY_STATUS_DATA::DEFAULT };
+        sent(&BATTERY_STATUS_DATA { current_battery, id, ..others })
+    };
+    for (centiamperes, amperes) in [
+        (1_234, Some(12.34)),
+        (0, Some(0.0)),
+        (-2, Some(-0.02)),
+        (i16::MAX, Some(f32::from(i16::MAX) * 0.01)),
+        (-1, None),
+    ] {
+        assert_eq!(status(centiamperes), Message::Current(SENDER, amperes));
+        assert_eq!(battery(centiamperes, 0), Message::Current(SENDER, amperes));
+        assert_eq!(battery(centiamperes, 1), Message::Current(SENDER, None), "another battery");
+    }
+}
+
 /// A frame of version 2 with a payload; `extra` is of its message.
 fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     with_crc_of(extra, [&[0xFD, payload.len() as u8, 0, 0, 0, 12, 34, id, 0, 0], payload].concat())
@@ -145,8 +176,8 @@ fn each_message_has_its_own_length() {
 /// The longest there is fills the buffer: a signed COMMAND_INT.
 #[test]
 fn the_longest_frame_is_taken() {
-    let signed = [0xFD, 35, 1, 0, 0, 12, 34, 75, 0, 0];
-    let frame = [with_crc_of(158, [&signed[..], &[1; 35]].concat()), vec![0xFD; 13]].concat();
+    let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];
+    let frame = [with_crc_of(154, [&signed[..], &[1; 54]].concat()), vec![0xFD; 13]].concat();
     assert_eq!(frame.len(), MAX_FRAME);
     one(&frame);
 }
