@@ -9,11 +9,20 @@ use crate::{Promise, hold};
 
 /// Numbers of the messages that are looked for, their extra bytes, and the longest of their payloads. By the protocol's
 /// definition (common.xml), not by the code.
-const MESSAGES: [(u8, u8, usize); 7] =
-    [(30, 39, 28), (0, 50, 9), (33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35), (77, 143, 10)];
+const MESSAGES: [(u8, u8, usize); 9] = [
+    (30, 39, 28),
+    (1, 124, 43),
+    (0, 50, 9),
+    (33, 104, 28),
+    (147, 154, 54),
+    (2, 137, 12),
+    (76, 152, 33),
+    (75, 158, 35),
+    (77, 143, 10),
+];
 
 /// The longest frame: of version 2, signed, with the longest payload.
-const LONGEST: usize = 10 + 35 + 2 + 13;
+const LONGEST: usize = 10 + 54 + 2 + 13;
 
 /// CRC-16/MCRF4XX, bit by bit.
 fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
@@ -50,7 +59,7 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
         prop_oneof![9 => proptest::sample::select(&MESSAGES[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
     let off = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
     let sender = proptest::sample::select(&[[1, 1], [1, 1], [2, 1], [1, 158], [255, 190]][..]);
-    (message, any::<[bool; 4]>(), sender, off, vec(any::<u8>(), 36)).prop_map(
+    (message, any::<[bool; 4]>(), sender, off, vec(any::<u8>(), 55)).prop_map(
         |((id, _, longest), [is_v2, is_signed, is_small, is_cut], sender, off, mut payload)| {
             payload.truncate(longest);
             if is_small {
@@ -73,7 +82,7 @@ pub struct Intact {
     end: usize,
     id: u8,
     sender: u16,
-    payload: [u8; 40],
+    payload: [u8; 56],
 }
 
 /// All that are in some bytes, also those within others.
@@ -96,7 +105,7 @@ pub fn intact(bytes: &[u8]) -> Vec<Intact> {
         {
             continue;
         }
-        let mut payload = [0; 40];
+        let mut payload = [0; 56];
         payload[..length].copy_from_slice(&frame[header..header + length]);
         found.push(Intact { end: begin + frame.len(), id, sender: u16::from_be_bytes([system, component]), payload });
     }
@@ -133,6 +142,13 @@ impl stream::Intact<Message> for Intact {
                 (id, sender, is_armed) == (0, heartbeat.source.number(), heartbeat.is_armed)
             }
             Message::Place(source, _) => (id, sender) == (33, source.number()),
+            Message::Current(source, current) => {
+                let at = if id == 1 { 16 } else { 30 };
+                let told = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
+                [1, 147].contains(&id)
+                    && sender == source.number()
+                    && current.is_none_or(|amperes| amperes.to_bits() == told.to_bits())
+            }
             Message::Day(source, _) => (id, sender) == (2, source.number()),
             Message::Command(command) => {
                 let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);

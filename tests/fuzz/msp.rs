@@ -12,6 +12,7 @@ const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
 const RAW_GPS: u16 = 106;
 const ATTITUDE: u16 = 108;
+const ANALOG: u16 = 110;
 const RTC: u16 = 247;
 
 /// The longest frame that is taken: 64 bytes of payload.
@@ -34,7 +35,8 @@ fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> 
 
 /// A frame of any function, most of those that are asked for, with payloads that they can have.
 pub fn frame() -> impl Strategy<Value = Vec<u8>> {
-    let functions = [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (RTC, 9), (RTC, 6)];
+    let functions =
+        [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (ANALOG, 7), (RTC, 9), (RTC, 6)];
     let function = prop_oneof![9 => proptest::sample::select(functions.to_vec()), 1 => (any::<u16>(), 0..80_usize)];
     let direction = prop_oneof![8 => Just(b'>'), 1 => Just(b'!'), 1 => Just(b'<')];
     let off = prop_oneof![6 => Just(0_i16), 1 => -8..8_i16, 1 => any::<i16>()];
@@ -125,6 +127,10 @@ impl stream::Intact<Message> for Intact<'_> {
                     self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
                 }
                 Message::RawGps(_) => self.function == RAW_GPS,
+                Message::Current(amperes) => {
+                    self.function == ANALOG
+                        && self.i16(5).is_some_and(|told| (f32::from(told) * 0.01).to_bits() == amperes.to_bits())
+                }
                 Message::Rtc(_) => self.function == RTC,
                 Message::Refused(_) => false,
             }
