@@ -22,6 +22,7 @@ use crate::world::far_end::FarEnd;
 use crate::world::{World, WorldConfig};
 
 const ATTITUDE: u32 = 30;
+const CURRENT: u32 = 1;
 const POSITION: u32 = 33;
 const TIME: u32 = 2;
 
@@ -122,8 +123,11 @@ const fn attitude(rate_hz: u32) -> Request {
     Request::Message { id: ATTITUDE, rate_hz }
 }
 
-const PLACE_AND_TIME: [Request; 2] =
-    [Request::Message { id: POSITION, rate_hz: 1 }, Request::Message { id: TIME, rate_hz: 1 }];
+const CURRENT_PLACE_AND_TIME: [Request; 3] = [
+    Request::Message { id: CURRENT, rate_hz: 10 },
+    Request::Message { id: POSITION, rate_hz: 1 },
+    Request::Message { id: TIME, rate_hz: 1 },
+];
 
 /// No request sooner than a second after another, whatever happens.
 fn assert_paced(bench: &Bench) {
@@ -140,7 +144,7 @@ fn on_ardupilot_attitude_settles_at_40_hz() {
     assert_eq!(bench.asked()[..2], [attitude(50), attitude(40)]);
     assert!(bench.requests()[1].0 <= 2_100, "{:?}", bench.requests());
     bench.run(60);
-    assert_eq!(bench.asked()[2..], PLACE_AND_TIME, "and nothing more");
+    assert_eq!(bench.asked()[2..], CURRENT_PLACE_AND_TIME, "and nothing more");
     assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
     assert_paced(&bench);
     assert_eq!((bench.autopilot.garbage(), bench.module.rejected()), (0, 0));
@@ -151,7 +155,7 @@ fn on_ardupilot_attitude_settles_at_40_hz() {
 fn on_px4_attitude_is_there() {
     let mut bench = Bench::new(Firmware::Px4);
     bench.run(60);
-    assert_eq!(bench.asked(), PLACE_AND_TIME);
+    assert_eq!(bench.asked(), CURRENT_PLACE_AND_TIME);
     assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
 }
 
@@ -162,7 +166,7 @@ fn who_knows_only_streams_is_asked_for_one() {
     let mut expected: Vec<Request> = [50, 40, 25, 20].into_iter().flat_map(|rate| [attitude(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
     // The messages cannot be had, and twice each is enough.
-    expected.extend(PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
+    expected.extend(CURRENT_PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
     assert_eq!(bench.asked(), expected);
     assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
     assert_paced(&bench);
@@ -173,8 +177,8 @@ fn who_knows_only_streams_is_asked_for_one() {
 fn who_never_answers_is_left_alone() {
     let mut bench = Bench::new(Firmware::Deaf);
     bench.run(120);
-    assert_eq!(bench.asked().len(), 2 * 7);
-    assert!(bench.requests().last().unwrap().0 < 16_000);
+    assert_eq!(bench.asked().len(), 2 * 8);
+    assert!(bench.requests().last().unwrap().0 < 18_000);
     assert_eq!(bench.attitudes_in_the_last_second(), 1);
     assert_paced(&bench);
 }
