@@ -495,6 +495,8 @@ fn settings_of_version_7_are_read_one_by_one() {
 fn what_version_8_stored_is_kept_to_the_last_digit() {
     let mut ports = PortsSettings::DEFAULT;
     ports.of_mut(PortNumber::One).protocol = ProtocolKind::Msp;
+    // Whatever this firmware was built with.
+    ports.of_mut(PortNumber::Two).protocol = ProtocolKind::Nmea;
     ports.of_mut(PortNumber::Two).baud = Baud::B57600;
     let settings = Settings {
         attitude_error: AttitudeError { bias_deg: 0.5, bank_percent: 2.0 },
