@@ -11,8 +11,8 @@
 //! - tells texts (`texts.rs`), how a collection goes on and what comes of it (`collection.rs`), and headings as named values;
 //! - tells the heading as a pose where it is to replace the autopilot's own yaw.
 //!
-//! What another system, or another component of the same one, says of a current, a place or a day changes nothing, nor do the module's
-//! own messages that come back.
+//! What another system, or another component of the same one, says of a current, a place or a day changes nothing, nor do
+//! the module's own messages that come back.
 
 mod asking;
 mod collection;
