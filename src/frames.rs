@@ -184,7 +184,13 @@ impl Field<Level> {
 #[must_use]
 pub fn wrap_pi(angle_rad: f32) -> f32 {
     // Most angles are within the circle already.
-    if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU) }
+    if angle_rad.abs() <= PI { angle_rad } else { wrap_far(angle_rad) }
+}
+
+/// Wraps an angle that is not. In flash once, not wherever an angle is wrapped.
+#[inline(never)]
+fn wrap_far(angle_rad: f32) -> f32 {
+    angle_rad - TAU * libm::floorf((angle_rad + PI) / TAU)
 }
 
 /// Wraps an angle in radians to 0..2 pi; the upper end is never returned.

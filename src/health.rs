@@ -21,6 +21,8 @@ pub struct Health {
     pub heading: Result<Heading, NoHeading>,
     /// Hard iron that has moved since the calibration, once it is sure.
     pub iron: Option<Iron>,
+    /// The current that the motors draw, amperes, if the autopilot has told it lately.
+    pub current_a: Option<f32>,
     /// Event counters.
     pub counts: Counts,
     /// What was lost of the readings since the collection began.

@@ -29,6 +29,24 @@ fn the_paper_s_aircraft_is_calibrated_to_one_degree() {
     }
 }
 
+/// Iron by current of 12 uT in level flight, by 15 A that rise with the bank: where the autopilot tells the current, headings
+/// are as good as without such iron; where it does not, what the turns had is not what straight flight has.
+#[test]
+fn an_aeroplane_whose_autopilot_tells_the_current_is_calibrated_to_one_degree() {
+    for seed in 1..=3 {
+        let world = WorldConfig::table1(seed).with_current(12.0);
+        let told = flown(&WorldConfig { tells_current: true, ..world });
+        let untold = flown(&world);
+        let (told_deg, untold_deg) = (told.after.figures().rms_deg, untold.after.figures().rms_deg);
+        assert!(told_deg <= 1.0, "seed {seed}: {told_deg}");
+        assert!(told_deg <= 3.0 * expected_rms_deg(&told), "seed {seed}: {told_deg}");
+        assert!(untold_deg >= 2.0, "seed {seed}: {untold_deg}");
+        // With what the attitude's noise adds.
+        let streamed = told.streamed.unwrap();
+        assert!(streamed.rms_deg <= 1.2, "seed {seed}: {streamed:?}");
+    }
+}
+
 /// README: random airframes (soft iron to 20 %, hard iron to 1.5 H0, mounting to 10 deg, inclination -70 to 70 deg)
 /// with the default weather and attitude source. The physical limit, from attitude noise, is 0.2 to 0.6 deg there.
 #[test]

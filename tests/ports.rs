@@ -2,19 +2,21 @@
 
 use std::f64::consts::PI;
 
+use autoswing::calibration::CurrentIron;
 use autoswing::health::ResetCause;
 use host_sim::faults::Faults;
 use host_sim::mission::Plan;
 use host_sim::module::{Module as _, Ran};
 use host_sim::rig::Rig;
 use host_sim::routine::Routine;
-use host_sim::score::wrap_180;
+use host_sim::score::{Errors, wrap_180};
+use host_sim::transcript;
 use host_sim::world::aircraft::{Config, Kind};
 use host_sim::world::autopilot::Leg;
 use host_sim::world::far_end::{FarEnd, Somebody};
 use host_sim::world::mavlink_autopilot::{self, Frame, command_long};
 use host_sim::world::msp_autopilot::{self, CompassReading, Troubles};
-use host_sim::world::{TrueState, WorldConfig};
+use host_sim::world::{CRUISE_A, TrueState, WorldConfig};
 
 const ARDUPILOT: FarEnd = FarEnd::Mavlink(mavlink_autopilot::Firmware::ArduPilot);
 const MSP_ARDUPILOT: FarEnd =
@@ -200,6 +202,61 @@ fn an_msp_autopilot_has_a_compass_from_the_beginning_and_a_true_one_after_the_fl
         // WMM2025 has 526 mG in Xi'an at the beginning of 2026.
         assert!((mean_mg - 526.0).abs() < 12.0, "{mean_mg}");
     }
+}
+
+/// A copter's iron by current of 12 uT in hover, a multiple of what the Earth leaves of a degree: found to its sigma where
+/// the autopilot tells the current in whatever protocol, stored, and taken out of every reading. Told, headings are good in
+/// fast flight, too, where the motors draw another current; not told, they are off by what it adds. Who falls silent is
+/// believed for three seconds, and then the mean is taken, and the sigma says so.
+#[test]
+fn iron_by_current_is_found_when_the_autopilot_tells_the_current() {
+    for (far_end, is_told) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
+        let config = WorldConfig { tells_current: is_told, ..world(Kind::Copter).with_current(12.0) };
+        let mut rig = Rig::wired(config, Faults::default(), [far_end, FarEnd::Nobody]);
+        run(&mut rig, 12.0);
+        let status = rig.type_line("status");
+        let current = status.lines().find_map(|line| line.strip_prefix("current: ")).expect("a line of the current");
+        let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
+        // It hovers, in gusts.
+        let is_right = amperes.map_or(current == "not told", |amperes| (amperes - CRUISE_A).abs() < 3.0);
+        assert!(is_right && amperes.is_some() == is_told, "{far_end:?}: {status}");
+        fly_routine(&mut rig, Kind::Copter);
+        rig.power_on(ResetCause::PowerOn);
+        run(&mut rig, 12.0);
+        let shown = rig.type_line("cal show");
+        let shown = transcript::shown(&shown).unwrap_or_else(|| panic!("{far_end:?}: {shown}"));
+        let CurrentIron { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.current;
+        let error_deg = Errors::of(&shown.calibration, &config).figures().rms_deg;
+        println!("{far_end:?}, told: {is_told}: {error_deg:.2} deg, {:?}", shown.calibration.current);
+        if !is_told {
+            assert_eq!(shown.calibration.current, CurrentIron::NONE);
+            continue;
+        }
+        for (found, added_ut) in ut_per_a.iter().zip(config.current_ut) {
+            let off = f64::from(*found) - added_ut / CRUISE_A;
+            assert!(off.abs() < 4.0 * f64::from(sigma_ut_per_a), "{far_end:?}: {ut_per_a:?} {:?}", config.current_ut);
+        }
+        assert!(error_deg < 1.5, "{far_end:?}: {error_deg}");
+        if far_end != ARDUPILOT {
+            continue;
+        }
+        let told_deg = sigma_deg(&mut rig);
+        rig.world.set_tells_current(false);
+        run(&mut rig, 2.0);
+        assert!(rig.type_line("status").contains("\r\ncurrent: 1"), "it holds for three seconds");
+        run(&mut rig, 2.0);
+        assert!(rig.type_line("status").contains("\r\ncurrent: not told\r\n"));
+        // By the spread of the current, 1 A, it is 0.8 uT of 28 horizontal: 1.6 deg more.
+        let silent_deg = sigma_deg(&mut rig);
+        assert!(silent_deg > told_deg.hypot(1.2), "{told_deg} {silent_deg}");
+    }
+}
+
+/// The standard deviation of the heading, by `status`.
+fn sigma_deg(rig: &mut Rig) -> f64 {
+    let status = rig.type_line("status");
+    let sigma = status.split_once("deg magnetic, sigma ").and_then(|(_, sigma)| sigma.split_once(' '));
+    sigma.and_then(|(sigma, _)| sigma.parse().ok()).unwrap_or_else(|| panic!("{status}"))
 }
 
 /// A magnet beside the sensor, at the end of its range and within it: silence, so that the autopilot falls back. When it is

@@ -17,7 +17,7 @@ use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, replay
 use host_sim::score::Errors;
 use host_sim::world::aircraft::Kind;
 use host_sim::world::autopilot::Leg;
-use host_sim::world::{World, WorldConfig};
+use host_sim::world::{CRUISE_A, World, WorldConfig};
 use nalgebra::Vector3;
 
 const ALL: Options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
@@ -321,8 +321,6 @@ fn parameters_give_what_they_say_when_they_are_applied() {
 /// more than what is expected of him who is. An autopilot that loads the file has the same.
 #[test]
 fn iron_by_current_is_found_and_handed_over() {
-    /// Of the motors' unit current, as recordings have it.
-    const AMPERES: f64 = 15.0;
     for (seed, write, dialect) in [
         (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
         (5, ulog, Dialect::Px4),
@@ -335,7 +333,7 @@ fn iron_by_current_is_found_and_handed_over() {
         assert_eq!(compass.module.accepted, Ok(()), "seed {seed}");
         let iron = compass.module.solution.as_ref().unwrap().calibration.current;
         for (found, added_ut) in iron.ut_per_a.iter().zip(world.current_ut) {
-            let off = f64::from(*found) - added_ut / AMPERES;
+            let off = f64::from(*found) - added_ut / CRUISE_A;
             assert!(
                 off.abs() < 4.0 * f64::from(iron.sigma_ut_per_a) + 0.01,
                 "seed {seed}: {iron:?} {:?}",

@@ -48,6 +48,8 @@ impl Stage {
 pub struct Glimpse {
     /// The field in the chip's axes.
     pub field: Field<Sensor>,
+    /// The current as the autopilot tells it, amperes.
+    pub current_a: Option<f32>,
     /// When and where.
     pub moment: Moment,
 }
@@ -262,7 +264,8 @@ impl<M: Module> Mission<'_, M> {
             let now = self.module.world().true_state(self.module.now_us());
             if matches!(stage, Stage::Routine(_)) {
                 let field = self.module.world().sensor_field(now.time_us);
-                self.glimpses.push(Glimpse { field, moment: Moment::of(&now) });
+                let current_a = self.module.world().told_current_a(now.time_us).map(|amperes| amperes as f32);
+                self.glimpses.push(Glimpse { field, current_a, moment: Moment::of(&now) });
             }
             let done = match leg {
                 Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Push { seconds, .. } => {

@@ -3,11 +3,12 @@
 use std::f64::consts::FRAC_PI_6;
 
 use autoswing::calibration::Calibration;
-use autoswing::frames::Attitude;
+use autoswing::frames::{Attitude, Field};
+use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::world::WorldConfig;
 use crate::world::rotation::Euler;
+use crate::world::{CRUISE_A, WorldConfig};
 
 /// Banks at which a calibration is scored, degrees.
 pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
@@ -31,13 +32,16 @@ pub struct Figures {
 }
 
 impl Errors {
-    /// Scores a calibration in a world.
+    /// Scores a calibration in a world, at the current of level flight, hover or on the flat.
     #[must_use]
     pub fn of(calibration: &Calibration, world: &WorldConfig) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = Euler { roll_rad: bank_deg.to_radians(), pitch_rad: 0.0, heading_rad };
             let sensed = world.airframe.measure(&world.earth.body_field_ut(truth));
+            let sensed = Field::new(sensed.ut + Vector3::from(world.current_ut).cast());
             // From here on it is the module's own arithmetic that is judged.
+            let told_a = world.tells_current.then_some(CRUISE_A as f32);
+            let sensed = calibration.without_current(sensed, told_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
             let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())

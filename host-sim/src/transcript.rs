@@ -72,7 +72,7 @@ pub fn shown(reply: &str) -> Option<Shown> {
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
         latency_s: latency_s(line("latency: ")?)?,
-        current: CurrentIron::NONE,
+        current: current(line("current: ")?)?,
     };
     Some(Shown {
         method,
@@ -86,6 +86,15 @@ pub fn shown(reply: &str) -> Option<Shown> {
 fn latency_s(said: &str) -> Option<f32> {
     let used = said.strip_suffix(", used").map(numbers::<2>);
     used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
+}
+
+/// What goes with the current.
+fn current(said: &str) -> Option<CurrentIron> {
+    if said == "not known" {
+        return Some(CurrentIron::NONE);
+    }
+    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = numbers(said)?;
+    Some(CurrentIron { ut_per_a: [x, y, z], sigma_ut_per_a, mean_a, spread_a })
 }
 
 /// What `status` says of iron that has moved: what it adds to the corrected field, body axes, microtesla; `None` while

@@ -134,13 +134,15 @@ impl Talk<'_> {
     }
 
     fn health(&self, platform: &impl Platform) -> Health {
-        let Estimate { attitude, heading, iron, .. } = self.links.estimates.try_get().unwrap_or(Estimate::NOTHING);
+        let Estimate { attitude, heading, iron, current_a, .. } =
+            self.links.estimates.try_get().unwrap_or(Estimate::NOTHING);
         let counts = self.links.counts();
         Health {
             sensor: self.links.sensor.try_get().map(|found| found.identity),
             attitude,
             heading,
             iron,
+            current_a,
             loss: Loss::between(&self.began, &counts),
             counts,
             reset: self.reset.clone(),

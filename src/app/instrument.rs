@@ -28,11 +28,14 @@ pub async fn run(links: &Links) -> ! {
         let has_told = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => adapt(&mut instrument, found),
-            Either4::Second(report) => instrument.on_attitude(report.at, report.value),
-            Either4::Third(reading) => {
+            Either4::Second(report) => {
+                instrument.on_attitude(report.at, report.value);
+                // Who tells a current tells an attitude, and oftener; a reading is in more of a hurry.
                 if CURRENT_IS_LOOKED_FOR && let Some(told) = links.current.try_get() {
                     instrument.on_current(told.at, told.value);
                 }
+            }
+            Either4::Third(reading) => {
                 estimates.send(instrument.on_reading(reading.at, reading.value));
                 silent_at = silence_from_now(&instrument);
             }
@@ -44,7 +47,6 @@ pub async fn run(links: &Links) -> ! {
         while let Some(sample) = instrument.next_sample() {
             links.offer(&links.samples, sample);
         }
-        links.counters.take(&instrument.counts());
         // What takes longer than a heading, a new correction too, has its time when one has just been told, and the next
         // reading is far.
         if has_told {
@@ -52,6 +54,7 @@ pub async fn run(links: &Links) -> ! {
             // ports have theirs in between.
             yield_now().await;
             yield_now().await;
+            links.counters.take(&instrument.counts());
             if let Some(changed) = correction.try_changed() {
                 instrument.correct_with(changed);
             }

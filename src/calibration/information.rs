@@ -319,6 +319,7 @@ impl Information {
     }
 
     /// By what the covariance of the attitude's and the field's errors is larger than were they independent, at most.
+    #[inline(never)]
     fn inflation(&self) -> f32 {
         let [of_norm, of_dip] = self.correlation.excess();
         1.0 + of_norm.max(of_dip)

@@ -156,6 +156,7 @@ impl Refinement {
     }
 
     /// Unknowns and noise are nearly what they will be: the noise is estimated once more.
+    #[inline(never)]
     fn seek_nearby(&mut self, samples: Samples<'_>) {
         self.rounds = ROUNDS - 1;
         self.steps = 0;

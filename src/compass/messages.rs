@@ -223,6 +223,7 @@ pub struct Verdict {
 impl Verdict {
     /// Of a calibration of this quality. A tilt about magnetic north turns the vertical part of the field into the
     /// horizontal one: `d psi = tan(inclination) d phi`, from Liu 2007 eq. 3.
+    #[inline(never)]
     pub(super) fn new(quality: Quality, calibration: &Calibration) -> Self {
         let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
         let attitude_cost = calibration.knows_inclination(quality.method).then_some((sin / cos).abs());

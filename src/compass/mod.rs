@@ -352,6 +352,7 @@ impl<'a> Compass<'a> {
     }
 
     /// Stops whatever runs and forgets the samples.
+    #[inline(never)]
     fn forget(&mut self) {
         self.collector.forget();
         self.trials = Trials::NONE;

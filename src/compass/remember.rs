@@ -61,6 +61,7 @@ impl Compass<'_> {
     }
 
     /// Has the memory of the collection be what it is now.
+    #[inline(never)]
     pub(super) fn keep(&mut self) {
         self.collector.keep(Context { by_itself: self.auto.began, serial: self.serial() });
     }

@@ -202,6 +202,8 @@ pub struct Estimate {
     pub attitude: Option<Attitude>,
     /// Hard iron that has moved since the calibration, once it is sure.
     pub iron: Option<Iron>,
+    /// The current that the motors draw, amperes, if it has been told lately.
+    pub current_a: Option<f32>,
 }
 
 impl Estimate {
@@ -214,6 +216,7 @@ impl Estimate {
         smooth: None,
         attitude: None,
         iron: None,
+        current_a: None,
     };
 }
 
@@ -387,13 +390,14 @@ impl Instrument {
             fault.map_or_else(|| self.heading(field, current_a, attitude, turning.as_ref()), |fault| Err(fault.into()));
         let smooth = self.smoother.smooth(at, heading.as_ref().ok(), turning);
         let compass = self.compass_field.tell(at, field).filter(|_| self.is_trusted(at, field, &heading));
-        Estimate { at, body, compass, heading, smooth, attitude: attitude.ok(), iron: self.iron() }
+        Estimate { at, body, compass, heading, smooth, attitude: attitude.ok(), iron: self.iron(), current_a }
     }
 
     /// No reading has come for [`Config::silence_us`] or longer.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
-        Estimate { at, attitude: self.attitude_at(at).ok(), iron: self.iron(), ..Estimate::NOTHING }
+        let (attitude, current_a) = (self.attitude_at(at).ok(), self.current_a(at));
+        Estimate { at, attitude, iron: self.iron(), current_a, ..Estimate::NOTHING }
     }
 
     /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none

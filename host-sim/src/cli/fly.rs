@@ -59,7 +59,8 @@ fn world(options: &Fly) -> Result<WorldConfig, Failure> {
             return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
         }
     };
-    Ok(if options.current > 0.0 { world.with_current(options.current) } else { world })
+    let world = if options.current > 0.0 { world.with_current(options.current) } else { world };
+    Ok(WorldConfig { tells_current: options.tell_current, ..world })
 }
 
 impl Fly {
@@ -92,7 +93,8 @@ fn made(options: &Fly) -> Made {
         setting("seed", options.seed.to_string()),
     ];
     if options.current > 0.0 {
-        settings.push(setting("iron by current", format!("{} uT", options.current)));
+        let told = if options.tell_current { ", told" } else { "" };
+        settings.push(setting("iron by current", format!("{} uT{told}", options.current)));
     }
     settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
     Made { command: command_line(), settings, ..Made::default() }

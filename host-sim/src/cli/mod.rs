@@ -348,6 +348,9 @@ struct Fly {
     /// follows their current
     #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
     current: f64,
+    /// The autopilot measures that current, and tells it
+    #[arg(long)]
+    tell_current: bool,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = bank)]
     bank: f64,

@@ -174,10 +174,10 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::Shown, u64), St
     }
 }
 
-/// With the current that it needs to hover or to fly on: what it is calibrated with.
+/// With the current that it needs to hover or to fly on, and the iron that there is now.
 fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f64>) -> f64 {
     let mut now = *world;
-    now.airframe.b_ut += added_ut + Vector3::from(world.current_ut);
+    now.airframe.b_ut += added_ut;
     Errors::of(calibration, &now).figures().rms_deg
 }
 

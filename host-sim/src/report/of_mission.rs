@@ -167,7 +167,9 @@ fn moment(of: &mission::Moment) -> Moment {
 
 /// What was seen while it collected.
 fn seen(glimpse: &Glimpse, calibration: Option<&Calibration>) -> Moment {
-    let level = |by: &Calibration| glimpse.moment.attitude.level(by.apply(glimpse.field));
+    let level = |by: &Calibration| {
+        glimpse.moment.attitude.level(by.apply(by.without_current(glimpse.field, glimpse.current_a)))
+    };
     let before = level(&Calibration::uncalibrated(Orientation::NONE));
     let error_deg =
         |level: &Field<Level>| wrap_180(f64::from(level.heading_rad().to_degrees()) - glimpse.moment.heading_deg);

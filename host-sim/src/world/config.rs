@@ -30,6 +30,8 @@ pub struct WorldConfig {
     /// Iron by current: what the motors add in the chip's axes in level flight, in hover, or on the flat, microtesla.
     /// It follows their current. See [`World::set_current_ut`](super::World::set_current_ut).
     pub current_ut: [f64; 3],
+    /// Whether the autopilot measures that current, and tells it.
+    pub tells_current: bool,
 }
 
 /// The file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`.
@@ -158,6 +160,7 @@ impl WorldConfig {
             weather: file.weather,
             attitude_source: file.attitude_source,
             current_ut: [0.0; 3],
+            tells_current: false,
         };
         config.validate()?;
         Ok(config)
@@ -174,6 +177,7 @@ impl WorldConfig {
             weather: Weather::default(),
             attitude_source: attitude_source::Config::default(),
             current_ut: [0.0; 3],
+            tells_current: false,
         }
     }
 

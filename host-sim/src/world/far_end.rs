@@ -8,7 +8,7 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 
 use super::World;
 use super::attitude_source::{AttitudeSource, Reported};
-use super::mavlink_autopilot::{self, BEGAN_UNIX_US, MavlinkAutopilot, XIAN};
+use super::mavlink_autopilot::{self, BEGAN_UNIX_US, MavlinkAutopilot, Seen, XIAN};
 use super::msp_autopilot::{self, Known, MspAutopilot, Troubles};
 use crate::clock;
 use crate::devices::uart::HostEnd;
@@ -95,7 +95,8 @@ async fn mavlink(
                         fault.tamper(now_us, attitude);
                     }
                 };
-                let bytes = device.send(now_us, world.is_armed(), &truth, tamper);
+                let (is_armed, current_a) = (world.is_armed(), world.told_current_a(now_us));
+                let bytes = device.send(now_us, &Seen { truth, is_armed, current_a }, tamper);
                 if world.sends_attitude() {
                     uart.send(&bytes);
                 }
@@ -137,6 +138,7 @@ async fn msp(
                 is_armed: world.is_armed(),
                 place: Some((XIAN.latitude_deg, XIAN.longitude_deg, XIAN.height_m)),
                 unix_s: Some((BEGAN_UNIX_US + now_us) / 1_000_000),
+                current_a: world.told_current_a(now_us),
             };
         }
         {

@@ -42,13 +42,16 @@ use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
 use self::earth::Earth;
 use self::rotation::Euler;
-pub use self::state::TrueState;
+pub use self::state::{CRUISE_A, TrueState};
 use crate::clock;
 use crate::devices::lis3mdl::FieldSource;
 use crate::faults::field::FieldFault;
 
 /// How far back the truth can be asked for, in steps: 2 s. The slowest sensor looks back 1.6 s.
 const HISTORY_STEPS: usize = 400;
+
+/// Age of a current that is told, microseconds: half the tenth of a second from one to the next.
+const CURRENT_AGE_US: u64 = 50_000;
 
 struct Inner {
     config: WorldConfig,
@@ -91,6 +94,14 @@ impl World {
     #[must_use]
     pub fn true_state(&self, at_us: u64) -> TrueState {
         self.0.borrow_mut().true_state(at_us)
+    }
+
+    /// The current that the autopilot tells now, amperes: the mean of what it has measured since it told the last; none if it
+    /// measures none.
+    #[must_use]
+    pub fn told_current_a(&self, now_us: u64) -> Option<f64> {
+        let tells = self.config().tells_current;
+        tells.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
     }
 
     /// The field in the chip's axes at a time: now, or up to two seconds ago.
@@ -176,6 +187,11 @@ impl World {
     /// in hover, or on the flat, microtesla. It follows their current.
     pub fn set_current_ut(&self, current_ut: [f64; 3]) {
         self.up_to_now().config.current_ut = current_ut;
+    }
+
+    /// Lets the autopilot measure the motors' current and tell it, or not.
+    pub fn set_tells_current(&self, tells: bool) {
+        self.up_to_now().config.tells_current = tells;
     }
 
     /// Arms or disarms the autopilot, which says so with its next heartbeat, within a second. It begins disarmed, as on

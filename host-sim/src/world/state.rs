@@ -39,7 +39,16 @@ pub struct TrueState {
     pub current: f64,
 }
 
+/// Current of the motors in level flight, in hover, or on the flat, amperes: that of an aircraft of some kilograms.
+pub const CRUISE_A: f64 = 15.0;
+
 impl TrueState {
+    /// Current of the motors, amperes.
+    #[must_use]
+    pub fn current_a(&self) -> f64 {
+        self.current * CRUISE_A
+    }
+
     /// Magnetic heading in degrees, 0..360.
     #[must_use]
     pub fn heading_deg(&self) -> f64 {

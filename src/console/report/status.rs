@@ -5,6 +5,7 @@ use core::fmt::{self, Display, Write};
 use super::calibration::{Judged, latency};
 use super::settings::{Line, field_model, setting_line};
 use super::{Moved, Reason, Reset};
+use crate::calibration::CURRENT_IS_LOOKED_FOR;
 use crate::calibration::ladder::Procedure;
 use crate::collection::dataset::{Coverage, SECTORS};
 use crate::compass::{Prospect, Report, State};
@@ -22,6 +23,7 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
+    current(out, health.current_a)?;
     progress(out, report)?;
     if let (State::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
         prospect(out, report.prospect.as_ref(), report.settings.accuracy_deg)?;
@@ -56,6 +58,15 @@ pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Re
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
     writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+}
+
+/// The current that the motors draw.
+fn current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Result {
+    match current_a {
+        Some(amperes) => writeln!(out, "current: {} A", Decimal::<1>(amperes)),
+        None if CURRENT_IS_LOOKED_FOR => writeln!(out, "current: not told"),
+        None => writeln!(out, "current: not in this firmware"),
+    }
 }
 
 /// What stands in for a protocol that this firmware does not have, and what was found on a port that finds out.

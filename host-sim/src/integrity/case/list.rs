@@ -67,6 +67,16 @@ pub static CASES: &[Case] = &[
     case("cal-lean-90", What::CalibrationLean(0.9), "attitude always reads 90 % of the bank"),
     case("cal-hover", What::Hover, "calibration by yaw turns in hover alone"),
     case("pushed", What::Pushed(2.0), "attitude always twice as wrong while it is pushed about"),
-    case("current-5", What::Current(5.0), "a current of 5 uT in hover follows the thrust, always"),
-    case("current-20", What::Current(20.0), "a current of 20 uT in hover follows the thrust, always"),
+    case(
+        "current-5",
+        What::Current { ut: 5.0, is_told: false },
+        "a current of 5 uT in hover follows the thrust, always",
+    ),
+    case(
+        "current-20",
+        What::Current { ut: 20.0, is_told: false },
+        "a current of 20 uT in hover follows the thrust, always",
+    ),
+    case("current-5-told", What::Current { ut: 5.0, is_told: true }, "the same, and the autopilot tells the current"),
+    case("current-20-told", What::Current { ut: 20.0, is_told: true }, "20 uT, and the autopilot tells the current"),
 ];

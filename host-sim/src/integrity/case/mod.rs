@@ -103,7 +103,7 @@ enum What {
     CalibrationWarming,
     Hover,
     Pushed(f64),
-    Current(f64),
+    Current { ut: f64, is_told: bool },
     Passing { peak_ut: f64, for_s: f64 },
     Ferry,
     ShallowTurns,
@@ -164,7 +164,7 @@ impl Case {
     pub const fn is_for(&self, aircraft: Kind) -> bool {
         match self.what {
             What::TenHours | What::ShallowTurns => !aircraft.hovers(),
-            What::Hover | What::Pushed(_) | What::Current(_) => aircraft.hovers(),
+            What::Hover | What::Pushed(_) | What::Current { .. } => aircraft.hovers(),
             _ => true,
         }
     }
@@ -197,7 +197,7 @@ impl Case {
             | What::FrozenCoarse
             | What::Hover
             | What::Pushed(_)
-            | What::Current(_) => self.flight(&mut drawn),
+            | What::Current { .. } => self.flight(&mut drawn),
             What::Stuck(_)
             | What::StuckNoisy
             | What::SensorSpikes
@@ -239,9 +239,9 @@ impl Case {
                 drawn.onset = Onset::Always;
                 drawn.world.attitude_source.push_error_deg *= times;
             }
-            What::Current(ut) => {
+            What::Current { ut, is_told } => {
                 drawn.onset = Onset::Always;
-                drawn.world = drawn.world.with_current(ut);
+                drawn.world = WorldConfig { tells_current: is_told, ..drawn.world.with_current(ut) };
             }
             What::FrozenCoarse => {
                 drawn.onset = for_good(TURNING_AT_S);

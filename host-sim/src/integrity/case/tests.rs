@@ -12,7 +12,10 @@ fn every_aircraft_has_the_cases_that_make_sense() {
         these.iter().filter(|name| !those.contains(name)).copied().collect()
     };
     assert_eq!(only(&plane, &copter), ["ten-hours", "cal-bank-5"]);
-    assert_eq!(only(&copter, &plane), ["cal-hover", "pushed", "current-5", "current-20"]);
+    assert_eq!(
+        only(&copter, &plane),
+        ["cal-hover", "pushed", "current-5", "current-20", "current-5-told", "current-20-told"]
+    );
     assert_eq!(names(Kind::Vtol), copter);
 }
 

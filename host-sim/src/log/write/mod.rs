@@ -24,9 +24,6 @@ const EVERY_US: u64 = 100_000;
 /// The world remembers two seconds: of a step that is longer its end is taken down, microseconds.
 const REMEMBERED_US: u64 = 1_900_000;
 
-/// Of the motors' unit current, amperes, so that a log has numbers of usual size.
-const AMPERES: f64 = 15.0;
-
 /// What an autopilot knew at an instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instant {
@@ -91,7 +88,7 @@ impl Recording {
             rates_rad_s: truth.body_rates_rad_s(),
             heading_rad,
             velocity_m_s: [truth.north_m_s, truth.east_m_s],
-            current_a: truth.current * AMPERES,
+            current_a: truth.current_a(),
             is_armed: true,
         });
     }

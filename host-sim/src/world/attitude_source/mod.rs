@@ -3,7 +3,9 @@
 use std::f64::consts::{PI, TAU};
 
 use embassy_time::{Instant, Timer};
-use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType};
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType, SYS_STATUS_DATA,
+};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 use serde::{Deserialize, Serialize};
 
@@ -45,6 +47,7 @@ impl Identity {
 /// The `mavlink_version` of a heartbeat in the common dialect.
 const HEARTBEAT_VERSION: u8 = 3;
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
+const STATUS_PERIOD_US: u64 = 100_000;
 
 /// Correlation time of the error that pushes make, seconds: that of a push.
 const PUSH_TIME_S: f64 = 2.0;
@@ -252,6 +255,12 @@ impl AttitudeSource {
         })
     }
 
+    /// The next SYS_STATUS message, with this current, amperes; none: it is not measured.
+    pub(super) fn status_message(&mut self, current_a: Option<f64>) -> Vec<u8> {
+        let current_battery = current_a.map_or(-1, |amperes| (amperes * 100.0).round() as i16);
+        self.encode(&SYS_STATUS_DATA { current_battery, ..SYS_STATUS_DATA::DEFAULT })
+    }
+
     pub(super) fn encode(&mut self, message: &impl MessageData) -> Vec<u8> {
         let Identity { system_id, component_id, .. } = self.identity;
         let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.count() };
@@ -274,12 +283,14 @@ impl AttitudeSource {
     }
 
     /// Sends attitude at its rate and a heartbeat every second, for ever, while the [world lets
-    /// it](World::set_sends_attitude): a task of the world. The faults act on every attitude message, in their order.
+    /// it](World::set_sends_attitude): a task of the world. An autopilot that measures the current tells it ten times a
+    /// second. The faults act on every attitude message, in their order.
     pub async fn run(mut self, world: World, uart: HostEnd, mut faults: Vec<Box<dyn AttitudeFault>>) {
         let period_us = 1e6 / self.config.rate_hz;
         let latency_us = self.latency_us();
         let began_us = clock::now_us();
         let mut heartbeat_us = began_us + period_us as u64;
+        let mut status_us = began_us;
         for tick in 1_u64.. {
             let now_us = began_us + (tick as f64 * period_us).round() as u64;
             Timer::at(Instant::from_micros(now_us)).await;
@@ -288,6 +299,12 @@ impl AttitudeSource {
                 let heartbeat = self.heartbeat_message(world.is_armed());
                 if world.sends_attitude() {
                     uart.send(&heartbeat);
+                }
+            }
+            if now_us >= status_us && self.identity.heartbeats == Some(Kind::Autopilot) {
+                status_us += STATUS_PERIOD_US;
+                if let Some(amperes) = world.told_current_a(now_us).filter(|_| world.sends_attitude()) {
+                    uart.send(&self.status_message(Some(amperes)));
                 }
             }
             let late_us: u64 = faults.iter().map(|fault| fault.late_us(now_us)).sum();

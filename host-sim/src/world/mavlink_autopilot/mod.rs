@@ -8,7 +8,7 @@ mod frame;
 use mavlink::MessageData;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavResult,
-    SYSTEM_TIME_DATA,
+    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 use mavlink::{MavlinkVersion, Message};
 
@@ -74,7 +74,19 @@ pub const XIAN: Place = Place { latitude_deg: 34.341_6, longitude_deg: 108.939_8
 pub const BEGAN_UNIX_US: u64 = 1_767_225_600_000_000;
 
 /// The messages that it can send.
-const KNOWN: [u32; 4] = [HEARTBEAT_DATA::ID, ATTITUDE_DATA::ID, GLOBAL_POSITION_INT_DATA::ID, SYSTEM_TIME_DATA::ID];
+const KNOWN: [u32; 5] =
+    [HEARTBEAT_DATA::ID, SYS_STATUS_DATA::ID, ATTITUDE_DATA::ID, GLOBAL_POSITION_INT_DATA::ID, SYSTEM_TIME_DATA::ID];
+
+/// What it has found out itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Its attitude is that of an aircraft like this.
+    pub truth: TrueState,
+    /// Whether it is armed.
+    pub is_armed: bool,
+    /// The current that its battery monitor measures, amperes; none if it has none.
+    pub current_a: Option<f64>,
+}
 
 /// The module's component.
 const MODULE: u8 = 158;
@@ -156,14 +168,8 @@ impl MavlinkAutopilot {
         streams.min().filter(|_| self.answers.is_empty()).unwrap_or(0)
     }
 
-    /// What is sent at an instant, which is true of the aircraft `truth`; each message of attitude goes through `tamper`.
-    pub fn send(
-        &mut self,
-        now_us: u64,
-        is_armed: bool,
-        truth: &TrueState,
-        mut tamper: impl FnMut(&mut ATTITUDE_DATA),
-    ) -> Vec<u8> {
+    /// What is sent at an instant of what it has seen; each message of attitude goes through `tamper`.
+    pub fn send(&mut self, now_us: u64, seen: &Seen, mut tamper: impl FnMut(&mut ATTITUDE_DATA)) -> Vec<u8> {
         let mut bytes = std::mem::take(&mut self.answers);
         let clock_us = now_us - self.started_us;
         for at in 0..self.streams.len() {
@@ -173,12 +179,13 @@ impl MavlinkAutopilot {
             }
             self.streams[at].due_us = (due_us + period_us).max(now_us + 1);
             bytes.extend(match id {
-                HEARTBEAT_DATA::ID => self.source.heartbeat_message(is_armed),
+                HEARTBEAT_DATA::ID => self.source.heartbeat_message(seen.is_armed),
                 ATTITUDE_DATA::ID => {
-                    let mut attitude = self.source.attitude(truth, clock_us);
+                    let mut attitude = self.source.attitude(&seen.truth, clock_us);
                     tamper(&mut attitude);
                     self.source.encode(&attitude)
                 }
+                SYS_STATUS_DATA::ID => self.source.status_message(seen.current_a),
                 GLOBAL_POSITION_INT_DATA::ID => self.position(clock_us),
                 _ => {
                     let time_unix_usec = BEGAN_UNIX_US + now_us;

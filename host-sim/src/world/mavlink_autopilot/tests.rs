@@ -53,6 +53,7 @@ struct Bench {
     silent_until_ms: u64,
     heard: Vec<(u64, Heard)>,
     frames: Vec<(u64, Frame)>,
+    seen: Seen,
 }
 
 impl Bench {
@@ -65,13 +66,14 @@ impl Bench {
             silent_until_ms: 0,
             heard: vec![],
             frames: vec![],
+            seen: Seen::default(),
         }
     }
 
     fn run(&mut self, seconds: u64) {
         for ms in self.ms..self.ms + 1000 * seconds {
             self.ms = ms;
-            let sent = self.autopilot.send(1000 * ms, false, &TrueState::default(), |_| ());
+            let sent = self.autopilot.send(1000 * ms, &self.seen, |_| ());
             if ms >= self.silent_until_ms {
                 self.deliver(&sent);
             }
@@ -246,7 +248,7 @@ fn a_second_autopilot_is_left_alone() {
     bench.run(1);
     for _ in 0..10 {
         bench.run(1);
-        let bytes = other.send(1000 * bench.ms, true, &TrueState::default(), |_| ());
+        let bytes = other.send(1000 * bench.ms, &Seen { is_armed: true, ..Seen::default() }, |_| ());
         bench.deliver(&bytes);
     }
     assert!(bench.frames.iter().all(|(_, frame)| (frame.system, frame.component) == (1, 158)));

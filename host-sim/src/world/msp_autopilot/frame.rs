@@ -6,6 +6,7 @@ const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
 const RAW_GPS: u16 = 106;
 const ATTITUDE: u16 = 108;
+const ANALOG: u16 = 110;
 const RTC: u16 = 247;
 const SENSOR_COMPASS: u16 = 0x1F04;
 
@@ -98,6 +99,7 @@ pub(super) fn payload(firmware: Firmware, function: u16, known: &Known) -> Optio
         STATUS => Some(status(firmware, known.is_armed)),
         RAW_GPS => Some(raw_gps(known)),
         ATTITUDE => Some(attitude(firmware, known)),
+        ANALOG => Some(analog(firmware, known.current_a)),
         RTC => Some(rtc(firmware, known.unix_s)),
         _ => None,
     }
@@ -133,6 +135,16 @@ fn raw_gps(known: &Known) -> Vec<u8> {
     payload.extend((height_m as i16).to_le_bytes());
     // Speed, course, dilution.
     payload.extend([0; 6]);
+    payload
+}
+
+/// Voltage, charge, signal strength, current; ArduPilot's has the voltage once more. One that is not measured is none.
+fn analog(firmware: Firmware, current_a: Option<f64>) -> Vec<u8> {
+    let mut payload = vec![168, 0, 0, 0, 0];
+    payload.extend(((current_a.unwrap_or(0.0) * 100.0).round() as i16).to_le_bytes());
+    if firmware == Firmware::ArduPilot {
+        payload.extend(1680_u16.to_le_bytes());
+    }
     payload
 }
 

@@ -50,6 +50,8 @@ pub struct Known {
     pub place: Option<(f64, f64, f64)>,
     /// Seconds since 1970, UTC; none if its clock was not set.
     pub unix_s: Option<u64>,
+    /// Current of its battery, amperes; none if it does not measure it.
+    pub current_a: Option<f64>,
 }
 
 /// A reading of the compass, as it came.

@@ -17,6 +17,7 @@ const KNOWN: Known = Known {
     place: Some((-33.9, 151.2, 20.0)),
     // 2026-11-22, noon.
     unix_s: Some(1_795_348_800),
+    current_a: Some(12.34),
 };
 
 const NONE: Troubles = Troubles { dropped: 0.0, refused: 0.0, cut: 0.0, joined: 0.0 };
@@ -55,6 +56,8 @@ fn the_library_understands_both_firmwares() {
         let Some(Message::RawGps(Some(place))) = answered(&mut autopilot, Function::RawGps, &KNOWN) else { panic!() };
         assert!((place.latitude_deg + 33.9).abs() < 1e-5 && (place.longitude_deg - 151.2).abs() < 2e-5);
         assert!((place.height_m - 20.0).abs() < 1e-6);
+        let Some(Message::Current(amperes)) = answered(&mut autopilot, Function::Analog, &KNOWN) else { panic!() };
+        assert!((amperes - 12.34).abs() < 1e-5);
         for unix_s in [1_795_348_800, 1_709_164_800, 1_735_689_599, 4_107_542_400_u64] {
             let known = Known { unix_s: Some(unix_s), ..KNOWN };
             let Some(Message::Rtc(Some(day))) = answered(&mut autopilot, Function::Rtc, &known) else { panic!() };
