@@ -231,8 +231,9 @@ struct Speed {
 /// A table has values separated by comma, semicolon or tab, with names in the first line: t_s (seconds), mx, my, mz (raw
 /// field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional: `use` (0 keeps
 /// a row out), p_dps, q_dps, r_dps (body rates, deg/s, each the mean since the row before), yaw_ref_deg (to compare with),
-/// yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, armed (0 or 1), and mx2, my2, mz2 of a
-/// second compass, up to the eighth. A line that cannot be read costs that line.
+/// yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, speed_m_s and course_deg (over ground,
+/// from true north), armed (0 or 1), and mx2, my2, mz2 of a second compass, up to the eighth. A line that cannot be read
+/// costs that line.
 ///
 /// Exit codes: 0 the module would calibrate with one of the compasses, 1 with none, 2 the file cannot be read.
 #[derive(Args)]

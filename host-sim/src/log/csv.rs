@@ -12,6 +12,7 @@
 //! | `yaw_deg` | optional: the autopilot's own yaw, from true north |
 //! | `current_a` | optional: current, amperes |
 //! | `lat_deg`, `lon_deg`, `height_m` | optional: where |
+//! | `speed_m_s`, `course_deg` | optional, with those: speed and course over ground, from true north |
 //! | `armed` | optional: 0 or 1 |
 //!
 //! Read by hand, a line at a time in bounded memory: quotes that never close, decimal commas and lines that are cut off are what
@@ -155,6 +156,7 @@ struct Table {
     current: Option<usize>,
     place: Option<[usize; 2]>,
     height: Option<usize>,
+    over_ground: [Option<usize>; 2],
     armed: Option<usize>,
 }
 
@@ -189,6 +191,7 @@ impl Table {
             current: find("current_a"),
             place,
             height: find("height_m"),
+            over_ground: ["speed_m_s", "course_deg"].map(find),
             armed: find("armed"),
         })
     }
@@ -248,18 +251,11 @@ impl Table {
         {
             let height_m = self.height.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
             let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
-            let unknown = f32::NAN;
-            into.gps(
-                t_s,
-                Gps {
-                    latitude_deg,
-                    longitude_deg,
-                    height_m,
-                    speed_m_s: unknown,
-                    course_deg: unknown,
-                    yaw_deg: unknown,
-                },
-            );
+            let known =
+                |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |of| of as f32);
+            let [speed_m_s, course_deg] = self.over_ground.map(known);
+            let yaw_deg = f32::NAN;
+            into.gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
         }
         Ok(())
     }

@@ -103,7 +103,7 @@ fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
         let [p, q, r] = instant.rates_rad_s;
         row(5, &[0.0, p, q, r]);
         row(7, &[0.0, 12.0, instant.current_a]);
-        if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
+        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
             let [speed_m_s, course_rad] = instant.over_ground();
             let over_ground = [speed_m_s, course_rad.to_degrees()];
             let place = [0.0, 3.0, us / 1e3, f64::from(WEEK), latitude, longitude, height];

@@ -12,17 +12,24 @@ use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use autoswing::earth::{self, Day, EarthField};
+
 use crate::devices::uart::HostEnd;
 use crate::module::{Module, Ran};
 use crate::world::World;
 use crate::world::aircraft::Kind;
 use crate::world::attitude_source::AttitudeSource;
+use crate::world::earth::Earth;
+use crate::world::mavlink_autopilot::{BEGAN_UNIX_US, Place, XIAN};
 
 /// Ten rows a second, as autopilots log, microseconds.
 const EVERY_US: u64 = 100_000;
 
 /// The world remembers two seconds: of a step that is longer its end is taken down, microseconds.
 const REMEMBERED_US: u64 = 1_900_000;
+
+/// Parameters of an autopilot of either kind that corrects nothing.
+const UNTOUCHED: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
 /// What an autopilot knew at an instant.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,10 +42,12 @@ pub struct Instant {
     pub attitude_rad: [f64; 3],
     /// Body rates, rad/s.
     pub rates_rad_s: [f64; 3],
-    /// The true magnetic heading, radians.
+    /// The true heading, radians: from true north where that is known, else from magnetic north, as the velocity is.
     pub heading_rad: f64,
     /// Velocity over ground towards north and east, m/s.
     pub velocity_m_s: [f64; 2],
+    /// How far it has come towards north and east, metres.
+    pub moved_m: [f64; 2],
     /// Current, amperes.
     pub current_a: f64,
     /// Whether it is armed.
@@ -52,8 +61,10 @@ pub struct Recording {
     pub instants: Vec<Instant>,
     /// The autopilot's parameters.
     pub parameters: Vec<(String, f64)>,
-    /// Latitude, longitude, degrees, and height, metres, where it was flown, if that is told.
+    /// Latitude, longitude, degrees, and height, metres, where it began, if that is told.
     pub place: Option<[f64; 3]>,
+    /// Magnetic north from true north there, degrees, east positive.
+    pub declination_deg: f64,
     /// Whether its autopilot says that it is a copter.
     pub is_copter: bool,
     /// How old the fields are at their instants, seconds: they were measured so much earlier.
@@ -80,17 +91,40 @@ impl Recording {
         self.is_copter = world.config().aircraft.kind == Kind::Copter;
         let (truth, reported) = (world.true_state(at_us), source.report(&world.true_state(at_us)));
         let field = world.sensor_field(at_us.saturating_sub((self.age_s * 1e6) as u64)).ut;
-        let heading_rad = truth.heading_deg().to_radians();
+        let declination_rad = self.declination_deg.to_radians();
+        let heading_rad = (truth.heading_rad + declination_rad).rem_euclid(TAU);
+        let (sin, cos) = declination_rad.sin_cos();
+        let true_north = |[north, east]: [f64; 2]| [north * cos - east * sin, north * sin + east * cos];
         self.instants.push(Instant {
             at_us,
             field_ut: vec![[field.x, field.y, field.z].map(f64::from)],
             attitude_rad: [reported.roll_rad, reported.pitch_rad, heading_rad],
             rates_rad_s: truth.body_rates_rad_s(),
             heading_rad,
-            velocity_m_s: [truth.north_m_s, truth.east_m_s],
+            velocity_m_s: true_north([truth.north_m_s, truth.east_m_s]),
+            moved_m: true_north([truth.north_m, truth.east_m]),
             current_a: truth.current_a(),
             is_armed: true,
         });
+    }
+
+    /// It is flown here, in the field of 2026-01-01.
+    pub fn is_at(&mut self, place: Place) {
+        let Place { latitude_deg, longitude_deg, height_m } = place;
+        self.place = Some([latitude_deg, longitude_deg, height_m]);
+        let here = earth::Place::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
+        let field = here.zip(Day::from_unix_s(BEGAN_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::of(at, on));
+        self.declination_deg = field.and_then(|field| field.declination_deg).map_or(0.0, f64::from);
+    }
+
+    /// Latitude, longitude, degrees, and height, metres, at an instant, if that is told.
+    fn place_at(&self, instant: &Instant) -> Option<[f64; 3]> {
+        /// Of a degree of latitude, metres.
+        const DEGREE_M: f64 = 111_200.0;
+        let [latitude_deg, longitude_deg, height_m] = self.place?;
+        let [north_deg, east_deg] = instant.moved_m.map(|metres| metres / DEGREE_M);
+        let shrinks = latitude_deg.to_radians().cos();
+        Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }
 
     /// A parameter; nothing where there is none.
@@ -131,7 +165,8 @@ impl Recording {
 #[must_use]
 pub fn csv(recording: &Recording) -> Vec<u8> {
     let mut text = String::from(
-        "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,p_dps,q_dps,r_dps,current_a,armed,lat_deg,lon_deg,height_m\n",
+        "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,p_dps,q_dps,r_dps,current_a,armed,lat_deg,lon_deg,height_m,\
+         speed_m_s,course_deg\n",
     );
     let mut last = None;
     for instant in &recording.instants {
@@ -141,7 +176,11 @@ pub fn csv(recording: &Recording) -> Vec<u8> {
         let now = instant.rates_rad_s.map(f64::to_degrees);
         let [p, q, r] = std::array::from_fn(|axis| now[axis].midpoint(last.unwrap_or(now)[axis]));
         last = Some(now);
-        let place = recording.place.map_or_else(|| ",,".to_owned(), |[a, b, c]| format!("{a:.7},{b:.7},{c:.1}"));
+        let [speed_m_s, course_rad] = instant.over_ground();
+        let place = recording.place_at(instant).map_or_else(
+            || ",,,,".to_owned(),
+            |[a, b, c]| format!("{a:.7},{b:.7},{c:.1},{speed_m_s:.2},{:.2}", course_rad.to_degrees()),
+        );
         // Writing to a string never fails.
         let _ = writeln!(
             text,
@@ -183,7 +222,12 @@ impl<'a, M: Module> Recorded<'a, M> {
     /// From now on.
     pub fn new(module: &'a mut M) -> Self {
         let (source, next_us) = (module.world().attitude_source(), module.now_us());
-        Self { module, source, next_us, recording: Recording::default() }
+        let parameters = UNTOUCHED.map(|name| (name.to_owned(), 0.0)).to_vec();
+        let mut recording = Recording { parameters, ..Recording::default() };
+        if module.world().config().earth == Earth::default() {
+            recording.is_at(XIAN);
+        }
+        Self { module, source, next_us, recording }
     }
 }
 

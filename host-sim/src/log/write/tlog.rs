@@ -69,7 +69,7 @@ impl Frames {
         self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.at_us, time_boot_ms });
         let current_battery = (instant.current_a * 100.0) as i16;
         self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
-        if let Some([latitude, longitude, height]) = recording.place {
+        if let Some([latitude, longitude, height]) = recording.place_at(instant) {
             let [lat, lon] = [latitude, longitude].map(|deg| (deg * 1e7).round() as i32);
             let [speed_m_s, course_rad] = instant.over_ground();
             let [vel, cog] = [speed_m_s, course_rad.to_degrees()].map(|number| (number * 100.0).round() as u16);

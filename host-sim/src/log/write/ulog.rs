@@ -72,7 +72,7 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
             // On rotors, or on wings.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
         }
-        if let Some([latitude, longitude, height]) = recording.place.filter(|_| i % 2 == 0) {
+        if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
             let place: Vec<u8> = [latitude * 1e7, longitude * 1e7, height * 1e3]
                 .iter()
                 .flat_map(|n| (n.round() as i32).to_le_bytes())
