@@ -31,6 +31,9 @@ const SAMPLES: usize = 256;
 /// What an attitude source is late by that is late, seconds.
 const LATE_S: f32 = 0.06;
 
+/// What a current adds that does, microtesla per ampere: 8 uT in all.
+const UT_PER_A: f32 = 0.5;
+
 /// An instruction takes 64 ns (`-icount shift=6`), a tick 40 ns.
 const INSTRUCTION_NS: u64 = 64;
 const TICK_NS: u64 = 40;
@@ -94,10 +97,14 @@ fn fill_stack(depth: u32) -> u32 {
 
 /// A line each, after the one that the console's prompt stands on: a name and the instructions it takes.
 fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) -> fmt::Result {
-    let (mut solve, mut late) = (0, 0);
+    let (mut solve, mut late, mut current) = (0, 0, 0);
     turns.delay(LATE_S);
     let is_latency_found = turns.solve(&mut late).is_some_and(|solution| solution.calibration.uses_latency());
     turns.delay(-LATE_S);
+    turns.draw(UT_PER_A);
+    let is_current_found = turns.solve(&mut current).is_some_and(|solution| solution.calibration.current.is_used());
+    turns.draw(-UT_PER_A);
+    turns.forget_currents();
     let Some(solution) = turns.solve(&mut solve) else { return writeln!(out, "\nerror not-solved: none") };
     let attitude = Attitude::from_deg(23.0, 3.0);
     let field = sensed(attitude, 1.0);
@@ -150,6 +157,7 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
         ("msp", to_answer, answers == 1),
         ("msp-out", to_compass, true),
         ("late", late, is_latency_found),
+        ("current", current, is_current_found),
         ("solve", solve, true),
     ] {
         writeln!(out, "{name}: {count}{}", if done { "" } else { " failed" })?;
@@ -248,6 +256,22 @@ impl Turns {
     fn delay(&mut self, late_s: f32) {
         for sample in self.left.iter_mut().chain(&mut *self.right) {
             sample.attitude = sample.attitude_after(-late_s);
+        }
+    }
+
+    /// Lets motors draw a current that is told, and that adds so much on each axis, microtesla per ampere.
+    fn draw(&mut self, ut_per_a: f32) {
+        for (i, sample) in self.left.iter_mut().chain(&mut *self.right).enumerate() {
+            let amperes = 15.0 + 5.0 * libm::sinf(i as f32 * 0.08);
+            sample.field = Field::new(sample.field.ut.add_scalar(ut_per_a * amperes));
+            sample.rates = sample.rates.with_current(Some(amperes));
+        }
+    }
+
+    /// Nobody has told a current.
+    fn forget_currents(&mut self) {
+        for sample in self.left.iter_mut().chain(&mut *self.right) {
+            sample.rates = sample.rates.with_current(None);
         }
     }
 
