@@ -227,15 +227,18 @@ impl Track {
     pub fn at(&self, at: Timestamp) -> Lookup {
         let Some(newest) = self.reports.back() else { return Lookup::Stale };
         let sent = self.sent(at);
-        match sent.us_since(newest.at) {
-            0 if sent == newest.at => return Lookup::Interpolated(newest.report.attitude),
-            0 => {}
-            _ if self.is_of(self.freeze.frozen_at(), sent) => return Lookup::Frozen,
-            _ if self.is_of(self.aligning_at, sent) => return Lookup::Aligning,
-            ahead_us if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
-                return Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6));
-            }
-            _ => return Lookup::Stale,
+        if sent == newest.at {
+            return Lookup::Interpolated(newest.report.attitude);
+        }
+        let ahead_us = sent.us_since(newest.at);
+        if ahead_us > 0 {
+            return match self.why_not(sent) {
+                Some(doubted) => doubted,
+                None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
+                    Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
+                }
+                None => Lookup::Stale,
+            };
         }
         self.around(sent)
             .and_then(|(before, after)| self.between(before, after, sent))
@@ -249,8 +252,7 @@ impl Track {
         let sent = self.sent(at);
         if sent >= newest.at {
             let ahead_us = sent.us_since(newest.at);
-            let is_doubted = self.is_of(self.freeze.frozen_at(), sent) || self.is_of(self.aligning_at, sent);
-            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && !is_doubted;
+            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && self.why_not(sent).is_none();
             return newest.integral.ahead(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
         }
         let (before, after) = self.around(sent)?;
@@ -270,10 +272,15 @@ impl Track {
         last.integral.next(report, step_s)
     }
 
-    /// Whether reports that are not believed, the last of them then, come at the time of sending.
-    fn is_of(&self, doubted_at: Option<Timestamp>, sent: Timestamp) -> bool {
+    /// Why the reports that come at a time of sending are not believed; none if they are.
+    fn why_not(&self, sent: Timestamp) -> Option<Lookup> {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        doubted_at.is_some_and(|doubted_at| sent.us_since(doubted_at) <= max_age_us)
+        let is_of = |last: Option<Timestamp>| last.is_some_and(|last| sent.us_since(last) <= max_age_us);
+        if is_of(self.freeze.frozen_at()) {
+            Some(Lookup::Frozen)
+        } else {
+            is_of(self.aligning_at).then_some(Lookup::Aligning)
+        }
     }
 
     /// The reports before and after a time of sending, of which the first may be of that very time.
