@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Reference, Replayed, Score};
+use super::{Counted, Reference, Replayed, Score, is_watched};
 use crate::log::{Autopilot, Flight};
 
 /// The number of the schema.
@@ -84,6 +84,14 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
     if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| *most_deg < 2.0) {
         notes
             .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
+    }
+    let slowest_s = judged.compasses.iter().map(|compass| compass.every_s).fold(0.0, f64::max);
+    if !is_watched(slowest_s) {
+        notes.push(format!(
+            "the field comes {:.1} times a second; the module reads its own ten times, so what it adjusts in flight is left \
+             out of its headings",
+            1.0 / slowest_s
+        ));
     }
     for compass in &judged.compasses {
         notes.extend(strength_note(judged, compass));
