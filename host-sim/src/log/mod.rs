@@ -8,7 +8,7 @@
 //! | MAVLink with the receiver's clock | `.tlog` | a frame with a right checksum after eight bytes |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
-//! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most a
+//! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most half a
 //! million rows of each kind, whatever the length of the file. Any bytes give a flight or an error.
 //!
 //! The readers of DataFlash and ULog are own ones. `ardupilot-binlog` 0.2 computes a length that may fall below nothing, and
