@@ -93,8 +93,14 @@ impl Undo {
         };
         let scale =
             value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
-        let (diagonal, off_diagonal) = (vector("DIA"), vector("ODI"));
-        let soft = if diagonal == Vector3::zeros() { Matrix3::identity() } else { symmetric(&diagonal, &off_diagonal) };
+        let off_diagonal = vector("ODI");
+        let diagonal = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_DIA{index}_{axis}")));
+        let soft = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
+            Matrix3::identity()
+        } else {
+            // A link loses one of three: what it would be if nobody had set it.
+            symmetric(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
+        };
         let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);
         let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
         Self::of(Iron::constant(soft * scale, -vector("OFS") * MILLIGAUSS_UT), after_ut)
@@ -122,6 +128,21 @@ impl Undo {
         let iron = Iron { by_current_ut, ..Iron::constant(scale, turned * vector("OFF", 0.0) * GAUSS_UT) };
         Self::of(iron, Vector3::zeros())
     }
+}
+
+/// The parameters of a compass of ArduPilot's that are not there though others of the same three are.
+#[must_use]
+pub fn missing_of_ardupilot(parameters: &Parameters, number: u8) -> Vec<String> {
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    let mut missing = Vec::new();
+    for what in ["OFS", "DIA", "ODI"] {
+        let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{what}{index}_{axis}"));
+        let (known, unknown): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| parameters.last(name).is_some());
+        if !known.is_empty() {
+            missing.extend(unknown);
+        }
+    }
+    missing
 }
 
 /// How a compass of PX4 sits: as its own parameter says, or, if that is negative, as the board does.
@@ -196,6 +217,22 @@ mod tests {
             assert!((undo.iron.apply(raw, 20.0) - logged).norm() < 1e-9, "{kind}: {}", undo.iron.apply(raw, 20.0));
             assert!((undo.raw(logged, undo.motor_ut(20.0)) - raw).norm() < 1e-9, "{kind}");
         }
+    }
+
+    /// A parameter that a link lost is what it would be if nobody had set it, and is named; of a compass that has none nothing
+    /// is missed.
+    #[test]
+    fn a_parameter_that_is_missing_has_its_default() {
+        let told = [("COMPASS_OFS_X", 10.0), ("COMPASS_DIA_X", 1.1), ("COMPASS_DIA_Z", 0.9), ("COMPASS_ODI_X", 0.05)];
+        let iron = Undo::ardupilot(&parameters(&told), 0.0, 1).iron;
+        let expected = Matrix3::new(1.1, 0.05, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0, 0.9);
+        assert!((iron.matrix - expected).norm() < 1e-9, "{}", iron.matrix);
+        let missing = missing_of_ardupilot(&parameters(&told), 1);
+        assert_eq!(missing, ["COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_DIA_Y", "COMPASS_ODI_Y", "COMPASS_ODI_Z"]);
+        assert!(missing_of_ardupilot(&parameters(&told), 2).is_empty());
+        // An inverse of almost nothing is none: what is logged would be blown up.
+        let singular = parameters(&[("COMPASS_DIA_X", 1.0), ("COMPASS_DIA_Y", 0.0), ("COMPASS_DIA_Z", 1.0)]);
+        assert_eq!(Undo::ardupilot(&singular, 0.0, 1).iron, Iron::none());
     }
 
     #[test]

@@ -18,8 +18,8 @@
 //! Read by hand, a line at a time in bounded memory: quotes that never close, decimal commas and lines that are cut off are what
 //! such tables have, and the crate `csv` holds a record however long it is.
 //!
-//! Others are passed over, and so are lines that begin with `#`. With semicolon or tab a comma is a decimal point. What is
-//! empty is not known there. A line that does not hold what it must costs that line.
+//! Others are passed over, and so are lines that begin with `#` and the `sep=` of a spreadsheet. Names may be in capitals. With semicolon or tab a comma is a decimal point. What is
+//! empty or `nan` is not known there. A line that does not hold what it must costs that line.
 
 use std::fmt;
 use std::io::Read;
@@ -84,14 +84,14 @@ pub fn begins_in(head: &[u8]) -> bool {
     let names = |line: &[u8]| {
         let line = String::from_utf8_lossy(line).into_owned();
         let separator = separator(&line);
-        line.split(separator).any(|name| trimmed(name) == "t_s")
+        line.split(separator).any(|name| trimmed(name).eq_ignore_ascii_case("t_s"))
     };
     head.split(|&byte| byte == b'\n').find(|line| !is_comment(line)).is_some_and(names)
 }
 
 fn is_comment(line: &[u8]) -> bool {
     let text = line.trim_ascii();
-    text.is_empty() || text.starts_with(b"#")
+    text.is_empty() || text.starts_with(b"#") || text.starts_with(b"sep=")
 }
 
 /// What separates, by what there is most of in the first line.
@@ -111,10 +111,11 @@ fn trimmed(value: &str) -> &str {
 pub fn read(mut source: impl Read, unit: Unit) -> Result<Flight, CsvError> {
     let unreadable = |e: std::io::Error| CsvError::Source(e.to_string());
     let mut window = Window::new(&mut source);
-    let mut recorder = Recorder::new(Format::Csv);
-    let (mut number, mut first_bad) = (0_u64, None);
+    let mut number = 0_u64;
     let mut table: Option<Table> = None;
-    let mut rates = Series::new();
+    // The first lines, until it is known whether they are in the order of time.
+    let mut held = Vec::new();
+    let mut reading: Option<Reading> = None;
     while let Some(line) = window.line().map_err(unreadable)? {
         number += 1;
         if is_comment(line.as_bytes()) {
@@ -124,23 +125,87 @@ pub fn read(mut source: impl Read, unit: Unit) -> Result<Flight, CsvError> {
             table = Some(Table::of(&line)?);
             continue;
         };
-        match table.take(&line, unit, &mut recorder, &mut rates) {
-            Ok(()) => {}
-            Err((column, found)) => {
-                recorder.flight.counts.garbage += 1;
-                first_bad.get_or_insert((number, column, found));
-            }
+        if let Some(reading) = &mut reading {
+            reading.take(table, unit, number, &line);
+            continue;
+        }
+        held.push((number, line));
+        if held.len() == LOOKED_AT {
+            let began = reading.insert(Reading::of(table, &held));
+            held.drain(..).for_each(|(number, line)| began.take(table, unit, number, &line));
         }
     }
-    if table.is_none() {
-        return Err(CsvError::NoColumn("t_s".to_owned()));
+    let Some(table) = table else { return Err(CsvError::NoColumn("t_s".to_owned())) };
+    let mut reading = reading.unwrap_or_else(|| Reading::of(&table, &held));
+    held.drain(..).for_each(|(number, line)| reading.take(&table, unit, number, &line));
+    reading.finish()
+}
+
+/// So many lines show whether a table is in the order of time.
+const LOOKED_AT: usize = 1000;
+
+/// What is being read.
+struct Reading {
+    recorder: Recorder,
+    rates: Series<3>,
+    armed: Series<1>,
+    /// About the middle of the first lines' times, seconds; those of a table may count from 1970.
+    about_s: f64,
+    /// Whether the lines are sorted by something else: then times are believed as they stand, and no clock began anew.
+    is_shuffled: bool,
+    first_bad: Option<(u64, String, String)>,
+}
+
+impl Reading {
+    /// By what the first lines say of their times. Where one in ten steps goes back by more than what a clock's disorder
+    /// makes, or most go back at all, lines are not in the order of time.
+    fn of(table: &Table, held: &[(u64, String)]) -> Self {
+        const BACK_S: f64 = 3.0;
+        let mut times_s: Vec<f64> =
+            held.iter().filter_map(|(_, line)| table.values(line).need(table.t_s, "t_s").ok()).collect();
+        let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
+        let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -BACK_S)];
+        let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
+        times_s.sort_by(f64::total_cmp);
+        let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
+        let recorder = Recorder::new(Format::Csv);
+        Self { recorder, rates: Series::new(), armed: Series::new(), about_s, is_shuffled, first_bad: None }
     }
-    rates.settle();
-    for (t_s, at) in at_the_rows(&rates) {
-        recorder.rates(t_s, at);
+
+    fn take(&mut self, table: &Table, unit: Unit, number: u64, line: &str) {
+        if let Err((column, found)) = table.take(line, unit, self) {
+            self.recorder.flight.counts.garbage += 1;
+            self.first_bad.get_or_insert((number, column, found));
+        }
     }
-    let flight = recorder.finish();
-    if flight.compasses.is_empty() { Err(CsvError::Empty(first_bad)) } else { Ok(flight) }
+
+    /// Where a time lies on the flight's time line, seconds.
+    fn at(&mut self, t_s: f64) -> Option<f64> {
+        let since_s = t_s - self.about_s;
+        if since_s.abs() >= MAX_S {
+            self.recorder.flight.counts.bad_times += 1;
+            None
+        } else if self.is_shuffled {
+            Some(since_s)
+        } else {
+            self.recorder.timeline.at((since_s * 1e6 + ZERO_US).round() as u64)
+        }
+    }
+
+    fn finish(mut self) -> Result<Flight, CsvError> {
+        self.rates.settle();
+        for (t_s, at) in at_the_rows(&self.rates) {
+            self.recorder.rates(t_s, at);
+        }
+        self.armed.settle();
+        for row in self.armed.rows() {
+            self.recorder.armed(row.t_s, row.of[0] != 0.0);
+        }
+        let flight = self.recorder.finish();
+        // Of readings that are no field the rows are there.
+        let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
+        if is_empty { Err(CsvError::Empty(self.first_bad)) } else { Ok(flight) }
+    }
 }
 
 /// Where the columns stand.
@@ -160,8 +225,11 @@ struct Table {
     armed: Option<usize>,
 }
 
-/// Where nothing stands on the clock of a log, microseconds: times before nothing are as good as others.
+/// Where the first lines' times stand on the clock of a log, microseconds: times before nothing are as good as others.
 const ZERO_US: f64 = 1e13;
+
+/// No flight is so far from its first lines, seconds.
+const MAX_S: f64 = 1e6;
 
 /// The column and what stands there.
 type Bad = (String, String);
@@ -170,7 +238,7 @@ impl Table {
     fn of(header: &str) -> Result<Self, CsvError> {
         let separator = separator(header);
         let names: Vec<&str> = header.split(separator).map(trimmed).collect();
-        let find = |name: &str| names.iter().position(|column| *column == name);
+        let find = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
         let need = |name: &str| find(name).ok_or_else(|| CsvError::NoColumn(name.to_owned()));
         let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
         for number in 2..=MAX_COMPASSES {
@@ -196,9 +264,12 @@ impl Table {
         })
     }
 
-    fn take(&self, line: &str, unit: Unit, into: &mut Recorder, rates: &mut Series<3>) -> Result<(), Bad> {
-        let values =
-            Values { values: line.split(self.separator).map(trimmed).collect(), has_comma: self.separator != ',' };
+    fn values<'a>(&self, line: &'a str) -> Values<'a> {
+        Values { values: line.split(self.separator).map(trimmed).collect(), has_comma: self.separator != ',' }
+    }
+
+    fn take(&self, line: &str, unit: Unit, reading: &mut Reading) -> Result<(), Bad> {
+        let values = self.values(line);
         let t_s = values.need(self.t_s, "t_s")?;
         let [roll_deg, pitch_deg] =
             [values.need(self.attitude[0], "roll_deg")?, values.need(self.attitude[1], "pitch_deg")?];
@@ -221,10 +292,14 @@ impl Table {
             Some([p, q, r]) => Some([values.need(p, "p_dps")?, values.need(q, "q_dps")?, values.need(r, "r_dps")?]),
             None => None,
         };
-        let Some(t_s) = (t_s.abs() < 1e6).then(|| into.timeline.at((t_s * 1e6 + ZERO_US).round() as u64)).flatten()
-        else {
-            return Ok(());
-        };
+        let Some(t_s) = reading.at(t_s) else { return Ok(()) };
+        if let Some(read) = read {
+            reading.rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
+        }
+        if let Ok(Some(armed)) = optional(self.armed, "armed") {
+            reading.armed.push(t_s, [f32::from(armed != 0.0)]);
+        }
+        let into = &mut reading.recorder;
         for (number, field_ut) in fields {
             into.field(number, Logged::Raw, t_s, field_ut, None);
         }
@@ -237,14 +312,8 @@ impl Table {
         if let Some(usable) = usable {
             flight.usable.push(t_s, [f32::from(usable != 0.0)]);
         }
-        if let Some(read) = read {
-            rates.push(t_s, read.map(|dps| dps.to_radians() as f32));
-        }
         if let Ok(Some(amperes)) = optional(self.current, "current_a") {
             into.current(t_s, amperes as f32);
-        }
-        if let Ok(Some(armed)) = optional(self.armed, "armed") {
-            into.armed(t_s, armed != 0.0);
         }
         if let Some([latitude, longitude]) = self.place.map(|place| place.map(|index| values.get(index)))
             && let (Some(latitude), Some(longitude)) = (latitude, longitude)
@@ -268,9 +337,9 @@ struct Values<'a> {
 }
 
 impl Values<'_> {
-    /// A number; none where nothing stands.
+    /// A number; none where nothing stands, or that it is none.
     fn get(&self, index: usize) -> Option<f64> {
-        let text = self.values.get(index).filter(|text| !text.is_empty())?;
+        let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
         // What is no number is not nothing.
         Some(self.number(text).unwrap_or(f64::NAN))
     }

@@ -8,7 +8,7 @@
 //! | MAVLink with the receiver's clock | `.tlog` | a frame with a right checksum after eight bytes |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
-//! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most a
+//! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most half a
 //! million rows of each kind, whatever the length of the file. Any bytes give a flight or an error.
 //!
 //! The readers of DataFlash and ULog are own ones. `ardupilot-binlog` 0.2 computes a length that may fall below nothing, and
@@ -33,7 +33,7 @@ mod ulog;
 mod window;
 pub mod write;
 
-pub use correction::Iron;
+pub use correction::{Iron, missing_of_ardupilot};
 pub use flight::{Autopilot, Compass, Counts, Flight, Format, Gps};
 pub use parameters::Parameters;
 pub use rotation::Rotation;
@@ -58,8 +58,8 @@ pub enum LogError {
     Unknown,
     /// What is wrong with the values of a table.
     Csv(CsvError),
-    /// It is such a log, but holds no field.
-    NoField(Format),
+    /// It is such a log, but holds no field; readings of one that are none.
+    NoField(Format, u64),
     /// It is such a log, but holds no attitude.
     NoAttitude(Format),
 }
@@ -74,7 +74,12 @@ impl fmt::Display for LogError {
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::Csv(why) => why.fmt(f),
-            Self::NoField(format) => write!(f, "{}: no magnetometer is logged", format.name()),
+            Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.name()),
+            Self::NoField(format, unhealthy) => write!(
+                f,
+                "{}: of {unhealthy} readings of a magnetometer each is nothing, or called unhealthy by the autopilot",
+                format.name()
+            ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
         }
     }
@@ -118,7 +123,7 @@ pub fn read(source: &mut dyn Read, unit: Unit) -> Result<Flight, LogError> {
         Format::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
     };
     if flight.compasses.is_empty() {
-        return Err(LogError::NoField(format));
+        return Err(LogError::NoField(format, flight.counts.unhealthy));
     }
     if flight.attitude.is_empty() {
         return Err(LogError::NoAttitude(format));

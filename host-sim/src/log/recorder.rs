@@ -11,8 +11,8 @@ use super::timeline::Timeline;
 /// No autopilot has more compasses; what a file says beyond is passed over.
 pub const MAX_COMPASSES: u8 = 8;
 
-/// A field that is stronger is no field, microtesla: the widest range of such sensors is 1,600 uT a side.
-const MAX_FIELD_UT: f32 = 5000.0;
+/// What is stronger is no field in whatever unit, microtesla: nanotesla that are taken for microtesla are read, and told.
+const MAX_FIELD_UT: f32 = 200_000.0;
 
 /// How often it may be armed and disarmed.
 const MAX_ARMED: usize = 100_000;
@@ -124,7 +124,7 @@ impl Recorder {
     /// Puts everything in order and undoes what the autopilot had applied.
     pub fn finish(mut self) -> Flight {
         let flight = &mut self.flight;
-        flight.counts.bad_times = self.timeline.refused();
+        flight.counts.bad_times += self.timeline.refused();
         flight.counts.restarts = self.timeline.restarts();
         let attitude_repeats = flight.attitude.settle();
         for series in [&mut flight.rates, &mut flight.truth] {

@@ -2,8 +2,15 @@
 
 use autoswing::frames::wrap_pi;
 
-/// No series is longer: 32 MB of six numbers each. What is longer is thinned to every second one, again and again.
-const MAX_ROWS: usize = 1 << 20;
+/// No series is longer: 16 MB of six numbers each, and five times as much of what is made of the rows of a compass. What is
+/// longer is thinned to every second row, again and again, as long as ten a second are left; then to every second [`PART_S`].
+const MAX_ROWS: usize = 1 << 19;
+
+/// Parts of a flight that are kept whole, seconds: of every series the same ones, turns and all.
+const PART_S: f64 = 256.0;
+
+/// Rows in a second, below which half of them were too few.
+const FEW_HZ: f64 = 20.0;
 
 /// So many numbers of an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +27,8 @@ pub struct Series<const N: usize> {
     rows: Vec<Stamped<N>>,
     /// Every so manyeth is kept, by powers of two.
     thinned: u8,
+    /// Every so manyeth part is kept, by powers of two.
+    parts: u8,
     seen: u64,
 }
 
@@ -27,27 +36,45 @@ impl<const N: usize> Series<N> {
     /// Nothing yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { rows: Vec::new(), thinned: 0, seen: 0 }
+        Self { rows: Vec::new(), thinned: 0, parts: 0, seen: 0 }
     }
 
     /// Adds what was logged, in the order of the file.
     pub fn push(&mut self, t_s: f64, of: [f32; N]) {
+        if !is_kept(t_s, self.parts) {
+            return;
+        }
         self.seen += 1;
         if !self.seen.is_multiple_of(1 << self.thinned) {
             return;
         }
         if self.rows.len() >= MAX_ROWS {
+            self.thin();
+            if !self.seen.is_multiple_of(1 << self.thinned) || !is_kept(t_s, self.parts) {
+                return;
+            }
+        }
+        self.rows.push(Stamped { t_s, of });
+    }
+
+    /// To half of it, or, of a part that is longer than all, again.
+    fn thin(&mut self) {
+        let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
+        let middle = steps_s.len() / 2;
+        let step_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if step_s * FEW_HZ >= 1.0 && self.parts < 40 {
+            self.parts += 1;
+            let parts = self.parts;
+            self.rows.retain(|row| is_kept(row.t_s, parts));
+        }
+        if self.rows.len() >= MAX_ROWS / 4 * 3 {
             let mut kept = 0_u32;
             self.rows.retain(|_| {
                 kept += 1;
                 kept.is_multiple_of(2)
             });
             self.thinned += 1;
-            if !self.seen.is_multiple_of(1 << self.thinned) {
-                return;
-            }
         }
-        self.rows.push(Stamped { t_s, of });
     }
 
     /// Sorts by time and drops what repeats an instant; how many that were.
@@ -123,6 +150,11 @@ impl<const N: usize> Series<N> {
     }
 }
 
+/// Whether an instant is in a part that is kept.
+fn is_kept(t_s: f64, parts: u8) -> bool {
+    ((t_s / PART_S).floor() as i64).rem_euclid(1 << parts) == 0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,10 +200,23 @@ mod tests {
         let mut series = Series::new();
         let number = 3 * MAX_ROWS;
         for i in 0..number {
-            series.push(i as f64, [0.0]);
+            series.push(i as f64 * 0.01, [0.0]);
         }
         assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
         let steps: Vec<f64> = series.rows().windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-        assert!(steps.iter().all(|step| (step - 4.0).abs() < 1e-9), "{:?}", &steps[..4]);
+        assert!(steps.iter().all(|step| (step - 0.04).abs() < 1e-6), "{:?}", &steps[..4]);
+    }
+
+    /// Of days at 10 Hz every second part is kept, with all of its rows: an attitude of 1 Hz would be none.
+    #[test]
+    fn what_comes_ten_times_a_second_is_thinned_by_parts() {
+        let mut series = Series::new();
+        for i in 0..3 * MAX_ROWS {
+            series.push(i as f64 * 0.1, [0.0]);
+        }
+        assert!(series.rows().len() <= MAX_ROWS && series.rows().len() > MAX_ROWS / 2, "{}", series.rows().len());
+        assert!((series.median_step_s().unwrap() - 0.1).abs() < 1e-6);
+        let gaps = series.rows().windows(2).filter(|pair| pair[1].t_s - pair[0].t_s > 1.0).count();
+        assert_eq!(gaps, (3.0 * MAX_ROWS as f64 * 0.1 / PART_S / 4.0) as usize);
     }
 }

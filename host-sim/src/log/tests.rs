@@ -169,8 +169,8 @@ fn what_is_no_log_is_told() {
         assert!(matches!(read_bytes(bytes), Err(LogError::Unknown)), "{bytes:?}");
     }
     let nothing = Recording { instants: Vec::new(), ..recording(&[]) };
-    assert!(matches!(read_bytes(&dataflash(&nothing)), Err(LogError::NoField(Format::DataFlash))));
-    assert!(matches!(read_bytes(&ulog(&nothing)), Err(LogError::NoField(Format::ULog))));
+    assert!(matches!(read_bytes(&dataflash(&nothing)), Err(LogError::NoField(Format::DataFlash, 0))));
+    assert!(matches!(read_bytes(&ulog(&nothing)), Err(LogError::NoField(Format::ULog, 0))));
 }
 
 /// Garbage between messages costs itself, and the message that it hits.
@@ -222,7 +222,8 @@ fn only_the_first_autopilot_of_a_link_counts() {
     let renumbered = renumbered(&other, 2);
     both.extend(renumbered);
     let flight = read_bytes(&both).unwrap();
-    assert!(flight.counts.others > 600, "{:?}", flight.counts);
+    assert!(flight.counts.others > 600 && flight.counts.vehicles == 1, "{:?}", flight.counts);
+    assert_eq!(read_bytes(&tlog(&own)).unwrap().counts.vehicles, 0);
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
@@ -244,6 +245,175 @@ fn a_damaged_frame_is_not_believed() {
     let flight = read_bytes(&bytes).unwrap();
     assert!(damaged > 50);
     assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
+}
+
+/// Before 2017 CURR had hundredths of an ampere as whole numbers, and before 2015 words and events had no stamp.
+#[test]
+fn what_ardupilot_logged_otherwise_once_is_read() {
+    let original = recording(&ARDUPILOT);
+    let expected = |t_s: f64| 10.0 + t_s / 10.0;
+    let mut lines = Vec::new();
+    for line in String::from_utf8(dataflash_text(&original)).unwrap().lines() {
+        let values: Vec<&str> = line.split(", ").collect();
+        lines.push(match values[..] {
+            ["FMT", .., "BAT", _, _] | ["FMT", _, _, "BAT", ..] => {
+                "FMT, 70, 17, CURR, QhhhHfh, TimeUS,Throttle,Volt,Curr,Vcc,CurrTot,Volt2".to_owned()
+            }
+            ["FMT", _, _, "MSG", ..] => "FMT, 65, 67, MSG, Z, Message\nFMT, 71, 4, EV, B, Id".to_owned(),
+            ["BAT", us, _, _, amperes] => {
+                format!("CURR, {us}, 300, 1200, {:.0}, 5000, 0, 0", amperes.parse::<f64>().unwrap() * 100.0)
+            }
+            ["MSG", _, words] => format!("MSG, {words}"),
+            _ => line.to_owned(),
+        });
+    }
+    lines.push("EV, 11".to_owned());
+    let text = read_bytes(lines.join("\n").as_bytes()).unwrap();
+    assert_eq!(text.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
+    // It was disarmed at the last instant that had a stamp, 29.9 s after the first.
+    assert_eq!((text.is_armed(29.8), text.is_armed(29.91)), (Some(true), Some(false)));
+    // The same as bytes: the number of another letter.
+    let mut bytes = dataflash(&original);
+    let format = bytes.windows(7).position(|at| at == [0xA3, 0x95, 128, 70, 20, b'B', b'A']).unwrap();
+    bytes[format + 5..format + 9].copy_from_slice(b"CURR");
+    bytes[format + 12] = b'i';
+    for at in (0..=bytes.len() - 20).filter(|&at| bytes[at..at + 3] == [0xA3, 0x95, 70]).collect::<Vec<_>>() {
+        let amperes = f32::from_le_bytes(bytes[at + 16..at + 20].try_into().unwrap());
+        bytes[at + 16..at + 20].copy_from_slice(&((amperes * 100.0).round() as i32).to_le_bytes());
+    }
+    for flight in [text, read_bytes(&bytes).unwrap()] {
+        for row in flight.current.rows() {
+            let off = f64::from(row.of[0]) - expected(row.t_s);
+            assert!(off.abs() < 0.006, "{:?}: {row:?}", flight.format);
+        }
+        assert_eq!(flight.current.rows().len(), 300);
+    }
+}
+
+/// The messages of a ULog, changed: kind and body.
+fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
+    let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
+    while let [low, high, kind, after @ ..] = rest {
+        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        let body = change(*kind, body.to_vec());
+        out.extend((body.len() as u16).to_le_bytes());
+        out.push(*kind);
+        out.extend(body);
+        rest = next;
+    }
+    out
+}
+
+/// Until 1.8 PX4 logged its field and its rates in `sensor_combined` alone: the field is that of the instant that it tells.
+#[test]
+fn px4s_old_sensor_combined_is_read() {
+    let renamed = |body: &[u8], pairs: [(&str, &str); 2]| {
+        let text = String::from_utf8_lossy(body).into_owned();
+        pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
+    };
+    let mut one = recording(&PX4);
+    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    let bytes = ulog_with(&ulog(&one), &|kind, body| match (kind, &body[..]) {
+        (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
+            text,
+            [
+                ("vehicle_magnetometer", "sensor_combined"),
+                ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
+            ],
+        ),
+        (b'F', text) if text.starts_with(b"vehicle_angular") => {
+            renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
+        }
+        (b'A', text) => {
+            renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
+        }
+        // Measured 20 ms before.
+        (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
+        _ => body,
+    });
+    let flight = read_bytes(&bytes).unwrap();
+    let rows = flight.compasses[0].field.rows();
+    assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
+    for (row, instant) in rows.iter().zip(&one.instants) {
+        let raw = Vector3::new(row.of[0], row.of[1], row.of[2]).map(f64::from);
+        assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
+        assert!((row.t_s + 0.02 - (instant.at_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
+    }
+}
+
+/// Noise of some kilobytes in twenty places, in which headers of long messages stand by chance: each costs itself and
+/// the messages that it tears, of six an instant, so an instant at most.
+#[test]
+fn noise_in_a_ulog_costs_itself() {
+    let mut bytes = ulog(&recording(&PX4));
+    let mut random = Random::new(7, Purpose::Damage);
+    for part in (1..=20).rev() {
+        let at = bytes.len() / 40 + bytes.len() * part / 22;
+        let noise: Vec<u8> = (0..3000).map(|_| random.uniform(0.0, 256.0) as u8).collect();
+        bytes.splice(at..at, noise);
+    }
+    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    assert!((300 - 20..=300).contains(&rows), "{rows}");
+}
+
+/// The table as spreadsheets and scripts write it: in capitals, with a line that names the separator, times from 1970, a
+/// reference that is not always there, lines sorted by something else or from the end.
+#[test]
+fn a_table_is_read_in_any_shape() {
+    let text = String::from_utf8(csv(&recording(&[]))).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let rows: Vec<&str> = rows.lines().collect();
+    let each = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {
+        let changed =
+            rows.iter().enumerate().map(|(i, row)| change(i, row.split(',').map(str::to_owned).collect()).join(","));
+        format!("{header}\n{}", changed.collect::<Vec<_>>().join("\n"))
+    };
+    let sorted_by = |key: &dyn Fn(&str) -> i64| {
+        let mut rows = rows.clone();
+        rows.sort_by_key(|row| key(row));
+        format!("{header}\n{}", rows.join("\n"))
+    };
+    let unix = each(&|_, mut row| {
+        row[0] = format!("{:.3}", row[0].parse::<f64>().unwrap() + 1.7e9);
+        row
+    });
+    let without = each(&|i, mut row| {
+        if i % 2 == 1 {
+            row[6] = "NaN".to_owned();
+        }
+        row
+    });
+    let by_field = sorted_by(&|row| (row.split(',').nth(1).unwrap().parse::<f64>().unwrap() * 10.0) as i64);
+    let from_the_end = sorted_by(&|row| -(row.split(',').next().unwrap().parse::<f64>().unwrap() * 1000.0) as i64);
+    let expected = read_bytes(text.as_bytes()).unwrap();
+    let capitals = text.replace(header, &header.to_uppercase());
+    for (shape, table) in [
+        ("capitals", capitals),
+        ("separator", format!("sep=,\n{text}")),
+        ("from 1970", unix),
+        ("half a reference", without),
+        ("by the field", by_field),
+        ("from the end", from_the_end),
+    ] {
+        let flight = read_bytes(table.as_bytes()).unwrap();
+        assert_eq!(flight.counts, Counts::default(), "{shape}");
+        let [found, as_before] = [&flight, &expected].map(|flight| {
+            let rows = flight.compasses[0].field.rows();
+            rows.iter()
+                .map(|row| ((row.t_s - rows[0].t_s) * 1e3).round() as i64)
+                .zip(rows.iter().map(|row| row.of))
+                .collect::<Vec<_>>()
+        });
+        assert!(found == as_before, "{shape}");
+        let references = flight.reference.rows().len();
+        assert_eq!(references, if shape == "half a reference" { 150 } else { 300 }, "{shape}");
+        assert_eq!(flight.is_armed(flight.lasts_s()[1]), Some(true), "{shape}");
+    }
+    // A time that cannot be is counted, and a field of nothing is told.
+    let far = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
+    assert_eq!(far.counts.bad_times, 1);
+    let nothing = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
+    assert!(matches!(nothing, LogError::NoField(Format::Csv, 1)), "{nothing}");
 }
 
 /// The frames of a log, sent by another system.

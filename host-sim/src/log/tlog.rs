@@ -99,23 +99,34 @@ impl<'a> Frame<'a> {
     }
 }
 
+const HEARTBEAT: u32 = 0;
+
+/// Which autopilot (`MAV_AUTOPILOT`) a heartbeat is of; none of another message, or of what has none.
+fn autopilot_of(frame: &Frame<'_>) -> Option<u8> {
+    const INVALID: u8 = 8;
+    let told = frame.payload.get(5).copied().unwrap_or(0);
+    (frame.id == HEARTBEAT && frame.is_right && told != INVALID).then_some(told)
+}
+
 struct Log {
     recorder: Recorder,
     /// System and component of the autopilot.
     autopilot: Option<[u8; 2]>,
+    /// Other systems that have an autopilot.
+    others: Vec<u8>,
     /// The sender's clock when it was last heard, and the receiver's then.
     clock_us: Option<(u64, u64)>,
 }
 
 impl Log {
     fn new() -> Self {
-        Self { recorder: Recorder::new(Format::TLog), autopilot: None, clock_us: None }
+        Self { recorder: Recorder::new(Format::TLog), autopilot: None, others: Vec::new(), clock_us: None }
     }
 
     fn take(&mut self, frame: &Frame<'_>) {
-        const HEARTBEAT: u32 = 0;
-        if self.autopilot.is_some_and(|autopilot| autopilot != frame.sender) {
+        if self.autopilot.is_some_and(|own| own != frame.sender) {
             self.recorder.flight.counts.others += 1;
+            self.other(frame, autopilot_of(frame));
             return;
         }
         if frame.id == HEARTBEAT {
@@ -135,20 +146,27 @@ impl Log {
         }
     }
 
+    /// Whoever else has an autopilot is another vehicle, unless it is of the same system.
+    fn other(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
+        let [system, _] = frame.sender;
+        let is_own = self.autopilot.is_some_and(|[own, _]| own == system);
+        if autopilot.is_some() && !is_own && !self.others.contains(&system) {
+            self.others.push(system);
+            self.recorder.flight.counts.vehicles += 1;
+        }
+    }
+
     /// Its numbers are taken as they stand: a kind of vehicle that the library does not know is one, too.
     fn heartbeat(&mut self, frame: &Frame<'_>) {
         // MAV_AUTOPILOT.
         const ARDUPILOT: u8 = 3;
-        const INVALID: u8 = 8;
         const PX4: u8 = 12;
         const ARMED: u8 = 0x80;
         // MAV_TYPE: four, coaxial, helicopter, six, eight, three, twelve, ten.
         const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
         let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
-        let (autopilot, mode) = (byte(5), byte(6));
-        if autopilot == INVALID {
-            return;
-        }
+        let mode = byte(6);
+        let Some(autopilot) = autopilot_of(frame) else { return };
         if self.autopilot.is_none() {
             self.autopilot = Some(frame.sender);
             self.recorder.flight.is_copter = ROTORS.contains(&byte(4));

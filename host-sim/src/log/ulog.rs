@@ -6,12 +6,16 @@ use std::io::{self, Read};
 use super::dataflash::euler_rad;
 use super::flight::{Autopilot, Flight, Format, Gps};
 use super::recorder::{Logged, Recorder};
+use super::series::Series;
 use super::window::{MAX_PEEK, Window};
 
 /// A log begins so; the version and a time follow.
 pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
 const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
+
+/// The letters of messages.
+const KINDS: &[u8] = b"BFIMPQARDLCSO";
 
 /// No log tells more formats, and none is nested deeper.
 const MAX_FORMATS: usize = 4096;
@@ -33,21 +37,49 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
     window.peek(FILE_HEADER)?;
     window.take(FILE_HEADER);
     let mut log = Log::new();
+    let mut is_lost = false;
     while let &[low, high, kind, ..] = window.peek(HEADER)? {
         let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
-        debug_assert!(end <= MAX_PEEK);
-        let is_kind = b"BFIMPQARDLCSO".contains(&kind);
-        let body = window.peek(end)?.get(HEADER..end).filter(|_| is_kind);
+        debug_assert!(end + HEADER <= MAX_PEEK);
+        if is_lost && !is_chain(window.peek(CHAIN * (HEADER + USUAL))?) {
+            log.recorder.flight.counts.garbage += 1;
+            window.take(1);
+            continue;
+        }
+        // The next one must follow it, or the end.
+        let bytes = window.peek(end + HEADER)?;
+        let is_followed = bytes.get(end + HEADER - 1).is_none_or(|next| KINDS.contains(next));
+        let body = bytes.get(HEADER..end).filter(|_| KINDS.contains(&kind) && is_followed);
         let taken = if let Some(body) = body {
             log.take(kind, body);
+            is_lost = false;
             end
         } else {
+            is_lost = true;
             log.recorder.flight.counts.garbage += 1;
             1
         };
         window.take(taken);
     }
     Ok(log.finish())
+}
+
+/// Every twentieth byte of noise looks like the header of a message, of 32 KB in the mean: after damage so many must follow one
+/// another, none of them longer than most are, bytes.
+const CHAIN: usize = 3;
+const USUAL: usize = 1024;
+
+/// Whether messages follow one another from here, or up to the end.
+fn is_chain(bytes: &[u8]) -> bool {
+    let mut rest = bytes;
+    (0..CHAIN).all(|_| match *rest {
+        [low, high, kind, ref after @ ..] => {
+            let length = usize::from(u16::from_le_bytes([low, high]));
+            rest = after.get(length..).unwrap_or_default();
+            KINDS.contains(&kind) && length <= USUAL
+        }
+        _ => true,
+    })
 }
 
 /// A number of a row.
@@ -133,6 +165,8 @@ struct Log {
     release: Option<(u8, u8)>,
     has_raw: bool,
     has_angular_velocity: bool,
+    /// Field, gauss, and body rates of `sensor_combined`: until 1.8 what there was of them, since then needless.
+    combined: (Series<3>, Series<3>),
     numbers: HashMap<(bool, u8, u32), u8>,
 }
 
@@ -147,6 +181,7 @@ impl Log {
             release: None,
             has_raw: false,
             has_angular_velocity: false,
+            combined: (Series::new(), Series::new()),
             numbers: HashMap::new(),
         }
     }
@@ -264,6 +299,16 @@ impl Log {
                     self.recorder.rates(sampled_s, rates);
                 }
             }
+            "sensor_combined" if instance == 0 => {
+                if let Some(rates) = row.array("gyro_rad") {
+                    self.combined.1.push(t_s, rates);
+                }
+                // Of the instant that it tells relative to its own; where the field is not new, that of the last one.
+                let late_us = row.number("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
+                if let (Some(gauss), Some(late_us)) = (row.array("magnetometer_ga"), late_us) {
+                    self.combined.0.push(t_s + late_us / 1e6, gauss);
+                }
+            }
             "vehicle_attitude_groundtruth" => {
                 if let Some(quaternion) = row.array("q") {
                     self.recorder.truth(t_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
@@ -307,7 +352,18 @@ impl Log {
         self.recorder.field(number, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
     }
 
-    fn finish(self) -> Flight {
+    fn finish(mut self) -> Flight {
+        let (fields, rates) = std::mem::take(&mut self.combined);
+        if self.numbers.is_empty() {
+            for row in fields.rows() {
+                self.field(false, 0, 0, row.t_s, row.of);
+            }
+        }
+        if self.recorder.flight.rates.is_empty() {
+            for row in rates.rows() {
+                self.recorder.rates(row.t_s, row.of);
+            }
+        }
         self.recorder.finish()
     }
 }
@@ -320,6 +376,7 @@ fn is_wanted(name: &str) -> bool {
             | "vehicle_attitude"
             | "vehicle_angular_velocity"
             | "vehicle_attitude_groundtruth"
+            | "sensor_combined"
             | "vehicle_gps_position"
             | "battery_status"
             | "vehicle_status"

@@ -8,7 +8,8 @@ use nalgebra::Vector3;
 use super::age::{self, Age};
 use super::change::{self, Change};
 use super::{
-    Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay, rows, score, solved_of_all,
+    Between, Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay_with, rows, score,
+    solved_of_all, told_between,
 };
 use crate::log::{Compass, Flight, Gps, Iron};
 
@@ -141,13 +142,14 @@ pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
 
 fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Reference>, options: &Options) -> Judged {
     let (rows, counted) = rows(flight, compass, age.used_s, reference);
-    let module = replay(&rows, options);
+    let between = |from_s: f64, to_s: f64| told_between(flight, from_s, to_s);
+    let module = replay_with(&rows, &between, options);
     let all = if options.selected == Selected::All {
         module.clone()
     } else {
-        replay(&rows, &Options { selected: Selected::All, ..*options })
+        replay_with(&rows, &between, &Options { selected: Selected::All, ..*options })
     };
-    let without_current_deg = without_current_deg(&rows, &module, options);
+    let without_current_deg = without_current_deg(&rows, &between, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
     let of = |by, iron: Option<Iron>| Correction { by, iron, score: iron.and_then(|iron| scored(&rows, &iron)) };
@@ -196,13 +198,13 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Refer
 }
 
 /// What the module would have made of the rows if it had not been told the current.
-fn without_current_deg(rows: &[Row], module: &Replayed, options: &Options) -> Option<f64> {
+fn without_current_deg(rows: &[Row], between: &Between<'_>, module: &Replayed, options: &Options) -> Option<f64> {
     let is_used = module.solution.as_ref().is_some_and(|solution| solution.calibration.current.is_used());
     if !is_used {
         return None;
     }
     let untold: Vec<Row> = rows.iter().map(|row| Row { current_a: None, ..*row }).collect();
-    Some(replay(&untold, options).score?.rms_deg)
+    Some(replay_with(&untold, between, options).score?.rms_deg)
 }
 
 /// What the module solved, as a correction.

@@ -12,7 +12,7 @@ mod rows;
 pub mod told;
 
 pub use reference::Reference;
-pub use rows::{Counted, Row, rows};
+pub use rows::{Counted, Row, Told, rows, told_between};
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
 use autoswing::attitude::{self, Motion, Report, Source};
@@ -22,7 +22,7 @@ use autoswing::calibration::{
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector, Kept, Lack};
-use autoswing::frames::{Field, Level};
+use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
 use autoswing::magnetometer::Reading;
@@ -128,9 +128,18 @@ pub struct Replayed {
     pub uncorrected: Option<Score>,
 }
 
-/// Replays a flight. The rows are in the order of time.
+/// Replays a flight of which nothing is known but its rows. They are in the order of time.
 #[must_use]
 pub fn replay(rows: &[Row], options: &Options) -> Replayed {
+    replay_with(rows, &|_, _| Vec::new(), options)
+}
+
+/// What is told of the attitude from an instant to another, seconds, both not included.
+pub type Between<'a> = dyn Fn(f64, f64) -> Vec<Told> + 'a;
+
+/// Replays a flight of which the attitude between its rows is known, too.
+#[must_use]
+pub fn replay_with(rows: &[Row], between: &Between<'_>, options: &Options) -> Replayed {
     let config = config_of(rows);
     let prior = Prior {
         mount: Orientation::NONE,
@@ -154,7 +163,7 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
-    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, solution, config));
+    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, between, solution, config));
     let of = |heading: fn(&Shown) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
@@ -164,6 +173,17 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
     Replayed { solution, accepted, lack, samples, fitted_s, ended_s, shown, score: raw, smooth, uncorrected }
 }
 
+/// The watch is made for ten samples a second, as the module takes them. What it makes of rows with more time between
+/// them, microseconds, is no longer what it would make of the flight: of one row a second it believes that iron moves, and
+/// errs by degrees. Readings of 11 to 12.5 a second are rows in pairs, up to 0.18 s apart.
+const MAX_WATCHED_US: u32 = 190_000;
+
+/// Whether rows that come so often, seconds, are watched as the module watches its own.
+#[must_use]
+pub fn is_watched(every_s: f64) -> bool {
+    every_s * 1e6 <= f64::from(MAX_WATCHED_US)
+}
+
 /// An instrument for rows that come as often as these, their attitude of the same instants as their field.
 fn config_of(rows: &[Row]) -> Config {
     let median_s = rows::median_step_s(rows).unwrap_or(0.1);
@@ -171,10 +191,14 @@ fn config_of(rows: &[Row]) -> Config {
     Config { attitude, ..Config::new((median_s * 1e6).round() as u32) }
 }
 
+fn instant(t_s: f64, start_s: f64) -> Timestamp {
+    Timestamp::from_us(((t_s - start_s) * 1e6).round() as u64)
+}
+
 /// What the instrument makes of a row, its instant counted from a start.
 fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
-    let at = Timestamp::from_us(((row.t_s - start_s) * 1e6).round() as u64);
-    instrument.on_attitude(at, report(row));
+    let at = instant(row.t_s, start_s);
+    instrument.on_attitude(at, report(row.attitude, row.rates_rad_s));
     if let Some(amperes) = row.current_a {
         instrument.on_current(at, amperes);
     }
@@ -182,9 +206,9 @@ fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
 }
 
 /// What the attitude source would have sent. A recording has no clock but its own: reports are stamped by their arrival.
-fn report(row: &Row) -> Report {
-    let (sender_time, rates_rad_s) = (WrappingMillis::default(), row.rates_rad_s.unwrap_or_default());
-    Report { source: Source::default(), sender_time, attitude: row.attitude, rates_rad_s }
+fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> Report {
+    let (sender_time, rates_rad_s) = (WrappingMillis::default(), rates_rad_s.unwrap_or_default());
+    Report { source: Source::default(), sender_time, attitude, rates_rad_s }
 }
 
 /// The samples that may be fitted to.
@@ -282,7 +306,8 @@ fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> R
 /// The field of a row as a calibration corrects and levels it.
 #[must_use]
 pub fn levelled(calibration: &Calibration, row: &Row) -> Field<Level> {
-    let Motion { roll_rad_s, pitch_rad_s, heading_rad_s } = Motion::of(&report(row)).unwrap_or_default();
+    let Motion { roll_rad_s, pitch_rad_s, heading_rad_s } =
+        Motion::of(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
     calibration.level(&sample)
@@ -293,7 +318,7 @@ fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
 }
 
 /// What the module would have shown for every row.
-fn show(rows: &[Row], solution: &Solution, config: Config) -> Vec<Shown> {
+fn show(rows: &[Row], between: &Between<'_>, solution: &Solution, config: Config) -> Vec<Shown> {
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let calibration = Some((solution.calibration, solution.uncertainty));
     let [mut device, mut any] = [config.heading, heading::Config::ANY_FIELD].map(|heading| {
@@ -301,13 +326,21 @@ fn show(rows: &[Row], solution: &Solution, config: Config) -> Vec<Shown> {
         instrument.correct_with(Correction { calibration, ..Correction::NONE });
         instrument
     });
+    let mut last_s = start_s;
     rows.iter()
         .map(|row| {
+            for told in between(std::mem::replace(&mut last_s, row.t_s), row.t_s) {
+                for instrument in [&mut device, &mut any] {
+                    instrument.on_attitude(instant(told.t_s, start_s), report(told.attitude, told.rates_rad_s));
+                }
+            }
             // The heading is shown in any field; whether it would have been sent is its status.
             let [sent, shown] = [&mut device, &mut any].map(|instrument| {
                 let estimate = estimate(instrument, row, start_s);
                 while instrument.next_sample().is_some() {}
-                instrument.watch();
+                if config.reading_period_us <= MAX_WATCHED_US {
+                    instrument.watch();
+                }
                 estimate
             });
             Shown::of(row.t_s, &shown, sent.heading.map(|_| ()))

@@ -49,6 +49,35 @@ pub struct Row {
     pub reference_deg: Option<f64>,
 }
 
+/// Attitude and body rates at an instant between two rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// Seconds on the flight's time line.
+    pub t_s: f64,
+    /// The attitude as the autopilot logged it.
+    pub attitude: Attitude,
+    /// Body rates p, q, r, rad/s, where there are any.
+    pub rates_rad_s: Option<[f32; 3]>,
+}
+
+/// What an autopilot tells of its attitude between two rows that are further apart than most logs have them: ten times a
+/// second, as it does to a module however rarely it logs the field. Without it body rates are integrated over steps in
+/// which a turn begins and ends, and the module believes that its iron has moved.
+#[must_use]
+pub fn told_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<Told> {
+    const EVERY_S: f64 = 0.1;
+    /// A longer pause is one of the log, too.
+    const MAX_PAUSE_S: f64 = 5.0;
+    let pause_s = to_s - from_s;
+    if !(1.5 * EVERY_S..=MAX_PAUSE_S).contains(&pause_s) {
+        return Vec::new();
+    }
+    let steps = (pause_s / EVERY_S).round();
+    let instants = (1..steps as u32).map(|step| from_s + pause_s * f64::from(step) / steps);
+    let told = |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| Told { t_s, attitude, rates_rad_s });
+    instants.filter_map(told).collect()
+}
+
 /// How many rows there are, and what became of the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counted {

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Reference, Replayed, Score};
-use crate::log::{Autopilot, Flight};
+use super::{Counted, Reference, Replayed, Score, is_watched};
+use crate::log::{Autopilot, Flight, missing_of_ardupilot};
 
 /// The number of the schema.
 const SCHEMA: u32 = 2;
@@ -23,11 +23,12 @@ pub fn verdict(judged: &Verdict) -> String {
     let expected = |compass: &&Judged| compass.module.solution.as_ref().map(|s| f64::from(s.quality.expected_rms_deg));
     let times: Vec<f64> = accepted.iter().filter_map(|compass| compass.calibrated_s()).collect();
     let worst = accepted.iter().filter_map(expected).fold(0.0, f64::max);
+    let slow = slow_attitude(judged);
     let which = match (accepted.len(), all) {
         (0, _) => {
-            let why =
-                judged.compasses.first().and_then(Judged::refusal).map_or_else(String::new, |why| why.to_string());
             let of = if all > 1 { " every compass, the first for this" } else { "" };
+            let why =
+                judged.compasses.first().map_or_else(String::new, |compass| why_refused(compass, slow.as_deref()));
             return format!("the module would have refused{of}: {why}");
         }
         (1, 1) => "the module would have calibrated".to_owned(),
@@ -46,7 +47,40 @@ pub fn verdict(judged: &Verdict) -> String {
         }
         _ => " when asked to at the end of the flight".to_owned(),
     };
-    format!("{which}{when}, expecting {worst:.1} deg")
+    let but = slow.map_or_else(String::new, |slow| format!("; but {slow}"));
+    format!("{which}{when}, expecting {worst:.1} deg{but}")
+}
+
+/// That the attitude comes too seldom to be known between, in words.
+fn slow_attitude(judged: &Verdict) -> Option<String> {
+    // Three a second, and a little for what jitters.
+    const SLOW_S: f64 = 0.34;
+    let every_s = judged.attitude_every_s;
+    (every_s > SLOW_S).then(|| {
+        format!("the attitude comes {:.1} times a second, and below 3 Hz what lies between is a guess", 1.0 / every_s)
+    })
+}
+
+/// What kept the module from it: the log, where that left no flight to judge, else the flight.
+fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
+    let Counted { readings, used, without_attitude, unsettled, disarmed, on_the_ground, kept_out } = judged.counted;
+    let [most, why] = [
+        (without_attitude, "without an attitude near it"),
+        (unsettled, "while the attitude changed otherwise than the body rates say"),
+        (disarmed, "disarmed"),
+        (on_the_ground, "on the ground"),
+        (kept_out, "kept out by the log"),
+    ]
+    .into_iter()
+    .max_by_key(|&(number, _)| number)
+    .map_or_else(|| [String::new(), String::new()], |(number, why)| [number.to_string(), why.to_owned()]);
+    let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
+    // As many as no flight has: a tenth of a second each.
+    if used < 20 && readings >= 20 {
+        let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
+        return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
+    }
+    slow.map_or_else(|| refusal.clone(), |slow| format!("{refusal}; and {slow}"))
 }
 
 impl Judged {
@@ -70,12 +104,6 @@ impl Judged {
 #[must_use]
 pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
     let mut notes = Vec::new();
-    if judged.attitude_every_s > 0.34 {
-        notes.push(format!(
-            "the attitude comes {:.1} times a second; below 3 Hz what lies between is a guess",
-            1.0 / judged.attitude_every_s
-        ));
-    }
     if flight.rates.is_empty() {
         notes.push(
             "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into(),
@@ -85,10 +113,29 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         notes
             .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
     }
+    let slowest_s = judged.compasses.iter().map(|compass| compass.every_s).fold(0.0, f64::max);
+    if !is_watched(slowest_s) {
+        notes.push(format!(
+            "the field comes {:.1} times a second; the module reads its own ten times, so what it adjusts in flight is left \
+             out of its headings",
+            1.0 / slowest_s
+        ));
+    }
     for compass in &judged.compasses {
         notes.extend(strength_note(judged, compass));
     }
+    let contradicted = |compass: &&Judged| compass.counted.unsettled * 5 > compass.counted.readings;
+    if let Some(compass) = judged.compasses.iter().find(contradicted) {
+        notes.push(format!(
+            "the attitude changes otherwise than the body rates say in {} % of the log, which is left out: are the rates in \
+             another unit, or of other axes?",
+            compass.counted.unsettled * 100 / compass.counted.readings.max(1)
+        ));
+    }
     let counts = &flight.counts;
+    if counts.vehicles > 0 {
+        notes.push(format!("{} more vehicle(s) on the link: the first that was heard is judged", counts.vehicles));
+    }
     if counts.restarts > 0 {
         notes.push(format!("the autopilot restarted {} time(s) in the file; time goes on after each", counts.restarts));
     }
@@ -115,7 +162,15 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if flight.autopilot == Autopilot::ArduPilot && flight.parameters.last("COMPASS_OFS_X").is_none() {
+    let missing = judged.compasses.iter().flat_map(|compass| missing_of_ardupilot(&flight.parameters, compass.number));
+    let missing: Vec<String> = missing.collect();
+    if !missing.is_empty() {
+        notes.push(format!("parameters that are not in the log, taken as if never set: {}", missing.join(", ")));
+    }
+    if flight.autopilot == Autopilot::ArduPilot
+        && flight.parameters.last("COMPASS_OFS_X").is_none()
+        && missing.is_empty()
+    {
         notes.push("the parameters are not in the log: what the autopilot had applied could not be undone".to_owned());
     }
     notes
@@ -135,21 +190,39 @@ fn most_tilt_deg(flight: &Flight) -> Option<f64> {
     tilts.reduce(f64::max).map(f64::to_degrees)
 }
 
-/// Whether the field is as strong as it is there: judged by a fit, whose centre the iron does not move.
+/// Whether the field is as strong as it is there, or, of a place that is not known, as it is anywhere: judged by a fit, whose
+/// centre the iron does not move.
 fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
-    let (earth, _) = judged.earth.as_ref()?;
-    let (expected, found) = (f64::from(earth.total_ut), compass.radius_ut?);
-    let ratio = found / expected;
-    let number = compass.number;
-    if (1.0 / PLAUSIBLE..=PLAUSIBLE).contains(&ratio) {
+    /// The Earth's field at its weakest and strongest, microtesla.
+    const EARTH_UT: [f64; 2] = [22.0, 67.0];
+    let [least, most, found] = match &judged.earth {
+        Some((earth, _)) => [f64::from(earth.total_ut), f64::from(earth.total_ut), compass.radius_ut?],
+        None => [EARTH_UT[0], EARTH_UT[1], compass.radius_ut?],
+    };
+    let is_in = |factor: f64| (least * factor / PLAUSIBLE..=most * factor * PLAUSIBLE).contains(&found);
+    if is_in(1.0) {
         return None;
     }
-    let guess =
-        [(10.0, "milligauss taken for microtesla"), (0.1, "microtesla taken for milligauss"), (100.0, "nanotesla?")]
-            .into_iter()
-            .find(|(factor, _)| (factor / PLAUSIBLE..=factor * PLAUSIBLE).contains(&ratio))
-            .map_or_else(|| "another unit, or a poor sensor".to_owned(), |(_, words)| words.to_owned());
-    Some(format!("compass {number}: the field is {found:.1} uT strong, by the field model {expected:.1}: {guess}"))
+    let guess = [
+        (10.0, "milligauss taken for microtesla"),
+        (0.1, "microtesla taken for milligauss"),
+        (100.0, "nanotesla taken for milligauss"),
+        (1000.0, "nanotesla taken for microtesla"),
+        (0.01, "gauss taken for microtesla"),
+        (0.001, "gauss taken for milligauss"),
+    ]
+    .into_iter()
+    .find(|&(factor, _)| is_in(factor))
+    .map_or("another unit, or a poor sensor", |(_, words)| words);
+    let number = compass.number;
+    let expected = if judged.earth.is_some() {
+        format!("by the field model {most:.1}")
+    } else {
+        format!("the Earth's is {least:.0} to {most:.0}")
+    };
+    // A field of another unit may be of any size.
+    let decimals = if found < 1.0 { 4 } else { 1 };
+    Some(format!("compass {number}: the field is {found:.decimals$} uT strong, {expected}: {guess}"))
 }
 
 /// As a JSON object.

@@ -98,6 +98,11 @@ const fn size(kind: u8) -> Option<usize> {
     })
 }
 
+/// Whether a column of a letter holds whole numbers as they are.
+pub(super) const fn is_whole(kind: u8) -> bool {
+    matches!(kind, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
+}
+
 /// A message as it stands in the file, without its header.
 struct Columns<'a> {
     layout: &'a Layout,
@@ -132,6 +137,10 @@ impl Message for Columns<'_> {
             (b'd', &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
             _ => return None,
         })
+    }
+
+    fn is_whole(&self, name: &str) -> bool {
+        self.bytes(name).is_some_and(|(kind, _)| is_whole(kind))
     }
 
     fn words(&self, name: &str) -> Option<String> {

@@ -12,10 +12,12 @@ pub use text::read_text;
 use super::flight::{Autopilot, Format, Gps};
 use super::recorder::{Logged, Recorder};
 
-/// A message: numbers by the names of its columns. Numbers are scaled: degrees, amperes, m/s.
+/// A message: numbers by the names of its columns. Numbers are scaled as their letters say: degrees, m/s.
 trait Message {
     /// A number.
     fn number(&self, name: &str) -> Option<f64>;
+    /// Whether a number is logged as a whole one, with nothing said of a scale.
+    fn is_whole(&self, name: &str) -> bool;
     /// Words.
     fn words(&self, name: &str) -> Option<String>;
 }
@@ -57,8 +59,12 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
         }
         return;
     }
-    let Some(us) = microseconds(name, message) else { return };
-    let Some(t_s) = recorder.timeline.at(us) else { return };
+    let t_s = match microseconds(name, message) {
+        Some(us) => recorder.timeline.at(us),
+        // Until 2015 these had no stamp.
+        None => matches!(name, "MSG" | "EV").then(|| recorder.timeline.now_s()),
+    };
+    let Some(t_s) = t_s else { return };
     match name {
         "MAG" => {
             let number = message.number("I").map_or(1, |instance| (instance as u8).saturating_add(1));
@@ -167,8 +173,10 @@ fn gps(recorder: &mut Recorder, t_s: f64, message: &dyn Message) {
     }
 }
 
+/// Amperes; CURR had them in hundredths, as whole numbers.
 fn current(recorder: &mut Recorder, t_s: f64, message: &dyn Message) {
-    if let Some(amperes) = message.number("Curr") {
+    if let Some(logged) = message.number("Curr") {
+        let amperes = if message.is_whole("Curr") { logged * 0.01 } else { logged };
         recorder.current(t_s, amperes as f32);
     }
 }

@@ -5,6 +5,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, Format};
 use super::super::window::Window;
+use super::binary::is_whole;
 use super::{Message, is_wanted, recorder, take};
 
 /// No log has more kinds of messages.
@@ -17,7 +18,7 @@ const MAX_KINDS: usize = 512;
 /// What the source says.
 pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = Window::new(source);
-    let mut columns: HashMap<String, Vec<String>> = HashMap::new();
+    let mut columns: HashMap<String, Layout> = HashMap::new();
     let mut recorder = recorder(Format::DataFlashText);
     while let Some(line) = window.line()? {
         let mut values = line.split(',').map(str::trim);
@@ -25,11 +26,12 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
         if name == "FMT" {
             // Type, length, name, format, columns.
             if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_KINDS) {
-                columns.insert(name.to_owned(), values.skip(1).take(32).map(str::to_owned).collect());
+                let kinds = values.next().unwrap_or_default().bytes().take(32).collect();
+                columns.insert(name.to_owned(), Layout { kinds, names: values.take(32).map(str::to_owned).collect() });
             }
-        } else if let Some(columns) = columns.get(name) {
+        } else if let Some(layout) = columns.get(name) {
             if is_wanted(name) {
-                take(&mut recorder, name, &Line { columns, values: values.collect() });
+                take(&mut recorder, name, &Line { layout, values: values.collect() });
             }
         } else {
             recorder.flight.counts.garbage += u64::from(!name.is_empty());
@@ -38,14 +40,20 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
     Ok(recorder.finish())
 }
 
+/// The letters and the names of a message's columns.
+struct Layout {
+    kinds: Vec<u8>,
+    names: Vec<String>,
+}
+
 struct Line<'a> {
-    columns: &'a [String],
+    layout: &'a Layout,
     values: Vec<&'a str>,
 }
 
 impl Line<'_> {
     fn index(&self, name: &str) -> Option<usize> {
-        self.columns.iter().position(|column| column == name)
+        self.layout.names.iter().position(|column| column == name)
     }
 }
 
@@ -57,10 +65,18 @@ impl Message for Line<'_> {
         Some(if is_raw_place { number * 1e-7 } else { number })
     }
 
+    fn is_whole(&self, name: &str) -> bool {
+        self.index(name).and_then(|index| self.layout.kinds.get(index)).is_some_and(|&kind| is_whole(kind))
+    }
+
     /// What stands last may have commas in it.
     fn words(&self, name: &str) -> Option<String> {
         let index = self.index(name)?;
         let rest = self.values.get(index..)?;
-        if index + 1 == self.columns.len() { Some(rest.join(", ")) } else { rest.first().map(|&word| word.to_owned()) }
+        if index + 1 == self.layout.names.len() {
+            Some(rest.join(", "))
+        } else {
+            rest.first().map(|&word| word.to_owned())
+        }
     }
 }

@@ -1,0 +1,132 @@
+//! Flight logs as others have them: seldom, torn, in other units. What is said of them is true, or said to be unknown.
+#![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
+
+use host_sim::log::csv::Unit;
+use host_sim::log::write::{Recording, csv, dataflash_text};
+use host_sim::log::{self, Flight};
+use host_sim::replay::Selected;
+use host_sim::replay::judge::{Asked, By, Verdict, judge};
+use host_sim::replay::told;
+use host_sim::world::autopilot::Leg;
+use host_sim::world::{World, WorldConfig};
+
+const ASKED: Asked =
+    Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+
+/// Turns both ways, by 25 and by 40 deg of bank, as an autopilot logs them ten times a second.
+fn flown(world: &WorldConfig) -> Recording {
+    let world = World::new(*world);
+    let mut source = world.attitude_source();
+    for bank_deg in [25.0, 40.0] {
+        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        for heading_change_deg in [720.0, -720.0] {
+            world.fly(Leg::Turn { bank_deg, heading_change_deg });
+        }
+    }
+    let mut recording = Recording::aged(0.05);
+    for i in 20..2400 {
+        recording.take(&world, &mut source, i * 100_000);
+    }
+    recording
+}
+
+fn read(text: &str) -> Flight {
+    log::read(&mut text.as_bytes(), Unit::Milligauss).unwrap()
+}
+
+fn judged(text: &str) -> (Flight, Verdict) {
+    let flight = read(text);
+    let verdict = judge(&flight, &ASKED);
+    (flight, verdict)
+}
+
+/// Of the messages of a name every so manyeth.
+fn every(text: &str, name: &str, number: usize) -> String {
+    let mut seen = 0;
+    let is_kept = |line: &&str| {
+        let is_of = line.strip_prefix(name).is_some_and(|rest| rest.starts_with(','));
+        seen += usize::from(is_of);
+        !is_of || seen % number == 0
+    };
+    text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect()
+}
+
+/// A field that is logged every 0.4 s or every second, with the attitude ten times a second: headings are as good as those of
+/// a log that has it ten times a second, whose bound is in `replay.rs`. The watch, which would see iron move in between, is not
+/// replayed, and that is said.
+#[test]
+fn a_field_that_is_logged_seldom_gives_the_same_headings() {
+    for seed in [3, 5, 8] {
+        let world = WorldConfig::random(seed);
+        let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
+        let text = String::from_utf8(dataflash_text(&flown(&world))).unwrap();
+        for number in [1, 4, 10] {
+            let (flight, verdict) = judged(&every(&text, "MAG", number));
+            let compass = &verdict.compasses[0];
+            assert_eq!(compass.module.accepted, Ok(()), "seed {seed}, 1 of {number}");
+            let (ours, smooth) = (compass.by(By::Module).unwrap().score.unwrap(), compass.module.smooth.unwrap());
+            assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {number}: {ours:?}");
+            // Rates are integrated by what is told between the rows: what is smoothed by them is not worse.
+            assert!(smooth.rms_deg < ours.rms_deg, "seed {seed}, 1 of {number}: {smooth:?} {ours:?}");
+            let notes = told::notes(&flight, &verdict).join("; ");
+            assert_eq!(notes.contains("what it adjusts in flight"), number > 1, "{notes}");
+        }
+    }
+}
+
+/// An attitude that comes twice a second is a guess in between, and one that comes every two seconds is no attitude: the
+/// verdict says so itself, with the true cause.
+#[test]
+fn a_verdict_says_that_the_attitude_comes_too_seldom() {
+    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
+        let (_, verdict) = judged(&every(&text, "ATT", number));
+        let told = told::verdict(&verdict);
+        assert!(told.contains(words) && told.contains("below 3 Hz") == (number > 1), "1 of {number}: {told}");
+        assert_eq!(told.contains("without an attitude near it"), number == 20, "{told}");
+    }
+}
+
+/// A log of nothing but the ground says that, and not which manoeuvre was wrong.
+#[test]
+fn a_verdict_says_that_there_was_no_flight() {
+    let mut recording = flown(&WorldConfig::random(3));
+    for (i, instant) in recording.instants.iter_mut().enumerate() {
+        instant.is_armed = i >= 2370;
+    }
+    let text = String::from_utf8(csv(&recording)).unwrap();
+    let told = told::verdict(&judged(&text).1);
+    assert!(told.contains("10 may be used") && told.contains("are disarmed"), "{told}");
+}
+
+/// A table whose field is in another unit, of a place that is not known: the Earth's field is 22 to 67 uT everywhere. Rates
+/// in radians keep most of a turn out, and that is said.
+#[test]
+fn units_are_doubted_without_a_place() {
+    // 48 uT.
+    let text = String::from_utf8(csv(&flown(&WorldConfig::table1(1)))).unwrap();
+    let scaled = |columns: std::ops::Range<usize>, by: f64| {
+        let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
+            Ok(number) if columns.contains(&column) => format!("{}", number * by),
+            _ => value.to_owned(),
+        };
+        let line = |line: &str| line.split(',').enumerate().map(scale).collect::<Vec<_>>().join(",") + "\n";
+        text.lines().map(line).collect::<String>()
+    };
+    let notes = |text: &str| {
+        let (flight, verdict) = judged(text);
+        told::notes(&flight, &verdict).join("; ")
+    };
+    assert_eq!(notes(&text), "");
+    for (by, words) in [
+        (0.1, "microtesla taken for milligauss"),
+        (0.001, "gauss taken for milligauss"),
+        (100.0, "nanotesla taken for milligauss"),
+        (10.0, "milligauss taken for microtesla"),
+    ] {
+        let notes = notes(&scaled(1..4, by));
+        assert!(notes.contains(words), "{by}: {notes}");
+    }
+    let notes = notes(&scaled(7..10, 1.0_f64.to_radians()));
+    assert!(notes.contains("body rates"), "{notes}");
+}
