@@ -18,7 +18,7 @@ use host_sim::score::Errors;
 use host_sim::world::aircraft::Kind;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{CRUISE_A, World, WorldConfig};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 const ALL: Options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
 const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
@@ -355,6 +355,36 @@ fn iron_by_current_is_found_and_handed_over() {
         let inav = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::Inav).unwrap();
         assert!(inav.warnings.iter().any(|words| words.contains("current")), "seed {seed}: {:?}", inav.warnings);
         assert!(inav.lost_deg[0] > handed.lost_deg[0], "seed {seed}: {inav:?}");
+        // Half a microtesla per ampere of another 10 A or so in a bank is degrees.
+        let is_told = inav.warnings.iter().any(|words| words.contains("costs"));
+        assert!(is_told && inav.lost_deg[0] > 0.3, "seed {seed}: {inav:?}");
+        // To what is lost of the numbers, which are whole: half a milligauss, a gain of a thousandth.
+        let score =
+            scored(&compass.rows, &of_inav(&parameters::file(&flight, &[inav.clone()], Dialect::Inav))).unwrap();
+        assert!((score.rms_deg - inav.score.unwrap().rms_deg).abs() < 0.1, "seed {seed}: {score:?} {inav:?}");
+    }
+}
+
+/// What INAV makes of its zeros and gains: `(raw - zero) 1024 / gain`, raw in milligauss.
+fn of_inav(text: &str) -> Iron {
+    let of = |name: &str, axis: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(&format!("set {name}_{axis} = "))).unwrap();
+        line.parse::<f64>().unwrap()
+    };
+    let each = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| of(name, axis)));
+    Iron::constant(Matrix3::from_diagonal(&each("maggain").map(|gain| 1024.0 / gain)), each("magzero") * 0.1)
+}
+
+/// ArduPilot takes no offset beyond a limit that can be set: whoever loads one is told before.
+#[test]
+fn offsets_that_are_not_taken_are_told() {
+    let (mut flight, compass) = judged(&dataflash(&flown(&WorldConfig::random(3), 0.05)));
+    let handed = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::ArduPilot).unwrap();
+    let largest_mg = handed.iron.centre_ut.amax() * 10.0;
+    for (part, is_told) in [(0.95, true), (1.05, false)] {
+        flight.parameters.set(f64::MAX, "COMPASS_OFFS_MAX", largest_mg * part);
+        let handed = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::ArduPilot).unwrap();
+        assert_eq!(handed.warnings.iter().any(|words| words.contains("COMPASS_OFFS_MAX")), is_told, "{handed:?}");
     }
 }
 

@@ -434,12 +434,16 @@ mod tests {
 
     #[test]
     fn records_are_kept_if_every_number_is_finite() {
-        let numbers: [(&str, Set); 14] = [
+        let numbers: [(&str, Set); 18] = [
             ("w", |record, n| record.calibration.w[2][1] = n),
             ("b", |record, n| record.calibration.b_ut[1] = n),
             ("inclination", |record, n| record.calibration.inclination_rad = n),
             ("total", |record, n| record.calibration.total_ut = n),
             ("latency", |record, n| record.calibration.latency_s = n),
+            ("by current", |record, n| record.calibration.current.ut_per_a[2] = n),
+            ("sigma of that", |record, n| record.calibration.current.sigma_ut_per_a = n),
+            ("mean current", |record, n| record.calibration.current.mean_a = n),
+            ("its spread", |record, n| record.calibration.current.spread_a = n),
             ("latency found", |record, n| record.quality.latency = Some(Latency { found_s: n, sigma_s: 0.01 })),
             ("its sigma", |record, n| record.quality.latency = Some(Latency { found_s: 0.01, sigma_s: n })),
             ("expected", |record, n| record.quality.expected_rms_deg = n),

@@ -257,3 +257,83 @@ fn down(row: &Row) -> Vector3<f64> {
     let (roll, pitch) = (f64::from(row.attitude.roll_rad), f64::from(row.attitude.pitch_rad));
     Vector3::new(-pitch.sin(), roll.sin() * pitch.cos(), roll.cos() * pitch.cos())
 }
+
+#[cfg(test)]
+mod tests {
+    use autoswing::frames::{Attitude, Field};
+    use testkit::random::Random;
+
+    use super::*;
+
+    /// Where the iron changes, of 1800 rows: midway between two instants that are tried.
+    const AT: u16 = 1007;
+
+    /// Three minutes of turns with banks of 30 and pitches of 15 deg in a field of 50 uT: `moved` is added from [`AT`] on,
+    /// noise to each axis, and what each of 10 A before and 30 A after that adds.
+    fn rows(moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<Row> {
+        let mut random = Random(seed);
+        let of = |i: u16| {
+            let (t_s, is_after) = (f32::from(i) / 10.0, i >= AT);
+            let attitude = Attitude::from_deg(30.0 * (t_s * 0.31).sin(), 15.0 * (t_s * 0.47).sin());
+            let earth = attitude.body(Field::earth(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
+            let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
+            let current_a = if is_after { 30.0 } else { 10.0 };
+            let moved = if is_after { moved } else { Vector3::zeros() };
+            let field = Field::new(earth + noise + moved + by_current_ut * current_a);
+            Row {
+                t_s: f64::from(i) / 10.0,
+                field,
+                logged: field,
+                attitude,
+                rates_rad_s: None,
+                current_a: Some(current_a),
+                usable: true,
+                reference_deg: None,
+            }
+        };
+        (0..1800).map(of).collect()
+    }
+
+    fn of(moved: [f32; 3], noise_ut: f32, seed: u64) -> Option<Change> {
+        found(&rows(moved.into(), noise_ut, Vector3::zeros(), seed), &Iron::none())
+    }
+
+    /// To three rows where it is ten times the noise; and its sigma allows for ten neighbours that err alike: where none do,
+    /// errors are a third of it.
+    #[test]
+    fn a_step_is_found_with_its_instant_and_its_sigma() {
+        let mut errors = Vec::new();
+        for seed in 0..20 {
+            let moved = [4.0, -3.0, 2.0];
+            let change = of(moved, 0.5, seed).unwrap();
+            assert!((change.at_s - f64::from(AT) / 10.0).abs() < 0.35, "{change:?}");
+            assert_eq!(change.axis(), 'x');
+            errors.extend((0..3).map(|i| (change.ut[i] - f64::from(moved[i])) / change.sigma_ut[i]));
+        }
+        let rms = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!((0.2..0.6).contains(&rms), "{rms}");
+    }
+
+    /// Below a microtesla headings hardly change; what is within the noise, or leaves it what it was, is not sure.
+    #[test]
+    fn what_is_small_or_not_sure_is_no_change() {
+        for (moved_ut, noise_ut, is_one) in [(1.3, 0.1, true), (0.8, 0.1, false), (0.0, 0.1, false), (3.0, 5.0, false)]
+        {
+            for seed in 0..5 {
+                let change = of([0.0, moved_ut, 0.0], noise_ut, seed);
+                assert_eq!(change.is_some(), is_one, "{moved_ut} uT in {noise_ut}: {change:?}");
+            }
+        }
+    }
+
+    /// What goes with a current that steps is no iron that moved, if it is known.
+    #[test]
+    fn what_goes_with_the_current_is_no_change() {
+        let by_current_ut = Vector3::new(0.3, -0.2, 0.1);
+        let rows = rows(Vector3::zeros(), 0.3, by_current_ut, 1);
+        let known = Iron { by_current_ut: by_current_ut.map(f64::from), ..Iron::none() };
+        assert_eq!(found(&rows, &known), None);
+        let change = found(&rows, &Iron::none()).unwrap();
+        assert!((change.ut[0] - 6.0).abs() < 0.5, "20 A of 0.3 uT: {change:?}");
+    }
+}

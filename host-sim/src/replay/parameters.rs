@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use autoswing::frames::Field;
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SVD, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
 
 use super::judge::{Judged, scored};
 use super::{Row, Score};
@@ -79,7 +79,7 @@ pub fn handed_over(flight: &Flight, judged: &Judged, total_ut: Option<f64>, dial
     let w = calibration.w_matrix().map(f64::from);
     let b = calibration.b_vector_ut().map(f64::from);
     let (turn, symmetric) = polar(&w)?;
-    let (turned, _) = right_angle(&turn);
+    let turned = right_angle(&turn);
     let q = turned.matrix();
     // As strong as the Earth's field is there, or as it came out.
     let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
@@ -192,11 +192,10 @@ fn polar(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
 }
 
 /// The right-angle mounting nearest to a turn: none, unless another is much nearer.
-fn right_angle(turn: &Matrix3<f64>) -> (Rotation, f64) {
-    let own_deg = Rotation3::from_matrix_unchecked(*turn).angle().to_degrees();
+fn right_angle(turn: &Matrix3<f64>) -> Rotation {
     let (nearest, off_deg) = Rotation::nearest(turn);
     let is_square = nearest.matrix().iter().all(|number| (number.abs() - 0.5).abs() > 0.49);
-    if own_deg > 40.0 && is_square && off_deg < 25.0 { (nearest, off_deg) } else { (Rotation::default(), own_deg) }
+    if is_square && off_deg < 25.0 { nearest } else { Rotation::default() }
 }
 
 fn turned_row(row: &Row, q: &Matrix3<f64>) -> Row {
@@ -346,4 +345,31 @@ pub fn read_back(text: &str, others: &Parameters) -> Parameters {
         }
     }
     parameters
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+
+    /// A mounting that is 20 deg from square is crooked; one midway is anybody's guess, and stays as the log has it.
+    #[test]
+    fn a_mounting_is_the_right_angle_that_it_is_near() {
+        for (yaw_deg, number) in
+            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (60.0, 0), (70.0, 2), (90.0, 2), (180.0, 4)]
+        {
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(yaw_deg));
+            assert_eq!(right_angle(turn.matrix()).number(), number, "{yaw_deg}");
+        }
+    }
+
+    #[test]
+    fn a_mirrored_sensor_is_no_turn() {
+        let turn = Rotation3::from_euler_angles(0.1, -0.2, 0.3);
+        let symmetric = symmetric_of(&Vector3::new(1.1, 0.9, 1.0), &Vector3::new(0.1, 0.0, -0.05));
+        let (found, rest) = polar(&(turn.matrix() * symmetric)).unwrap();
+        assert!((found - turn.matrix()).norm() < 1e-9 && (rest - symmetric).norm() < 1e-9, "{found} {rest}");
+        assert!(polar(&-symmetric).is_none());
+    }
 }

@@ -7,7 +7,9 @@ use super::{NO_PRIOR, solved};
 use crate::calibration::current_iron::Found;
 use crate::calibration::information::Information;
 use crate::calibration::likelihood::{Config, Likelihood, Noise, Parameters, for_each_prior};
-use crate::calibration::{Calibration, CurrentIron, LeastSquares, Sample, Solution, verification};
+use crate::calibration::{
+    Calibration, CurrentIron, LeastSquares, Method, Orientation, Prior, Sample, Solution, solve, verification,
+};
 use crate::frames::Field;
 
 /// How the current goes on a flight, amperes, by seconds and by which turn it is.
@@ -297,6 +299,25 @@ fn roots_are_those_of_the_covariance() {
     assert_eq!(by_chance.roots(&used)[3], Vector3::zeros());
     let nothing = Found { covariance: Matrix3::zeros(), ..found }.roots(&used);
     assert!(nothing.iter().take(3).all(|root| *root == Vector3::zeros()));
+}
+
+/// However the chip sits it is the same iron, in the chip's axes, and known as well: rounding alone makes it another, a tenth
+/// of its sigma at the most.
+#[test]
+fn it_is_told_in_the_axes_of_the_chip() {
+    let (_, _, recorded) = one(5);
+    let straight = solved(&recorded).unwrap().calibration.current;
+    let mount = Orientation::from_name("roll90-yaw90").unwrap();
+    let rotation = mount.body_from_sensor();
+    let turned = |samples: &[Sample]| -> Vec<Sample> {
+        samples.iter().map(|s| Sample { field: Field::new(rotation.tr_mul(&s.field.ut)), ..*s }).collect()
+    };
+    let turned = Recorded { left: turned(&recorded.left), right: turned(&recorded.right) };
+    let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
+    let current = solution.calibration.current;
+    let off = rotation * Vector3::from(current.ut_per_a) - Vector3::from(straight.ut_per_a);
+    assert!(straight.is_used() && off.norm() < 0.1 * straight.sigma_ut_per_a, "{current:?} {straight:?}");
+    assert!((current.sigma_ut_per_a / straight.sigma_ut_per_a - 1.0).abs() < 0.02, "{current:?} {straight:?}");
 }
 
 /// Mean and spread of the currents that are known, if three quarters are.

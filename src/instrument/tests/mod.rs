@@ -1,5 +1,7 @@
 //! What the instrument promises, without tasks and clocks.
 
+mod current;
+
 use super::*;
 use crate::attitude::Source;
 use crate::calibration::{Orientation, Rates};

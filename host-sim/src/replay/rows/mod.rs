@@ -116,7 +116,7 @@ pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<&R
             counted.unsettled += 1;
             continue;
         }
-        if run.number > 0 && (t_s - run.first_s >= ROW_S || t_s < run.first_s) {
+        if run.number > 0 && t_s - run.first_s >= ROW_S {
             rows.push(run.row(flight, reference));
             run = Run::default();
         }
@@ -308,3 +308,6 @@ pub(super) fn median_step_s(rows: &[Row]) -> Option<f64> {
     steps_s.sort_by(f64::total_cmp);
     steps_s.get(steps_s.len() / 2).copied()
 }
+
+#[cfg(test)]
+mod tests;

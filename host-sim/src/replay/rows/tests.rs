@@ -1,0 +1,168 @@
+//! Which readings become rows, and with what. Flights are made by hand, ten readings a second of 20, 0 and 40 uT.
+
+use super::*;
+use crate::log::{Format, Gps};
+
+/// So many seconds on end, level and without a turn, attitudes ten a second.
+fn level(seconds: i32) -> Flight {
+    let mut flight = Flight::new(Format::ULog);
+    for i in 0..=10 * seconds {
+        flight.attitude.push(f64::from(i) / 10.0, [0.0; 3]);
+        flight.rates.push(f64::from(i) / 10.0, [0.0; 3]);
+    }
+    flight
+}
+
+/// Readings from a second to another.
+fn compass(from_s: i32, to_s: i32) -> Compass {
+    let mut compass = Compass { number: 1, ..Compass::default() };
+    for i in 10 * from_s..10 * to_s {
+        compass.field.push(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
+    }
+    compass
+}
+
+/// The first and the last instant of rows that may be used, and how many rows may not.
+fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
+    let (rows, counted) = rows(flight, compass, age_s, None);
+    let used_s: Vec<f64> = rows.iter().filter(|row| row.usable).map(|row| row.t_s).collect();
+    assert_eq!(used_s.len(), counted.used);
+    ([used_s[0], used_s[used_s.len() - 1]], rows.len() - used_s.len())
+}
+
+/// A log that says it was never armed is of an autopilot that was not asked to fly; one that was says when it flew.
+#[test]
+fn rows_while_disarmed_are_left_out_if_it_ever_was_armed() {
+    let (mut flight, compass) = (level(30), compass(0, 30));
+    for (armed, unused) in [(vec![], 0), (vec![(0.0, false)], 0), (vec![(10.05, true), (20.05, false)], 200)] {
+        flight.armed = armed;
+        assert_eq!(used(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed);
+    }
+    assert_eq!(rows(&flight, &compass, 0.0, None).1.disarmed, 200);
+}
+
+/// What a table keeps out is a row of the table: the field's age, by which the row is of another instant, changes nothing.
+#[test]
+fn what_is_kept_out_goes_by_the_time_that_was_logged() {
+    let (mut flight, compass) = (level(30), compass(1, 21));
+    for i in 10..210 {
+        flight.usable.push(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
+    }
+    let age_s = 0.45;
+    let ([from_s, to_s], unused) = used(&flight, &compass, age_s);
+    assert!((from_s - (6.0 - age_s)).abs() < 1e-6 && (to_s - (20.9 - age_s)).abs() < 1e-6, "{from_s} {to_s}");
+    assert_eq!((unused, rows(&flight, &compass, age_s, None).1.kept_out), (50, 50));
+}
+
+/// A receiver at rest drifts at up to 2 m/s, and a boat of 4 m/s moves. A hop of less than 20 s is no flight, and a log
+/// of one is taken as it is.
+#[test]
+fn rows_before_it_first_moved_and_after_it_last_did_are_left_out() {
+    for (m_s, moves_s, unused) in [(4.0, 25, 750), (2.0, 25, 0), (4.0, 15, 0)] {
+        let mut flight = level(100);
+        for i in 0..100 {
+            let is_moving = (30..=30 + moves_s).contains(&i);
+            let (speed_m_s, course_deg, yaw_deg) = (if is_moving { m_s } else { 0.5 }, 0.0, f32::NAN);
+            let place = Gps { latitude_deg: 48.0, longitude_deg: 11.0, height_m: 0.0, speed_m_s, course_deg, yaw_deg };
+            flight.gps.push(f64::from(i), place.columns());
+        }
+        let (span_s, left_out) = used(&flight, &compass(0, 100), 0.0);
+        // The row of either instant is one of the flight.
+        assert!(left_out.abs_diff(unused) <= 1, "{m_s} m/s, {moves_s} s: {span_s:?} {left_out}");
+        assert!(unused == 0 || (span_s[0] - 30.0).abs() < 0.11 && (span_s[1] - 55.0).abs() < 0.11, "{span_s:?}");
+    }
+}
+
+/// A source of 3 Hz may lose one; over a longer gap nobody knows how it rolled.
+#[test]
+fn attitudes_are_interpolated_over_one_that_is_lost() {
+    for (gap_s, is_known) in [(0.67, true), (0.8, false)] {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0..20 {
+            flight.attitude.push(f64::from(i) * gap_s, [0.0; 3]);
+            flight.rates.push(f64::from(i) * gap_s, [0.0; 3]);
+        }
+        let at_middle = attitude_at(&flight, 4.5 * gap_s);
+        assert_eq!(at_middle.is_some(), is_known, "{gap_s}");
+    }
+}
+
+/// Rolling by half a radian at 2 rad/s, three attitudes a second: a straight line is off by up to 0.028 rad, the cubic
+/// with the right motions by `A w^4 h^4 / 384`, 0.0003. Rates in a wrong unit are left out: it is the straight line again.
+#[test]
+fn between_attitudes_it_moves_as_the_rates_say() {
+    let roll = |t_s: f64| (0.5 * (2.0 * t_s).sin()) as f32;
+    for (unit, most_rad) in [(1.0_f64, 0.0006), (180.0 / std::f64::consts::PI, 0.03)] {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0..60 {
+            let t_s = f64::from(i) / 3.0;
+            flight.attitude.push(t_s, [roll(t_s), 0.0, 0.0]);
+            flight.rates.push(t_s, [((2.0 * t_s).cos() * unit) as f32, 0.0, 0.0]);
+        }
+        let errors = (0..180).map(|i| {
+            let t_s = f64::from(i) / 10.0;
+            let (attitude, _) = attitude_at(&flight, t_s).unwrap();
+            (attitude.roll_rad - roll(t_s)).abs()
+        });
+        let worst = errors.fold(0.0, f32::max);
+        assert!(worst < most_rad, "{unit}: {worst}");
+    }
+}
+
+/// An attitude that turns by 5 deg without a body rate, 10 s after the start: a filter that aligns has been wrong since it
+/// began. One that does so after 100 s jumped, and only the second around that is left out. A noise of a degree is neither, and
+/// a body that does turn may tilt: its rates are those of single instants, the larger of two neighbours counts.
+#[test]
+fn attitudes_that_change_as_no_body_does_are_left_out() {
+    let unsettled_by = |jump_s: f64, by_deg: f32, rate_deg_s: f32| {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0..2000 {
+            let t_s = f64::from(i) / 10.0;
+            let is_then = (t_s - jump_s).abs() < 0.01;
+            flight.attitude.push(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
+            flight.rates.push(t_s, [if is_then { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
+        }
+        rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
+    };
+    // Until the jump is out of the second that is looked at.
+    assert!((105..=115).contains(&unsettled_by(10.0, 5.0, 0.0)), "{}", unsettled_by(10.0, 5.0, 0.0));
+    assert!((10..=25).contains(&unsettled_by(100.0, 5.0, 0.0)), "{}", unsettled_by(100.0, 5.0, 0.0));
+    assert_eq!(unsettled_by(100.0, 1.0, 0.0), 0);
+    assert_eq!(unsettled_by(100.0, 5.0, 40.0), 0);
+}
+
+/// Inverted, roll goes on from 180 to -180 deg: the mean of two readings is on the near side of both.
+#[test]
+fn the_mean_roll_of_a_row_is_the_shorter_way_round() {
+    let mut flight = Flight::new(Format::ULog);
+    let mut compass = Compass { number: 1, ..Compass::default() };
+    for (i, roll_deg) in (0_u8..).zip([179.0_f32, -179.0]) {
+        let t_s = f64::from(i) * 0.05;
+        flight.attitude.push(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
+        compass.field.push(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
+    }
+    let (rows, _) = rows(&flight, &compass, 0.0, None);
+    assert_eq!(rows.len(), 1);
+    assert!((rows[0].attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{}", rows[0].attitude.roll_rad);
+}
+
+/// A battery is told of once a second: a current holds over two that are lost, and not for ever. Where none is known a
+/// correction is that of none.
+#[test]
+fn a_current_is_known_near_where_it_was_told() {
+    let mut flight = level(30);
+    for (t_s, amperes) in [(0.0, 10.0), (2.9, 20.0), (12.0, 30.0)] {
+        flight.current.push(t_s, [amperes]);
+    }
+    for (t_s, current_a) in [(1.45, Some(15.0)), (7.0, None), (14.9, Some(30.0)), (15.1, None)] {
+        assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
+    }
+    let (mut rows, _) = rows(&flight, &compass(0, 30), 0.0, None);
+    let iron = Iron { by_current_ut: Vector3::new(0.5, 0.0, -0.25), ..Iron::none() };
+    let mut corrected = |current_a| {
+        rows[0].current_a = current_a;
+        rows[0].corrected(&iron)
+    };
+    assert_eq!(corrected(Some(10.0)), Vector3::new(15.0, 0.0, 42.5));
+    assert_eq!(corrected(None), Vector3::new(20.0, 0.0, 40.0));
+}

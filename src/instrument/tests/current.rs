@@ -1,0 +1,98 @@
+//! What goes with the current is taken out of every reading, and of nothing else.
+
+use super::*;
+use crate::calibration::CurrentIron;
+
+/// 0.5 uT per ampere in all, found at 20 A, give or take 10.
+const IRON: CurrentIron = CurrentIron { ut_per_a: [0.3, 0.0, 0.4], sigma_ut_per_a: 0.01, mean_a: 20.0, spread_a: 10.0 };
+
+const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
+
+fn with_iron() -> Instrument {
+    let mut instrument = instrument();
+    let calibration = Calibration { current: IRON, ..calibration() };
+    let calibration = Some((calibration, Uncertainty::NONE));
+    instrument.correct_with(Correction { calibration, knows_inclination: true, ..Correction::NONE });
+    instrument
+}
+
+/// What the sensor reads at a heading of 2 rad while a current flows.
+fn sensed_with(current_a: f32) -> Field<Sensor> {
+    Field::new(sensed(2.0, ATTITUDE).ut + nalgebra::Vector3::from(IRON.ut_per_a) * current_a)
+}
+
+/// Two seconds of reports and readings at a current that is told; then readings alone for half a second, which is longer than
+/// an attitude holds.
+fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
+    let mut last = [Estimate::NOTHING; 2];
+    for us in (0..2_500_000).step_by(PERIOD_US as usize) {
+        instrument.on_current(at(us), current_a);
+        let has_attitude = us < 2_000_000;
+        if has_attitude && us % 25_000 == 0 {
+            report(instrument, us, ATTITUDE);
+        }
+        last[usize::from(!has_attitude)] = instrument.on_reading(at(us + LATENCY_US), reading(sensed_with(current_a)));
+        while instrument.next_sample().is_some() {}
+        instrument.watch();
+    }
+    last
+}
+
+/// Heading, field and the field of a compass are those of an aircraft without such iron, at no current as at twice the mean,
+/// with an attitude; without one the compass is judged by a strength from which the 20 uT of 40 A are taken out.
+#[test]
+fn at_any_current_that_is_told_all_is_as_without_it() {
+    for current_a in [0.0, 20.0, 40.0] {
+        let [with, without] = fly(&mut with_iron(), current_a);
+        let body = sensed(2.0, ATTITUDE).ut;
+        assert!((with.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-3, "{current_a}: {with:?}");
+        assert!((with.body.unwrap().ut - body).norm() < 1e-3, "{current_a}: {with:?}");
+        assert!((with.compass.unwrap().ut - body).norm() < 0.1, "{current_a}: {with:?}");
+        assert_eq!(without.heading, Err(NoHeading::AttitudeStale));
+        assert!((without.compass.unwrap().ut - body).norm() < 0.1, "{current_a}: {without:?}");
+        assert_eq!((with.current_a, without.current_a), (Some(current_a), Some(current_a)));
+    }
+}
+
+/// Three seconds long; then it is that of the mean, and the heading less sure by what its spread adds: 5 uT of 27.
+#[test]
+fn a_current_holds_for_three_seconds() {
+    for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
+        let mut instrument = with_iron();
+        instrument.on_current(at(0), 40.0);
+        report(&mut instrument, silent_us, ATTITUDE);
+        let then = at(silent_us + LATENCY_US);
+        assert_eq!(instrument.current_a(at(silent_us)), current_a);
+        assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
+        // What is read is of the mean, so that the heading is right, and how sure it is tells whether the current is known.
+        let mut told = with_iron();
+        told.on_current(then, 20.0);
+        report(&mut told, silent_us, ATTITUDE);
+        let sigma_rad = |instrument: &mut Instrument| {
+            instrument.on_reading(then, reading(sensed_with(20.0))).heading.map(|heading| heading.sigma_rad)
+        };
+        let known = sigma_rad(&mut told).unwrap();
+        if current_a.is_none() {
+            let more_rad = (sigma_rad(&mut instrument).unwrap().powi(2) - known.powi(2)).sqrt();
+            assert!((more_rad - 5.0 / (50.0 * 1_f32.cos())).abs() < 0.01, "{more_rad}");
+        }
+    }
+}
+
+/// A sample keeps the current of its instant, whether or not it keeps an attitude.
+#[test]
+fn samples_keep_their_current() {
+    for sample_attitude in [SampleAttitude::Interpolated, SampleAttitude::Unknown] {
+        let mut instrument = instrument();
+        instrument.correct_with(Correction { sample_attitude, ..Correction::NONE });
+        let mut found = Vec::new();
+        for us in (0..1_000_000).step_by(PERIOD_US as usize) {
+            instrument.on_current(at(us), 16.0);
+            report(&mut instrument, us, ATTITUDE);
+            instrument.on_reading(at(us), reading(SOME));
+            found.extend(samples(&mut instrument));
+        }
+        assert!(found.len() >= 8, "{}", found.len());
+        assert!(found.iter().all(|sample| sample.rates.current_a() == Some(16.0)), "{sample_attitude:?}");
+    }
+}
