@@ -360,7 +360,8 @@ fn iron_by_current_is_found_and_handed_over() {
         assert!(is_told && inav.lost_deg[0] > 0.3, "seed {seed}: {inav:?}");
         // To what is lost of the numbers, which are whole: half a milligauss, a gain of a thousandth.
         let score =
-            scored(&compass.rows, &of_inav(&parameters::file(&flight, &[inav.clone()], Dialect::Inav))).unwrap();
+            scored(&compass.rows, &of_inav(&parameters::file(&flight, std::slice::from_ref(&inav), Dialect::Inav)))
+                .unwrap();
         assert!((score.rms_deg - inav.score.unwrap().rms_deg).abs() < 0.1, "seed {seed}: {score:?} {inav:?}");
     }
 }

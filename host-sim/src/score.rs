@@ -86,3 +86,42 @@ pub fn within_percent(normalised: &[f64]) -> [f64; 2] {
 pub fn wrap_180(angle_deg: f64) -> f64 {
     (angle_deg + 180.0).rem_euclid(360.0) - 180.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use autoswing::calibration::{CurrentIron, Orientation};
+
+    #[test]
+    fn figures_are_those_of_the_errors() {
+        let figures = Figures::of(&[3.0, 1.0, -1.0, 1.0]);
+        let expected = Figures { max_deg: 3.0, mean_deg: 1.0, rms_deg: 3_f64.sqrt(), max_demeaned_deg: 2.0 };
+        assert_eq!(figures, expected);
+        let within = |errors: &[f64]| within_percent(errors).map(|percent| percent.round() as i32);
+        assert_eq!(within(&[0.5, -1.0, 1.1, -2.0, 2.1]), [40, 80]);
+        assert_eq!(within(&[]), [0; 2]);
+    }
+
+    /// A calibration that takes all of it for what goes with the current is right in cruise where the current is told, and off by
+    /// as much where it takes another mean to flow: 12 uT.
+    #[test]
+    fn iron_by_current_counts_as_the_module_is_told_it() {
+        let world = WorldConfig { airframe: crate::world::airframe::Airframe::none(), ..WorldConfig::random(1) };
+        let mut world = world.with_current(12.0);
+        let calibration = |mean_a: f32| Calibration {
+            current: CurrentIron {
+                ut_per_a: world.current_ut.map(|ut| (ut / CRUISE_A) as f32),
+                mean_a,
+                ..CurrentIron::NONE
+            },
+            ..Calibration::uncalibrated(Orientation::NONE)
+        };
+        let [right, wrong] = [CRUISE_A as f32, 0.0].map(calibration);
+        let worst_deg =
+            |calibration: &Calibration, world: &WorldConfig| Errors::of(calibration, world).figures().max_deg;
+        world.tells_current = true;
+        assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) < 0.01);
+        world.tells_current = false;
+        assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) > 5.0);
+    }
+}

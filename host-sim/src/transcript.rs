@@ -129,4 +129,35 @@ mod tests {
         assert_eq!(iron_ut(says).map(|ut| ut.map(|c| (c * 10.0).round() as i32)), Some([-49, 3, -17]));
         assert_eq!(iron_ut("iron: as calibrated, as far as is sure\r\n"), None);
     }
+
+    /// In the units of the library: radians, seconds, chip axes in their order.
+    #[test]
+    fn a_calibration_is_read_as_it_is_shown() {
+        let says = "ok number 7 of maximum-likelihood, expected error 0.31 deg rms, sigma 0.62 deg at the worst heading\r\n\
+                    wx: 1.01 0.02 0.03\r\nwy: 0.04 1.05 0.06\r\nwz: 0.07 0.08 1.09\r\nb: 1.5 -2.5 3.5 uT\r\n\
+                    field: 48.00 uT, inclination 60.00 deg\r\nlatency: 25.0 ms, sigma 3.0 ms, used\r\n\
+                    current: 0.1 -0.2 0.3 uT/A, sigma 0.01, used; 12.5 A, sigma 4.5\r\n";
+        let shown = shown(says).unwrap();
+        let current = CurrentIron { ut_per_a: [0.1, -0.2, 0.3], sigma_ut_per_a: 0.01, mean_a: 12.5, spread_a: 4.5 };
+        let calibration = Calibration {
+            w: [[1.01, 0.02, 0.03], [0.04, 1.05, 0.06], [0.07, 0.08, 1.09]],
+            b_ut: [1.5, -2.5, 3.5],
+            total_ut: 48.0,
+            inclination_rad: 60_f32.to_radians(),
+            latency_s: 0.025,
+            current,
+        };
+        assert_eq!((shown.method.as_str(), shown.calibration), ("maximum-likelihood", calibration));
+        assert!((shown.expected_rms_deg - 0.31).abs() < 1e-6 && (shown.expected_worst_deg - 0.62).abs() < 1e-6);
+        // What was found and is not used is not in use.
+        let unused = says.replace(", used\r\ncurrent", ", not used\r\ncurrent");
+        assert!(super::shown(&unused).unwrap().calibration.latency_s.abs() < 1e-9);
+    }
+
+    /// What was refused first and calibrated then is calibrated.
+    #[test]
+    fn the_last_note_counts() {
+        let says = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
+        assert_eq!(notice(says), Some(Notice::Calibrated("number 1".to_owned())));
+    }
 }

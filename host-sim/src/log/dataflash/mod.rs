@@ -197,3 +197,57 @@ pub(super) fn euler_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
     let yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
     [roll, pitch, yaw]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Numbers<'a>(&'a [(&'a str, f64)]);
+
+    impl Message for Numbers<'_> {
+        fn number(&self, name: &str) -> Option<f64> {
+            self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
+        }
+
+        fn words(&self, _: &str) -> Option<String> {
+            None
+        }
+    }
+
+    fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
+        let mut recorder = recorder(Format::DataFlash);
+        for (name, numbers) in messages {
+            take(&mut recorder, name, &Numbers(numbers));
+        }
+        recorder.finish()
+    }
+
+    /// Gyros as the autopilot takes them: what its filter says that they read at rest, in degrees a second, is taken off.
+    #[test]
+    fn the_gyros_bias_is_taken_off() {
+        let flight = taken(&[
+            ("XKF1", &[("TimeUS", 1e6), ("GX", 1.0), ("GY", -2.0), ("GZ", 0.5)]),
+            ("IMU", &[("TimeUS", 1.1e6), ("GyrX", 0.1), ("GyrY", 0.2), ("GyrZ", 0.3)]),
+        ]);
+        let expected = [0.1 - 1_f32.to_radians(), 0.2 + 2_f32.to_radians(), 0.3 - 0.5_f32.to_radians()];
+        let [row] = flight.rates.rows() else { panic!("{:?}", flight.rates) };
+        assert!(row.of.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
+    }
+
+    /// What was CURR is BAT; a receiver without a fix in three dimensions says nothing, and one with a single antenna no yaw.
+    #[test]
+    fn currents_and_fixes_are_taken_as_they_are() {
+        let fix = |us: f64, status: f64| {
+            let place = [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
+            [&[("TimeUS", us), ("Status", status)][..], &place].concat()
+        };
+        let flight = taken(&[
+            ("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]),
+            ("GPS", &fix(1.1e6, 2.0)),
+            ("GPS", &fix(1.2e6, 3.0)),
+        ]);
+        assert_eq!(flight.current.rows().iter().map(|row| row.of[0].round() as i32).collect::<Vec<_>>(), [13]);
+        let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
+        assert!(Gps::from_columns(row.of).yaw_deg.is_nan(), "{row:?}");
+    }
+}

@@ -146,10 +146,10 @@ fn the_nose_follows_the_course() {
         assert_eq!(nose(share, &flown, 0.0).follows(&flown, &CIRCLE), follows, "{share}");
     }
     let mut with_gap = flown.clone();
-    with_gap[120..].iter_mut().for_each(|v| v.t_s += 60.0);
+    with_gap[120..].iter_mut().for_each(|v| v.t_s += 30.0);
     // All that it turned is in what follows a gap.
     let legs: Vec<Velocity> =
         with_gap.iter().enumerate().map(|(i, v)| Velocity { m_s: flown[usize::from(i >= 120)].m_s, ..*v }).collect();
     assert!(nose(0.0, &legs, 9.0).follows(&legs, &CIRCLE));
-    assert!(nose(1.0, &with_gap, 0.0).at_rad(90.0).is_none() && nose(1.0, &with_gap, 0.0).at_rad(30.1).is_some());
+    assert!(nose(1.0, &with_gap, 0.0).at_rad(75.0).is_none() && nose(1.0, &with_gap, 0.0).at_rad(30.1).is_some());
 }
