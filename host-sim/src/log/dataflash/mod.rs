@@ -212,6 +212,10 @@ mod tests {
         fn words(&self, _: &str) -> Option<String> {
             None
         }
+
+        fn is_whole(&self, _: &str) -> bool {
+            false
+        }
     }
 
     fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
