@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use host_sim::log::csv::Unit;
-use host_sim::log::write::{Recording, csv, dataflash_text};
+use host_sim::log::write::{Recording, csv, dataflash_text, tlog};
 use host_sim::log::{self, Flight};
 use host_sim::replay::Selected;
 use host_sim::replay::judge::{Asked, By, Verdict, judge};
@@ -129,4 +129,34 @@ fn units_are_doubted_without_a_place() {
     }
     let notes = notes(&scaled(7..10, 1.0_f64.to_radians()));
     assert!(notes.contains("body rates"), "{notes}");
+}
+
+/// MAVLink as it came on a line, without the clock of whoever received it: the flight is the same, for messages say their
+/// sender's. What says none stands at the message before, a few milliseconds earlier.
+#[test]
+fn mavlink_without_a_receivers_clock_is_the_same_flight() {
+    let with = tlog(&flown(&WorldConfig::random(3)));
+    let mut without = Vec::new();
+    let mut rest = with.as_slice();
+    while let [_, _, _, _, _, _, _, _, frame @ ..] = rest {
+        // Version 2, not signed: ten bytes of header and a checksum of two.
+        assert_eq!(frame[0], 0xFD);
+        let (one, behind) = frame.split_at(12 + usize::from(frame[1]));
+        without.extend_from_slice(one);
+        rest = behind;
+    }
+    let [with, without] = [with, without].map(|bytes| {
+        let flight = log::read(&mut bytes.as_slice(), Unit::Milligauss).unwrap();
+        let verdict = judge(&flight, &ASKED);
+        (flight, verdict)
+    });
+    assert!(without.0.attitude.rows().len() > 2000);
+    assert_eq!(with.0.attitude.rows(), without.0.attitude.rows());
+    assert_eq!(with.0.compasses[0].field.rows(), without.0.compasses[0].field.rows());
+    assert_eq!(without.0.counts.garbage, 0);
+    // Currents are some milliseconds earlier: other samples are kept, within the bound of `replay.rs`.
+    for (_, verdict) in [with, without] {
+        let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+        assert!(score.rms_deg < 0.5, "{score:?}");
+    }
 }

@@ -5,7 +5,7 @@
 //! | ArduPilot DataFlash | `.bin` | a FMT message: `A3 95 80` |
 //! | the same as text | `.log` | a line that begins with `FMT,` |
 //! | PX4 ULog | `.ulg` | its seven magic bytes |
-//! | MAVLink with the receiver's clock | `.tlog` | a frame with a right checksum after eight bytes |
+//! | MAVLink with the receiver's clock, or without | `.tlog` | frames with right checksums, after eight bytes each or none |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
 //! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most half a

@@ -1,5 +1,5 @@
 //! MAVLink frames, each after eight bytes of the receiver's clock (microseconds since 1970, big-endian), as ground stations
-//! write them.
+//! write them; or without, as they come on a line.
 //!
 //! Messages are put on the line of time by the sender's clock since its start; those that carry none by the receiver's
 //! clock since the last that did. Only the first autopilot that is heard counts.
@@ -27,10 +27,23 @@ const SIMSTATE: (u32, u8) = (164, 154);
 const MILLIGAUSS_UT: f32 = 0.1;
 const GAUSS_UT: f32 = 100.0;
 
+/// In so many bytes the first whole frame is sought.
+const WITHIN: usize = 4096;
+
 /// Whether a log begins so: a whole frame within the first bytes.
 pub fn begins_in(head: &[u8]) -> bool {
-    const WITHIN: usize = 4096;
-    (0..head.len().min(WITHIN)).any(|at| head.get(at..).and_then(Frame::first).is_some_and(|frame| frame.is_right))
+    clock_in(head).is_some()
+}
+
+/// How long the clock before every frame is; none where there is no frame. Behind a frame the next one follows: what looks
+/// like a clock may be the end of the frame before.
+fn clock_in(head: &[u8]) -> Option<usize> {
+    let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_right);
+    let is_chain = |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.taken, clock).is_some());
+    let begins = || (0..head.len().min(WITHIN)).flat_map(|at| [CLOCK, 0].map(|clock| (at, clock)));
+    let chain = begins().find(|&(at, clock)| is_chain(at, clock)).map(|(_, clock)| clock);
+    // Of one frame alone it is taken for certain only with its clock.
+    chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK).is_some()).then_some(CLOCK))
 }
 
 /// Reads a flight.
@@ -41,12 +54,13 @@ pub fn begins_in(head: &[u8]) -> bool {
 pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
     let mut window = Window::new(source);
     let mut log = Log::new();
+    let clock = clock_in(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
     loop {
         let bytes = window.peek(CLOCK + MAX_FRAME)?;
         if bytes.is_empty() {
             break;
         }
-        let frame = Frame::first(bytes);
+        let frame = Frame::first(bytes, clock);
         let taken = if let Some(frame) = frame {
             if frame.is_right {
                 log.take(&frame);
@@ -62,6 +76,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
 }
 
 struct Frame<'a> {
+    /// The receiver's clock; nothing where there is none.
     received_us: u64,
     version: MavlinkVersion,
     sender: [u8; 2],
@@ -73,9 +88,9 @@ struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that stands at the beginning, after its clock.
-    fn first(bytes: &'a [u8]) -> Option<Self> {
-        let (clock, frame) = bytes.split_first_chunk::<CLOCK>()?;
+    /// The frame that stands at the beginning, after its clock of so many bytes.
+    fn first(bytes: &'a [u8], clock: usize) -> Option<Self> {
+        let (received, frame) = bytes.split_at_checked(clock)?;
         let (version, header, sender, id, has_signature) = match *frame {
             [0xFE, _, _, system, component, id, ..] => {
                 (MavlinkVersion::V1, HEADER_1, [system, component], u32::from(id), false)
@@ -89,11 +104,11 @@ impl<'a> Frame<'a> {
         let [low, high] = *frame.get(end..end + CHECKSUM)? else { return None };
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
         let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        let taken = CLOCK + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
+        let taken = clock + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
         // A message that is not known, or was another one when it was sent, has a wrong checksum: if the next frame follows
         // it, it is one nevertheless, of which nothing is believed.
-        let is_followed = || bytes.get(taken + CLOCK).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
-        let received_us = u64::from_be_bytes(*clock);
+        let is_followed = || bytes.get(taken + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
+        let received_us = received.first_chunk().map_or(0, |clock| u64::from_be_bytes(*clock));
         let payload = &frame[header..end];
         (is_right || is_followed()).then_some(Self { received_us, version, sender, id, is_right, payload, taken })
     }
