@@ -1,6 +1,8 @@
 //! Flight logs as others have them: seldom, torn, in other units. What is said of them is true, or said to be unknown.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
+use std::fmt::Write as _;
+
 use host_sim::log::csv::Unit;
 use host_sim::log::write::{Recording, csv, dataflash_text, tlog};
 use host_sim::log::{self, Flight};
@@ -159,4 +161,43 @@ fn mavlink_without_a_receivers_clock_is_the_same_flight() {
         let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
         assert!(score.rms_deg < 0.5, "{score:?}");
     }
+}
+
+/// A second compass whose field ends, or stands still, halfway: that is said, counted from the log's beginning, two seconds after
+/// the clock's, and of the first one nothing.
+#[test]
+fn a_compass_that_dies_in_flight_is_named() {
+    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let second = |dead: fn(&str) -> String| {
+        let mut last = String::new();
+        let mut log = String::new();
+        for line in text.lines() {
+            let _ = writeln!(log, "{line}");
+            let Some((us, rest)) = line.strip_prefix("MAG, ").and_then(|rest| rest.split_once(", 0, ")) else {
+                continue;
+            };
+            if us.parse::<u64>().unwrap() < 120_000_000 {
+                rest.clone_into(&mut last);
+            }
+            let rest = if us.parse::<u64>().unwrap() < 120_000_000 { rest.to_owned() } else { dead(&last) };
+            if !rest.is_empty() {
+                let _ = writeln!(log, "MAG, {us}, 1, {rest}");
+            }
+        }
+        let (flight, verdict) = judged(&log);
+        let notes = told::notes(&flight, &verdict).into_iter().filter(|note| note.starts_with("compass "));
+        (notes.collect::<Vec<_>>(), verdict)
+    };
+    let (still, verdict) = second(str::to_owned);
+    assert!(
+        still.len() == 1
+            && still[0].starts_with("compass 2: its field stands still while the aircraft moves, from 118 to 238 s"),
+        "{still:?}"
+    );
+    // Half of its rows, and the others are as good as those of the first.
+    let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
+    assert!((1190..=1210).contains(&dead.counted.stuck) && alive.counted.stuck == 0, "{:?}", dead.counted);
+    assert!(dead.by(By::Module).unwrap().score.unwrap().rms_deg < 0.5, "the bound of `replay.rs`");
+    let (ends, _) = second(|_| String::new());
+    assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 118 s, the log at 238 s"), "{ends:?}");
 }

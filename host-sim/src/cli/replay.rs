@@ -175,17 +175,7 @@ fn one(out: &mut String, compass: &Judged, verdict: &Verdict, handed: &HandOver<
         ),
     );
     let counted = &compass.counted;
-    let rejected: Vec<String> = [
-        (counted.disarmed, "disarmed"),
-        (counted.on_the_ground, "on the ground"),
-        (counted.without_attitude, "without attitude"),
-        (counted.unsettled, "while the attitude was settling"),
-        (counted.kept_out, "kept out by the log"),
-    ]
-    .iter()
-    .filter(|(number, _)| *number > 0)
-    .map(|(number, why)| format!("{number} {why}"))
-    .collect();
+    let rejected = counted.rejected();
     let rejected = if rejected.is_empty() { String::new() } else { format!("; rejected: {}", rejected.join(", ")) };
     say(out, "  ", &format!("rows: {} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
     if let (Some((earth, is_valid)), Some(radius_ut)) = (&verdict.earth, compass.radius_ut) {

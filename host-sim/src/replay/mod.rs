@@ -3,6 +3,7 @@
 pub mod age;
 pub mod change;
 pub mod course;
+mod dead;
 mod device;
 pub mod fits;
 pub mod judge;

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Reference, Replayed, Score, is_watched};
+use super::{Counted, Reference, Replayed, Score, dead, is_watched};
 use crate::log::{Autopilot, Flight, missing_of_ardupilot};
 
 /// The number of the schema.
@@ -63,13 +63,15 @@ fn slow_attitude(judged: &Verdict) -> Option<String> {
 
 /// What kept the module from it: the log, where that left no flight to judge, else the flight.
 fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
-    let Counted { readings, used, without_attitude, unsettled, disarmed, on_the_ground, kept_out } = judged.counted;
+    let Counted { readings, used, without_attitude, unsettled, disarmed, on_the_ground, kept_out, stuck } =
+        judged.counted;
     let [most, why] = [
         (without_attitude, "without an attitude near it"),
         (unsettled, "while the attitude changed otherwise than the body rates say"),
         (disarmed, "disarmed"),
         (on_the_ground, "on the ground"),
         (kept_out, "kept out by the log"),
+        (stuck, "while the field stood still though the aircraft moved"),
     ]
     .into_iter()
     .max_by_key(|&(number, _)| number)
@@ -123,6 +125,7 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
     }
     for compass in &judged.compasses {
         notes.extend(strength_note(judged, compass));
+        notes.extend(dead::note(flight, compass));
     }
     let contradicted = |compass: &&Judged| compass.counted.unsettled * 5 > compass.counted.readings;
     if let Some(compass) = judged.compasses.iter().find(contradicted) {

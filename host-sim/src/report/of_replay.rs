@@ -282,14 +282,7 @@ fn facts(verdict: &Verdict, compass: &Judged) -> Vec<[String; 2]> {
         add("strength", format!("{} uT, {model} by the field model{year}", number(radius_ut, 1)));
     }
     let counted = &compass.counted;
-    let rejected = [
-        (counted.disarmed, "disarmed"),
-        (counted.on_the_ground, "on the ground"),
-        (counted.without_attitude, "without attitude"),
-        (counted.unsettled, "while the attitude was settling"),
-        (counted.kept_out, "kept out by the log"),
-    ];
-    let rejected = each(rejected.iter().filter(|(n, _)| *n > 0), |(n, why)| format!("; {n} {why}"));
+    let rejected = each(counted.rejected(), |rejected| format!("; {rejected}"));
     add("rows", format!("{} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
     facts
 }

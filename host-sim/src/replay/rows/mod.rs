@@ -6,6 +6,7 @@ use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::dead::standing_still;
 use super::reference::Reference;
 use crate::log::series::{Series, Stamped};
 use crate::log::{Compass, Flight, Iron};
@@ -95,6 +96,24 @@ pub struct Counted {
     pub on_the_ground: usize,
     /// Rows that the log itself keeps out.
     pub kept_out: usize,
+    /// Rows while the field stood still though the aircraft moved: a sensor that died.
+    pub stuck: usize,
+}
+
+impl Counted {
+    /// What was rejected, and why, in words; nothing where nothing was.
+    #[must_use]
+    pub fn rejected(&self) -> Vec<String> {
+        let by_cause = [
+            (self.disarmed, "disarmed"),
+            (self.on_the_ground, "on the ground"),
+            (self.without_attitude, "without attitude"),
+            (self.unsettled, "while the attitude was settling"),
+            (self.stuck, "with a field that stands still"),
+            (self.kept_out, "kept out by the log"),
+        ];
+        by_cause.iter().filter(|(number, _)| *number > 0).map(|(number, why)| format!("{number} {why}")).collect()
+    }
 }
 
 /// Rows of a compass whose logged field is so old at its own time stamp, seconds.
@@ -134,8 +153,14 @@ pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<&R
         counted.kept_out += usize::from(is_kept_out);
         counted.disarmed += usize::from(is_disarmed && !is_kept_out);
         counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_kept_out);
-        counted.used += usize::from(row.usable);
     }
+    for [from_s, to_s] in standing_still(&rows) {
+        for row in rows.iter_mut().filter(|row| row.usable && (from_s..=to_s).contains(&row.t_s)) {
+            row.usable = false;
+            counted.stuck += 1;
+        }
+    }
+    counted.used = rows.iter().filter(|row| row.usable).count();
     (rows, counted)
 }
 
