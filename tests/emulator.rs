@@ -37,6 +37,9 @@ fn with_bench_image() -> Emulator {
     emulator
 }
 
+/// No more of the stack is used, bytes: 22.5 KB.
+const STACK_BYTES: usize = 45 * 512;
+
 /// What `status` says of the stack.
 fn stack(status: &str) -> StackUse {
     let line = status.lines().find_map(|line| line.strip_prefix("stack: ")).unwrap_or_else(|| panic!("{status}"));
@@ -116,8 +119,8 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 }
 
-/// README: 24 KB are reserved for the stack, of which at most 21 are ever used. With iron by current, for whose sake all is
-/// solved again.
+/// README: 26 KB are reserved for the stack, of which at most 22.5 are ever used. With iron by current, for whose sake all is
+/// solved again. From run to run it differs by 1.3 KB: an interrupt falls into the deepest of the solve, or does not.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
@@ -153,9 +156,9 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     assert!(status.contains("ok calibrated"), "{status}");
     let stack = stack(&status);
     println!("stack {stack:?}");
-    assert_eq!(stack.size, 24 * 1024);
+    assert_eq!(stack.size, 26 * 1024);
     // The rest is for what a flight does that this one does not.
-    assert!(stack.used <= 21 * 1024, "{stack:?}");
+    assert!(stack.used <= STACK_BYTES, "{stack:?}");
 }
 
 #[test]
@@ -354,7 +357,7 @@ fn it_calibrates_by_itself_beside_a_mavlink_autopilot() {
     }
     let stack = stack(&emulator.type_line("status"));
     println!("stack {stack:?}");
-    assert!(stack.used <= 21 * 1024, "{stack:?}");
+    assert!(stack.used <= STACK_BYTES, "{stack:?}");
 
     // What is left of the routine is flown first.
     while emulator.world().legs_left() > 0 {
