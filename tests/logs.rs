@@ -6,14 +6,12 @@ use std::fmt::Write as _;
 use host_sim::log::csv::Unit;
 use host_sim::log::write::{Recording, csv, dataflash_text, tlog};
 use host_sim::log::{self, Flight};
-use host_sim::replay::Selected;
 use host_sim::replay::judge::{Asked, By, Verdict, judge};
 use host_sim::replay::told;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
 
-const ASKED: Asked =
-    Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+const ASKED: Asked = Asked::OF_THE_LOG;
 
 /// Turns both ways, by 25 and by 40 deg of bank, as an autopilot logs them ten times a second.
 fn flown(world: &WorldConfig) -> Recording {

@@ -6,15 +6,13 @@ use host_sim::log::csv::Unit;
 use host_sim::log::write::{self, Recorded};
 use host_sim::log::{self, Gps};
 use host_sim::module::Module as _;
-use host_sim::replay::Selected;
 use host_sim::replay::judge::{Asked, By, judge};
 use host_sim::rig::Rig;
 use host_sim::score::wrap_180;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
 
-const ASKED: Asked =
-    Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+const ASKED: Asked = Asked::OF_THE_LOG;
 
 /// What `fly --record` writes has the place, and its headings and courses are from true north: declination in Xi'an is -4.2
 /// deg (WMM2025), so that is what the module's magnetic headings are more, and the track goes where the course says.

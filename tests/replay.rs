@@ -220,8 +220,7 @@ fn what_is_wrong_with_a_recording_is_told() {
 }
 
 /// How a native log is judged.
-const ASKED: Asked =
-    Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+const ASKED: Asked = Asked::OF_THE_LOG;
 
 /// ArduPilot's parameters of a compass that is badly calibrated, and PX4's.
 const BAD: [(&str, f64); 16] = [

@@ -28,6 +28,12 @@ pub struct Asked {
     pub age_s: Option<f64>,
 }
 
+impl Asked {
+    /// What the module would have done by itself, with all compasses and all that the log tells.
+    pub const OF_THE_LOG: Self =
+        Self { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
+}
+
 /// A compass, judged.
 #[derive(Clone, Debug)]
 pub struct Judged {
