@@ -63,22 +63,11 @@ fn slow_attitude(judged: &Verdict) -> Option<String> {
 
 /// What kept the module from it: the log, where that left no flight to judge, else the flight.
 fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
-    let Counted { readings, used, without_attitude, unsettled, disarmed, on_the_ground, kept_out, stuck } =
-        judged.counted;
-    let [most, why] = [
-        (without_attitude, "without an attitude near it"),
-        (unsettled, "while the attitude changed otherwise than the body rates say"),
-        (disarmed, "disarmed"),
-        (on_the_ground, "on the ground"),
-        (kept_out, "kept out by the log"),
-        (stuck, "while the field stood still though the aircraft moved"),
-    ]
-    .into_iter()
-    .max_by_key(|&(number, _)| number)
-    .map_or_else(|| [String::new(), String::new()], |(number, why)| [number.to_string(), why.to_owned()]);
     let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
     // As many as no flight has: a tenth of a second each.
+    let Counted { readings, used, .. } = judged.counted;
     if used < 20 && readings >= 20 {
+        let (most, why) = judged.counted.most_rejected();
         let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
         return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
     }

@@ -7,7 +7,7 @@ use super::*;
 use crate::log::{self, csv::Unit};
 use crate::mission::{Flown, Plan, fly};
 use crate::replay::judge::{Asked, judge};
-use crate::replay::{Selected, told};
+use crate::replay::told;
 use crate::world::WorldConfig;
 
 fn flown(plan: Plan) -> Flown {
@@ -112,9 +112,7 @@ fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
     let flight = log::open(path, Unit::Milligauss).unwrap();
-    let asked =
-        Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
-    let verdict = judge(&flight, &asked);
+    let verdict = judge(&flight, &Asked::OF_THE_LOG);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let report = of_replay(&flight, &verdict, "a folder/flight.csv", &Made { parameters, ..Made::default() });
     let html = page(&report);
