@@ -194,3 +194,37 @@ fn is_used(flight: &Flight, number: u8) -> Option<bool> {
         Autopilot::Px4 | Autopilot::Unknown => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a meter says of nothing may be a little less, and that of a battery that gives nothing is not the motors'.
+    #[test]
+    fn a_current_is_not_negative() {
+        let mut recorder = Recorder::new(Format::TLog);
+        for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
+            recorder.current(i as f64, amperes);
+        }
+        let flight = recorder.finish();
+        assert_eq!(flight.current.rows().iter().map(|row| row.of[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
+    }
+
+    /// What the motors' wires add is taken off by the current that was last told, for two seconds: then none is known.
+    #[test]
+    fn a_current_holds_for_two_seconds() {
+        let mut recorder = Recorder::new(Format::TLog);
+        recorder.flight.autopilot = Autopilot::ArduPilot;
+        for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
+            recorder.parameter(name, value);
+        }
+        recorder.current(0.0, 10.0);
+        for t_s in [1.0, 1.9, 2.1, 100.0] {
+            recorder.field(1, Logged::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+        }
+        let flight = recorder.finish();
+        // 10 A of 5 mG each.
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.of[0]).collect();
+        assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
+    }
+}
