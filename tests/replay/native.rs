@@ -6,7 +6,7 @@ use autoswing::calibration::SolveError;
 use host_sim::log::csv::Unit;
 use host_sim::log::write::{Recording, csv, dataflash, tlog, turns, ulog};
 use host_sim::log::{self, Flight, Iron};
-use host_sim::replay::judge::{By, Judged, judge, scored};
+use host_sim::replay::judge::{Asked, By, Judged, judge, scored};
 use host_sim::replay::parameters::{self, Dialect, HandedOver};
 use host_sim::replay::{Refused, Score, told};
 use host_sim::world::{CRUISE_A, WorldConfig};
@@ -63,12 +63,37 @@ fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
         assert_eq!(compass.module.accepted, Ok(()), "{name}");
         let ours = compass.by(By::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
+        assert_eq!(compass.without_current_deg, None, "{name}: nothing goes with the current");
         if let Some(theirs) = compass.by(By::Autopilot) {
             assert!(theirs.score.unwrap().rms_deg > 2.0 * ours.rms_deg, "{name}: {theirs:?}");
         }
         let used = compass.rows.iter().filter(|row| row.usable).count();
         assert!(compass.counted.used == used && used > 2300, "{name}: {:?}", compass.counted);
     }
+}
+
+/// Rows on the ground beside a steel hangar, disarmed: no calibrator is given them, and the strength is that of the flight. One
+/// compass of two that is asked for is judged, and no other.
+#[test]
+fn what_is_not_flown_is_given_to_nobody() {
+    let world = WorldConfig::table1(1);
+    let mut recording = turns(&world, 0.0);
+    for (i, instant) in recording.instants.iter_mut().enumerate() {
+        instant.is_armed = i >= 400;
+        if !instant.is_armed {
+            instant.field_ut[0] = [300.0, -200.0 + i as f64 / 10.0, 100.0];
+        }
+        instant.field_ut.push([1.0, 2.0, 3.0]);
+    }
+    let (_, compass) = judged(&csv(&recording));
+    assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
+    for by in [By::Sphere, By::Ellipsoid] {
+        // Soft iron is what a sphere leaves.
+        assert!(compass.by(by).unwrap().score.unwrap().rms_deg < 10.0, "{by:?}: {:?}", compass.by(by));
+    }
+    let flight = read(&dataflash(&recording));
+    let verdict = judge(&flight, &Asked { compass: Some(2), ..ASKED });
+    assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].number), (2, 1, 2));
 }
 
 /// The file that is handed over, loaded and applied to the raw field by the autopilot's own formula, gives the error that

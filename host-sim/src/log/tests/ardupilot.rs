@@ -56,3 +56,21 @@ fn events_say_when_it_is_armed() {
     let armed = [31.0, 33.0, 35.0, 37.0, 39.0, 41.0].map(|t_s| flight.is_armed(t_s).unwrap());
     assert_eq!(armed, [false, true, false, true, true, false]);
 }
+
+/// A second gyro, receiver and battery are other ones, and a field that its driver calls unhealthy is none.
+#[test]
+fn the_first_of_several_counts() {
+    let log = String::from_utf8(dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let more = [
+        "IMU, 70000000, 1, 9, 9, 9",
+        "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",
+        "BAT, 70000000, 1, 12, 99",
+        "MAG, 70000000, 0, 1, 2, 3, 0, 0, 0, 0, 0, 0, 0, 0",
+    ];
+    let [without, with] = [log.clone(), log + &more.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
+    let rows = |of: &Flight| {
+        [of.rates.rows().len(), of.gps.rows().len(), of.current.rows().len(), of.compasses[0].field.rows().len()]
+    };
+    assert_eq!(rows(&with), rows(&without));
+    assert_eq!((without.counts.unhealthy, with.counts.unhealthy), (0, 1));
+}

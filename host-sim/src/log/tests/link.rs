@@ -1,7 +1,8 @@
 //! MAVLink: who is believed on a link.
 
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, MavAutopilot, SYS_STATUS_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, MavAutopilot, RAW_IMU_DATA,
+    SCALED_IMU_DATA, SYS_STATUS_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
@@ -127,4 +128,37 @@ fn what_a_receiver_does_not_know_is_not_known() {
     let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.of));
     assert_eq!((known.latitude_deg, known.speed_m_s, known.course_deg), (48.0, 9.0, 45.0));
     assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
+}
+
+/// ArduPilot's first compass is in RAW_IMU, in milligauss; PX4's RAW_IMU is in nobody's unit, and its first compass in SCALED_IMU. One
+/// that is not there is sent as nothing.
+#[test]
+fn the_first_compass_is_where_each_autopilot_sends_it() {
+    let (raw, scaled) = (
+        RAW_IMU_DATA { time_usec: 40_000_000, xmag: 100, ..Default::default() },
+        SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() },
+    );
+    let nothing = [
+        received(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
+        received(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
+    ];
+    for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
+    {
+        let bytes = [begun(autopilot), received(0, &raw), received(0, &scaled), nothing.concat()].concat();
+        let flight = read_bytes(&bytes).unwrap();
+        let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+        assert!((row.of[0] - ut).abs() < 1e-4, "{row:?}");
+        assert_eq!(flight.counts.unhealthy, 0);
+    }
+}
+
+/// Some senders count from 1970 in some messages: such a one stands where it was received.
+#[test]
+fn a_clock_from_1970_is_not_that_of_the_start() {
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..Default::default() };
+    let bytes = [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(500_000, &field)].concat();
+    let flight = read_bytes(&bytes).unwrap();
+    let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
+    assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
+    assert_eq!((flight.counts.restarts, flight.counts.bad_times), (0, 0));
 }

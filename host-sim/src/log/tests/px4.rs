@@ -103,7 +103,7 @@ fn the_current_is_that_of_the_first_battery() {
 }
 
 /// A receiver as PX4 logs it since 1.14, without the velocity's parts: speed and course are what they are called, yaw is in
-/// radians, and a fix in two dimensions is none.
+/// radians; a fix in two dimensions is none, and a second receiver is another one.
 #[test]
 fn a_receiver_is_read_by_the_names_of_what_it_says() {
     let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
@@ -115,11 +115,14 @@ fn a_receiver_is_read_by_the_names_of_what_it_says() {
     };
     let mut original = recording(&PX4);
     original.place = None;
+    let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
     let messages = [
         (b'F', format.as_bytes().to_vec()),
         subscribed(90, 0, "vehicle_gps_position"),
+        subscribed(91, 1, "vehicle_gps_position"),
         fix(70_000_000, 2),
         fix(70_200_000, 3),
+        second,
     ];
     let flight = read_bytes(&with_more(ulog(&original), &messages)).unwrap();
     let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
@@ -135,5 +138,63 @@ fn a_vtol_is_no_copter() {
         let messages = [subscribed(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
         let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
         assert_eq!(flight.is_copter, is_copter);
+    }
+}
+
+/// Armed is one of five states (2); in the others its motors stand still.
+#[test]
+fn an_arming_state_is_read() {
+    let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
+    let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
+    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscribed(90, 0, "vehicle_status")];
+    messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
+    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let armed = [30.5, 31.5, 32.5, 33.5, 34.5].map(|t_s| flight.is_armed(t_s).unwrap());
+    assert_eq!(armed, [false, true, false, true, false]);
+}
+
+/// What is sampled before it is published is of the instant at which it was sampled.
+#[test]
+fn a_sample_is_of_its_own_instant() {
+    let format = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;";
+    let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "vehicle_angular_velocity"),
+        row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
+    ];
+    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let last = flight.rates.rows().last().unwrap();
+    assert!((last.t_s - 30.06).abs() < 1e-6, "{last:?}");
+}
+
+/// `sensor_mag` is raw, in the axes of the sensor, since 1.11 alone: before that it is left to the topic that says so.
+#[test]
+fn sensor_mag_is_raw_since_1_11() {
+    let nothing = Recording { instants: Vec::new(), ..recording(&PX4) };
+    let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
+    let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
+    let level = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "sensor_mag"),
+        subscribed(91, 0, "vehicle_attitude"),
+        row(91, 70_000_000, &[&level]),
+        row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
+    ];
+    for (minor, is_raw) in [(10, false), (11, true)] {
+        let bytes = ulog_with(&ulog(&nothing), &|kind, body| {
+            let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| kind == b'I');
+            version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
+        });
+        let read = read_bytes(&with_more(bytes, &messages));
+        if !is_raw {
+            assert!(matches!(read, Err(LogError::NoField(Format::ULog, 0))), "1.{minor}");
+            continue;
+        }
+        // Turned by 90 deg, as the parameters say: the sensor's y is the body's -x.
+        let flight = read.unwrap();
+        let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+        assert!((row.of[0] - 10.0).abs() < 1e-4 && (row.of[1] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }
