@@ -351,3 +351,44 @@ fn rounded(value: f64, decimals: i32) -> f64 {
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::NAN)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::Format;
+
+    /// The notes of a log of which nothing is doubtful but for a change.
+    fn notes_of(change: fn(&mut Flight)) -> Vec<String> {
+        let mut flight = Flight::new(Format::DataFlash);
+        flight.autopilot = Autopilot::ArduPilot;
+        flight.parameters.set(0.0, "COMPASS_OFS_X", 1.0);
+        flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
+        flight.rates.push(0.0, [0.0; 3]);
+        flight.current.push(0.0, [10.0]);
+        change(&mut flight);
+        notes(&flight, &Verdict { compasses: Vec::new(), reference: None, earth: None, attitude_every_s: 0.1 })
+    }
+
+    /// Each doubt is told by itself, with its number, and what is in order is not.
+    #[test]
+    fn what_is_doubtful_about_a_log_is_told() {
+        assert_eq!(notes_of(|_| {}), [""; 0]);
+        assert_eq!(notes_of(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
+        let cases: [(fn(&mut Flight), &str); 10] = [
+            (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
+            (|flight| flight.attitude.rows_mut()[0].of[0] = 0.02, "tilts by 1.15 deg at most"),
+            (|flight| flight.counts.vehicles = 1, "1 more vehicle"),
+            (|flight| flight.counts.restarts = 2, "restarted 2 time"),
+            (|flight| flight.counts.garbage = 3, "passed over: 3 bytes or lines"),
+            (|flight| flight.counts.bad_times = 4, "passed over: 4 messages whose time"),
+            (|flight| flight.counts.unhealthy = 5, "passed over: 5 readings"),
+            (|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
+            (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
+            (|flight| flight.parameters = crate::log::Parameters::default(), "the parameters are not in the log"),
+        ];
+        for (change, words) in cases {
+            let found = notes_of(change);
+            assert!(matches!(&found[..], [note] if note.contains(words)), "{words}: {found:?}");
+        }
+    }
+}
