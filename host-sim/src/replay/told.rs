@@ -357,8 +357,10 @@ mod tests {
     use super::*;
     use crate::log::Format;
 
+    type Change = fn(&mut Flight);
+
     /// The notes of a log of which nothing is doubtful but for a change.
-    fn notes_of(change: fn(&mut Flight)) -> Vec<String> {
+    fn notes_of(change: Change) -> Vec<String> {
         let mut flight = Flight::new(Format::DataFlash);
         flight.autopilot = Autopilot::ArduPilot;
         flight.parameters.set(0.0, "COMPASS_OFS_X", 1.0);
@@ -374,7 +376,7 @@ mod tests {
     fn what_is_doubtful_about_a_log_is_told() {
         assert_eq!(notes_of(|_| {}), [""; 0]);
         assert_eq!(notes_of(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
-        let cases: [(fn(&mut Flight), &str); 10] = [
+        let cases: [(Change, &str); 10] = [
             (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
             (|flight| flight.attitude.rows_mut()[0].of[0] = 0.02, "tilts by 1.15 deg at most"),
             (|flight| flight.counts.vehicles = 1, "1 more vehicle"),
