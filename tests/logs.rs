@@ -4,30 +4,16 @@
 use std::fmt::Write as _;
 
 use host_sim::log::csv::Unit;
-use host_sim::log::write::{Recording, csv, dataflash_text, tlog};
+use host_sim::log::write::{Recording, csv, dataflash_text, tlog, turns};
 use host_sim::log::{self, Flight};
 use host_sim::replay::judge::{Asked, By, Verdict, judge};
 use host_sim::replay::told;
-use host_sim::world::autopilot::Leg;
-use host_sim::world::{World, WorldConfig};
+use host_sim::world::WorldConfig;
 
 const ASKED: Asked = Asked::OF_THE_LOG;
 
-/// Turns both ways, by 25 and by 40 deg of bank, as an autopilot logs them ten times a second.
 fn flown(world: &WorldConfig) -> Recording {
-    let world = World::new(*world);
-    let mut source = world.attitude_source();
-    for bank_deg in [25.0, 40.0] {
-        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
-        for heading_change_deg in [720.0, -720.0] {
-            world.fly(Leg::Turn { bank_deg, heading_change_deg });
-        }
-    }
-    let mut recording = Recording::aged(0.05);
-    for i in 20..2400 {
-        recording.take(&world, &mut source, i * 100_000);
-    }
-    recording
+    turns(world, 0.05)
 }
 
 fn read(text: &str) -> Flight {
@@ -52,7 +38,7 @@ fn every(text: &str, name: &str, number: usize) -> String {
 }
 
 /// A field that is logged every 0.4 s or every second, with the attitude ten times a second: headings are as good as those of
-/// a log that has it ten times a second, whose bound is in `replay.rs`. The watch, which would see iron move in between, is not
+/// a log that has it ten times a second, whose bound is in `replay/native.rs`. The watch, which would see iron move in between, is not
 /// replayed, and that is said.
 #[test]
 fn a_field_that_is_logged_seldom_gives_the_same_headings() {
@@ -154,7 +140,7 @@ fn mavlink_without_a_receivers_clock_is_the_same_flight() {
     assert_eq!(with.0.attitude.rows(), without.0.attitude.rows());
     assert_eq!(with.0.compasses[0].field.rows(), without.0.compasses[0].field.rows());
     assert_eq!(without.0.counts.garbage, 0);
-    // Currents are some milliseconds earlier: other samples are kept, within the bound of `replay.rs`.
+    // Currents are some milliseconds earlier: other samples are kept, within the bound of `replay/native.rs`.
     for (_, verdict) in [with, without] {
         let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
         assert!(score.rms_deg < 0.5, "{score:?}");
@@ -195,7 +181,7 @@ fn a_compass_that_dies_in_flight_is_named() {
     // Half of its rows, and the others are as good as those of the first.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
     assert!((1190..=1210).contains(&dead.counted.stuck) && alive.counted.stuck == 0, "{:?}", dead.counted);
-    assert!(dead.by(By::Module).unwrap().score.unwrap().rms_deg < 0.5, "the bound of `replay.rs`");
+    assert!(dead.by(By::Module).unwrap().score.unwrap().rms_deg < 0.5, "the bound of `replay/native.rs`");
     let (ends, _) = second(|_| String::new());
     assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 118 s, the log at 238 s"), "{ends:?}");
 }

@@ -446,8 +446,9 @@ impl Units {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::SMatrix;
+    use nalgebra::{SMatrix, SVector};
 
+    use super::super::least_squares::LeastSquares;
     use super::super::likelihood::unknowns::{Matrix13, UNKNOWNS};
     use super::super::likelihood::{Config, Noise, Prior, Row};
     use super::super::tests::derivatives::assert_derivative;
@@ -526,7 +527,8 @@ mod tests {
     /// left to the most likely unknowns. Against full matrices.
     #[test]
     fn the_covariance_is_that_of_its_parts() {
-        let likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        let mut likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        likelihood.current.spread_a = 10.0;
         let at = parameters().unknowns().unwrap();
         let mut information = informed(&likelihood, &at, 1e4);
         let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
@@ -542,6 +544,11 @@ mod tests {
         }
         information.changed = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
         information.latency_sigma_s = 0.01;
+        let with: [f32; 3] = [0.2, 1.1, 2.3];
+        information.by_current.with_unknowns =
+            with.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
+        information.current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
+            .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
         information.effects =
             [0.4, 1.9, 2.8, 3.7].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
         let units = Units::new(&likelihood, &at).unwrap();
@@ -563,6 +570,20 @@ mod tests {
             let shift = g * effect * sigma;
             expected += shift * shift.transpose();
         }
+        // Of the current's iron the others follow at the mean current, and at its spread hard iron is more by so much.
+        let mut followed = Matrix12::zeros();
+        let mut beyond = Matrix12::zeros();
+        for error in information.current_errors {
+            let [x, y, z] = information.by_current.with_unknowns;
+            let shift = g * (x * error.x + y * error.y + z * error.z);
+            followed += shift * shift.transpose();
+            let mut spread = Vector12::zeros();
+            for axis in 0..3 {
+                spread[beta(axis)] = (parameters().w * error)[axis] * 10.0;
+            }
+            beyond += spread * spread.transpose();
+        }
+        expected += followed + beyond;
         let found = full(&information, &likelihood, &at, consider);
         let scale = expected.diagonal().amax();
         for (f, e) in found.iter().zip(&expected) {
@@ -570,10 +591,66 @@ mod tests {
         }
         // Each of the parts is large enough to be missed.
         assert!(full(&information, &likelihood, &at, Consider::NOTHING).diagonal().amax() < 0.97 * scale);
-        for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose()] {
+        for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, beyond]
+        {
             let size = part.diagonal().amax() / scale;
             assert!(size > 0.01, "{size}");
         }
+    }
+
+    /// Iron that goes with the current is what least squares of all sixteen unknowns make of it, with what is known of it
+    /// beforehand as three rows more. Errors that are alike make what samples tell of it scatter by so much more; what is known
+    /// beforehand has no neighbours.
+    #[test]
+    fn what_goes_with_the_current_is_sought_with_what_is_known_of_it() {
+        let mut likelihood = likelihood(&Prior::default(), Config::DEFAULT);
+        likelihood.current.spread_a = 10.0;
+        likelihood.current.ut_per_a = [0.3, -0.2, 0.25];
+        let at = parameters().unknowns().unwrap();
+        let mut information = informed(&likelihood, &at, 1e4);
+        let mut joint = LeastSquares::<16, 1>::new();
+        let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+        for_each_prior(&likelihood, &parameters(), &mut |prior| {
+            let row = rows(&prior.row, Vector3::zeros());
+            joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+        });
+        for i in 0..UNKNOWNS {
+            joint.add(&SVector::ith(i, 1.0), [0.0], 1e4);
+        }
+        let prior = Found::prior(likelihood.unit_ut);
+        for axis in 0..3 {
+            joint.add(&SVector::ith(UNKNOWNS + axis, 1.0), [-likelihood.k()[axis]], prior);
+        }
+        // Samples tell of each axis about as much as is known before.
+        for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
+            let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
+            let row = Row { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
+            let equation = Equation::new(row, residual, 1.0 / 1e4, 1e6);
+            let (more, share_a) = (by_beta(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
+            information.by_current.add(&equation, &more, share_a);
+            information.system.add_row(&equation.row.dense(), residual, 1e4);
+            joint.add(&rows(&equation.row.dense(), more * share_a), [-residual], 1e4);
+        }
+        for residual in [1.0, 1.0, 0.0] {
+            information.correlation.add(0, [residual, 0.0]);
+        }
+        let found = information.current(&likelihood).unwrap();
+        let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
+        assert!((found.k - likelihood.k() - step).norm() < 1e-3 * step.norm(), "{found:?} {step}");
+        let independent =
+            Matrix3::from_fn(|i, j| joint.covariance_times(&SVector::ith(UNKNOWNS + i, 1.0)).unwrap()[UNKNOWNS + j]);
+        // `P (3 (P^-1 - prior) + prior) P` of a rho of one half.
+        let expected = independent * 3.0 - independent * independent * (2.0 * prior);
+        assert!((found.covariance - expected).norm() < 2e-3 * expected.norm(), "{} {expected}", found.covariance);
+        // Each part is large enough to be missed.
+        assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
+        assert!((expected - independent).norm() > 0.1 * expected.norm());
+        let [alone, alike] = found.significance;
+        let by_all = found.k.dot(&(independent.try_inverse().unwrap() * found.k));
+        assert!((alone / by_all - 1.0).abs() < 1e-2 && (alone / alike - 3.0).abs() < 1e-3, "{found:?} {by_all}");
+        // What is left unknown of it counts from now on.
+        let sum: Matrix3<f32> = information.current_errors.iter().take(3).map(|error| error * error.transpose()).sum();
+        assert!((sum - found.covariance).norm() < 1e-3 * expected.norm(), "{sum}");
     }
 
     /// The effect of an attitude error is its effect on each dip, weighed and summed as the dips are.

@@ -714,15 +714,41 @@ mod tests {
         assert!((solver.misfit(&solution.calibration) / misfit - 2.0).abs() < 1e-5);
     }
 
-    /// What is kept is a start that has the very unknowns.
+    /// What is kept is a start that has the very unknowns, with what was in use: who goes back to it looks at samples as before.
     #[test]
     fn what_is_kept_is_where_it_was() {
         let (_, recorded) = flown();
-        let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+        let mut solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+        solver.refinement.likelihood.latency_s = 0.04;
+        solver.refinement.likelihood.current.ut_per_a = [0.3, -0.2, 0.1];
         let Refinement { likelihood, unknowns, .. } = &solver.refinement;
         let kept = solver.keep(&found(0.5, 0.0)).unwrap();
         let again = likelihood.unknowns(&kept.start).unwrap();
         assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
+        assert!(solver.begin(recorded.turns(), &kept.start, kept.assumed));
+        let Likelihood { latency_s, current, .. } = &solver.refinement.likelihood;
+        assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
+        assert_eq!((solver.latencies, solver.currents), (1, 1), "each was tried once at least");
+    }
+
+    /// Iron that goes with the current stays in use while it is known to half a microtesla at the current's spread, whatever the
+    /// unit of the search is.
+    #[test]
+    fn the_current_s_spread_is_in_microtesla() {
+        let (_, recorded) = flown();
+        let samples = recorded.turns();
+        for (sigma_ut, stays) in [(0.45, true), (0.55, false)] {
+            let mut solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
+            let likelihood = &mut solver.refinement.likelihood;
+            (likelihood.current.spread_a, likelihood.current.ut_per_a) = (10.0, [0.3, 0.0, 0.0]);
+            let (k, sigma) = (likelihood.k(), sigma_ut / 10.0 / likelihood.unit_ut);
+            let covariance = Matrix3::from_diagonal_element(sigma * sigma);
+            let found = Found { k, covariance, significance: [99.0; 2] };
+            solver.currents = 2;
+            let information = solver.information(&solver.refinement.likelihood, samples);
+            assert_eq!(solver.takes_current(samples, &information, &found), !stays, "{sigma_ut} uT");
+            assert_eq!(solver.refinement.likelihood.current.is_used(), stays);
+        }
     }
 
     /// An inclination is left out when what came of it is an error, or of no use; and only if one was told.

@@ -258,4 +258,26 @@ mod tests {
         let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
         assert_eq!(board.number(), 7);
     }
+
+    /// What goes with the throttle (1) is no iron per ampere: no log tells the throttle that it went by.
+    #[test]
+    fn what_ardupilot_takes_off_by_throttle_is_not_taken_for_a_current() {
+        for (kind, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
+            let told = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
+            let iron = Undo::ardupilot(&told, 0.0, 1).iron;
+            assert!((iron.by_current_ut - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9, "{kind}: {iron:?}");
+        }
+    }
+
+    /// PX4 takes a calibration with a scale of nothing for none.
+    #[test]
+    fn a_scale_of_nothing_is_one_to_px4() {
+        for (scale, used) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
+            let told = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
+            let iron = Undo::px4(&told, 0.0, 0).iron;
+            let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used, 1.0));
+            assert!((iron.matrix - expected).norm() < 1e-9, "{scale}: {iron:?}");
+            assert!((iron.centre_ut - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9, "{scale}: {iron:?}");
+        }
+    }
 }

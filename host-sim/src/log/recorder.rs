@@ -194,3 +194,84 @@ fn is_used(flight: &Flight, number: u8) -> Option<bool> {
         Autopilot::Px4 | Autopilot::Unknown => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a meter says of nothing may be a little less, and that of a battery that gives nothing is not the motors'.
+    #[test]
+    fn a_current_is_not_negative() {
+        let mut recorder = Recorder::new(Format::TLog);
+        for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
+            recorder.current(i as f64, amperes);
+        }
+        let flight = recorder.finish();
+        assert_eq!(flight.current.rows().iter().map(|row| row.of[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
+    }
+
+    /// What the motors' wires add is taken off by the current that was last told, for two seconds: then none is known.
+    #[test]
+    fn a_current_holds_for_two_seconds() {
+        let mut recorder = Recorder::new(Format::TLog);
+        recorder.flight.autopilot = Autopilot::ArduPilot;
+        for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
+            recorder.parameter(name, value);
+        }
+        recorder.current(0.0, 10.0);
+        for t_s in [1.0, 1.9, 2.1, 100.0] {
+            recorder.field(1, Logged::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+        }
+        let flight = recorder.finish();
+        // 10 A of 5 mG each.
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.of[0]).collect();
+        assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
+    }
+
+    /// What is stronger than any field in any unit, of no compass that there is, tilted beyond the vertical or turned faster than
+    /// any gyro tells is not of this log.
+    #[test]
+    fn what_cannot_be_is_passed_over() {
+        let mut recorder = Recorder::new(Format::TLog);
+        for (number, ut) in [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)] {
+            recorder.field(number, Logged::Raw, 1.0, [ut, 0.0, 0.0], None);
+        }
+        for (i, angle) in [1.5, 1.7, f32::NAN].into_iter().enumerate() {
+            recorder.attitude(i as f64, [0.0, angle, 0.0]);
+            recorder.rates(i as f64, [0.0, 0.0, angle * 60.0]);
+        }
+        let flight = recorder.finish();
+        assert_eq!(flight.compasses.iter().map(|compass| compass.number).collect::<Vec<_>>(), [1, 8]);
+        assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.unhealthy), (1, 5));
+        assert_eq!((flight.attitude.rows().len(), flight.rates.rows().len()), (1, 1));
+    }
+
+    /// What the row itself says of the motors' share is taken off it, whatever the parameters say of them.
+    #[test]
+    fn the_motors_share_is_what_the_row_says() {
+        let mut recorder = Recorder::new(Format::DataFlash);
+        recorder.field(1, Logged::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
+        let flight = recorder.finish();
+        assert_eq!(
+            flight.compasses[0].field.rows()[0].of.map(f32::to_bits)[..3],
+            [17.0_f32, 0.0, 41.0].map(f32::to_bits)
+        );
+    }
+
+    /// Offsets that are learnt in flight are undone as they were at each row.
+    #[test]
+    fn a_parameter_that_changes_is_undone_from_then_on() {
+        let mut recorder = Recorder::new(Format::DataFlash);
+        recorder.parameter("COMPASS_OFS_X", 100.0);
+        for (us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))] {
+            let t_s = recorder.timeline.at(us).unwrap();
+            if let Some(offset) = offset {
+                recorder.parameter("COMPASS_OFS_X", offset);
+            }
+            recorder.field(1, Logged::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+        }
+        let flight = recorder.finish();
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.of[0]).collect();
+        assert_eq!(raw, [10.0, 15.0, 15.0, 20.0]);
+    }
+}

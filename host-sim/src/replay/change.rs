@@ -3,7 +3,7 @@
 //! Corrected fields `h = W (m - b)` of constant iron have one strength `F` and one vertical component `F sin I` when levelled.
 //! Both residuals of every row are made linear about a solution, with `W`, `b`, `F` and `I` as unknowns, and with three more:
 //! a step of `b` at an instant. The instant that explains most is the one; each one's normal equations are sums over the rows
-//! after it, so all are had in one pass. A few more passes with the step taken out settle size and instant.
+//! after it, so all are had in one pass. More passes with the step taken out settle size and instant.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -29,6 +29,11 @@ const MAX_SCATTER_LEFT: f64 = 0.85;
 
 /// So many neighbouring rows err alike: those of a second or so.
 const ALIKE: f64 = 10.0;
+
+/// Passes at the most, and what a pass may still move the step by, sigmas, when the search has settled. Where the two irons are
+/// far apart residuals are clipped, and each pass goes a part of the way: a dozen are needed, and four told half of a step.
+const PASSES: usize = 40;
+const SETTLED_SIGMAS: f64 = 0.1;
 
 /// Residuals beyond so many of their scale count as that.
 const CLIP: f64 = 3.0;
@@ -70,9 +75,14 @@ pub fn found(rows: &[Row], about: &Iron) -> Option<Change> {
     let mut state = State::about(&usable, about);
     let without = state.scatter(&usable, None);
     let mut change = None;
-    for _ in 0..4 {
-        let (first, sigma) = state.step(&usable, change.map(|(first, _)| first))?;
+    for _ in 0..PASSES {
+        let (before, told) = (state.moved, change.map(|(first, _)| first));
+        let (first, sigma) = state.step(&usable, told)?;
         change = Some((state.parted(&usable).unwrap_or(first), sigma));
+        let is_settled = (state.moved - before).component_div(&sigma).amax() < SETTLED_SIGMAS;
+        if is_settled && change.map(|(first, _)| first) == told {
+            break;
+        }
     }
     let (first, sigma) = change?;
     let with = state.scatter(&usable, Some(first));
@@ -323,6 +333,28 @@ mod tests {
                 let change = of([0.0, moved_ut, 0.0], noise_ut, seed);
                 assert_eq!(change.is_some(), is_one, "{moved_ut} uT in {noise_ut}: {change:?}");
             }
+        }
+    }
+
+    /// The sigma is that of its axis: each axis's errors are a third of its own, however much better another is known.
+    #[test]
+    fn each_axis_has_its_own_sigma() {
+        let moved = [4.0, -3.0, 2.0];
+        let changes: Vec<Change> = (0..20).map(|seed| of(moved, 0.5, seed).unwrap()).collect();
+        for (axis, expected) in moved.into_iter().map(f64::from).enumerate() {
+            let over_sigma = |change: &Change| (change.ut[axis] - expected) / change.sigma_ut[axis];
+            let rms = (changes.iter().map(over_sigma).map(|error| error * error).sum::<f64>() / 20.0).sqrt();
+            assert!((0.2..0.6).contains(&rms), "{axis}: {rms}");
+        }
+    }
+
+    /// A step that explains much of the scatter is none where so few rows tell of it that it may be chance: eight sigmas.
+    #[test]
+    fn few_rows_are_not_sure() {
+        for seed in 0..5 {
+            let all = rows(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
+            let few: Vec<Row> = all.iter().step_by(12).copied().collect();
+            assert!(found(&all, &Iron::none()).is_some() && found(&few, &Iron::none()).is_none(), "{seed}");
         }
     }
 

@@ -42,3 +42,41 @@ fn dead(run: &[Row]) -> Option<[f64; 2]> {
     let is_dead = to_s - from_s > LONG_S && (moves(|row| row.attitude.roll_rad) || moves(|row| row.attitude.pitch_rad));
     is_dead.then_some([from_s, to_s])
 }
+
+#[cfg(test)]
+mod tests {
+    use autoswing::frames::{Attitude, Field};
+
+    use super::*;
+
+    /// Rows ten times a second for so long with one field, in which it rolls and pitches by so much, degrees.
+    fn still(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<Row> {
+        let last = seconds * 10;
+        let row = |i: u16| {
+            let (part, field) = (f32::from(i) / f32::from(last), Field::from_ut(20.0, 0.0, 40.0));
+            Row {
+                t_s: f64::from(i) / 10.0,
+                field,
+                logged: field,
+                attitude: Attitude::from_deg(roll_deg * part, pitch_deg * part),
+                rates_rad_s: None,
+                current_a: None,
+                usable: true,
+                reference_deg: None,
+            }
+        };
+        (0..=last).map(row).collect()
+    }
+
+    /// Ten seconds and three degrees of roll or of pitch: less is a log that repeats a row, or an aircraft that stands.
+    #[test]
+    fn a_field_that_stands_still_is_dead_if_it_moves_for_long() {
+        for (seconds, roll_deg, pitch_deg, is_dead) in
+            [(11, 4.0, 0.0, true), (11, 0.0, 4.0, true), (9, 20.0, 20.0, false), (60, 2.0, 2.0, false)]
+        {
+            let expected = if is_dead { vec![[0.0, f64::from(seconds)]] } else { Vec::new() };
+            let found = standing_still(&still(seconds, roll_deg, pitch_deg));
+            assert_eq!(found, expected, "{seconds} s, {roll_deg} and {pitch_deg} deg");
+        }
+    }
+}

@@ -267,3 +267,37 @@ pub fn refusal(replayed: &Replayed) -> Option<Refusal> {
     };
     Some(refusal.because(replayed.lack))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::Format;
+
+    /// A flight from the equator to 60 N.
+    fn northwards(day: Option<Day>) -> Flight {
+        let mut flight = Flight::new(Format::Csv);
+        flight.day = day;
+        for i in 0..7_u8 {
+            flight.gps.push(f64::from(i), [10.0 * f32::from(i), 11.3, 500.0, 0.0, 0.0, f32::NAN]);
+        }
+        flight
+    }
+
+    /// The field is that of the middle of the flight; without a day, or on one that the model does not reach, that of its first.
+    #[test]
+    fn the_earths_field_is_that_of_the_middle_of_the_flight() {
+        let day = |unix_s: u64| Day::from_unix_s(unix_s).unwrap();
+        let place = Place::new(30.0, 11.3, 500.0).unwrap();
+        let (of_2026, first) = (day(1_767_484_800), day(1_735_689_600));
+        for (on, expected, is_valid) in
+            [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
+        {
+            let expected = EarthField::of(place, expected).unwrap();
+            let (found, is) = earth(&northwards(on)).unwrap();
+            assert_eq!(is, is_valid);
+            let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
+            assert_eq!(numbers(found), numbers(expected));
+        }
+        assert!(earth(&Flight::new(Format::Csv)).is_none());
+    }
+}

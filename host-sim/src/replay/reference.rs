@@ -97,3 +97,40 @@ impl Reference {
         heading_rad.is_finite().then(|| f64::from(heading_rad.to_degrees()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::Format;
+
+    /// A receiver that stands still and tells these yaws, degrees, five times a second.
+    fn yaws(yaws_deg: &[f32]) -> Flight {
+        let mut flight = Flight::new(Format::DataFlash);
+        for (i, yaw_deg) in yaws_deg.iter().enumerate() {
+            flight.gps.push(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
+        }
+        flight
+    }
+
+    /// Two antennas that told a few yaws alone are no reference, and an autopilot that has no yaw is none.
+    #[test]
+    fn a_reference_is_one_that_is_told() {
+        assert_eq!(Reference::best(&yaws(&[90.0; 20])), None);
+        assert_eq!(Reference::best(&yaws(&[90.0; 21])), Some(Reference::GpsYaw));
+        for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(Reference::AutopilotYaw))] {
+            let mut flight = Flight::new(Format::Csv);
+            flight.attitude.push(0.0, [0.1, 0.2, yaw_rad]);
+            assert_eq!(Reference::best(&flight), expected);
+        }
+    }
+
+    /// Over north the shorter way, and not over a pause.
+    #[test]
+    fn the_yaw_of_two_antennas_is_interpolated() {
+        let mut flight = yaws(&[350.0, 10.0]);
+        let north_deg = Reference::GpsYaw.at_deg(&flight, 0.1).unwrap();
+        assert!((north_deg.rem_euclid(360.0) + 1.0) % 360.0 < 1.01, "{north_deg}");
+        flight.gps.push(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);
+        assert_eq!(Reference::GpsYaw.at_deg(&flight, 0.6), None, "between 0.2 and 1 s");
+    }
+}

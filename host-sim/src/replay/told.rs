@@ -63,22 +63,11 @@ fn slow_attitude(judged: &Verdict) -> Option<String> {
 
 /// What kept the module from it: the log, where that left no flight to judge, else the flight.
 fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
-    let Counted { readings, used, without_attitude, unsettled, disarmed, on_the_ground, kept_out, stuck } =
-        judged.counted;
-    let [most, why] = [
-        (without_attitude, "without an attitude near it"),
-        (unsettled, "while the attitude changed otherwise than the body rates say"),
-        (disarmed, "disarmed"),
-        (on_the_ground, "on the ground"),
-        (kept_out, "kept out by the log"),
-        (stuck, "while the field stood still though the aircraft moved"),
-    ]
-    .into_iter()
-    .max_by_key(|&(number, _)| number)
-    .map_or_else(|| [String::new(), String::new()], |(number, why)| [number.to_string(), why.to_owned()]);
     let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
     // As many as no flight has: a tenth of a second each.
+    let Counted { readings, used, .. } = judged.counted;
     if used < 20 && readings >= 20 {
+        let (most, why) = judged.counted.most_rejected();
         let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
         return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
     }
@@ -361,4 +350,47 @@ fn rounded(value: f64, decimals: i32) -> f64 {
 /// The f64 that prints as the f32 does.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::Format;
+
+    type Change = fn(&mut Flight);
+
+    /// The notes of a log of which nothing is doubtful but for a change.
+    fn notes_of(change: Change) -> Vec<String> {
+        let mut flight = Flight::new(Format::DataFlash);
+        flight.autopilot = Autopilot::ArduPilot;
+        flight.parameters.set(0.0, "COMPASS_OFS_X", 1.0);
+        flight.attitude.push(0.0, [0.5, 0.0, 0.0]);
+        flight.rates.push(0.0, [0.0; 3]);
+        flight.current.push(0.0, [10.0]);
+        change(&mut flight);
+        notes(&flight, &Verdict { compasses: Vec::new(), reference: None, earth: None, attitude_every_s: 0.1 })
+    }
+
+    /// Each doubt is told by itself, with its number, and what is in order is not.
+    #[test]
+    fn what_is_doubtful_about_a_log_is_told() {
+        assert_eq!(notes_of(|_| {}), [""; 0]);
+        assert_eq!(notes_of(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
+        let cases: [(Change, &str); 10] = [
+            (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
+            (|flight| flight.attitude.rows_mut()[0].of[0] = 0.02, "tilts by 1.15 deg at most"),
+            (|flight| flight.counts.vehicles = 1, "1 more vehicle"),
+            (|flight| flight.counts.restarts = 2, "restarted 2 time"),
+            (|flight| flight.counts.garbage = 3, "passed over: 3 bytes or lines"),
+            (|flight| flight.counts.bad_times = 4, "passed over: 4 messages whose time"),
+            (|flight| flight.counts.unhealthy = 5, "passed over: 5 readings"),
+            (|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
+            (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
+            (|flight| flight.parameters = crate::log::Parameters::default(), "the parameters are not in the log"),
+        ];
+        for (change, words) in cases {
+            let found = notes_of(change);
+            assert!(matches!(&found[..], [note] if note.contains(words)), "{words}: {found:?}");
+        }
+    }
 }

@@ -4,10 +4,12 @@ use serde_json::Value;
 
 use super::model::{Compared, Line, Mark, Methods, Moment, Swung};
 use super::*;
+use crate::log::write::{Recording, dataflash, turns};
 use crate::log::{self, csv::Unit};
 use crate::mission::{Flown, Plan, fly};
-use crate::replay::judge::{Asked, judge};
-use crate::replay::{Selected, told};
+use crate::replay::judge::{Asked, By, judge};
+use crate::replay::told;
+use crate::score::wrap_180;
 use crate::world::WorldConfig;
 
 fn flown(plan: Plan) -> Flown {
@@ -112,9 +114,7 @@ fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
     let flight = log::open(path, Unit::Milligauss).unwrap();
-    let asked =
-        Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
-    let verdict = judge(&flight, &asked);
+    let verdict = judge(&flight, &Asked::OF_THE_LOG);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let report = of_replay(&flight, &verdict, "a folder/flight.csv", &Made { parameters, ..Made::default() });
     let html = page(&report);
@@ -148,6 +148,48 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     let fitted = report.compasses[0].moments.iter().filter(|moment| moment.is_fitted).count();
     assert_eq!(fitted, verdict.compasses[0].module.samples);
     assert!(fitted > 50, "{fitted}");
+}
+
+/// Of two compasses, the first of which is dead, the page tells the one that was accepted; and its rows show what they are called.
+#[test]
+fn what_is_shown_of_a_log_is_what_was_flown() {
+    let mut world = WorldConfig::table1(1);
+    // What the field model says of the place.
+    world.earth.inclination_deg = 64.0;
+    let mut recording = Recording { place: Some([48.0, 11.3, 500.0]), ..turns(&world, 0.0) };
+    for instant in &mut recording.instants {
+        instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
+    }
+    let flight = log::read(&mut dataflash(&recording).as_slice(), Unit::Milligauss).unwrap();
+    let verdict = judge(&flight, &Asked::OF_THE_LOG);
+    let report = of_replay(&flight, &verdict, "flight.bin", &Made::default());
+    assert!(report.accepted && report.figures[0][0].starts_with("compass 2"), "{:?}", report.figures);
+    assert_eq!(report.compasses.iter().map(|swung| swung.accepted).collect::<Vec<_>>(), [false, true]);
+    let [_, alive] = verdict.compasses.as_slice() else { panic!("two compasses") };
+    for (figure, by) in [(2, By::Nobody), (3, By::Module)] {
+        let rms_deg = alive.by(by).unwrap().score.unwrap().rms_deg;
+        assert_eq!(report.figures[figure][1], format!("{rms_deg:.2} deg"), "{:?}", report.figures);
+    }
+    let moments = &report.compasses[1].moments;
+    let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_silent);
+    assert!(usable().count() > 2000);
+    // Half a degree of attitude, and 0.3 uT of noise, are a few degrees of dip and a few percent at the most.
+    assert!(usable().all(|moment| moment.strength_percent.unwrap().abs() < 5.0 && moment.dip_deg.unwrap().abs() < 6.0));
+    for moment in usable() {
+        // Of a nose that points east, north is to the left.
+        let [ahead, left] = moment.level_ut[1].unwrap();
+        let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
+        assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
+    }
+    for fitted_s in &alive.module.fitted_s {
+        assert!(moments.iter().any(|moment| moment.is_fitted && (moment.at_s - fitted_s).abs() < 0.06), "{fitted_s}");
+    }
+    // From where the log begins: a degree in f32 is good to half a metre, and a row to a tenth of a second's way.
+    let (moment, flown) = (moments.iter().rev().find(|moment| moment.place_m.is_some()).unwrap(), &recording.instants);
+    let instant = &flown[(moment.at_s * 10.0).round() as usize];
+    let [north_m, east_m] = [0, 1].map(|axis| instant.moved_m[axis] - flown[0].moved_m[axis]);
+    let [east, north] = moment.place_m.unwrap();
+    assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.place_m);
 }
 
 /// Names and texts that a log brings are words, wherever they stand; numbers that are none are dashes, or not drawn.

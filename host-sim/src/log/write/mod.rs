@@ -16,11 +16,12 @@ use autoswing::earth::{self, Day, EarthField};
 
 use crate::devices::uart::HostEnd;
 use crate::module::{Module, Ran};
-use crate::world::World;
 use crate::world::aircraft::Kind;
 use crate::world::attitude_source::AttitudeSource;
+use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
 use crate::world::mavlink_autopilot::{BEGAN_UNIX_US, Place, XIAN};
+use crate::world::{World, WorldConfig};
 
 /// Ten rows a second, as autopilots log, microseconds.
 const EVERY_US: u64 = 100_000;
@@ -159,6 +160,25 @@ impl Recording {
     fn compasses(&self) -> usize {
         self.instants.first().map_or(0, |instant| instant.field_ut.len())
     }
+}
+
+/// Turns both ways, by 25 and by 40 deg of bank, as an autopilot logs them ten times a second whose field is so old, seconds:
+/// as much as calibrates a compass, in four minutes.
+#[must_use]
+pub fn turns(world: &WorldConfig, age_s: f64) -> Recording {
+    let world = World::new(*world);
+    let mut source = world.attitude_source();
+    for bank_deg in [25.0, 40.0] {
+        world.fly(Leg::Straight { heading_deg: 0.0, seconds: 10.0 });
+        for heading_change_deg in [720.0, -720.0] {
+            world.fly(Leg::Turn { bank_deg, heading_change_deg });
+        }
+    }
+    let mut recording = Recording::aged(age_s);
+    for i in 20..2400 {
+        recording.take(&world, &mut source, i * EVERY_US);
+    }
+    recording
 }
 
 /// As a table, milligauss.

@@ -101,18 +101,28 @@ pub struct Counted {
 }
 
 impl Counted {
-    /// What was rejected, and why, in words; nothing where nothing was.
-    #[must_use]
-    pub fn rejected(&self) -> Vec<String> {
-        let by_cause = [
+    /// How many were rejected for each cause, and the cause in words.
+    const fn by_cause(&self) -> [(usize, &'static str); 6] {
+        [
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
-            (self.without_attitude, "without attitude"),
+            (self.without_attitude, "without an attitude near it"),
             (self.unsettled, "while the attitude was settling"),
             (self.stuck, "with a field that stands still"),
             (self.kept_out, "kept out by the log"),
-        ];
+        ]
+    }
+
+    /// What was rejected, and why, in words; nothing where nothing was.
+    #[must_use]
+    pub fn rejected(&self) -> Vec<String> {
+        let by_cause = self.by_cause();
         by_cause.iter().filter(|(number, _)| *number > 0).map(|(number, why)| format!("{number} {why}")).collect()
+    }
+
+    /// For which cause most were rejected, and how many.
+    pub(super) fn most_rejected(&self) -> (usize, &'static str) {
+        self.by_cause().into_iter().max_by_key(|&(number, _)| number).unwrap_or_default()
     }
 }
 

@@ -1,0 +1,76 @@
+//! What ArduPilot logged otherwise once.
+
+use super::*;
+
+/// Before 2017 CURR had hundredths of an ampere as whole numbers, and before 2015 words and events had no stamp.
+#[test]
+fn what_ardupilot_logged_otherwise_once_is_read() {
+    let original = recording(&ARDUPILOT);
+    let expected = |t_s: f64| 10.0 + t_s / 10.0;
+    let mut lines = Vec::new();
+    for line in String::from_utf8(dataflash_text(&original)).unwrap().lines() {
+        let values: Vec<&str> = line.split(", ").collect();
+        lines.push(match values[..] {
+            ["FMT", .., "BAT", _, _] | ["FMT", _, _, "BAT", ..] => {
+                "FMT, 70, 17, CURR, QhhhHfh, TimeUS,Throttle,Volt,Curr,Vcc,CurrTot,Volt2".to_owned()
+            }
+            ["FMT", _, _, "MSG", ..] => "FMT, 65, 67, MSG, Z, Message\nFMT, 71, 4, EV, B, Id".to_owned(),
+            ["BAT", us, _, _, amperes] => {
+                format!("CURR, {us}, 300, 1200, {:.0}, 5000, 0, 0", amperes.parse::<f64>().unwrap() * 100.0)
+            }
+            ["MSG", _, words] => format!("MSG, {words}"),
+            _ => line.to_owned(),
+        });
+    }
+    lines.push("EV, 11".to_owned());
+    let text = read_bytes(lines.join("\n").as_bytes()).unwrap();
+    assert_eq!(text.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
+    // It was disarmed at the last instant that had a stamp, 29.9 s after the first.
+    assert_eq!((text.is_armed(29.8), text.is_armed(29.91)), (Some(true), Some(false)));
+    // The same as bytes: the number of another letter.
+    let mut bytes = dataflash(&original);
+    let format = bytes.windows(7).position(|at| at == [0xA3, 0x95, 128, 70, 20, b'B', b'A']).unwrap();
+    bytes[format + 5..format + 9].copy_from_slice(b"CURR");
+    bytes[format + 12] = b'i';
+    for at in (0..=bytes.len() - 20).filter(|&at| bytes[at..at + 3] == [0xA3, 0x95, 70]).collect::<Vec<_>>() {
+        let amperes = f32::from_le_bytes(bytes[at + 16..at + 20].try_into().unwrap());
+        bytes[at + 16..at + 20].copy_from_slice(&((amperes * 100.0).round() as i32).to_le_bytes());
+    }
+    for flight in [text, read_bytes(&bytes).unwrap()] {
+        for row in flight.current.rows() {
+            let off = f64::from(row.of[0]) - expected(row.t_s);
+            assert!(off.abs() < 0.006, "{:?}: {row:?}", flight.format);
+        }
+        assert_eq!(flight.current.rows().len(), 300);
+    }
+}
+
+/// Until 2021 arming was an event among others: by a person, or by itself.
+#[test]
+fn events_say_when_it_is_armed() {
+    let log = String::from_utf8(dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let events = [(72, 10), (74, 11), (76, 15), (78, 25), (80, 11)];
+    let events = events.map(|(at_s, id)| format!("EV, {at_s}000000, {id}\n")).concat();
+    let flight = read_bytes(format!("{log}FMT, 71, 12, EV, QB, TimeUS,Id\n{events}").as_bytes()).unwrap();
+    // On the flight's time line, which begins with the log at 40 s of the autopilot's clock.
+    let armed = [31.0, 33.0, 35.0, 37.0, 39.0, 41.0].map(|t_s| flight.is_armed(t_s).unwrap());
+    assert_eq!(armed, [false, true, false, true, true, false]);
+}
+
+/// A second gyro, receiver and battery are other ones, and a field that its driver calls unhealthy is none.
+#[test]
+fn the_first_of_several_counts() {
+    let log = String::from_utf8(dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let more = [
+        "IMU, 70000000, 1, 9, 9, 9",
+        "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",
+        "BAT, 70000000, 1, 12, 99",
+        "MAG, 70000000, 0, 1, 2, 3, 0, 0, 0, 0, 0, 0, 0, 0",
+    ];
+    let [without, with] = [log.clone(), log + &more.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
+    let rows = |of: &Flight| {
+        [of.rates.rows().len(), of.gps.rows().len(), of.current.rows().len(), of.compasses[0].field.rows().len()]
+    };
+    assert_eq!(rows(&with), rows(&without));
+    assert_eq!((without.counts.unhealthy, with.counts.unhealthy), (0, 1));
+}

@@ -1,0 +1,164 @@
+//! MAVLink: who is believed on a link.
+
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, MavAutopilot, RAW_IMU_DATA,
+    SCALED_IMU_DATA, SYS_STATUS_DATA,
+};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+
+use super::*;
+
+/// Another vehicle and a ground station on the same link are not this one.
+#[test]
+fn only_the_first_autopilot_of_a_link_counts() {
+    let (own, mut other) = (recording(&ARDUPILOT), recording(&[]));
+    for instant in &mut other.instants {
+        instant.field_ut[0] = [1.0, 2.0, 3.0];
+    }
+    let other = tlog(&other);
+    let mut both = tlog(&own);
+    // The system's number stands at 8 + 5, the checksum must be right: the other is written as it is, and renumbered.
+    let renumbered = renumbered(&other, 2);
+    both.extend(renumbered);
+    let flight = read_bytes(&both).unwrap();
+    assert!(flight.counts.others > 600 && flight.counts.vehicles == 1, "{:?}", flight.counts);
+    assert_eq!(read_bytes(&tlog(&own)).unwrap().counts.vehicles, 0);
+    assert_eq!(flight.compasses[0].field.rows().len(), 300);
+}
+
+/// A frame with a wrong checksum says nothing, though the next one follows it.
+#[test]
+fn a_damaged_frame_is_not_believed() {
+    let mut bytes = tlog(&recording(&ARDUPILOT));
+    let mut damaged = 0;
+    let mut at = 0;
+    while at + 20 < bytes.len() {
+        let is_attitude = bytes[at + 15..at + 18] == [30, 0, 0];
+        if is_attitude && at % 3 == 0 {
+            // The exponent of its roll.
+            bytes[at + 18 + 7] ^= 0x20;
+            damaged += 1;
+        }
+        at += 8 + 10 + usize::from(bytes[at + 9]) + 2;
+    }
+    let flight = read_bytes(&bytes).unwrap();
+    assert!(damaged > 50);
+    assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
+}
+
+/// The frames of a log, sent by another system.
+fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
+    use mavlink::Message as _;
+    let (mut out, mut rest) = (Vec::new(), bytes);
+    while rest.len() > 20 {
+        let end = 8 + 10 + usize::from(rest[9]);
+        let mut frame = rest[..end].to_vec();
+        frame[13] = system;
+        let extra =
+            mavlink::dialects::common::MavMessage::extra_crc(u32::from_le_bytes([rest[15], rest[16], rest[17], 0]));
+        frame.extend(mavlink::calculate_crc(&frame[9..], extra).to_le_bytes());
+        out.extend(frame);
+        rest = &rest[end + 2..];
+    }
+    out
+}
+
+/// A message of the first autopilot, received so many microseconds after 1970.
+fn received<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
+    let mut frame = MAVLinkV2MessageRaw::new();
+    frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, message);
+    [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
+}
+
+/// An autopilot of a kind, and its attitude 40 s after its start.
+fn begun(autopilot: MavAutopilot) -> Vec<u8> {
+    let attitude = ATTITUDE_DATA { time_boot_ms: 40_000, roll: 0.1, ..Default::default() };
+    [received(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), received(0, &attitude)].concat()
+}
+
+/// The same with a field of PX4's: what is sent by it is in gauss.
+fn begun_with_field() -> Vec<u8> {
+    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..Default::default() };
+    [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(0, &field)].concat()
+}
+
+#[test]
+fn highres_imu_is_in_gauss() {
+    let flight = read_bytes(&begun_with_field()).unwrap();
+    let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+    assert!(row.of.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
+}
+
+/// No current is one, too; less than none is that of a battery that nobody measures.
+#[test]
+fn a_current_of_nothing_is_one() {
+    let current =
+        |at_us: u64, current_battery: i16| received(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() });
+    let bytes = [begun_with_field(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
+    let flight = read_bytes(&bytes).unwrap();
+    assert_eq!(flight.current.rows().iter().map(|row| row.of[0]).collect::<Vec<_>>(), [0.0, 2.5]);
+}
+
+/// What carries no clock of its own stands as long after the last message with one as it was received after it, but two seconds
+/// at the most: a link that was away for a minute says nothing of that minute.
+#[test]
+fn what_has_no_clock_is_put_behind_what_has_one() {
+    let current = |at_us: u64| received(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
+    for (at_us, after_s) in [(300_000, 0.3), (1_900_000, 1.9), (60_000_000, 2.0)] {
+        let flight = read_bytes(&[begun_with_field(), current(at_us)].concat()).unwrap();
+        let (at_s, field_s) = (flight.current.rows()[0].t_s, flight.compasses[0].field.rows()[0].t_s);
+        assert!((at_s - field_s - after_s).abs() < 1e-6, "{at_us} us: {at_s}, {field_s}");
+    }
+}
+
+/// A fix in two dimensions is none; a course that is not known is no number, nor is a speed.
+#[test]
+fn what_a_receiver_does_not_know_is_not_known() {
+    let fix = |at_us: u64, fix_type: GpsFixType, [vel, cog]: [u16; 2]| {
+        received(at_us, &GPS_RAW_INT_DATA { lat: 480_000_000, fix_type, vel, cog, ..Default::default() })
+    };
+    let bytes = [
+        begun_with_field(),
+        fix(100_000, GpsFixType::GPS_FIX_TYPE_2D_FIX, [900, 4500]),
+        fix(300_000, GpsFixType::GPS_FIX_TYPE_3D_FIX, [900, 4500]),
+        fix(500_000, GpsFixType::GPS_FIX_TYPE_RTK_FIXED, [u16::MAX; 2]),
+    ];
+    let flight = read_bytes(&bytes.concat()).unwrap();
+    let [known, unknown] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
+    let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.of));
+    assert_eq!((known.latitude_deg, known.speed_m_s, known.course_deg), (48.0, 9.0, 45.0));
+    assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
+}
+
+/// ArduPilot's first compass is in RAW_IMU, in milligauss; PX4's RAW_IMU is in nobody's unit, and its first compass in SCALED_IMU. One
+/// that is not there is sent as nothing.
+#[test]
+fn the_first_compass_is_where_each_autopilot_sends_it() {
+    let (raw, scaled) = (
+        RAW_IMU_DATA { time_usec: 40_000_000, xmag: 100, ..Default::default() },
+        SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() },
+    );
+    let nothing = [
+        received(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
+        received(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
+    ];
+    for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
+    {
+        let bytes = [begun(autopilot), received(0, &raw), received(0, &scaled), nothing.concat()].concat();
+        let flight = read_bytes(&bytes).unwrap();
+        let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+        assert!((row.of[0] - ut).abs() < 1e-4, "{row:?}");
+        assert_eq!(flight.counts.unhealthy, 0);
+    }
+}
+
+/// Some senders count from 1970 in some messages: such a one stands where it was received.
+#[test]
+fn a_clock_from_1970_is_not_that_of_the_start() {
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..Default::default() };
+    let bytes = [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(500_000, &field)].concat();
+    let flight = read_bytes(&bytes).unwrap();
+    let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
+    assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
+    assert_eq!((flight.counts.restarts, flight.counts.bad_times), (0, 0));
+}

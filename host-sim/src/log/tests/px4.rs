@@ -1,0 +1,200 @@
+//! What PX4 logs, and logged otherwise once.
+
+use super::*;
+
+/// The messages of a ULog, changed: kind and body.
+fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
+    let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
+    while let [low, high, kind, after @ ..] = rest {
+        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        let body = change(*kind, body.to_vec());
+        out.extend((body.len() as u16).to_le_bytes());
+        out.push(*kind);
+        out.extend(body);
+        rest = next;
+    }
+    out
+}
+
+/// Until 1.8 PX4 logged its field and its rates in `sensor_combined` alone: the field is that of the instant that it tells.
+#[test]
+fn px4s_old_sensor_combined_is_read() {
+    let renamed = |body: &[u8], pairs: [(&str, &str); 2]| {
+        let text = String::from_utf8_lossy(body).into_owned();
+        pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
+    };
+    let mut one = recording(&PX4);
+    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    let bytes = ulog_with(&ulog(&one), &|kind, body| match (kind, &body[..]) {
+        (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
+            text,
+            [
+                ("vehicle_magnetometer", "sensor_combined"),
+                ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
+            ],
+        ),
+        (b'F', text) if text.starts_with(b"vehicle_angular") => {
+            renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
+        }
+        (b'A', text) => {
+            renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
+        }
+        // Measured 20 ms before.
+        (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
+        _ => body,
+    });
+    let flight = read_bytes(&bytes).unwrap();
+    let rows = flight.compasses[0].field.rows();
+    assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
+    for (row, instant) in rows.iter().zip(&one.instants) {
+        let raw = Vector3::new(row.of[0], row.of[1], row.of[2]).map(f64::from);
+        assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
+        assert!((row.t_s + 0.02 - (instant.at_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
+    }
+}
+
+/// Noise of some kilobytes in twenty places, in which headers of long messages stand by chance: each costs itself and
+/// the messages that it tears, of six an instant, so an instant at most.
+#[test]
+fn noise_in_a_ulog_costs_itself() {
+    let mut bytes = ulog(&recording(&PX4));
+    let mut random = Random::new(7, Purpose::Damage);
+    for part in (1..=20).rev() {
+        let at = bytes.len() / 40 + bytes.len() * part / 22;
+        let noise: Vec<u8> = (0..3000).map(|_| random.uniform(0.0, 256.0) as u8).collect();
+        bytes.splice(at..at, noise);
+    }
+    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    assert!((300 - 20..=300).contains(&rows), "{rows}");
+}
+
+/// A log with more messages at its end: letter and body.
+fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
+    for (kind, body) in messages {
+        bytes.extend((body.len() as u16).to_le_bytes());
+        bytes.push(*kind);
+        bytes.extend(body);
+    }
+    bytes
+}
+
+/// A topic that is told from now on by this number, and a row of it at this time, microseconds.
+fn subscribed(number: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
+    (b'A', [&[instance, number, 0], topic.as_bytes()].concat())
+}
+
+fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
+    (b'D', [&[number, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
+}
+
+/// The motors' battery is the first one: what a second one gives is not added to the field by the motors' wires.
+#[test]
+fn the_current_is_that_of_the_first_battery() {
+    let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
+    let messages = [
+        subscribed(90, 0, "battery_status"),
+        subscribed(91, 1, "battery_status"),
+        row(90, 70_000_000, &[&current(33.0)]),
+        row(91, 70_100_000, &[&current(2.0)]),
+    ];
+    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    assert_eq!(flight.current.rows().len(), 301);
+    assert_eq!(flight.current.rows().last().unwrap().of.map(f32::to_bits), [33.0_f32.to_bits()]);
+}
+
+/// A receiver as PX4 logs it since 1.14, without the velocity's parts: speed and course are what they are called, yaw is in
+/// radians; a fix in two dimensions is none, and a second receiver is another one.
+#[test]
+fn a_receiver_is_read_by_the_names_of_what_it_says() {
+    let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
+                  float vel_m_s;float cog_rad;float heading;uint8_t fix_type;";
+    let fix = |at_us: u64, kind: u8| {
+        let place = [48.0_f64, 11.3, 500.0].map(f64::to_le_bytes).concat();
+        let over_ground = [12.0_f32, 0.5, 1.5].map(f32::to_le_bytes).concat();
+        row(90, at_us, &[&place, &over_ground, &[kind]])
+    };
+    let mut original = recording(&PX4);
+    original.place = None;
+    let second = (b'D', [&[91, 0], &fix(70_400_000, 3).1[2..]].concat());
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "vehicle_gps_position"),
+        subscribed(91, 1, "vehicle_gps_position"),
+        fix(70_000_000, 2),
+        fix(70_200_000, 3),
+        second,
+    ];
+    let flight = read_bytes(&with_more(ulog(&original), &messages)).unwrap();
+    let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
+    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.of);
+    assert_eq!((latitude_deg, speed_m_s), (48.0, 12.0));
+    assert!((course_deg - 0.5_f32.to_degrees()).abs() < 1e-4 && (yaw_deg - 1.5_f32.to_degrees()).abs() < 1e-4);
+}
+
+/// A VTOL hovers on rotors, too, and flies where its nose points after that.
+#[test]
+fn a_vtol_is_no_copter() {
+    for (is_vtol, is_copter) in [(0, true), (1, false)] {
+        let messages = [subscribed(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
+        let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+        assert_eq!(flight.is_copter, is_copter);
+    }
+}
+
+/// Armed is one of five states (2); in the others its motors stand still.
+#[test]
+fn an_arming_state_is_read() {
+    let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
+    let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
+    let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscribed(90, 0, "vehicle_status")];
+    messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
+    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let armed = [30.5, 31.5, 32.5, 33.5, 34.5].map(|t_s| flight.is_armed(t_s).unwrap());
+    assert_eq!(armed, [false, true, false, true, false]);
+}
+
+/// What is sampled before it is published is of the instant at which it was sampled.
+#[test]
+fn a_sample_is_of_its_own_instant() {
+    let format = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;";
+    let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "vehicle_angular_velocity"),
+        row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
+    ];
+    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let last = flight.rates.rows().last().unwrap();
+    assert!((last.t_s - 30.06).abs() < 1e-6, "{last:?}");
+}
+
+/// `sensor_mag` is raw, in the axes of the sensor, since 1.11 alone: before that it is left to the topic that says so.
+#[test]
+fn sensor_mag_is_raw_since_1_11() {
+    let nothing = Recording { instants: Vec::new(), ..recording(&PX4) };
+    let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
+    let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
+    let level = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
+    let messages = [
+        (b'F', format.as_bytes().to_vec()),
+        subscribed(90, 0, "sensor_mag"),
+        subscribed(91, 0, "vehicle_attitude"),
+        row(91, 70_000_000, &[&level]),
+        row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
+    ];
+    for (minor, is_raw) in [(10, false), (11, true)] {
+        let bytes = ulog_with(&ulog(&nothing), &|kind, body| {
+            let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| kind == b'I');
+            version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
+        });
+        let read = read_bytes(&with_more(bytes, &messages));
+        if !is_raw {
+            assert!(matches!(read, Err(LogError::NoField(Format::ULog, 0))), "1.{minor}");
+            continue;
+        }
+        // Turned by 90 deg, as the parameters say: the sensor's y is the body's -x.
+        let flight = read.unwrap();
+        let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
+        assert!((row.of[0] - 10.0).abs() < 1e-4 && (row.of[1] - 20.0).abs() < 1e-4, "{row:?}");
+    }
+}

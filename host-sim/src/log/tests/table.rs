@@ -1,0 +1,63 @@
+//! Tables as spreadsheets and scripts write them.
+
+use super::*;
+
+/// The table as spreadsheets and scripts write it: in capitals, with a line that names the separator, times from 1970, a
+/// reference that is not always there, lines sorted by something else or from the end.
+#[test]
+fn a_table_is_read_in_any_shape() {
+    let text = String::from_utf8(csv(&recording(&[]))).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let rows: Vec<&str> = rows.lines().collect();
+    let each = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {
+        let changed =
+            rows.iter().enumerate().map(|(i, row)| change(i, row.split(',').map(str::to_owned).collect()).join(","));
+        format!("{header}\n{}", changed.collect::<Vec<_>>().join("\n"))
+    };
+    let sorted_by = |key: &dyn Fn(&str) -> i64| {
+        let mut rows = rows.clone();
+        rows.sort_by_key(|row| key(row));
+        format!("{header}\n{}", rows.join("\n"))
+    };
+    let unix = each(&|_, mut row| {
+        row[0] = format!("{:.3}", row[0].parse::<f64>().unwrap() + 1.7e9);
+        row
+    });
+    let without = each(&|i, mut row| {
+        if i % 2 == 1 {
+            row[6] = "NaN".to_owned();
+        }
+        row
+    });
+    let by_field = sorted_by(&|row| (row.split(',').nth(1).unwrap().parse::<f64>().unwrap() * 10.0) as i64);
+    let from_the_end = sorted_by(&|row| -(row.split(',').next().unwrap().parse::<f64>().unwrap() * 1000.0) as i64);
+    let expected = read_bytes(text.as_bytes()).unwrap();
+    let capitals = text.replace(header, &header.to_uppercase());
+    for (shape, table) in [
+        ("capitals", capitals),
+        ("separator", format!("sep=,\n{text}")),
+        ("from 1970", unix),
+        ("half a reference", without),
+        ("by the field", by_field),
+        ("from the end", from_the_end),
+    ] {
+        let flight = read_bytes(table.as_bytes()).unwrap();
+        assert_eq!(flight.counts, Counts::default(), "{shape}");
+        let [found, as_before] = [&flight, &expected].map(|flight| {
+            let rows = flight.compasses[0].field.rows();
+            rows.iter()
+                .map(|row| ((row.t_s - rows[0].t_s) * 1e3).round() as i64)
+                .zip(rows.iter().map(|row| row.of))
+                .collect::<Vec<_>>()
+        });
+        assert!(found == as_before, "{shape}");
+        let references = flight.reference.rows().len();
+        assert_eq!(references, if shape == "half a reference" { 150 } else { 300 }, "{shape}");
+        assert_eq!(flight.is_armed(flight.lasts_s()[1]), Some(true), "{shape}");
+    }
+    // A time that cannot be is counted, and a field of nothing is told.
+    let far = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
+    assert_eq!(far.counts.bad_times, 1);
+    let nothing = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
+    assert!(matches!(nothing, LogError::NoField(Format::Csv, 1)), "{nothing}");
+}
