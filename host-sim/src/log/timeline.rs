@@ -62,6 +62,12 @@ impl Timeline {
         self.newest_us.map_or(0.0, |us| seconds(us) + self.offset_s)
     }
 
+    /// Whether any stamp was read.
+    #[must_use]
+    pub const fn has_begun(&self) -> bool {
+        self.newest_us.is_some()
+    }
+
     /// How often the clock began anew.
     #[must_use]
     pub const fn restarts(&self) -> u32 {

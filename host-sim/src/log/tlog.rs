@@ -46,14 +46,14 @@ fn clock_in(head: &[u8]) -> Option<usize> {
     chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK).is_some()).then_some(CLOCK))
 }
 
-/// Reads a flight.
+/// Reads the flight of a system, or of the first one that is heard.
 ///
 /// # Errors
 ///
 /// What the source says.
-pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = Window::new(source);
-    let mut log = Log::new();
+    let mut log = Log::new(system);
     let clock = clock_in(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
     loop {
         let bytes = window.peek(CLOCK + MAX_FRAME)?;
@@ -72,7 +72,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
         };
         window.take(taken);
     }
-    Ok(log.recorder.finish())
+    Ok(log.finish())
 }
 
 struct Frame<'a> {
@@ -119,12 +119,17 @@ const HEARTBEAT: u32 = 0;
 /// Which autopilot (`MAV_AUTOPILOT`) a heartbeat is of; none of another message, or of what has none.
 fn autopilot_of(frame: &Frame<'_>) -> Option<u8> {
     const INVALID: u8 = 8;
-    let told = frame.payload.get(5).copied().unwrap_or(0);
-    (frame.id == HEARTBEAT && frame.is_right && told != INVALID).then_some(told)
+    // MAV_TYPE: ground station, companion computer, gimbal, traffic, camera. Some call themselves a generic autopilot.
+    const NO_VEHICLES: [u8; 5] = [6, 18, 26, 27, 30];
+    let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
+    let is_one = frame.id == HEARTBEAT && frame.is_right && byte(5) != INVALID && !NO_VEHICLES.contains(&byte(4));
+    is_one.then(|| byte(5))
 }
 
 struct Log {
     recorder: Recorder,
+    /// The system that is asked for.
+    wanted: Option<u8>,
     /// System and component of the autopilot.
     autopilot: Option<[u8; 2]>,
     /// Other systems that have an autopilot.
@@ -134,12 +139,14 @@ struct Log {
 }
 
 impl Log {
-    fn new() -> Self {
-        Self { recorder: Recorder::new(Format::TLog), autopilot: None, others: Vec::new(), clock_us: None }
+    fn new(wanted: Option<u8>) -> Self {
+        let recorder = Recorder::new(Format::TLog);
+        Self { recorder, wanted, autopilot: None, others: Vec::new(), clock_us: None }
     }
 
     fn take(&mut self, frame: &Frame<'_>) {
-        if self.autopilot.is_some_and(|own| own != frame.sender) {
+        let [system, _] = frame.sender;
+        if self.autopilot.is_some_and(|own| own != frame.sender) || self.wanted.is_some_and(|wanted| wanted != system) {
             self.recorder.flight.counts.others += 1;
             self.other(frame, autopilot_of(frame));
             return;
@@ -194,6 +201,12 @@ impl Log {
         if let Some(t_s) = self.untimed(frame) {
             self.recorder.armed(t_s, mode & ARMED != 0);
         }
+    }
+
+    fn finish(mut self) -> Flight {
+        let own = self.autopilot.map(|[system, _]| system);
+        self.recorder.flight.systems = own.into_iter().chain(self.others).collect();
+        self.recorder.finish()
     }
 
     fn message(&mut self, frame: &Frame<'_>, message: &MavMessage) {

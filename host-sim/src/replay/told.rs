@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
 use super::{Counted, Reference, Replayed, Score, dead, is_watched};
-use crate::log::{Autopilot, Flight, missing_of_ardupilot};
+use crate::log::{Autopilot, Flight, Format, missing_of_ardupilot};
 
 /// The number of the schema.
 const SCHEMA: u32 = 2;
@@ -78,7 +78,10 @@ fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
     .map_or_else(|| [String::new(), String::new()], |(number, why)| [number.to_string(), why.to_owned()]);
     let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
     // As many as no flight has: a tenth of a second each.
-    if used < 20 && readings >= 20 {
+    if readings < 20 {
+        return format!("the log holds {readings} readings of the field, which is no flight");
+    }
+    if used < 20 {
         let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
         return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
     }
@@ -111,7 +114,19 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
             "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into(),
         );
     }
-    if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| *most_deg < 2.0) {
+    if let Some(from) = flight.attitude_from {
+        notes.push(format!("the autopilot's own attitude is not logged: {from}'s is taken"));
+    }
+    if flight.unstamped > 0 {
+        notes.push(
+            "rows of the field carry no time, as it was until 2014: that of the last message that has one is taken, which may be \
+             a tenth of a second earlier"
+                .into(),
+        );
+    }
+    // A native log's units are its format's.
+    let is_table = flight.format == Format::Csv;
+    if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| is_table && *most_deg < 2.0) {
         notes
             .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
     }
@@ -136,8 +151,14 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         ));
     }
     let counts = &flight.counts;
-    if counts.vehicles > 0 {
-        notes.push(format!("{} more vehicle(s) on the link: the first that was heard is judged", counts.vehicles));
+    if let [own, others @ ..] = flight.systems.as_slice()
+        && !others.is_empty()
+    {
+        let others: Vec<String> = others.iter().map(u8::to_string).collect();
+        notes.push(format!(
+            "several vehicles on the link: system {own} is judged; --system judges another ({})",
+            others.join(", ")
+        ));
     }
     if counts.restarts > 0 {
         notes.push(format!("the autopilot restarted {} time(s) in the file; time goes on after each", counts.restarts));

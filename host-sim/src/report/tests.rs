@@ -111,7 +111,7 @@ fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
-    let flight = log::open(path, Unit::Milligauss).unwrap();
+    let flight = log::open(path, Unit::Milligauss, None).unwrap();
     let asked =
         Asked { selected: Selected::Flight, compass: None, inclination_deg: None, fit_until_s: None, age_s: None };
     let verdict = judge(&flight, &asked);

@@ -1,5 +1,7 @@
 //! The same flight in every format, whole, damaged, and as bytes that nobody wrote.
 
+mod px4;
+
 use nalgebra::Vector3;
 
 use super::csv::Unit;
@@ -227,6 +229,45 @@ fn only_the_first_autopilot_of_a_link_counts() {
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
+/// Two vehicles that fly at the same time, and before them a ground station that says it is a generic autopilot: each is read
+/// when it is asked for, and one that is not there is named, with those that are.
+#[test]
+fn the_vehicle_that_is_asked_for_is_read() {
+    let frames = |bytes: &[u8]| {
+        let mut rest = bytes;
+        std::iter::from_fn(move || {
+            let end = 8 + 10 + usize::from(*rest.get(9)?) + 2;
+            let (frame, next) = rest.split_at(end);
+            rest = next;
+            Some(frame.to_vec())
+        })
+        .collect::<Vec<_>>()
+    };
+    let mut other = recording(&[]);
+    other.instants.iter_mut().for_each(|instant| instant.field_ut[0] = [1.0, 2.0, 3.0]);
+    let [one, two] = [tlog(&recording(&ARDUPILOT)), renumbered(&tlog(&other), 2)].map(|bytes| frames(&bytes));
+    let mut station = one[0].clone();
+    // Kind, autopilot, and the system behind eight bytes of clock.
+    (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
+    let mut link = renumbered(&station, 255);
+    // The writer's parameters make the two unequal in number.
+    for i in 0..one.len().max(two.len()) {
+        link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
+    }
+    for (asked, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
+        let flight = read_of(&mut &link[..], Unit::Milligauss, asked).unwrap();
+        assert_eq!(flight.systems, systems, "{asked:?}");
+        let rows = flight.compasses[0].field.rows();
+        assert!(rows.len() >= 299, "{asked:?}: {}", rows.len());
+        let is_the_other = rows.iter().all(|row| (row.of[0] - 1.0).abs() < 0.01);
+        assert_eq!(is_the_other, x_ut.is_some(), "{asked:?}");
+    }
+    let none = read_of(&mut &link[..], Unit::Milligauss, Some(7)).unwrap_err();
+    assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
+    let table = read_of(&mut &csv(&recording(&[]))[..], Unit::Milligauss, Some(1)).unwrap_err();
+    assert_eq!(table.to_string(), "there is no system 1: no vehicle says its number");
+}
+
 /// A frame with a wrong checksum says nothing, though the next one follows it.
 #[test]
 fn a_damaged_frame_is_not_believed() {
@@ -288,72 +329,6 @@ fn what_ardupilot_logged_otherwise_once_is_read() {
         }
         assert_eq!(flight.current.rows().len(), 300);
     }
-}
-
-/// The messages of a ULog, changed: kind and body.
-fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
-    let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
-    while let [low, high, kind, after @ ..] = rest {
-        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
-        let body = change(*kind, body.to_vec());
-        out.extend((body.len() as u16).to_le_bytes());
-        out.push(*kind);
-        out.extend(body);
-        rest = next;
-    }
-    out
-}
-
-/// Until 1.8 PX4 logged its field and its rates in `sensor_combined` alone: the field is that of the instant that it tells.
-#[test]
-fn px4s_old_sensor_combined_is_read() {
-    let renamed = |body: &[u8], pairs: [(&str, &str); 2]| {
-        let text = String::from_utf8_lossy(body).into_owned();
-        pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
-    };
-    let mut one = recording(&PX4);
-    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
-    let bytes = ulog_with(&ulog(&one), &|kind, body| match (kind, &body[..]) {
-        (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
-            text,
-            [
-                ("vehicle_magnetometer", "sensor_combined"),
-                ("uint32_t device_id", "int32_t magnetometer_timestamp_relative"),
-            ],
-        ),
-        (b'F', text) if text.starts_with(b"vehicle_angular") => {
-            renamed(text, [("vehicle_angular_velocity", "sensor_combined_of_rates"), ("xyz", "gyro_rad")])
-        }
-        (b'A', text) => {
-            renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
-        }
-        // Measured 20 ms before.
-        (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
-        _ => body,
-    });
-    let flight = read_bytes(&bytes).unwrap();
-    let rows = flight.compasses[0].field.rows();
-    assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
-    for (row, instant) in rows.iter().zip(&one.instants) {
-        let raw = Vector3::new(row.of[0], row.of[1], row.of[2]).map(f64::from);
-        assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
-        assert!((row.t_s + 0.02 - (instant.at_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
-    }
-}
-
-/// Noise of some kilobytes in twenty places, in which headers of long messages stand by chance: each costs itself and
-/// the messages that it tears, of six an instant, so an instant at most.
-#[test]
-fn noise_in_a_ulog_costs_itself() {
-    let mut bytes = ulog(&recording(&PX4));
-    let mut random = Random::new(7, Purpose::Damage);
-    for part in (1..=20).rev() {
-        let at = bytes.len() / 40 + bytes.len() * part / 22;
-        let noise: Vec<u8> = (0..3000).map(|_| random.uniform(0.0, 256.0) as u8).collect();
-        bytes.splice(at..at, noise);
-    }
-    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
-    assert!((300 - 20..=300).contains(&rows), "{rows}");
 }
 
 /// The table as spreadsheets and scripts write it: in capitals, with a line that names the separator, times from 1970, a
