@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Reference, Replayed, Score, dead, is_watched};
+use super::{Counted, Reference, Replayed, Score, dead, is_watched, lost};
 use crate::log::{Autopilot, Flight, Format, missing_of_ardupilot};
 
 /// The number of the schema.
@@ -138,8 +138,15 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
             1.0 / slowest_s
         ));
     }
+    if let Some(share) = lost::of_the_rates(flight) {
+        notes.push(format!(
+            "{:.0} % of the body rates are lost: what the module smooths and adjusts by them in flight is left out of its \
+             headings",
+            share * 100.0
+        ));
+    }
     for compass in &judged.compasses {
-        notes.extend(strength_note(judged, compass));
+        notes.extend(strength_note(judged, compass, flight.format == Format::Csv));
         notes.extend(dead::note(flight, compass));
     }
     let contradicted = |compass: &&Judged| compass.counted.unsettled * 5 > compass.counted.readings;
@@ -216,7 +223,7 @@ fn most_tilt_deg(flight: &Flight) -> Option<f64> {
 
 /// Whether the field is as strong as it is there, or, of a place that is not known, as it is anywhere: judged by a fit, whose
 /// centre the iron does not move.
-fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
+fn strength_note(judged: &Verdict, compass: &Judged, is_table: bool) -> Option<String> {
     /// The Earth's field at its weakest and strongest, microtesla.
     const EARTH_UT: [f64; 2] = [22.0, 67.0];
     let [least, most, found] = match &judged.earth {
@@ -236,8 +243,11 @@ fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
         (0.001, "gauss taken for milligauss"),
     ]
     .into_iter()
-    .find(|&(factor, _)| is_in(factor))
-    .map_or("another unit, or a poor sensor", |(_, words)| words);
+    .find(|&(factor, _)| is_table && is_in(factor))
+    .map_or(
+        if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" },
+        |(_, words)| words,
+    );
     let number = compass.number;
     let expected = if judged.earth.is_some() {
         format!("by the field model {most:.1}")
