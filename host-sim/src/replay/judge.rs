@@ -4,6 +4,7 @@ use autoswing::compass::Refusal;
 use autoswing::earth::{Day, EarthField, Place};
 use autoswing::frames::{Body, Field};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::age::{self, Age};
 use super::change::{self, Change};
@@ -134,11 +135,11 @@ pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
         flight.compasses.iter().filter(|compass| asked.compass.is_none_or(|number| compass.number == number)).collect();
     let told = |used_s: f64| Age { used_s, sigma_s: None };
     let mut ages: Vec<Age> =
-        compasses.iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
+        compasses.par_iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
     age::shared(&mut ages);
     let options = Options { selected: asked.selected, inclination_deg, fit_until_s: asked.fit_until_s };
     let compasses: Vec<Judged> = compasses
-        .iter()
+        .par_iter()
         .zip(ages)
         .map(|(compass, age)| judged(flight, compass, age, reference.as_ref(), &options))
         .collect();

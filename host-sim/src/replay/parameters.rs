@@ -261,9 +261,14 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> 
         writeln!(text, "COMPASS_SCALE{index},1")?;
         let orient = format!("COMPASS_ORIENT{index}");
         if let Some(now) = flight.parameters.last(&orient) {
+            let external =
+                if handed.number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{index}") };
+            let is_internal = flight.parameters.last(&external) == Some(0.0);
             let combined = Rotation::new(now).map(|now| Rotation::nearest(&(handed.turned.matrix() * now.matrix())));
             match combined {
                 _ if handed.turned.number() == 0 => writeln!(text, "{orient},{now:.0}")?,
+                // The autopilot turns such a one by AHRS_ORIENTATION.
+                _ if is_internal => writeln!(text, "# {orient}: {external} is 0, so it is not asked for how it sits")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
                 _ => writeln!(text, "# {orient}: no number for how it sits")?,
             }
