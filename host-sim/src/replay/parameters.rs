@@ -306,7 +306,7 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::f
         match own {
             // One in angles of its own stays as it is.
             Some(number) if off_deg < 1.0 && Rotation::new(number).is_some() => {
-                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?
+                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?;
             }
             _ if handed.turned.number() != 0 => {
                 writeln!(text, "# CAL_MAG{index}_ROT: it sits otherwise than its board")?;
