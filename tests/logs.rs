@@ -185,3 +185,91 @@ fn a_compass_that_dies_in_flight_is_named() {
     let (ends, _) = second(|_| String::new());
     assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 118 s, the log at 238 s"), "{ends:?}");
 }
+
+/// The lines of a log, changed; those that become nothing are not there.
+fn changed(text: &str, mut change: impl FnMut(&str) -> String) -> String {
+    text.lines().map(|line| change(line) + "\n").filter(|line| line.len() > 1).collect()
+}
+
+/// A log without `ATT`, which `LOG_BITMASK` may leave away: the filter's attitude is as good, and named.
+#[test]
+fn the_filters_attitude_gives_the_same_headings() {
+    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
+    let [(_, own), (flight, other)] = [judged(&text), judged(&without)];
+    let score = |verdict: &Verdict| verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+    assert_eq!(score(&own), score(&other));
+    assert!(told::notes(&flight, &other).iter().any(|note| note.contains("XKF1's is taken")));
+}
+
+/// As ArduPilot logged until 2014: field and attitude without a time. They stand at the stamp before them, which is that of the
+/// instant before, 0.1 s earlier for both: headings are as good as those of `replay.rs`, but for the rates, which stand at their
+/// own. Where nothing has a stamp, that is why nothing can be told.
+#[test]
+fn rows_without_a_time_are_read_by_their_neighbours() {
+    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let strip = |names: &[&str], text: &str| {
+        changed(text, |line| {
+            let values: Vec<&str> = line.split(", ").collect();
+            match values.as_slice() {
+                ["FMT", number, length, name, letters, columns] if names.contains(name) => {
+                    let (letters, columns) = (&letters[1..], columns.replacen("TimeUS,", "", 1));
+                    format!("FMT, {number}, {length}, {name}, {letters}, {columns}")
+                }
+                [name, _, rest @ ..] if names.contains(name) => format!("{name}, {}", rest.join(", ")),
+                _ => line.to_owned(),
+            }
+        })
+    };
+    let (flight, verdict) = judged(&strip(&["MAG", "ATT"], &text));
+    let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+    assert!(score.rms_deg < 1.0, "{score:?}");
+    assert!(told::notes(&flight, &verdict).iter().any(|note| note.contains("carry no time")));
+    let nothing = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
+    let refused = log::read(&mut nothing.as_bytes(), Unit::Milligauss).unwrap_err();
+    assert!(refused.to_string().contains("carry no time"), "{refused}");
+}
+
+/// Of all rows of field, attitude and rates three in ten are lost, one by one. What lies in a hole of the attitude is left out,
+/// and a turn of which parts are lost is not held against the compass: headings are as good as those of a whole log, whose
+/// bound is in `replay.rs`. It is said that they are not smoothed.
+#[test]
+fn a_log_with_holes_gives_headings_as_good() {
+    for seed in [3, 5, 8] {
+        let world = WorldConfig::random(seed);
+        let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
+        let text = String::from_utf8(dataflash_text(&flown(&world))).unwrap();
+        let mut state = seed;
+        let holes = changed(&text, |line| {
+            let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|begin| line.starts_with(begin));
+            // Knuth's generator: its upper bits are as good as chance.
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            if is_row && (state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
+        });
+        let (flight, verdict) = judged(&holes);
+        let compass = &verdict.compasses[0];
+        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
+        assert_eq!(compass.module.smooth, Some(ours), "seed {seed}");
+        let notes = told::notes(&flight, &verdict).join("; ");
+        assert!(notes.contains("of the body rates are lost"), "{notes}");
+    }
+}
+
+/// An aircraft that stands still says nothing of the field's strength: the sensor's noise is not called the Earth's field in
+/// another unit, and a native log's units are those of its format.
+#[test]
+fn an_aircraft_at_rest_says_nothing_of_the_strength() {
+    let mut recording = flown(&WorldConfig::table1(1));
+    let first = recording.instants[0].clone();
+    for (i, instant) in recording.instants.iter_mut().enumerate() {
+        *instant = first.clone();
+        instant.at_us += i as u64 * 100_000;
+        // Half a microtesla, this way and that.
+        instant.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
+    }
+    let (flight, verdict) = judged(&String::from_utf8(dataflash_text(&recording)).unwrap());
+    assert_eq!(verdict.compasses[0].radius_ut, None);
+    let notes = told::notes(&flight, &verdict).join("; ");
+    assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");
+}

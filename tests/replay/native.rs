@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use autoswing::calibration::SolveError;
 use host_sim::log::csv::Unit;
 use host_sim::log::write::{Recording, csv, dataflash, tlog, turns, ulog};
-use host_sim::log::{self, Flight, Iron};
+use host_sim::log::{self, Flight, Iron, Rotation};
 use host_sim::replay::judge::{Asked, By, Judged, judge, scored};
 use host_sim::replay::parameters::{self, Dialect, HandedOver};
 use host_sim::replay::{Refused, Score, told};
@@ -116,6 +116,20 @@ fn parameters_give_what_they_say_when_they_are_applied() {
         let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&handed.iron).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
+    }
+}
+
+/// A compass that sits otherwise than its parameters say is given another number; ArduPilot asks an internal one for none, and
+/// turns it as the board.
+#[test]
+fn an_internal_compass_is_given_no_orientation() {
+    let (mut flight, compass) = judged(&dataflash(&flown(&WorldConfig::random(3), 0.05)));
+    let mut handed = parameters::handed_over(&flight, &compass, None, Dialect::ArduPilot).unwrap();
+    handed.turned = Rotation::new(2.0).unwrap();
+    for (external, line) in [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: COMPASS_EXTERNAL is 0")] {
+        flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
+        let text = parameters::file(&flight, std::slice::from_ref(&handed), Dialect::ArduPilot);
+        assert!(text.contains(line), "{external}: {text}");
     }
 }
 

@@ -22,7 +22,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use interruption::Interruption;
-use range::{age, airframes, any, bank, circles, compass, current, draws, flights, inclination, minutes, seconds};
+use range::{
+    age, airframes, any, bank, circles, compass, current, draws, flights, inclination, minutes, seconds, system,
+};
 
 /// Flies the firmware of the Autoswing heading module in a simulated aircraft.
 ///
@@ -247,6 +249,10 @@ struct Replay {
     /// Only this compass, 1 to 8, as the autopilot counts them
     #[arg(long, value_name = "N", value_parser = compass)]
     compass: Option<u8>,
+    /// Of a MAVLink log with several vehicles this one, 1 to 255, by the number of its system; without it, the first that is
+    /// heard
+    #[arg(long, value_name = "N", value_parser = system)]
+    system: Option<u8>,
     /// How old the logged field is at its time stamp, milliseconds, -200 to 500; without it, it is found from the flight
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = age)]
     age: Option<f64>,

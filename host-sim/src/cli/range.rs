@@ -50,6 +50,10 @@ pub fn compass(text: &str) -> Result<u8, String> {
     whole(text, [1, 8])
 }
 
+pub fn system(text: &str) -> Result<u8, String> {
+    whole(text, [1, 255])
+}
+
 pub fn bank(text: &str) -> Result<f64, String> {
     within(text, 5.0, 60.0)
 }

@@ -22,7 +22,7 @@ use super::{Failure, Replay, waiting};
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();
     let bar = waiting("reading the log");
-    let flight = log::open(&options.file, options.unit.into()).map_err(|e| match e {
+    let flight = log::open(&options.file, options.unit.into(), options.system).map_err(|e| match e {
         LogError::Io(why) => {
             Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
@@ -91,6 +91,7 @@ fn settings(options: &Replay) -> Vec<[String; 2]> {
         ("inclination", options.inclination.map(|deg| format!("{deg} deg"))),
         ("fitted until", options.fit_until.map(|s| format!("{s} s"))),
         ("compass", options.compass.map(|number| number.to_string())),
+        ("system", options.system.map(|number| number.to_string())),
     ];
     settings.extend(told.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])));
     settings

@@ -1,6 +1,6 @@
 //! What an autopilot made of the field before it logged it, and how that is undone.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::parameters::Parameters;
 use super::rotation::Rotation;
@@ -119,7 +119,7 @@ impl Undo {
         if diagonal.iter().any(|scale| *scale < 1e-3) {
             diagonal = Vector3::repeat(1.0);
         }
-        let turned = px4_mounting(parameters, t_s, index).matrix();
+        let turned = px4_mounting(parameters, t_s, index);
         let scale = turned * symmetric(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
         let is_by_current =
             parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
@@ -145,10 +145,24 @@ pub fn missing_of_ardupilot(parameters: &Parameters, number: u8) -> Vec<String> 
     missing
 }
 
-/// How a compass of PX4 sits: as its own parameter says, or, if that is negative, as the board does.
-pub(super) fn px4_mounting(parameters: &Parameters, t_s: f64, index: u8) -> Rotation {
-    let own = parameters.at(t_s, &format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
-    own.or_else(|| parameters.at(t_s, "SENS_BOARD_ROT")).and_then(Rotation::new).unwrap_or_default()
+/// How a compass of PX4 sits, from the sensor's axes to the body's: as its own parameter says, in angles of its own where that
+/// is 100; or, if it is negative, as the board does, which is trimmed by `SENS_BOARD_X_OFF`, `_Y_OFF` and `_Z_OFF`.
+pub(crate) fn px4_mounting(parameters: &Parameters, t_s: f64, index: u8) -> Matrix3<f64> {
+    const CUSTOM: f64 = 100.0;
+    let value = |name: &str| parameters.at(t_s, name);
+    let turned = |names: [String; 3]| {
+        let [roll, pitch, yaw] = names.map(|name| value(&name).unwrap_or(0.0).to_radians());
+        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    };
+    let numbered = |number: f64| Rotation::new(number).unwrap_or_default().matrix();
+    match value(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0) {
+        Some(CUSTOM) => turned(["ROLL", "PITCH", "YAW"].map(|angle| format!("CAL_MAG{index}_{angle}"))),
+        Some(number) => numbered(number),
+        None => {
+            let board = value("SENS_BOARD_ROT").map_or_else(Matrix3::identity, numbered);
+            turned(["X", "Y", "Z"].map(|axis| format!("SENS_BOARD_{axis}_OFF"))) * board
+        }
+    }
 }
 
 /// A symmetric matrix by its diagonal and by what stands at xy, xz and yz.
@@ -256,7 +270,23 @@ mod tests {
         let raw = undo.raw(Vector3::new(50.0, 20.0, 0.0), Vector3::zeros());
         assert!((raw - Vector3::new(40.0, 30.0, 0.0)).norm() < 1e-9, "{raw}");
         let board = px4_mounting(&self::parameters(&[("CAL_MAG1_ROT", -1.0), ("SENS_BOARD_ROT", 7.0)]), 0.0, 1);
-        assert_eq!(board.number(), 7);
+        assert!((board - Rotation::new(7.0).unwrap().matrix()).norm() < 1e-12, "{board}");
+    }
+
+    /// By hand: a compass turned by 30 deg to the right has a field along its nose 30 deg to the right; a board on its back
+    /// (z up, y to the left) that is trimmed by 10 deg of yaw turns what it has into the body's axes first.
+    #[test]
+    fn px4s_own_angles_and_the_boards_trim_turn_the_field() {
+        let own = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
+        let (sin, cos) = 30_f64.to_radians().sin_cos();
+        assert!((own * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{own}");
+        let trimmed = [("CAL_MAG0_ROT", -1.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
+        let board = px4_mounting(&parameters(&trimmed), 0.0, 0);
+        let (sin, cos) = 10_f64.to_radians().sin_cos();
+        assert!((board * Vector3::y() - Vector3::new(sin, -cos, 0.0)).norm() < 1e-12, "{board}");
+        // A compass of its own place does not follow the board.
+        let external = [("CAL_MAG0_ROT", 0.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
+        assert_eq!(px4_mounting(&parameters(&external), 0.0, 0), Matrix3::identity());
     }
 
     /// What goes with the throttle (1) is no iron per ampere: no log tells the throttle that it went by.

@@ -141,6 +141,8 @@ pub struct Flight {
     /// Roll and pitch as the autopilot has them, and its yaw from true north, radians; yaw is not a number where it has
     /// none.
     pub attitude: Series<3>,
+    /// Which message stood in for the autopilot's own attitude, where that is not logged.
+    pub attitude_from: Option<&'static str>,
     /// Body rates p, q, r, rad/s.
     pub rates: Series<3>,
     /// What a receiver says; see [`Gps`].
@@ -159,6 +161,10 @@ pub struct Flight {
     pub parameters: Parameters,
     /// The day.
     pub day: Option<Day>,
+    /// Rows that carry no time, and are taken to be of the instant of the message before.
+    pub unstamped: u64,
+    /// The vehicles on a link, by the number of their system: the one that is read first, others as they were heard.
+    pub systems: Vec<u8>,
     /// What was passed over.
     pub counts: Counts,
 }
@@ -174,6 +180,7 @@ impl Flight {
             is_copter: false,
             compasses: Vec::new(),
             attitude: Series::new(),
+            attitude_from: None,
             rates: Series::new(),
             gps: Series::new(),
             current: Series::new(),
@@ -183,6 +190,8 @@ impl Flight {
             usable: Series::new(),
             parameters: Parameters::default(),
             day: None,
+            unstamped: 0,
+            systems: Vec::new(),
             counts: Counts::default(),
         }
     }

@@ -33,6 +33,7 @@ mod ulog;
 mod window;
 pub mod write;
 
+pub(crate) use correction::px4_mounting;
 pub use correction::{Iron, missing_of_ardupilot};
 pub use flight::{Autopilot, Compass, Counts, Flight, Format, Gps};
 pub use parameters::Parameters;
@@ -62,6 +63,10 @@ pub enum LogError {
     NoField(Format, u64),
     /// It is such a log, but holds no attitude.
     NoAttitude(Format),
+    /// It has no such system; those that it has.
+    NoSystem(u8, Vec<u8>),
+    /// It is such a log, but nothing in it tells when its rows were written.
+    NoTime(Format),
 }
 
 impl fmt::Display for LogError {
@@ -81,6 +86,19 @@ impl fmt::Display for LogError {
                 format.name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
+            Self::NoSystem(system, heard) if heard.is_empty() => {
+                write!(f, "there is no system {system}: no vehicle says its number")
+            }
+            Self::NoSystem(system, heard) => {
+                let heard: Vec<String> = heard.iter().map(u8::to_string).collect();
+                write!(f, "there is no vehicle of system {system}; there is {}", heard.join(", "))
+            }
+            Self::NoTime(format) => write!(
+                f,
+                "{}: its messages carry no time, as it was until 2014: when a field was measured, and in which attitude, \
+                 cannot be told",
+                format.name()
+            ),
         }
     }
 }
@@ -93,16 +111,26 @@ impl From<io::Error> for LogError {
     }
 }
 
-/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is that of the field in a table.
+/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is that of the field in a table, `system` the
+/// vehicle on a MAVLink link, else the first that is heard.
 ///
 /// # Errors
 ///
 /// Why it cannot be read.
-pub fn open(path: &Path, unit: Unit) -> Result<Flight, LogError> {
+pub fn open(path: &Path, unit: Unit, system: Option<u8>) -> Result<Flight, LogError> {
     if path.as_os_str() == "-" {
-        return read(&mut io::stdin().lock(), unit);
+        return read_of(&mut io::stdin().lock(), unit, system);
     }
-    read(&mut std::fs::File::open(path)?, unit)
+    read_of(&mut std::fs::File::open(path)?, unit, system)
+}
+
+/// As [`open`], from any source, the first vehicle that is heard.
+///
+/// # Errors
+///
+/// As [`open`].
+pub fn read(source: &mut dyn Read, unit: Unit) -> Result<Flight, LogError> {
+    read_of(source, unit, None)
 }
 
 /// As [`open`], from any source.
@@ -110,7 +138,7 @@ pub fn open(path: &Path, unit: Unit) -> Result<Flight, LogError> {
 /// # Errors
 ///
 /// As [`open`].
-pub fn read(source: &mut dyn Read, unit: Unit) -> Result<Flight, LogError> {
+pub fn read_of(source: &mut dyn Read, unit: Unit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
     (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
     let format = recognised(&head)?;
@@ -119,9 +147,15 @@ pub fn read(source: &mut dyn Read, unit: Unit) -> Result<Flight, LogError> {
         Format::DataFlash => dataflash::read_binary(&mut source)?,
         Format::DataFlashText => dataflash::read_text(&mut source)?,
         Format::ULog => ulog::read(&mut source)?,
-        Format::TLog => tlog::read(&mut source)?,
+        Format::TLog => tlog::read(&mut source, system)?,
         Format::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
     };
+    if let Some(system) = system.filter(|system| flight.systems.first() != Some(system)) {
+        return Err(LogError::NoSystem(system, flight.systems));
+    }
+    if flight.compasses.is_empty() && flight.unstamped > 0 {
+        return Err(LogError::NoTime(format));
+    }
     if flight.compasses.is_empty() {
         return Err(LogError::NoField(format, flight.counts.unhealthy));
     }

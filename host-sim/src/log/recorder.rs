@@ -1,5 +1,7 @@
 //! From the messages of a log to a [`Flight`].
 
+use std::collections::BTreeMap;
+
 use autoswing::earth::Day;
 use nalgebra::Vector3;
 
@@ -23,6 +25,8 @@ pub struct Recorder {
     pub timeline: Timeline,
     /// What the gyros read at rest, as the autopilot's filter has it.
     pub gyro_bias_rad_s: [f32; 3],
+    /// Attitudes by the rank of who says them, the best first: one stands in where the autopilot's own is not logged.
+    stand_ins: BTreeMap<u8, (&'static str, Series<3>)>,
     /// What is logged of each compass: the field, microtesla, and what the motors' share of it is.
     logged: Vec<(u8, Logged, Series<6>)>,
 }
@@ -46,6 +50,7 @@ impl Recorder {
             flight: Flight::new(format),
             timeline: Timeline::default(),
             gyro_bias_rad_s: [0.0; 3],
+            stand_ins: BTreeMap::new(),
             logged: Vec::new(),
         }
     }
@@ -58,7 +63,7 @@ impl Recorder {
             self.flight.counts.unhealthy += 1;
             return;
         }
-        let index = self.logged.iter().position(|&(other, _, _)| other == number).unwrap_or_else(|| {
+        let index = self.logged.iter().position(|&(other, of, _)| (other, of) == (number, was)).unwrap_or_else(|| {
             self.logged.push((number, was, Series::new()));
             self.logged.len() - 1
         });
@@ -68,9 +73,15 @@ impl Recorder {
 
     /// Roll, pitch and yaw, radians.
     pub fn attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
-        let [roll, pitch, _] = angles_rad;
-        if roll.abs() <= 7.0 && pitch.abs() <= 1.6 {
+        if is_attitude(angles_rad) {
             self.flight.attitude.push(t_s, angles_rad);
+        }
+    }
+
+    /// The same as a message says it that stands in for the autopilot's own; of several the one of the lowest rank does.
+    pub fn stand_in(&mut self, rank: u8, from: &'static str, t_s: f64, angles_rad: [f32; 3]) {
+        if is_attitude(angles_rad) {
+            self.stand_ins.entry(rank).or_insert((from, Series::new())).1.push(t_s, angles_rad);
         }
     }
 
@@ -126,6 +137,11 @@ impl Recorder {
         let flight = &mut self.flight;
         flight.counts.bad_times += self.timeline.refused();
         flight.counts.restarts = self.timeline.restarts();
+        if flight.attitude.is_empty()
+            && let Some((_, (from, attitude))) = self.stand_ins.pop_first()
+        {
+            (flight.attitude, flight.attitude_from) = (attitude, Some(from));
+        }
         let attitude_repeats = flight.attitude.settle();
         for series in [&mut flight.rates, &mut flight.truth] {
             series.settle();
@@ -135,8 +151,7 @@ impl Recorder {
         flight.reference.settle();
         flight.usable.settle();
         flight.counts.repeats += attitude_repeats as u64;
-        self.logged.sort_by_key(|&(number, _, _)| number);
-        for (number, was, mut field) in std::mem::take(&mut self.logged) {
+        for (number, was, mut field) in densest(std::mem::take(&mut self.logged)) {
             flight.counts.repeats += field.settle() as u64;
             let (iron, field) = undone(flight, number, was, field);
             let is_used = is_used(flight, number);
@@ -144,6 +159,20 @@ impl Recorder {
         }
         self.flight
     }
+}
+
+/// One of each compass, in their order: as the sensor has it, unless it is logged more than twice as often after its
+/// correction (PX4 logs the former once a second as it comes).
+fn densest(mut logged: Vec<(u8, Logged, Series<6>)>) -> Vec<(u8, Logged, Series<6>)> {
+    let weight =
+        |was: Logged, field: &Series<6>| field.rows().len() * if matches!(was, Logged::Px4Raw(_)) { 2 } else { 1 };
+    logged.sort_by_key(|(number, was, field)| (*number, std::cmp::Reverse(weight(*was, field))));
+    logged.dedup_by_key(|(number, _, _)| *number);
+    logged
+}
+
+fn is_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
+    roll_rad.abs() <= 7.0 && pitch_rad.abs() <= 1.6
 }
 
 /// The raw field and the autopilot's own of each row, and what the autopilot corrected with at the end.
@@ -154,11 +183,8 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
         Logged::Px4(index) | Logged::Px4Raw(index) => Undo::px4(parameters, t_s, index),
         Logged::Raw => Undo::ardupilot(&super::Parameters::default(), t_s, 1),
     };
-    let mounting = if let Logged::Px4Raw(index) = was {
-        Some(px4_mounting(parameters, f64::INFINITY, index).matrix())
-    } else {
-        None
-    };
+    let mounting =
+        if let Logged::Px4Raw(index) = was { Some(px4_mounting(parameters, f64::INFINITY, index)) } else { None };
     let prefix = if was == Logged::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
     let changes_s = parameters.changes_s(prefix);
     let mut changes = changes_s.iter().peekable();

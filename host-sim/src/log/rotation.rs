@@ -2,9 +2,8 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
-/// Roll, pitch, yaw in degrees, by number. ArduPilot's `Rotation` and PX4's `Rotation` agree up to 37; what comes after has
-/// angles that are no multiples of 45 deg.
-const DEGREES: [[u16; 3]; 38] = [
+/// Roll, pitch, yaw in degrees, by number, where ArduPilot's `Rotation` and PX4's `Rotation` agree.
+const DEGREES: [[u16; 3]; 41] = [
     [0, 0, 0],
     [0, 0, 45],
     [0, 0, 90],
@@ -43,6 +42,9 @@ const DEGREES: [[u16; 3]; 38] = [
     [270, 270, 0],
     [90, 180, 90],
     [90, 0, 270],
+    [90, 68, 293],
+    [0, 315, 0],
+    [90, 315, 0],
 ];
 
 /// A mounting that has a number.
@@ -100,16 +102,17 @@ mod tests {
             (2.0, [-2.0, 1.0, 3.0]),
             (8.0, [1.0, -2.0, -3.0]),
             (24.0, [3.0, 2.0, -1.0]),
+            (39.0, [-2_f64.sqrt(), 2.0, 8_f64.sqrt()]),
             (6.0, [2.0, -1.0, 3.0]),
         ] {
             assert!((of(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", of(number));
         }
-        assert!(Rotation::new(38.0).is_none() && Rotation::new(-1.0).is_none() && Rotation::new(f64::NAN).is_none());
+        assert!(Rotation::new(41.0).is_none() && Rotation::new(-1.0).is_none() && Rotation::new(f64::NAN).is_none());
     }
 
     #[test]
     fn the_nearest_is_found() {
-        for number in 0..38 {
+        for number in 0..41 {
             let matrix = Rotation(number).matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
             let (found, off_deg) = Rotation::nearest(&matrix);
             assert!((found.matrix() - Rotation(number).matrix()).norm() < 1e-9, "{number} {found:?}");

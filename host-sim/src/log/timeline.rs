@@ -43,6 +43,8 @@ impl Timeline {
             self.doubted_us = None;
         } else if self.doubted_us.is_some_and(is_near) {
             self.doubted_us = None;
+            // The first one was no nonsense.
+            self.refused -= 1;
             if us < newest_us {
                 self.restarts += 1;
                 self.offset_s += seconds(newest_us) - seconds(us) + RESTART_GAP_S;
@@ -60,6 +62,12 @@ impl Timeline {
     #[must_use]
     pub fn now_s(&self) -> f64 {
         self.newest_us.map_or(0.0, |us| seconds(us) + self.offset_s)
+    }
+
+    /// Whether any stamp was read.
+    #[must_use]
+    pub const fn has_begun(&self) -> bool {
+        self.newest_us.is_some()
     }
 
     /// How often the clock began anew.
@@ -119,6 +127,7 @@ mod tests {
     fn a_pause_of_minutes_is_one() {
         let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
-        assert!((placed[3].unwrap() - 400.2).abs() < 1e-9 && line.restarts() == 0, "{placed:?}");
+        assert!((placed[3].unwrap() - 400.2).abs() < 1e-9, "{placed:?}");
+        assert_eq!((line.restarts(), line.refused()), (0, 0), "what a second stamp agrees with is no nonsense");
     }
 }

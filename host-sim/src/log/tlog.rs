@@ -6,7 +6,7 @@
 
 use std::io::{self, Read};
 
-use mavlink::dialects::common::MavMessage;
+use mavlink::dialects::common::{MavMessage, MavParamType, PARAM_VALUE_DATA};
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
 use super::flight::{Autopilot, Flight, Format, Gps};
@@ -46,14 +46,14 @@ fn clock_in(head: &[u8]) -> Option<usize> {
     chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK).is_some()).then_some(CLOCK))
 }
 
-/// Reads a flight.
+/// Reads the flight of a system, or of the first one that is heard.
 ///
 /// # Errors
 ///
 /// What the source says.
-pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
+pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = Window::new(source);
-    let mut log = Log::new();
+    let mut log = Log::new(system);
     let clock = clock_in(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
     loop {
         let bytes = window.peek(CLOCK + MAX_FRAME)?;
@@ -72,7 +72,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
         };
         window.take(taken);
     }
-    Ok(log.recorder.finish())
+    Ok(log.finish())
 }
 
 struct Frame<'a> {
@@ -119,12 +119,17 @@ const HEARTBEAT: u32 = 0;
 /// Which autopilot (`MAV_AUTOPILOT`) a heartbeat is of; none of another message, or of what has none.
 fn autopilot_of(frame: &Frame<'_>) -> Option<u8> {
     const INVALID: u8 = 8;
-    let told = frame.payload.get(5).copied().unwrap_or(0);
-    (frame.id == HEARTBEAT && frame.is_right && told != INVALID).then_some(told)
+    // MAV_TYPE: ground station, companion computer, gimbal, traffic, camera. Some call themselves a generic autopilot.
+    const NO_VEHICLES: [u8; 5] = [6, 18, 26, 27, 30];
+    let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
+    let is_one = frame.id == HEARTBEAT && frame.is_right && byte(5) != INVALID && !NO_VEHICLES.contains(&byte(4));
+    is_one.then(|| byte(5))
 }
 
 struct Log {
     recorder: Recorder,
+    /// The system that is asked for.
+    wanted: Option<u8>,
     /// System and component of the autopilot.
     autopilot: Option<[u8; 2]>,
     /// Other systems that have an autopilot.
@@ -134,12 +139,14 @@ struct Log {
 }
 
 impl Log {
-    fn new() -> Self {
-        Self { recorder: Recorder::new(Format::TLog), autopilot: None, others: Vec::new(), clock_us: None }
+    fn new(wanted: Option<u8>) -> Self {
+        let recorder = Recorder::new(Format::TLog);
+        Self { recorder, wanted, autopilot: None, others: Vec::new(), clock_us: None }
     }
 
     fn take(&mut self, frame: &Frame<'_>) {
-        if self.autopilot.is_some_and(|own| own != frame.sender) {
+        let [system, _] = frame.sender;
+        if self.autopilot.is_some_and(|own| own != frame.sender) || self.wanted.is_some_and(|wanted| wanted != system) {
             self.recorder.flight.counts.others += 1;
             self.other(frame, autopilot_of(frame));
             return;
@@ -196,6 +203,12 @@ impl Log {
         }
     }
 
+    fn finish(mut self) -> Flight {
+        let own = self.autopilot.map(|[system, _]| system);
+        self.recorder.flight.systems = own.into_iter().chain(self.others).collect();
+        self.recorder.finish()
+    }
+
     fn message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
         match message {
             MavMessage::ATTITUDE(m) => {
@@ -217,7 +230,9 @@ impl Log {
                 self.field(frame, 3, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::HIGHRES_IMU(m) => {
-                if let Some(t_s) = self.timed(frame, m.time_usec) {
+                if is_new(m.fields_updated.bits())
+                    && let Some(t_s) = self.timed(frame, m.time_usec)
+                {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
                     self.recorder.field(1, self.logged(1), t_s, field_ut, None);
                 }
@@ -242,7 +257,7 @@ impl Log {
             }
             MavMessage::PARAM_VALUE(m) => {
                 if let Ok(name) = m.param_id.to_str() {
-                    self.recorder.parameter(name, f64::from(m.param_value));
+                    self.recorder.parameter(name, value_of(self.recorder.flight.autopilot, m));
                 }
             }
             MavMessage::STATUSTEXT(m) => {
@@ -297,6 +312,21 @@ impl Log {
     }
 }
 
+/// What a parameter is: PX4 sends the bytes of a whole number in place of a float's, ArduPilot the number as a float.
+fn value_of(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
+    if autopilot == Autopilot::Px4 && m.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
+        f64::from(m.param_value.to_bits().cast_signed())
+    } else {
+        f64::from(m.param_value)
+    }
+}
+
+/// Whether a HIGHRES_IMU, which comes for any of its sensors, tells a new field; one that says nothing of that may.
+const fn is_new(updated: u16) -> bool {
+    const FIELD: u16 = 64 | 128 | 256;
+    updated == 0 || updated & FIELD != 0
+}
+
 fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
     /// Of the course, where it is not known.
     const UNKNOWN: u16 = u16::MAX;
@@ -308,5 +338,32 @@ fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
         speed_m_s: hundredths(m.vel),
         course_deg: hundredths(m.cog),
         yaw_deg: f32::NAN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// PX4's mounting 2 is the float of the bytes 02 00 00 00, which is next to nothing, and its -1 none at all.
+    #[test]
+    fn px4s_whole_parameters_are_sent_as_their_bytes() {
+        let of = |autopilot, param_type, param_value| {
+            value_of(autopilot, &PARAM_VALUE_DATA { param_type, param_value, ..Default::default() })
+        };
+        let (whole, real) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
+        for number in [2, -1, 396_809] {
+            let told = of(Autopilot::Px4, whole, f32::from_bits(i32::cast_unsigned(number)));
+            assert!((told - f64::from(number)).abs() < 1e-9, "{number}: {told}");
+        }
+        assert!((of(Autopilot::Px4, real, 0.5) - 0.5).abs() < 1e-9);
+        assert!((of(Autopilot::ArduPilot, whole, 6.0) - 6.0).abs() < 1e-9);
+    }
+
+    /// A reading that is sent again with a new acceleration is as old as it was: only new ones count.
+    #[test]
+    fn a_field_that_is_not_new_is_not_read_again() {
+        let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(is_new);
+        assert!(!acceleration && field && nothing);
     }
 }

@@ -4,12 +4,12 @@ use autoswing::compass::Refusal;
 use autoswing::earth::{Day, EarthField, Place};
 use autoswing::frames::{Body, Field};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::age::{self, Age};
 use super::change::{self, Change};
 use super::{
-    Between, Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay_with, rows, score,
-    solved_of_all, told_between,
+    Counted, Options, Reference, Refused, Replayed, Row, Score, Selected, fits, replay_with, rows, score, solved_of_all,
 };
 use crate::log::{Compass, Flight, Gps, Iron};
 
@@ -135,11 +135,11 @@ pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
         flight.compasses.iter().filter(|compass| asked.compass.is_none_or(|number| compass.number == number)).collect();
     let told = |used_s: f64| Age { used_s, sigma_s: None };
     let mut ages: Vec<Age> =
-        compasses.iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
+        compasses.par_iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
     age::shared(&mut ages);
     let options = Options { selected: asked.selected, inclination_deg, fit_until_s: asked.fit_until_s };
     let compasses: Vec<Judged> = compasses
-        .iter()
+        .par_iter()
         .zip(ages)
         .map(|(compass, age)| judged(flight, compass, age, reference.as_ref(), &options))
         .collect();
@@ -148,14 +148,13 @@ pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
 
 fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Reference>, options: &Options) -> Judged {
     let (rows, counted) = rows(flight, compass, age.used_s, reference);
-    let between = |from_s: f64, to_s: f64| told_between(flight, from_s, to_s);
-    let module = replay_with(&rows, &between, options);
+    let module = replay_with(&rows, Some(flight), options);
     let all = if options.selected == Selected::All {
         module.clone()
     } else {
-        replay_with(&rows, &between, &Options { selected: Selected::All, ..*options })
+        replay_with(&rows, Some(flight), &Options { selected: Selected::All, ..*options })
     };
-    let without_current_deg = without_current_deg(&rows, &between, &module, options);
+    let without_current_deg = without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
     let of = |by, iron: Option<Iron>| Correction { by, iron, score: iron.and_then(|iron| scored(&rows, &iron)) };
@@ -174,7 +173,7 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Refer
         corrections.push(solved(By::ModuleOfAll, &all));
     }
     let sphere = fits::sphere(&fields);
-    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut);
+    let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| is_turned(&fields));
     let about = ours(&all).or_else(|| ours(&module)).or(sphere.map(|(iron, _)| iron));
     let change = about.and_then(|about| change::found(&rows, &about));
     let parts = change.as_ref().map_or_else(Vec::new, |change| {
@@ -203,14 +202,25 @@ fn judged(flight: &Flight, compass: &Compass, age: Age, reference: Option<&Refer
     }
 }
 
+/// Whether the field was turned far enough that a sphere through it says how strong it is: by a quarter of it along some axis.
+/// Of an aircraft at rest it says how much the sensor noises.
+fn is_turned(fields: &[Vector3<f64>]) -> bool {
+    const PART: f64 = 0.25;
+    let mean = fields.iter().sum::<Vector3<f64>>() / fields.len().max(1) as f64;
+    (0..3).any(|axis| {
+        let along = || fields.iter().map(|field| field[axis]);
+        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min) > PART * mean.norm()
+    })
+}
+
 /// What the module would have made of the rows if it had not been told the current.
-fn without_current_deg(rows: &[Row], between: &Between<'_>, module: &Replayed, options: &Options) -> Option<f64> {
+fn without_current_deg(rows: &[Row], flight: &Flight, module: &Replayed, options: &Options) -> Option<f64> {
     let is_used = module.solution.as_ref().is_some_and(|solution| solution.calibration.current.is_used());
     if !is_used {
         return None;
     }
     let untold: Vec<Row> = rows.iter().map(|row| Row { current_a: None, ..*row }).collect();
-    Some(replay_with(&untold, between, options).score?.rms_deg)
+    Some(replay_with(&untold, Some(flight), options).score?.rms_deg)
 }
 
 /// What the module solved, as a correction.

@@ -7,6 +7,7 @@ mod dead;
 mod device;
 pub mod fits;
 pub mod judge;
+mod lost;
 pub mod parameters;
 mod reference;
 mod rows;
@@ -14,6 +15,8 @@ pub mod told;
 
 pub use reference::Reference;
 pub use rows::{Counted, Row, Told, rows, told_between};
+
+use crate::log::Flight;
 
 use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
 use autoswing::attitude::{self, Motion, Report, Source};
@@ -132,15 +135,12 @@ pub struct Replayed {
 /// Replays a flight of which nothing is known but its rows. They are in the order of time.
 #[must_use]
 pub fn replay(rows: &[Row], options: &Options) -> Replayed {
-    replay_with(rows, &|_, _| Vec::new(), options)
+    replay_with(rows, None, options)
 }
 
-/// What is told of the attitude from an instant to another, seconds, both not included.
-pub type Between<'a> = dyn Fn(f64, f64) -> Vec<Told> + 'a;
-
-/// Replays a flight of which the attitude between its rows is known, too.
+/// Replays rows of a flight that tells the attitude between them, too.
 #[must_use]
-pub fn replay_with(rows: &[Row], between: &Between<'_>, options: &Options) -> Replayed {
+pub fn replay_with(rows: &[Row], flight: Option<&Flight>, options: &Options) -> Replayed {
     let config = config_of(rows);
     let prior = Prior {
         mount: Orientation::NONE,
@@ -164,7 +164,7 @@ pub fn replay_with(rows: &[Row], between: &Between<'_>, options: &Options) -> Re
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
-    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, between, solution, config));
+    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, flight, solution, config));
     let of = |heading: fn(&Shown) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
@@ -319,7 +319,10 @@ fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
 }
 
 /// What the module would have shown for every row.
-fn show(rows: &[Row], between: &Between<'_>, solution: &Solution, config: Config) -> Vec<Shown> {
+fn show(rows: &[Row], flight: Option<&Flight>, solution: &Solution, config: Config) -> Vec<Shown> {
+    // Rates of which some are lost are told to nobody: they are no turn that was flown.
+    let is_whole = flight.is_none_or(|flight| lost::of_the_rates(flight).is_none());
+    let rates_of = |rates_rad_s: Option<[f32; 3]>| rates_rad_s.filter(|_| is_whole);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let calibration = Some((solution.calibration, solution.uncertainty));
     let [mut device, mut any] = [config.heading, heading::Config::ANY_FIELD].map(|heading| {
@@ -330,16 +333,19 @@ fn show(rows: &[Row], between: &Between<'_>, solution: &Solution, config: Config
     let mut last_s = start_s;
     rows.iter()
         .map(|row| {
-            for told in between(std::mem::replace(&mut last_s, row.t_s), row.t_s) {
+            let row = &Row { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
+            let from_s = std::mem::replace(&mut last_s, row.t_s);
+            for told in flight.map_or_else(Vec::new, |flight| told_between(flight, from_s, row.t_s)) {
+                let report = report(told.attitude, rates_of(told.rates_rad_s));
                 for instrument in [&mut device, &mut any] {
-                    instrument.on_attitude(instant(told.t_s, start_s), report(told.attitude, told.rates_rad_s));
+                    instrument.on_attitude(instant(told.t_s, start_s), report);
                 }
             }
             // The heading is shown in any field; whether it would have been sent is its status.
             let [sent, shown] = [&mut device, &mut any].map(|instrument| {
                 let estimate = estimate(instrument, row, start_s);
                 while instrument.next_sample().is_some() {}
-                if config.reading_period_us <= MAX_WATCHED_US {
+                if is_whole && config.reading_period_us <= MAX_WATCHED_US {
                     instrument.watch();
                 }
                 estimate

@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
 
 use super::judge::{Judged, scored};
 use super::{Row, Score};
-use crate::log::{Autopilot, Flight, Iron, Parameters, Rotation};
+use crate::log::{Autopilot, Flight, Iron, Parameters, Rotation, px4_mounting};
 use crate::score::wrap_180;
 
 /// Whose parameters.
@@ -261,9 +261,14 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> 
         writeln!(text, "COMPASS_SCALE{index},1")?;
         let orient = format!("COMPASS_ORIENT{index}");
         if let Some(now) = flight.parameters.last(&orient) {
+            let external =
+                if handed.number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{index}") };
+            let is_internal = flight.parameters.last(&external) == Some(0.0);
             let combined = Rotation::new(now).map(|now| Rotation::nearest(&(handed.turned.matrix() * now.matrix())));
             match combined {
                 _ if handed.turned.number() == 0 => writeln!(text, "{orient},{now:.0}")?,
+                // The autopilot turns such a one by AHRS_ORIENTATION.
+                _ if is_internal => writeln!(text, "# {orient}: {external} is 0, so it is not asked for how it sits")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
                 _ => writeln!(text, "# {orient}: no number for how it sits")?,
             }
@@ -282,10 +287,9 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::f
         comments(text, handed)?;
         let index = handed.number - 1;
         let own = flight.parameters.last(&format!("CAL_MAG{index}_ROT")).filter(|number| *number >= 0.0);
-        let board = flight.parameters.last("SENS_BOARD_ROT").and_then(Rotation::new);
-        let mounting = own.and_then(Rotation::new).or(board).unwrap_or_default();
-        let (combined, off_deg) = Rotation::nearest(&(handed.turned.matrix() * mounting.matrix()));
-        let to_sensor = (handed.turned.matrix() * mounting.matrix()).transpose();
+        let mounting = handed.turned.matrix() * px4_mounting(&flight.parameters, f64::INFINITY, index);
+        let (combined, off_deg) = Rotation::nearest(&mounting);
+        let to_sensor = mounting.transpose();
         let sensor = Iron {
             matrix: to_sensor * handed.iron.matrix * to_sensor.transpose(),
             centre_ut: to_sensor * handed.iron.centre_ut,
@@ -300,7 +304,10 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[HandedOver]) -> std::f
             }
         }
         match own {
-            Some(_) if off_deg < 1.0 => writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?,
+            // One in angles of its own stays as it is.
+            Some(number) if off_deg < 1.0 && Rotation::new(number).is_some() => {
+                writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?;
+            }
             _ if handed.turned.number() != 0 => {
                 writeln!(text, "# CAL_MAG{index}_ROT: it sits otherwise than its board")?;
             }

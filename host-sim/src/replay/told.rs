@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
-use super::{Counted, Reference, Replayed, Score, dead, is_watched};
-use crate::log::{Autopilot, Flight, missing_of_ardupilot};
+use super::{Counted, Reference, Replayed, Score, dead, is_watched, lost};
+use crate::log::{Autopilot, Flight, Format, missing_of_ardupilot};
 
 /// The number of the schema.
 const SCHEMA: u32 = 2;
@@ -66,7 +66,10 @@ fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
     let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
     // As many as no flight has: a tenth of a second each.
     let Counted { readings, used, .. } = judged.counted;
-    if used < 20 && readings >= 20 {
+    if readings < 20 {
+        return format!("the log holds {readings} readings of the field, which is no flight");
+    }
+    if used < 20 {
         let (most, why) = judged.counted.most_rejected();
         let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
         return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
@@ -100,7 +103,19 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
             "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed".into(),
         );
     }
-    if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| *most_deg < 2.0) {
+    if let Some(from) = flight.attitude_from {
+        notes.push(format!("the autopilot's own attitude is not logged: {from}'s is taken"));
+    }
+    if flight.unstamped > 0 {
+        notes.push(
+            "rows of the field carry no time, as it was until 2014: that of the last message that has one is taken, which may be \
+             a tenth of a second earlier"
+                .into(),
+        );
+    }
+    // A native log's units are its format's.
+    let is_table = flight.format == Format::Csv;
+    if let Some(most_deg) = most_tilt_deg(flight).filter(|most_deg| is_table && *most_deg < 2.0) {
         notes
             .push(format!("the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?"));
     }
@@ -112,8 +127,15 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
             1.0 / slowest_s
         ));
     }
+    if let Some(share) = lost::of_the_rates(flight) {
+        notes.push(format!(
+            "{:.0} % of the body rates are lost: what the module smooths and adjusts by them in flight is left out of its \
+             headings",
+            share * 100.0
+        ));
+    }
     for compass in &judged.compasses {
-        notes.extend(strength_note(judged, compass));
+        notes.extend(strength_note(judged, compass, flight.format == Format::Csv));
         notes.extend(dead::note(flight, compass));
     }
     let contradicted = |compass: &&Judged| compass.counted.unsettled * 5 > compass.counted.readings;
@@ -125,8 +147,14 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         ));
     }
     let counts = &flight.counts;
-    if counts.vehicles > 0 {
-        notes.push(format!("{} more vehicle(s) on the link: the first that was heard is judged", counts.vehicles));
+    if let [own, others @ ..] = flight.systems.as_slice()
+        && !others.is_empty()
+    {
+        let others: Vec<String> = others.iter().map(u8::to_string).collect();
+        notes.push(format!(
+            "several vehicles on the link: system {own} is judged; --system judges another ({})",
+            others.join(", ")
+        ));
     }
     if counts.restarts > 0 {
         notes.push(format!("the autopilot restarted {} time(s) in the file; time goes on after each", counts.restarts));
@@ -184,7 +212,7 @@ fn most_tilt_deg(flight: &Flight) -> Option<f64> {
 
 /// Whether the field is as strong as it is there, or, of a place that is not known, as it is anywhere: judged by a fit, whose
 /// centre the iron does not move.
-fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
+fn strength_note(judged: &Verdict, compass: &Judged, is_table: bool) -> Option<String> {
     /// The Earth's field at its weakest and strongest, microtesla.
     const EARTH_UT: [f64; 2] = [22.0, 67.0];
     let [least, most, found] = match &judged.earth {
@@ -204,8 +232,11 @@ fn strength_note(judged: &Verdict, compass: &Judged) -> Option<String> {
         (0.001, "gauss taken for milligauss"),
     ]
     .into_iter()
-    .find(|&(factor, _)| is_in(factor))
-    .map_or("another unit, or a poor sensor", |(_, words)| words);
+    .find(|&(factor, _)| is_table && is_in(factor))
+    .map_or(
+        if is_table { "another unit, or a poor sensor" } else { "a poor sensor, or little was flown" },
+        |(_, words)| words,
+    );
     let number = compass.number;
     let expected = if judged.earth.is_some() {
         format!("by the field model {most:.1}")

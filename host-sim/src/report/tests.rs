@@ -113,7 +113,7 @@ fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
-    let flight = log::open(path, Unit::Milligauss).unwrap();
+    let flight = log::open(path, Unit::Milligauss, None).unwrap();
     let verdict = judge(&flight, &Asked::OF_THE_LOG);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
     let report = of_replay(&flight, &verdict, "a folder/flight.csv", &Made { parameters, ..Made::default() });

@@ -139,6 +139,10 @@ impl Message for Columns<'_> {
         })
     }
 
+    fn has(&self, name: &str) -> bool {
+        self.layout.columns.iter().any(|column| column.name == name)
+    }
+
     fn is_whole(&self, name: &str) -> bool {
         self.bytes(name).is_some_and(|(kind, _)| is_whole(kind))
     }

@@ -16,6 +16,8 @@ use super::recorder::{Logged, Recorder};
 trait Message {
     /// A number.
     fn number(&self, name: &str) -> Option<f64>;
+    /// Whether there is a column of a name.
+    fn has(&self, name: &str) -> bool;
     /// Whether a number is logged as a whole one, with nothing said of a scale.
     fn is_whole(&self, name: &str) -> bool;
     /// Words.
@@ -36,6 +38,11 @@ fn is_wanted(name: &str) -> bool {
             | "CURR"
             | "XKF1"
             | "NKF1"
+            | "XKQ"
+            | "XKQ1"
+            | "NKQ"
+            | "NKQ1"
+            | "AHR2"
             | "PARM"
             | "MSG"
             | "ARM"
@@ -61,8 +68,7 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
     }
     let t_s = match microseconds(name, message) {
         Some(us) => recorder.timeline.at(us),
-        // Until 2015 these had no stamp.
-        None => matches!(name, "MSG" | "EV").then(|| recorder.timeline.now_s()),
+        None => unstamped_s(recorder, name, message),
     };
     let Some(t_s) = t_s else { return };
     match name {
@@ -73,9 +79,8 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
         "MAG2" => field(recorder, t_s, message, 2),
         "MAG3" => field(recorder, t_s, message, 3),
         "ATT" => {
-            if let Some([roll, pitch]) = numbers(message, ["Roll", "Pitch"]) {
-                let yaw = message.number("Yaw").unwrap_or(f64::NAN);
-                recorder.attitude(t_s, [roll, pitch, yaw].map(|deg| deg.to_radians() as f32));
+            if let Some(angles_rad) = angles_rad(message) {
+                recorder.attitude(t_s, angles_rad);
             }
         }
         "IMU" if message.number("I").unwrap_or(0.0) == 0.0 => {
@@ -86,11 +91,15 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
         }
         // What the autopilot's filter takes the gyros to read at rest, deg/s: what it sends has that taken off.
         "XKF1" | "NKF1" if message.number("C").unwrap_or(0.0) == 0.0 => {
+            stand_in(recorder, name, t_s, message);
             if let Some(bias) =
                 numbers(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
             {
                 recorder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
+        }
+        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.number("C").unwrap_or(0.0) == 0.0 => {
+            stand_in(recorder, name, t_s, message);
         }
         "GPS" if message.number("I").unwrap_or(0.0) == 0.0 => gps(recorder, t_s, message),
         "BAT" if message.number("Inst").or_else(|| message.number("Instance")).unwrap_or(0.0) == 0.0 => {
@@ -117,6 +126,42 @@ fn take(recorder: &mut Recorder, name: &str, message: &dyn Message) {
             }
         }
         _ => {}
+    }
+}
+
+/// The instant of a message that has no stamp, as many until 2014: that of the last one that had. Of several rows behind the
+/// same stamp the first one stays, as of those that repeat an instant.
+fn unstamped_s(recorder: &mut Recorder, name: &str, message: &dyn Message) -> Option<f64> {
+    let is_damaged = ["TimeUS", "TimeMS"].iter().any(|column| name != "GPS" && message.has(column));
+    if is_damaged {
+        return None;
+    }
+    recorder.flight.unstamped += u64::from(matches!(name, "MAG" | "MAG2"));
+    let is_once = matches!(name, "MSG" | "EV");
+    let is_row = matches!(name, "MAG" | "MAG2" | "ATT" | "IMU" | "GPS" | "CURR");
+    (is_once || is_row && recorder.timeline.has_begun()).then(|| recorder.timeline.now_s())
+}
+
+/// Roll, pitch and yaw, if that is told, of columns in degrees.
+fn angles_rad(message: &dyn Message) -> Option<[f32; 3]> {
+    let [roll, pitch] = numbers(message, ["Roll", "Pitch"])?;
+    let yaw = message.number("Yaw").unwrap_or(f64::NAN);
+    Some([roll, pitch, yaw].map(|deg| deg.to_radians() as f32))
+}
+
+/// The attitude of the filter's first core, or of the second source, where `ATT` is not logged (`LOG_BITMASK`). Quaternions
+/// have not had the board's trim taken off, so they are asked after the angles; the second source is asked last.
+fn stand_in(recorder: &mut Recorder, name: &str, t_s: f64, message: &dyn Message) {
+    let (rank, from) = match name {
+        "XKF1" => (0, "XKF1"),
+        "NKF1" => (1, "NKF1"),
+        "XKQ" | "XKQ1" => (2, "XKQ"),
+        "NKQ" | "NKQ1" => (3, "NKQ"),
+        _ => (4, "AHR2"),
+    };
+    let of_quaternion = || numbers(message, ["Q1", "Q2", "Q3", "Q4"]).map(|q| euler_rad(q).map(|angle| angle as f32));
+    if let Some(angles_rad) = angles_rad(message).or_else(of_quaternion) {
+        recorder.stand_in(rank, from, t_s, angles_rad);
     }
 }
 
@@ -148,7 +193,22 @@ fn field(recorder: &mut Recorder, t_s: f64, message: &dyn Message, number: u8) {
     }
     let motor = numbers(message, ["MOX", "MOY", "MOZ"]).or_else(|| numbers(message, ["MOfsX", "MOfsY", "MOfsZ"]));
     let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
+    offsets(recorder, message, number);
     recorder.field(number, Logged::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
+}
+
+/// The offsets that a row had: learnt in flight (`COMPASS_LEARN`), or calibrated on the ground, they stand in no PARM. They are
+/// cut to whole milligauss, so what a PARM says is taken where it is the same.
+fn offsets(recorder: &mut Recorder, message: &dyn Message, number: u8) {
+    const SAME: f64 = 1.5;
+    let Some(told) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    for (axis, told) in ["X", "Y", "Z"].iter().zip(told) {
+        let name = format!("COMPASS_OFS{index}_{axis}");
+        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - told).abs() > SAME {
+            recorder.parameter(&name, told);
+        }
+    }
 }
 
 fn gps(recorder: &mut Recorder, t_s: f64, message: &dyn Message) {
@@ -199,59 +259,4 @@ pub(super) fn euler_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct Numbers<'a>(&'a [(&'a str, f64)]);
-
-    impl Message for Numbers<'_> {
-        fn number(&self, name: &str) -> Option<f64> {
-            self.0.iter().find(|(column, _)| *column == name).map(|(_, number)| *number)
-        }
-
-        fn words(&self, _: &str) -> Option<String> {
-            None
-        }
-
-        fn is_whole(&self, _: &str) -> bool {
-            false
-        }
-    }
-
-    fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
-        let mut recorder = recorder(Format::DataFlash);
-        for (name, numbers) in messages {
-            take(&mut recorder, name, &Numbers(numbers));
-        }
-        recorder.finish()
-    }
-
-    /// Gyros as the autopilot takes them: what its filter says that they read at rest, in degrees a second, is taken off.
-    #[test]
-    fn the_gyros_bias_is_taken_off() {
-        let flight = taken(&[
-            ("XKF1", &[("TimeUS", 1e6), ("GX", 1.0), ("GY", -2.0), ("GZ", 0.5)]),
-            ("IMU", &[("TimeUS", 1.1e6), ("GyrX", 0.1), ("GyrY", 0.2), ("GyrZ", 0.3)]),
-        ]);
-        let expected = [0.1 - 1_f32.to_radians(), 0.2 + 2_f32.to_radians(), 0.3 - 0.5_f32.to_radians()];
-        let [row] = flight.rates.rows() else { panic!("{:?}", flight.rates) };
-        assert!(row.of.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
-    }
-
-    /// What was CURR is BAT; a receiver without a fix in three dimensions says nothing, and one with a single antenna no yaw.
-    #[test]
-    fn currents_and_fixes_are_taken_as_they_are() {
-        let fix = |us: f64, status: f64| {
-            let place = [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
-            [&[("TimeUS", us), ("Status", status)][..], &place].concat()
-        };
-        let flight = taken(&[
-            ("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]),
-            ("GPS", &fix(1.1e6, 2.0)),
-            ("GPS", &fix(1.2e6, 3.0)),
-        ]);
-        assert_eq!(flight.current.rows().iter().map(|row| row.of[0].round() as i32).collect::<Vec<_>>(), [13]);
-        let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-        assert!(Gps::from_columns(row.of).yaw_deg.is_nan(), "{row:?}");
-    }
-}
+mod tests;

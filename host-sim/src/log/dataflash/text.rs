@@ -65,6 +65,10 @@ impl Message for Line<'_> {
         Some(if is_raw_place { number * 1e-7 } else { number })
     }
 
+    fn has(&self, name: &str) -> bool {
+        self.index(name).is_some()
+    }
+
     fn is_whole(&self, name: &str) -> bool {
         self.index(name).and_then(|index| self.layout.kinds.get(index)).is_some_and(|&kind| is_whole(kind))
     }

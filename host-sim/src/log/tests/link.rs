@@ -162,3 +162,42 @@ fn a_clock_from_1970_is_not_that_of_the_start() {
     assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
     assert_eq!((flight.counts.restarts, flight.counts.bad_times), (0, 0));
 }
+
+/// Two vehicles that fly at the same time, and before them a ground station that says it is a generic autopilot: each is read
+/// when it is asked for, and one that is not there is named, with those that are.
+#[test]
+fn the_vehicle_that_is_asked_for_is_read() {
+    let frames = |bytes: &[u8]| {
+        let mut rest = bytes;
+        std::iter::from_fn(move || {
+            let end = 8 + 10 + usize::from(*rest.get(9)?) + 2;
+            let (frame, next) = rest.split_at(end);
+            rest = next;
+            Some(frame.to_vec())
+        })
+        .collect::<Vec<_>>()
+    };
+    let mut other = recording(&[]);
+    other.instants.iter_mut().for_each(|instant| instant.field_ut[0] = [1.0, 2.0, 3.0]);
+    let [one, two] = [tlog(&recording(&ARDUPILOT)), renumbered(&tlog(&other), 2)].map(|bytes| frames(&bytes));
+    let mut station = one[0].clone();
+    // Kind, autopilot, and the system behind eight bytes of clock.
+    (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
+    let mut link = renumbered(&station, 255);
+    // The writer's parameters make the two unequal in number.
+    for i in 0..one.len().max(two.len()) {
+        link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
+    }
+    for (asked, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
+        let flight = read_of(&mut &link[..], Unit::Milligauss, asked).unwrap();
+        assert_eq!(flight.systems, systems, "{asked:?}");
+        let rows = flight.compasses[0].field.rows();
+        assert!(rows.len() >= 299, "{asked:?}: {}", rows.len());
+        let is_the_other = rows.iter().all(|row| (row.of[0] - 1.0).abs() < 0.01);
+        assert_eq!(is_the_other, x_ut.is_some(), "{asked:?}");
+    }
+    let none = read_of(&mut &link[..], Unit::Milligauss, Some(7)).unwrap_err();
+    assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
+    let table = read_of(&mut &csv(&recording(&[]))[..], Unit::Milligauss, Some(1)).unwrap_err();
+    assert_eq!(table.to_string(), "there is no system 1: no vehicle says its number");
+}

@@ -198,3 +198,82 @@ fn sensor_mag_is_raw_since_1_11() {
         assert!((row.of[0] - 10.0).abs() < 1e-4 && (row.of[1] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }
+
+/// The same log with `sensor_mag` of the first compass beside it, every so manyeth row: its field as it is measured.
+fn with_sensor_mag(one: &Recording, every: usize) -> Vec<u8> {
+    const TOPIC: [u8; 2] = [60, 0];
+    let (mut out, bytes) = (Vec::new(), ulog(one));
+    let (mut rest, mut rows) = (&bytes[16..], 0);
+    out.extend(&bytes[..16]);
+    let mut write = |kind: u8, body: &[u8]| {
+        out.extend((body.len() as u16).to_le_bytes());
+        out.push(kind);
+        out.extend(body);
+    };
+    write(b'F', b"sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;");
+    while let [low, high, kind, after @ ..] = rest {
+        let (body, next) = after.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        write(*kind, body);
+        if *kind == b'A' && body[1] == 0 {
+            write(b'A', &[&[0], &TOPIC[..], b"sensor_mag"].concat());
+        }
+        if *kind == b'D' && body[..2] == [0, 0] {
+            if rows % every == 0 {
+                let gauss = one.instants[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
+                // What stands there is stamp and device.
+                write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
+            }
+            rows += 1;
+        }
+        rest = next;
+    }
+    out
+}
+
+/// PX4 logs `sensor_mag` once a second unless it is told otherwise, and the corrected field oftener: what tells more of a
+/// flight is read, with its correction undone, and of two that come as often the one without.
+#[test]
+fn of_raw_and_corrected_field_that_which_comes_oftener_is_read() {
+    let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
+    let mut one = recording(&parameters);
+    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    for every in [1, 10] {
+        let flight = read_bytes(&with_sensor_mag(&one, every)).unwrap();
+        let [compass] = flight.compasses.as_slice() else { panic!("one compass") };
+        assert_eq!(compass.field.rows().len(), 300, "1 of {every}");
+        for (row, instant) in compass.field.rows().iter().zip(&one.instants) {
+            let [raw, logged] = [[row.of[0], row.of[1], row.of[2]], [row.of[3], row.of[4], row.of[5]]];
+            let original = Vector3::from(instant.field_ut[0]);
+            assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {every}: {row:?}");
+            let corrected = Vector3::new(original.x - 12.0, original.y * 1.1, original.z);
+            assert!((Vector3::from(logged).map(f64::from) - corrected).norm() < 0.001, "1 of {every}: {row:?}");
+        }
+    }
+}
+
+/// A log of a filter that is not the one in use stands in where `vehicle_attitude` is not logged.
+#[test]
+fn an_estimators_attitude_stands_in() {
+    let renamed = ulog_with(&ulog(&recording(&PX4)), &|kind, body| match kind {
+        b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
+        _ => body,
+    });
+    let [own, other] = [ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
+    assert_eq!((own.attitude_from, other.attitude_from), (None, Some("estimator_attitude")));
+    assert_eq!(own.attitude.rows(), other.attitude.rows());
+}
+
+/// After a crash the autopilot appends what it knows of it: the last message may be torn, and words follow.
+#[test]
+fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
+    let mut bytes = ulog(&recording(&PX4));
+    bytes.truncate(bytes.len() - 10);
+    let words = [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
+    for _ in 0..3 {
+        bytes.extend((words.len() as u16).to_le_bytes());
+        bytes.push(b'I');
+        bytes.extend(&words);
+    }
+    let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
+    assert!(rows >= 299, "{rows}");
+}

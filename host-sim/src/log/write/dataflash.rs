@@ -98,7 +98,8 @@ fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
             let (field, motor) = recording.ardupilot_ut(instant, number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
-            row(4, &[(number - 1) as f64, x, y, z, 0.0, 0.0, 0.0, mx, my, mz, 1.0, 0.0]);
+            let [ox, oy, oz] = recording.offsets(number).map(f64::trunc);
+            row(4, &[(number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
         }
         let [p, q, r] = instant.rates_rad_s;
         row(5, &[0.0, p, q, r]);

@@ -133,6 +133,12 @@ impl Recording {
         self.parameters.iter().find(|(other, _)| other == name).map_or(0.0, |&(_, value)| value)
     }
 
+    /// ArduPilot's offsets of a compass, from 1, milligauss.
+    fn offsets(&self, number: usize) -> [f64; 3] {
+        let index = if number == 1 { String::new() } else { number.to_string() };
+        ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_OFS{index}_{axis}")))
+    }
+
     /// The field of a compass, from 1, as ArduPilot would log it, and the motors' share of it, microtesla: its formula written
     /// out.
     fn ardupilot_ut(&self, instant: &Instant, number: usize) -> ([f64; 3], [f64; 3]) {
@@ -140,7 +146,7 @@ impl Recording {
         let of = |what: &str| ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{what}{index}_{axis}")));
         let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
-        let (offset, diagonal, off, motor) = (of("OFS"), of("DIA"), of("ODI"), of("MOT"));
+        let (offset, diagonal, off, motor) = (self.offsets(number), of("DIA"), of("ODI"), of("MOT"));
         let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
         let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::dead::standing_still;
+use super::lost;
 use super::reference::Reference;
 use crate::log::series::{Series, Stamped};
 use crate::log::{Compass, Flight, Iron};
@@ -133,11 +134,13 @@ pub fn rows(flight: &Flight, compass: &Compass, age_s: f64, reference: Option<&R
     // Of a log in which it never was, nothing follows from that.
     let was_armed = compass.field.rows().iter().any(|row| flight.is_armed(row.t_s - age_s) == Some(true));
     let unsettled = unsettled(flight);
+    let gap_s = lost::longest_gap_s(flight, MAX_GAP_S);
     let mut rows = Vec::new();
     let mut run = Run::default();
     for reading in compass.field.rows() {
         let t_s = reading.t_s - age_s;
-        let Some((attitude, rates)) = attitude_at(flight, t_s) else {
+        let known = attitude_at(flight, t_s).filter(|_| flight.attitude.between(t_s, gap_s).is_some());
+        let Some((attitude, rates)) = known else {
             counted.without_attitude += 1;
             continue;
         };

@@ -1,7 +1,13 @@
 //! PX4's ULog (docs.px4.io, "ULog File Format"): formats told by name, subscriptions to them, rows.
 
+mod layout;
+mod sensors;
+
 use std::collections::HashMap;
 use std::io::{self, Read};
+
+use layout::{Column, Columns, Kind, Row, keyed};
+use sensors::Sensors;
 
 use super::dataflash::euler_rad;
 use super::flight::{Autopilot, Flight, Format, Gps};
@@ -82,75 +88,6 @@ fn is_chain(bytes: &[u8]) -> bool {
     })
 }
 
-/// A number of a row.
-#[derive(Clone, Copy)]
-struct Column {
-    kind: Kind,
-    at: usize,
-    number: usize,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Kind {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::I8,
-            "uint8_t" | "bool" | "char" => Self::U8,
-            "int16_t" => Self::I16,
-            "uint16_t" => Self::U16,
-            "int32_t" => Self::I32,
-            "uint32_t" => Self::U32,
-            "int64_t" => Self::I64,
-            "uint64_t" => Self::U64,
-            "float" => Self::F32,
-            "double" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    const fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    fn number(self, bytes: &[u8]) -> Option<f64> {
-        let b = bytes.get(..self.size())?;
-        Some(match (self, b) {
-            (Self::I8, &[a]) => f64::from(a.cast_signed()),
-            (Self::U8, &[a]) => f64::from(a),
-            (Self::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
-            (Self::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
-            (Self::I32, &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
-            (Self::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
-            (Self::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
-            (Self::I64, &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (Self::U64, &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (Self::F64, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => return None,
-        })
-    }
-}
-
-/// What a row holds, by name.
-type Columns = HashMap<String, Column>;
-
 struct Topic {
     name: String,
     instance: u8,
@@ -163,11 +100,10 @@ struct Log {
     topics: HashMap<u16, Topic>,
     /// `sensor_mag` is raw since 1.11; before that drivers corrected it.
     release: Option<(u8, u8)>,
-    has_raw: bool,
     has_angular_velocity: bool,
     /// Field, gauss, and body rates of `sensor_combined`: until 1.8 what there was of them, since then needless.
     combined: (Series<3>, Series<3>),
-    numbers: HashMap<(bool, u8, u32), u8>,
+    sensors: Sensors,
 }
 
 impl Log {
@@ -179,10 +115,9 @@ impl Log {
             formats: HashMap::new(),
             topics: HashMap::new(),
             release: None,
-            has_raw: false,
             has_angular_velocity: false,
             combined: (Series::new(), Series::new()),
-            numbers: HashMap::new(),
+            sensors: Sensors::default(),
         }
     }
 
@@ -228,7 +163,6 @@ impl Log {
         let mut columns = Columns::new();
         let mut at = 0;
         if is_wanted(&name) && self.lay_out(&name, "", &mut at, 0, &mut columns).is_some() {
-            self.has_raw |= name == "sensor_mag" && self.release.is_some_and(|release| release >= (1, 11));
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = Topic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
@@ -272,13 +206,13 @@ impl Log {
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
-            "sensor_mag" if self.has_raw => {
+            "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
                 if let Some(gauss) = row.three(["x", "y", "z"]) {
                     let id = row.number("device_id").unwrap_or(0.0) as u32;
                     self.field(true, instance, id, sampled_s, gauss);
                 }
             }
-            "vehicle_magnetometer" if !self.has_raw => {
+            "vehicle_magnetometer" => {
                 if let Some(gauss) = row.array("magnetometer_ga") {
                     let id = row.number("device_id").unwrap_or(0.0) as u32;
                     self.field(false, instance, id, sampled_s, gauss);
@@ -292,6 +226,12 @@ impl Log {
                     row.three(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
                 {
                     self.recorder.rates(sampled_s, rates);
+                }
+            }
+            "estimator_attitude" if instance == 0 => {
+                if let Some(quaternion) = row.array("q") {
+                    let angles_rad = euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32);
+                    self.recorder.stand_in(0, "estimator_attitude", sampled_s, angles_rad);
                 }
             }
             "vehicle_angular_velocity" if instance == 0 => {
@@ -330,31 +270,16 @@ impl Log {
         }
     }
 
-    /// Gauss. A compass is that of the parameters that name its device, or, where none does, of the topic's instance; what
-    /// has no device of its own is the primary one.
+    /// Gauss, as the sensor has it or as PX4 corrected it.
     fn field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
-        let key = (is_raw, instance, id);
-        let number = if let Some(&number) = self.numbers.get(&key) {
-            number
-        } else {
-            if self.numbers.len() > 64 {
-                return;
-            }
-            let parameters = &self.recorder.flight.parameters;
-            let id = if id == 0 && instance == 0 { parameters.last("CAL_MAG_PRIME") } else { Some(f64::from(id)) };
-            let named = |index: &u8| id.is_some() && parameters.last(&format!("CAL_MAG{index}_ID")) == id;
-            let number = (0..4).find(named).unwrap_or(instance).saturating_add(1);
-            self.numbers.insert(key, number);
-            number
-        };
-        let index = number - 1;
+        let Some(index) = self.sensors.index(&self.recorder.flight.parameters, instance, id) else { return };
         let was = if is_raw { Logged::Px4Raw(index) } else { Logged::Px4(index) };
-        self.recorder.field(number, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
+        self.recorder.field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
     }
 
     fn finish(mut self) -> Flight {
         let (fields, rates) = std::mem::take(&mut self.combined);
-        if self.numbers.is_empty() {
+        if self.sensors.is_empty() {
             for row in fields.rows() {
                 self.field(false, 0, 0, row.t_s, row.of);
             }
@@ -374,6 +299,7 @@ fn is_wanted(name: &str) -> bool {
         "sensor_mag"
             | "vehicle_magnetometer"
             | "vehicle_attitude"
+            | "estimator_attitude"
             | "vehicle_angular_velocity"
             | "vehicle_attitude_groundtruth"
             | "sensor_combined"
@@ -423,38 +349,4 @@ fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
         },
     );
     recorder.unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
-}
-
-/// A key and what it stands for: length, then `type name`, then the value.
-fn keyed(body: &[u8]) -> Option<(&str, &str, &[u8])> {
-    let (&length, rest) = body.split_first()?;
-    let key = std::str::from_utf8(rest.get(..usize::from(length))?).ok()?;
-    let (kind, name) = key.split_once(' ')?;
-    Some((kind, name, &rest[usize::from(length)..]))
-}
-
-struct Row<'a> {
-    columns: &'a Columns,
-    body: &'a [u8],
-}
-
-impl Row<'_> {
-    fn number(&self, name: &str) -> Option<f64> {
-        let column = self.columns.get(name)?;
-        column.kind.number(self.body.get(column.at..)?)
-    }
-
-    fn array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
-        let column = self.columns.get(name).filter(|column| column.number >= N)?;
-        let mut found = [0.0; N];
-        for (i, number) in found.iter_mut().enumerate() {
-            *number = column.kind.number(self.body.get(column.at + i * column.kind.size()..)?)? as f32;
-        }
-        Some(found)
-    }
-
-    fn three(&self, names: [&str; 3]) -> Option<[f32; 3]> {
-        let [x, y, z] = names.map(|name| self.number(name));
-        Some([x? as f32, y? as f32, z? as f32])
-    }
 }

@@ -1,0 +1,106 @@
+//! Where the numbers of a row stand, and what they are.
+
+use std::collections::HashMap;
+
+/// A number of a row.
+#[derive(Clone, Copy)]
+pub(super) struct Column {
+    pub kind: Kind,
+    pub at: usize,
+    pub number: usize,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Kind {
+    pub fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "int8_t" => Self::I8,
+            "uint8_t" | "bool" | "char" => Self::U8,
+            "int16_t" => Self::I16,
+            "uint16_t" => Self::U16,
+            "int32_t" => Self::I32,
+            "uint32_t" => Self::U32,
+            "int64_t" => Self::I64,
+            "uint64_t" => Self::U64,
+            "float" => Self::F32,
+            "double" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub const fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    pub fn number(self, bytes: &[u8]) -> Option<f64> {
+        let b = bytes.get(..self.size())?;
+        Some(match (self, b) {
+            (Self::I8, &[a]) => f64::from(a.cast_signed()),
+            (Self::U8, &[a]) => f64::from(a),
+            (Self::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (Self::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (Self::I32, &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
+            (Self::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
+            (Self::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            (Self::I64, &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (Self::U64, &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
+            (Self::F64, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => return None,
+        })
+    }
+}
+
+/// What a row holds, by name.
+pub(super) type Columns = HashMap<String, Column>;
+
+/// A key and what it stands for: length, then `type name`, then the value.
+pub(super) fn keyed(body: &[u8]) -> Option<(&str, &str, &[u8])> {
+    let (&length, rest) = body.split_first()?;
+    let key = std::str::from_utf8(rest.get(..usize::from(length))?).ok()?;
+    let (kind, name) = key.split_once(' ')?;
+    Some((kind, name, &rest[usize::from(length)..]))
+}
+
+pub(super) struct Row<'a> {
+    pub columns: &'a Columns,
+    pub body: &'a [u8],
+}
+
+impl Row<'_> {
+    pub fn number(&self, name: &str) -> Option<f64> {
+        let column = self.columns.get(name)?;
+        column.kind.number(self.body.get(column.at..)?)
+    }
+
+    pub fn array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
+        let column = self.columns.get(name).filter(|column| column.number >= N)?;
+        let mut found = [0.0; N];
+        for (i, number) in found.iter_mut().enumerate() {
+            *number = column.kind.number(self.body.get(column.at + i * column.kind.size()..)?)? as f32;
+        }
+        Some(found)
+    }
+
+    pub fn three(&self, names: [&str; 3]) -> Option<[f32; 3]> {
+        let [x, y, z] = names.map(|name| self.number(name));
+        Some([x? as f32, y? as f32, z? as f32])
+    }
+}
