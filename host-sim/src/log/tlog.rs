@@ -174,7 +174,6 @@ impl Log {
         let is_own = self.autopilot.is_some_and(|[own, _]| own == system);
         if autopilot.is_some() && !is_own && !self.others.contains(&system) {
             self.others.push(system);
-            self.recorder.flight.counts.vehicles += 1;
         }
     }
 
