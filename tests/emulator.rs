@@ -119,7 +119,7 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
     assert!(headings >= 27 && empty == 0, "{headings} {empty}");
 }
 
-/// README: 26 KB are reserved for the stack, of which at most 22.5 are ever used. With iron by current, for whose sake all is
+/// README: 30 KB are reserved for the stack, of which a flight uses at most 22.5. With iron by current, for whose sake all is
 /// solved again. From run to run it differs by 1.3 KB: an interrupt falls into the deepest of the solve, or does not.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
