@@ -1,4 +1,4 @@
-//! The device's own state machine, asked when it would have had enough.
+//! The device's own state machine, asked what it would have collected, and when it would have had enough.
 
 use autoswing::acceptance::Policy;
 use autoswing::calibration::Sample;
@@ -15,24 +15,22 @@ use super::Options;
 /// Any: samples have been averaged already, and nothing is stored.
 const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 
-/// After how many samples of whatever was flown the collection ends by itself; none if it does not.
-pub(super) fn ends_after(samples: &[Sample], options: &Options) -> Option<usize> {
+/// Gives samples of whatever was flown to a module, whose trial solves tell it which of them to keep: the module with what it
+/// collected until that ended by itself, and after how many samples that was; none if it did not.
+pub(super) fn collect<'a>(samples: &[Sample], options: &Options, kept: &'a mut Kept) -> (Compass<'a>, Option<usize>) {
     let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
     let settings = Settings { inclination_deg, ..Settings::DEFAULT };
-    let mut kept = Kept::EMPTY;
-    let mut compass = Compass::new(Policy::DEFAULT, &Stored { settings, ..Stored::default() }, &mut kept);
+    let mut compass = Compass::new(Policy::DEFAULT, &Stored { settings, ..Stored::default() }, kept);
     compass.step(Event::SensorFound(SENSOR, 1));
     compass.step(Event::Command(Command::CalStart(Procedure::Flight), WrappingMillis::default()));
-    samples
-        .iter()
-        .position(|&sample| {
-            compass.step(Event::Sample(sample));
-            while compass.is_busy() {
-                if !matches!(compass.step(Event::Advance), Effect::None) {
-                    return true;
-                }
+    let last = samples.iter().position(|&sample| {
+        compass.step(Event::Sample(sample));
+        while compass.is_busy() {
+            if !matches!(compass.step(Event::Advance), Effect::None) {
+                return true;
             }
-            false
-        })
-        .map(|last| last + 1)
+        }
+        false
+    });
+    (compass, last.map(|last| last + 1))
 }
