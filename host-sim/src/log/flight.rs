@@ -119,8 +119,6 @@ pub struct Counts {
     pub unhealthy: u64,
     /// Messages of other systems on the same link.
     pub others: u64,
-    /// Autopilots of other vehicles on the same link.
-    pub vehicles: u32,
     /// How often the autopilot restarted in the file.
     pub restarts: u32,
 }

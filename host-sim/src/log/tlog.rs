@@ -181,7 +181,6 @@ impl Log {
             self.beside.push(component);
         } else if !is_own && !self.others.contains(&system) {
             self.others.push(system);
-            self.recorder.flight.counts.vehicles += 1;
         }
     }
 
