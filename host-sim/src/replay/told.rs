@@ -149,7 +149,8 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
     if let Some(share) = lost::of_the_rates(flight) {
         notes.push(format!(
             "{:.0} % of the body rates are lost: what the module smooths and adjusts by them in flight is left out of its \
-             headings",
+             headings, and so is what it learns of scatter: where the flight is rougher than what was fitted to, their sigma is \
+             too small",
             share * 100.0
         ));
     }
