@@ -85,6 +85,44 @@ fn a_verdict_says_that_there_was_no_flight() {
     assert!(told.contains("10 may be used") && told.contains("are disarmed"), "{told}");
 }
 
+/// Of two compasses that are both refused, for a flight of half a minute with a poor sensor, the verdict names what kept the one that came nearer,
+/// whichever is first: the other one reads nothing but noise.
+#[test]
+fn a_verdict_names_what_kept_the_better_compass() {
+    for worse in [0, 1] {
+        let mut recording = flown(&WorldConfig::random(3));
+        recording.instants.truncate(300);
+        let mut random = testkit::random::Random(7);
+        for instant in &mut recording.instants {
+            let own = instant.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
+            let noise = own.map(|_| 50.0 * f64::from(random.normal()));
+            instant.field_ut = if worse == 0 { vec![noise, own] } else { vec![own, noise] };
+        }
+        let text = String::from_utf8(dataflash_text(&recording)).unwrap();
+        let (_, verdict) = judged(&text);
+        let told = told::verdict(&verdict);
+        assert!(told.contains("refused every compass, number "), "{told}");
+        assert!(told.contains(&format!("number {} for this", 2 - worse)), "{worse}: {told}");
+    }
+}
+
+/// A mounting that is changed in the middle of a log turns what comes after it: that is told, with when.
+#[test]
+fn a_mounting_that_was_changed_in_the_log_is_told() {
+    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let middle = text.lines().count() / 2;
+    for (name, is_told) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
+        let change = |(i, line): (usize, &str)| {
+            let us = line.split(", ").nth(1).filter(|_| i == 20 || i == middle);
+            let set = us.map_or_else(String::new, |us| format!("PARM, {us}, {name}, {}\n", i / 100));
+            format!("{line}\n{set}")
+        };
+        let (flight, verdict) = judged(&text.lines().enumerate().map(change).collect::<String>());
+        let notes = told::notes(&flight, &verdict).join("; ");
+        assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_told, "{notes}");
+    }
+}
+
 /// A table whose field is in another unit, of a place that is not known: the Earth's field is 22 to 67 uT everywhere. Rates
 /// in radians keep most of a turn out, and that is said.
 #[test]

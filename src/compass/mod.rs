@@ -133,6 +133,13 @@ impl<'a> Compass<'a> {
         self.last.as_ref()
     }
 
+    /// What is collected, or was until the last collection ended: for who replays a flight on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn collected(&self) -> &Collector<'a> {
+        &self.collector
+    }
+
     /// Whether [`Event::Advance`] is wanted.
     #[must_use]
     pub fn is_busy(&self) -> bool {

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use super::flight::{Autopilot, Flight};
 use super::parameters::Parameters;
 use super::rotation::Rotation;
 
@@ -143,6 +144,21 @@ pub fn missing_of_ardupilot(parameters: &Parameters, number: u8) -> Vec<String> 
         }
     }
     missing
+}
+
+/// The parameters by which a compass or the board is turned that changed in the log, each with the instant of its last change,
+/// seconds.
+#[must_use]
+pub fn turned_in_flight(flight: &Flight, number: u8) -> Vec<(String, f64)> {
+    let index = if number == 1 { String::new() } else { number.to_string() };
+    let external = if number == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{number}") };
+    let names = match flight.autopilot {
+        Autopilot::ArduPilot => vec![format!("COMPASS_ORIENT{index}"), external, "AHRS_ORIENTATION".to_owned()],
+        Autopilot::Px4 => vec![format!("CAL_MAG{}_ROT", number.saturating_sub(1)), "SENS_BOARD_ROT".to_owned()],
+        Autopilot::Unknown => Vec::new(),
+    };
+    let changed = |name: String| flight.parameters.changed_s(&name).map(|at_s| (name, at_s));
+    names.into_iter().filter_map(changed).collect()
 }
 
 /// How a compass of PX4 sits, from the sensor's axes to the body's: as its own parameter says, in angles of its own where that

@@ -163,6 +163,8 @@ pub struct Flight {
     pub unstamped: u64,
     /// The vehicles on a link, by the number of their system: the one that is read first, others as they were heard.
     pub systems: Vec<u8>,
+    /// Components of that vehicle with an autopilot on a MAVLink link, the one that is judged first.
+    pub components: Vec<u8>,
     /// What was passed over.
     pub counts: Counts,
 }
@@ -190,6 +192,7 @@ impl Flight {
             day: None,
             unstamped: 0,
             systems: Vec::new(),
+            components: Vec::new(),
             counts: Counts::default(),
         }
     }

@@ -34,7 +34,7 @@ mod window;
 pub mod write;
 
 pub(crate) use correction::px4_mounting;
-pub use correction::{Iron, missing_of_ardupilot};
+pub use correction::{Iron, missing_of_ardupilot, turned_in_flight};
 pub use flight::{Autopilot, Compass, Counts, Flight, Format, Gps};
 pub use parameters::Parameters;
 pub use rotation::Rotation;

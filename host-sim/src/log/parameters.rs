@@ -43,6 +43,12 @@ impl Parameters {
         self.at(f64::INFINITY, name)
     }
 
+    /// When a parameter last changed after it was first told, seconds.
+    #[must_use]
+    pub fn changed_s(&self, name: &str) -> Option<f64> {
+        self.0.get(name)?.iter().skip(1).last().map(|&(t_s, _)| t_s)
+    }
+
     /// When any parameter whose name begins so changed after it was first told, seconds, in order.
     #[must_use]
     pub fn changes_s(&self, prefix: &str) -> Vec<f64> {
@@ -75,5 +81,10 @@ mod tests {
         assert_eq!(parameters.changes_s("COMPASS_"), [10.0]);
         assert!(parameters.changes_s("AHRS").is_empty());
         assert_eq!(parameters.last("COMPASS_OFS_Y"), None);
+        parameters.set(11.0, "COMPASS_OFS", 2.0);
+        assert_eq!(
+            ["COMPASS_OFS_X", "COMPASS_OFS", "AHRS"].map(|name| parameters.changed_s(name)),
+            [Some(10.0), None, None]
+        );
     }
 }

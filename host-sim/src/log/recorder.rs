@@ -209,7 +209,8 @@ fn undone(flight: &Flight, number: u8, was: Logged, mut field: Series<6>) -> (Op
     ((was != Logged::Raw && !parameters.is_empty()).then_some(last.iron), field)
 }
 
-/// Whether the autopilot's heading is made with a compass, as its parameters say.
+/// Whether the autopilot's heading is made with a compass, as its parameters say. PX4 takes the one of the highest priority that
+/// is healthy, which no parameter tells, and none of priority 0.
 fn is_used(flight: &Flight, number: u8) -> Option<bool> {
     let value = |name: String| flight.parameters.last(&name);
     match flight.autopilot {
@@ -217,7 +218,11 @@ fn is_used(flight: &Flight, number: u8) -> Option<bool> {
             let index = if number == 1 { String::new() } else { number.to_string() };
             value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
         }
-        Autopilot::Px4 | Autopilot::Unknown => None,
+        Autopilot::Px4 => {
+            let priority = value(format!("CAL_MAG{}_PRIO", number.saturating_sub(1)));
+            priority.filter(|priority| *priority == 0.0).map(|_| false)
+        }
+        Autopilot::Unknown => None,
     }
 }
 

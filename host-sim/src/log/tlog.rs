@@ -134,6 +134,8 @@ struct Log {
     autopilot: Option<[u8; 2]>,
     /// Other systems that have an autopilot.
     others: Vec<u8>,
+    /// Other components of its system that have one.
+    beside: Vec<u8>,
     /// The sender's clock when it was last heard, and the receiver's then.
     clock_us: Option<(u64, u64)>,
 }
@@ -141,7 +143,7 @@ struct Log {
 impl Log {
     fn new(wanted: Option<u8>) -> Self {
         let recorder = Recorder::new(Format::TLog);
-        Self { recorder, wanted, autopilot: None, others: Vec::new(), clock_us: None }
+        Self { recorder, wanted, autopilot: None, others: Vec::new(), beside: Vec::new(), clock_us: None }
     }
 
     fn take(&mut self, frame: &Frame<'_>) {
@@ -168,11 +170,16 @@ impl Log {
         }
     }
 
-    /// Whoever else has an autopilot is another vehicle, unless it is of the same system.
+    /// Whoever else has an autopilot is another vehicle, or of the same system a second autopilot.
     fn other(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
-        let [system, _] = frame.sender;
+        let [system, component] = frame.sender;
         let is_own = self.autopilot.is_some_and(|[own, _]| own == system);
-        if autopilot.is_some() && !is_own && !self.others.contains(&system) {
+        if autopilot.is_none() {
+            return;
+        }
+        if is_own && !self.beside.contains(&component) {
+            self.beside.push(component);
+        } else if !is_own && !self.others.contains(&system) {
             self.others.push(system);
         }
     }
@@ -203,8 +210,9 @@ impl Log {
     }
 
     fn finish(mut self) -> Flight {
-        let own = self.autopilot.map(|[system, _]| system);
-        self.recorder.flight.systems = own.into_iter().chain(self.others).collect();
+        let own = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
+        self.recorder.flight.systems = own(0).chain(self.others.iter().copied()).collect();
+        self.recorder.flight.components = own(1).chain(self.beside.iter().copied()).collect();
         self.recorder.finish()
     }
 

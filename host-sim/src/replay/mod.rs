@@ -148,16 +148,16 @@ pub fn replay_with(rows: &[Row], flight: Option<&Flight>, options: &Options) -> 
         readings_per_sample: config.readings_per_sample(),
     };
     let usable = fitted(rows, options, config);
-    let ended = match options.selected {
-        Selected::Flight => device::ends_after(&usable, options),
-        Selected::All | Selected::Turns => None,
+    let mut kept = Kept::EMPTY;
+    let ((result, fitted_s, lack), ended) = match options.selected {
+        Selected::All => (from_all(&usable, &prior), None),
+        Selected::Turns => (from_turns(&usable, &prior), None),
+        Selected::Flight => {
+            let (compass, ended) = device::collect(&usable, options, &mut kept);
+            (from_collected(compass.collected(), &prior), ended)
+        }
     };
-    let (result, fitted_s, lack) = match options.selected {
-        Selected::All => from_all(&usable, &prior),
-        Selected::Turns => from_collected(&usable, Procedure::Turns, &prior),
-        Selected::Flight => from_collected(&usable[..ended.unwrap_or(usable.len())], Procedure::Flight, &prior),
-    };
-    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(|last| f64::from(last.time.count()) / 1e3);
+    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(taken_s);
     let (solution, accepted) = match result {
         Ok((solution, accepted)) => (Some(solution), accepted),
         Err(error) => (None, Err(Refused::Solve(error))),
@@ -227,6 +227,9 @@ fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
 
 type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 
+/// What was solved, of samples of which instants, and what was wrong with the flight, where that can be said.
+type FromSamples = (Solved, Vec<f64>, Option<Lack>);
+
 /// What all usable rows give; none if nothing.
 fn solved_of_all(rows: &[Row]) -> Option<Solution> {
     let options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
@@ -236,24 +239,30 @@ fn solved_of_all(rows: &[Row]) -> Option<Solution> {
     solved.ok().map(|(solution, _)| solution)
 }
 
-/// Through the device's collection, ladder and verification.
-fn from_collected(samples: &[Sample], procedure: Procedure, prior: &Prior) -> (Solved, Vec<f64>, Option<Lack>) {
+/// Through the device's detector of turns, too.
+fn from_turns(samples: &[Sample], prior: &Prior) -> FromSamples {
     let mut kept = Kept::EMPTY;
     let mut collector = Collector::new(&mut kept);
-    collector.begin(procedure);
+    collector.begin(Procedure::Turns);
     for &sample in samples {
         collector.push(sample);
     }
+    from_collected(&collector, prior)
+}
+
+/// Through the device's ladder and verification.
+fn from_collected(collector: &Collector<'_>, prior: &Prior) -> FromSamples {
+    let procedure = collector.procedure();
     let selection = Selection::of(collector.fit(), procedure);
     let fit = selection.from(collector.fit());
     let solved = ladder::choose(collector.fit(), procedure)
         .and_then(|method| solve(method, fit, prior))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
-    (solved, seconds(fit), collector.lack())
+    (solved, fit.all().map(taken_s).collect(), collector.lack())
 }
 
 /// Every so many samples one is fitted to, and the ones half-way between are held back.
-fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, Vec<f64>, Option<Lack>) {
+fn from_all(samples: &[Sample], prior: &Prior) -> FromSamples {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -264,12 +273,12 @@ fn from_all(samples: &[Sample], prior: &Prior) -> (Solved, Vec<f64>, Option<Lack
     let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
     let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
         .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
-    (solved, seconds(fit.samples()), None)
+    (solved, fit.samples().all().map(taken_s).collect(), None)
 }
 
-/// When samples were taken, seconds after the first row.
-fn seconds(samples: Samples<'_>) -> Vec<f64> {
-    samples.all().map(|sample| f64::from(sample.time.count()) / 1e3).collect()
+/// When a sample was taken, seconds after the first row.
+fn taken_s(sample: &Sample) -> f64 {
+    f64::from(sample.time.count()) / 1e3
 }
 
 /// Samples by the side they bank to.

@@ -1,5 +1,7 @@
 //! A verdict in words and as a JSON object. The object is described in docs/your-flight.md; it is changed by adding to it.
 
+use std::collections::BTreeSet;
+
 use autoswing::calibration::CurrentIron;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -7,13 +9,16 @@ use serde_json::{Value, json};
 use super::course::{Course, NoCourse};
 use super::judge::{By, Correction, Judged, Verdict};
 use super::{Counted, Reference, Replayed, Score, dead, is_watched, lost};
-use crate::log::{Autopilot, Flight, Format, missing_of_ardupilot};
+use crate::log::{Autopilot, Flight, Format, missing_of_ardupilot, turned_in_flight};
 
 /// The number of the schema.
 const SCHEMA: u32 = 2;
 
 /// A field this far from the field model's, as a factor, is in another unit or not the Earth's.
 const PLAUSIBLE: f64 = 1.35;
+
+/// So few rows are no flight: a tenth of a second each.
+const NO_FLIGHT: usize = 20;
 
 /// In one line: would the module have calibrated, when, and how well.
 #[must_use]
@@ -26,10 +31,12 @@ pub fn verdict(judged: &Verdict) -> String {
     let slow = slow_attitude(judged);
     let which = match (accepted.len(), all) {
         (0, _) => {
-            let of = if all > 1 { " every compass, the first for this" } else { "" };
-            let why =
-                judged.compasses.first().map_or_else(String::new, |compass| why_refused(compass, slow.as_deref()));
-            return format!("the module would have refused{of}: {why}");
+            let nearest = nearest(&judged.compasses);
+            let why = nearest.map_or_else(String::new, |compass| why_refused(compass, slow.as_deref()));
+            let of = nearest
+                .filter(|_| all > 1)
+                .map(|compass| format!(" every compass, number {} for this", compass.number));
+            return format!("the module would have refused{}: {why}", of.unwrap_or_default());
         }
         (1, 1) => "the module would have calibrated".to_owned(),
         (some, _) if some == all => format!("the module would have calibrated each of {all} compasses"),
@@ -51,6 +58,19 @@ pub fn verdict(judged: &Verdict) -> String {
     format!("{which}{when}, expecting {worst:.1} deg{but}")
 }
 
+/// Of compasses that were all refused, the one that came nearest to a calibration: what kept it from one is to be mended first.
+fn nearest(compasses: &[Judged]) -> Option<&Judged> {
+    let expected_deg = |compass: &Judged| {
+        compass.module.solution.as_ref().map_or(f64::INFINITY, |s| f64::from(s.quality.expected_rms_deg))
+    };
+    // One that nobody flies by is not worth it, and of one that was hardly logged nothing is known.
+    let is_out = |compass: &Judged| (compass.counted.used < NO_FLIGHT, compass.is_used == Some(false));
+    compasses.iter().min_by(|a, b| {
+        let by_rows = || b.counted.used.cmp(&a.counted.used);
+        is_out(a).cmp(&is_out(b)).then_with(|| expected_deg(a).total_cmp(&expected_deg(b))).then_with(by_rows)
+    })
+}
+
 /// That the attitude comes too seldom to be known between, in words.
 fn slow_attitude(judged: &Verdict) -> Option<String> {
     // Three a second, and a little for what jitters.
@@ -64,12 +84,11 @@ fn slow_attitude(judged: &Verdict) -> Option<String> {
 /// What kept the module from it: the log, where that left no flight to judge, else the flight.
 fn why_refused(judged: &Judged, slow: Option<&str>) -> String {
     let refusal = judged.refusal().map_or_else(String::new, |why| why.to_string());
-    // As many as no flight has: a tenth of a second each.
     let Counted { readings, used, .. } = judged.counted;
-    if readings < 20 {
+    if readings < NO_FLIGHT {
         return format!("the log holds {readings} readings of the field, which is no flight");
     }
-    if used < 20 {
+    if used < NO_FLIGHT {
         let (most, why) = judged.counted.most_rejected();
         let slow = slow.map_or_else(String::new, |slow| format!("; {slow}"));
         return format!("of {readings} readings of the field {used} may be used, {most} are {why}{slow}");
@@ -130,7 +149,8 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
     if let Some(share) = lost::of_the_rates(flight) {
         notes.push(format!(
             "{:.0} % of the body rates are lost: what the module smooths and adjusts by them in flight is left out of its \
-             headings",
+             headings, and so is what it learns of scatter: where the flight is rougher than what was fitted to, their sigma is \
+             too small",
             share * 100.0
         ));
     }
@@ -138,6 +158,8 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         notes.extend(strength_note(judged, compass, flight.format == Format::Csv));
         notes.extend(dead::note(flight, compass));
     }
+    notes.extend(turned_note(flight, judged));
+    notes.extend(beside_note(flight));
     let contradicted = |compass: &&Judged| compass.counted.unsettled * 5 > compass.counted.readings;
     if let Some(compass) = judged.compasses.iter().find(contradicted) {
         notes.push(format!(
@@ -194,6 +216,33 @@ pub fn notes(flight: &Flight, judged: &Verdict) -> Vec<String> {
         notes.push("the parameters are not in the log: what the autopilot had applied could not be undone".to_owned());
     }
     notes
+}
+
+/// That a compass or the board was told to be mounted otherwise in the middle of the log.
+fn turned_note(flight: &Flight, judged: &Verdict) -> Option<String> {
+    let [from_s, _] = flight.lasts_s();
+    let turned = judged.compasses.iter().flat_map(|compass| turned_in_flight(flight, compass.number));
+    // What turns the board turns every compass.
+    let each: BTreeSet<String> = turned.map(|(name, at_s)| format!("{name} after {:.0} s", at_s - from_s)).collect();
+    (!each.is_empty()).then(|| {
+        format!(
+            "mountings were changed in the log: {}; what was logged before is in other axes than what was logged after, and no \
+             calibration holds for both",
+            each.into_iter().collect::<Vec<_>>().join(", ")
+        )
+    })
+}
+
+/// That the vehicle has another autopilot on the link, of which nothing is read.
+fn beside_note(flight: &Flight) -> Option<String> {
+    let [own, others @ ..] = flight.components.as_slice() else { return None };
+    let others: Vec<String> = others.iter().map(u8::to_string).collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "more than one autopilot of the same system on the link: component {own} is judged, which was heard first, not {}",
+            others.join(", ")
+        )
+    })
 }
 
 /// Why the receiver's course is no reference, where nothing else tells accuracy.

@@ -26,6 +26,25 @@ fn only_the_first_autopilot_of_a_link_counts() {
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
+/// Of two autopilots of one system, as of two that are tied together, the first that is heard is read, and the other is told.
+#[test]
+fn a_second_autopilot_of_the_same_system_is_told() {
+    let own = tlog(&recording(&ARDUPILOT));
+    let begun = read_bytes(&own).unwrap();
+    assert_eq!(begun.components, [1]);
+    let mut both = own;
+    let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
+    let mut frame = MAVLinkV2MessageRaw::new();
+    frame.serialize_message_data(
+        beside,
+        &HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_PX4, ..Default::default() },
+    );
+    both.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
+    let flight = read_bytes(&both).unwrap();
+    assert_eq!((flight.systems, flight.components), (vec![1], vec![1, 2]));
+    assert_eq!(flight.autopilot, begun.autopilot);
+}
+
 /// A frame with a wrong checksum says nothing, though the next one follows it.
 #[test]
 fn a_damaged_frame_is_not_believed() {

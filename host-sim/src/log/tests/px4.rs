@@ -87,6 +87,14 @@ fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
     (b'D', [&[number, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
 }
 
+/// A compass of priority 0 is not flown by; of others no parameter tells whether they are.
+#[test]
+fn a_compass_of_priority_nothing_is_not_used() {
+    let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
+    let flight = read_bytes(&ulog(&recording(&parameters))).unwrap();
+    assert_eq!(flight.compasses.iter().map(|compass| compass.is_used).collect::<Vec<_>>(), [None, Some(false)]);
+}
+
 /// The motors' battery is the first one: what a second one gives is not added to the field by the motors' wires.
 #[test]
 fn the_current_is_that_of_the_first_battery() {
