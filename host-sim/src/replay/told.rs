@@ -409,8 +409,14 @@ mod tests {
         assert_eq!(notes_of(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
         let cases: [(Change, &str); 10] = [
             (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
-            (|flight| flight.attitude.rows_mut()[0].of[0] = 0.02, "tilts by 1.15 deg at most"),
-            (|flight| flight.counts.vehicles = 1, "1 more vehicle"),
+            (
+                |flight| {
+                    flight.format = Format::Csv;
+                    flight.attitude.rows_mut()[0].of[0] = 0.02;
+                },
+                "tilts by 1.15 deg at most",
+            ),
+            (|flight| flight.systems = vec![3, 7, 9], "system 3 is judged; --system judges another (7, 9)"),
             (|flight| flight.counts.restarts = 2, "restarted 2 time"),
             (|flight| flight.counts.garbage = 3, "passed over: 3 bytes or lines"),
             (|flight| flight.counts.bad_times = 4, "passed over: 4 messages whose time"),

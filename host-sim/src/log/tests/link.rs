@@ -1,8 +1,8 @@
 //! MAVLink: who is believed on a link.
 
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, MavAutopilot, RAW_IMU_DATA,
-    SCALED_IMU_DATA, SYS_STATUS_DATA,
+    ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
+    MavAutopilot, RAW_IMU_DATA, SCALED_IMU_DATA, SYS_STATUS_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
@@ -76,9 +76,13 @@ fn begun(autopilot: MavAutopilot) -> Vec<u8> {
     [received(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), received(0, &attitude)].concat()
 }
 
+/// All that HIGHRES_IMU tells is new; the default is an acceleration alone.
+const ALL_NEW: HIGHRES_IMU_DATA =
+    HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
+
 /// The same with a field of PX4's: what is sent by it is in gauss.
 fn begun_with_field() -> Vec<u8> {
-    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..Default::default() };
+    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
     [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(0, &field)].concat()
 }
 
@@ -155,7 +159,7 @@ fn the_first_compass_is_where_each_autopilot_sends_it() {
 /// Some senders count from 1970 in some messages: such a one stands where it was received.
 #[test]
 fn a_clock_from_1970_is_not_that_of_the_start() {
-    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..Default::default() };
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
     let bytes = [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
