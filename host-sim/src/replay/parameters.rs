@@ -360,11 +360,11 @@ mod tests {
 
     use super::*;
 
-    /// A mounting that is 20 deg from square is crooked; one midway is anybody's guess, and stays as the log has it.
+    /// A mounting that is less than 25 deg from square is crooked; one midway is anybody's guess, and stays as the log has it.
     #[test]
     fn a_mounting_is_the_right_angle_that_it_is_near() {
         for (yaw_deg, number) in
-            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (60.0, 0), (70.0, 2), (90.0, 2), (180.0, 4)]
+            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (64.0, 0), (66.0, 2), (90.0, 2), (180.0, 4)]
         {
             let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(yaw_deg));
             assert_eq!(right_angle(turn.matrix()).number(), number, "{yaw_deg}");

@@ -205,3 +205,14 @@ fn the_vehicle_that_is_asked_for_is_read() {
     let table = read_of(&mut &csv(&recording(&[]))[..], Unit::Milligauss, Some(1)).unwrap_err();
     assert_eq!(table.to_string(), "there is no system 1: no vehicle says its number");
 }
+
+/// A second part of the same vehicle that says it is an autopilot, as a gimbal's controller may, is no vehicle that could be asked for.
+#[test]
+fn another_part_of_a_vehicle_is_no_other_vehicle() {
+    let mut frame = MAVLinkV2MessageRaw::new();
+    let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC, ..Default::default() };
+    frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
+    let other = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
+    let flight = read_bytes(&[begun_with_field(), other].concat()).unwrap();
+    assert_eq!((flight.systems, flight.counts.vehicles, flight.counts.others), (vec![1], 0, 1));
+}
