@@ -364,10 +364,17 @@ mod tests {
     #[test]
     fn a_mounting_is_the_right_angle_that_it_is_near() {
         for (yaw_deg, number) in
-            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (64.0, 0), (66.0, 2), (90.0, 2), (180.0, 4)]
+            [(0.0, 0), (20.0, 0), (35.0, 0), (45.0, 0), (60.0, 0), (70.0, 2), (90.0, 2), (180.0, 4)]
         {
             let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::to_radians(yaw_deg));
             assert_eq!(right_angle(turn.matrix()).number(), number, "{yaw_deg}");
+        }
+        // Crooked about an axis on which no mounting of half a right angle lies.
+        let diagonal = nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
+        for (off_deg, number) in [(24.0, 2), (26.0, 0)] {
+            let crooked = Rotation3::from_axis_angle(&diagonal, f64::to_radians(off_deg));
+            let square = Rotation::new(2.0).unwrap().matrix();
+            assert_eq!(right_angle(&(square * crooked.matrix())).number(), number, "{off_deg}");
         }
     }
 
