@@ -2,6 +2,7 @@
 
 mod dead;
 mod handed_over;
+mod lost;
 mod told;
 mod told_to;
 
