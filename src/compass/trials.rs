@@ -152,6 +152,8 @@ impl Trials {
 mod tests {
     use super::*;
     use crate::acceptance::Rejection;
+    use crate::calibration::{Calibration, CurrentIron, Method, Orientation, Quality, Uncertainty};
+    use crate::collection::Kept;
 
     /// Six in a row that are not better by a twentieth than the best before; then a better one counts anew.
     #[test]
@@ -191,5 +193,42 @@ mod tests {
         assert!(!over(Some(0.5), None, true, Some(held_back)), "more samples come");
         assert!(over(Some(0.5), None, false, Some(not_better.clone())), "more would not change it");
         assert!(!over(Some(1.4), None, false, Some(not_better)));
+    }
+
+    /// What a trial finds: expected degrees, and what each ampere adds.
+    fn found(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
+        let quality = Quality {
+            method: Method::MaximumLikelihood,
+            envelope: Envelope::Banked,
+            expected_rms_deg,
+            expected_worst_deg: expected_rms_deg,
+            norm_residual: 0.0,
+            dip_residual_deg: 0.0,
+            samples: 100,
+            latency: None,
+        };
+        let current = CurrentIron { ut_per_a: [ut_per_a, 0.0, 0.0], ..CurrentIron::NONE };
+        let calibration = Calibration { current, ..Calibration::uncalibrated(Orientation::NONE) };
+        Solution { calibration, quality, uncertainty: Uncertainty::NONE, advice: None, iron: None, bank: None }
+    }
+
+    /// One trial that is good may be so by chance where iron goes with the current: two running are not. A bad one between
+    /// two good ones begins anew, as the beginning does; without such iron the first one is enough.
+    #[test]
+    fn with_iron_by_current_two_good_trials_running_end_it() {
+        let mut kept = Kept::EMPTY;
+        let collector = Collector::new(&mut kept);
+        for (ut_per_a, trials_deg, ends) in [
+            (0.0, &[0.9][..], &[true][..]),
+            (0.0, &[1.1, 0.9], &[false, true]),
+            (0.5, &[0.9, 0.9], &[false, true]),
+            (0.5, &[1.1, 0.9, 0.9], &[false, false, true]),
+            (0.5, &[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
+        ] {
+            let mut trials = Trials::NONE;
+            let ended: Vec<bool> =
+                trials_deg.iter().map(|&deg| trials.end(&found(deg, ut_per_a), None, &collector, 1.0)).collect();
+            assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");
+        }
     }
 }

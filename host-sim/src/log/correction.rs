@@ -277,6 +277,18 @@ mod tests {
         assert_eq!(Undo::ardupilot(&singular, 0.0, 1).iron, Iron::none());
     }
 
+    /// A text may say any number: what cannot be inverted in a double is no correction, and the field stays one.
+    #[test]
+    fn a_matrix_beyond_all_numbers_is_no_correction() {
+        let told = parameters(
+            &["X", "Y", "Z"].map(|axis| format!("COMPASS_DIA_{axis}")).each_ref().map(|name| (name.as_str(), 1e200)),
+        );
+        let undo = Undo::ardupilot(&told, 0.0, 1);
+        assert_eq!(undo.iron, Iron::none());
+        let field = Vector3::new(20.0, 0.0, 40.0);
+        assert_eq!(undo.raw(field, Vector3::zeros()), field);
+    }
+
     /// An external compass of PX4 that is turned by 90 deg: 0.5 G along the nose are -y of the sensor.
     #[test]
     fn px4s_correction_is_made_in_the_sensors_axes() {

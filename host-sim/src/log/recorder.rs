@@ -289,6 +289,19 @@ mod tests {
         );
     }
 
+    /// What is logged as it was measured has no correction of the autopilot's to compare with, whatever parameters a link tells.
+    #[test]
+    fn a_field_that_nobody_corrected_has_no_correction() {
+        for (was, is_corrected) in [(Logged::Raw, false), (Logged::ArduPilot, true)] {
+            let mut recorder = Recorder::new(Format::TLog);
+            recorder.parameter("COMPASS_OFS_X", 100.0);
+            recorder.field(1, was, 1.0, [20.0, 0.0, 40.0], None);
+            let flight = recorder.finish();
+            let raw_ut = flight.compasses[0].field.rows()[0].of[0];
+            assert_eq!((flight.compasses[0].iron.is_some(), raw_ut < 20.0), (is_corrected, is_corrected), "{was:?}");
+        }
+    }
+
     /// Offsets that are learnt in flight are undone as they were at each row.
     #[test]
     fn a_parameter_that_changes_is_undone_from_then_on() {

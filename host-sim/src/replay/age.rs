@@ -75,6 +75,10 @@ pub fn shared(ages: &mut [Age]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::log;
+    use crate::log::csv::Unit;
+    use crate::log::write::{turns, ulog};
+    use crate::world::WorldConfig;
 
     /// To 20 ms, which at 30 deg/s is 0.6 deg; and an age at an end of the search is that of no minimum.
     #[test]
@@ -96,5 +100,15 @@ mod tests {
         let mut usual = [of(0.02, None); 2];
         shared(&mut usual);
         assert_eq!(usual, [of(0.02, None); 2]);
+    }
+
+    /// A field that is far from as old as is usual is as old as it is: the first attitudes are of other instants by a quarter
+    /// of a second, in which the aircraft does not roll on straight lines, so it is asked again until two milliseconds are left.
+    #[test]
+    fn an_age_far_from_the_usual_is_found() {
+        let recording = turns(&WorldConfig::table1(1), 0.25);
+        let flight = log::read(&mut ulog(&recording).as_slice(), Unit::Milligauss).unwrap();
+        let age = found(&flight, &flight.compasses[0]);
+        assert!((age.used_s - 0.25).abs() < 3.0 * age.sigma_s.unwrap(), "{age:?}");
     }
 }

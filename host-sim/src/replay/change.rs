@@ -368,4 +368,58 @@ mod tests {
         let change = found(&rows, &Iron::none()).unwrap();
         assert!((change.ut[0] - 6.0).abs() < 0.5, "20 A of 0.3 uT: {change:?}");
     }
+
+    /// Rows that may not be used, as on the ground, where iron that is not the aircraft's is near, tell of no change in flight.
+    #[test]
+    fn rows_that_may_not_be_used_tell_of_no_change() {
+        let mut rows = rows(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
+        rows.iter_mut().skip(usize::from(AT)).for_each(|row| row.usable = false);
+        assert_eq!(found(&rows, &Iron::none()), None);
+    }
+
+    /// Sixty rows on either side, six seconds, tell fourteen unknowns and the three of the step; fewer are not asked.
+    #[test]
+    fn a_change_has_six_seconds_of_rows_on_either_side() {
+        let all = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
+        let at = usize::from(AT);
+        for (around, is_found) in [(59, false), (61, true)] {
+            let change = found(&all[at - around..at + around], &Iron::none());
+            assert_eq!(change.is_some(), is_found, "{around}: {change:?}");
+        }
+    }
+
+    /// One row in forty that something else has hit, by twice the Earth's field, is no change, and hides none: it counts as three
+    /// times what the others scatter by.
+    #[test]
+    fn single_rows_that_are_far_off_neither_make_nor_hide_a_change() {
+        for seed in 0..4 {
+            let hit = |moved_ut: f32| {
+                let mut rows = rows(Vector3::new(moved_ut, 0.0, 0.0), 0.3, Vector3::zeros(), seed);
+                rows.iter_mut().skip(300).step_by(40).for_each(|row| row.field.ut.y += 100.0);
+                found(&rows, &Iron::none())
+            };
+            assert_eq!(hit(0.0), None, "{seed}");
+            let change = hit(4.0).unwrap();
+            let off_ut = (Vector3::from(change.ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
+            // Thrice its sigma of 0.1 uT.
+            assert!(off_ut < 0.3, "{seed}: {change:?}");
+        }
+    }
+
+    /// With so many rows a step is known to nine of its sigmas of which an eighth of the scatter comes: whatever else that is,
+    /// headings would hardly become better without it.
+    #[test]
+    fn what_leaves_the_scatter_as_it_was_is_no_change() {
+        for seed in 0..3 {
+            let of = |moved_ut: f32| {
+                let both =
+                    [seed, seed + 10].map(|seed| rows(Vector3::new(0.0, moved_ut, 0.0), 1.0, Vector3::zeros(), seed));
+                let mut rows = both.concat();
+                rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+                found(&rows, &Iron::none())
+            };
+            assert_eq!(of(1.7), None, "{seed}");
+            assert!(of(3.0).is_some(), "{seed}");
+        }
+    }
 }

@@ -394,3 +394,6 @@ fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> O
         within_percent: within_percent(&normalised),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -460,13 +460,12 @@ mod tests {
             (|flight| flight.rates = crate::log::series::Series::new(), "no body rates"),
             (
                 |flight| {
-                    flight.attitude.rows_mut()[0].of[0] = 0.02;
-                    // A native log has the units of its format.
                     flight.format = Format::Csv;
+                    flight.attitude.rows_mut()[0].of[0] = 0.02;
                 },
                 "tilts by 1.15 deg at most",
             ),
-            (|flight| flight.systems = vec![1, 7], "several vehicles on the link: system 1 is judged"),
+            (|flight| flight.systems = vec![3, 7, 9], "system 3 is judged; --system judges another (7, 9)"),
             (|flight| flight.counts.restarts = 2, "restarted 2 time"),
             (|flight| flight.counts.garbage = 3, "passed over: 3 bytes or lines"),
             (|flight| flight.counts.bad_times = 4, "passed over: 4 messages whose time"),

@@ -286,3 +286,158 @@ fn facts(verdict: &Verdict, compass: &Judged) -> Vec<[String; 2]> {
     add("rows", format!("{} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
     facts
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::LazyLock;
+
+    use autoswing::calibration::SolveError;
+    use autoswing::earth::{Day, EarthField, Place};
+
+    use super::*;
+    use crate::log::csv::Unit;
+    use crate::log::write::{Recording, dataflash, turns};
+    use crate::log::{self, Parameters};
+    use crate::replay::change::Change;
+    use crate::replay::judge::{Asked, judge};
+    use crate::replay::{Reference, Refused, Selected};
+    use crate::world::WorldConfig;
+
+    /// A flight whose autopilot had offsets, judged.
+    static FLOWN: LazyLock<(Flight, Verdict)> = LazyLock::new(|| {
+        let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
+        let recording = Recording { parameters, ..turns(&WorldConfig::table1(1), 0.0) };
+        let flight = log::read(&mut dataflash(&recording).as_slice(), Unit::Milligauss).unwrap();
+        let verdict = judge(&flight, &Asked { selected: Selected::Flight, age_s: Some(0.0), ..Asked::OF_THE_LOG });
+        (flight, verdict)
+    });
+
+    /// The report of that flight, changed in one thing.
+    fn report(change: impl Fn(&mut Flight, &mut Verdict)) -> Report {
+        let (mut flight, mut verdict) = FLOWN.clone();
+        change(&mut flight, &mut verdict);
+        of_replay(&flight, &verdict, "flight.bin", &Made::default())
+    }
+
+    const REFUSED: Result<(), Refused> = Err(Refused::Solve(SolveError::NotConverged));
+
+    fn fact(report: &Report, what: &str) -> Option<String> {
+        report.compasses[0].facts.iter().find(|[name, _]| name == what).map(|[_, words]| words.clone())
+    }
+
+    /// A heading by what was refused is not called the module's own without saying so, nor is its solve a calibration.
+    #[test]
+    fn what_was_refused_is_called_so() {
+        let taken = report(|_, _| {});
+        let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
+        for (report, line, mark, words) in [
+            (&taken, "ours", "would have calibrated", "would have calibrated itself after"),
+            (&refused, "ours, but refused", "would have solved", "would have been refused: not-converged"),
+        ] {
+            let compass = &report.compasses[0];
+            assert_eq!((compass.after[0].name.as_str(), compass.marks[0].name.as_str()), (line, mark));
+            assert!(fact(report, "verdict").unwrap().starts_with(words), "{:?}", compass.facts);
+        }
+        assert!(taken.accepted && !refused.accepted);
+        let asked = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
+        assert!(asked.compasses[0].marks.is_empty());
+        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated when asked to at the end");
+    }
+
+    /// Marks stand on the axis of the page, which begins with the first row.
+    #[test]
+    fn marks_are_where_it_happened() {
+        let report = report(|_, verdict| {
+            let compass = &mut verdict.compasses[0];
+            // The log begins half a minute before the first row.
+            compass.rows.drain(..300);
+            let at_s = compass.rows[0].t_s + 50.0;
+            compass.module.ended_s = Some(90.0);
+            compass.change = Some(Change { at_s, ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] });
+        });
+        let [calibrated, changed] = report.compasses[0].marks.as_slice() else { panic!("two marks") };
+        assert!((calibrated.at_s - 90.0).abs() < 1e-9 && (changed.at_s - 50.0).abs() < 1e-9);
+        assert_eq!(changed.name, "iron changed by 8.1 uT, most on y");
+    }
+
+    /// A field model of another year is good to a tenth of a microtesla a year: that it is one is told.
+    #[test]
+    fn a_field_model_of_another_year_is_told() {
+        for (is_valid, words) in [(true, "by the field model"), (false, "by the field model, of another year")] {
+            let report = report(|_, verdict| {
+                let day = Day::from_unix_s(1_767_484_800).unwrap();
+                let earth = EarthField::of(Place::new(48.0, 11.3, 500.0).unwrap(), day).unwrap();
+                verdict.earth = Some((earth, is_valid));
+            });
+            assert!(fact(&report, "strength").unwrap().ends_with(words), "{words}");
+        }
+    }
+
+    /// What was before is what the autopilot had: its own correction where it made one, else the field as it is measured.
+    #[test]
+    fn before_is_what_the_autopilot_had() {
+        let logged = report(|_, _| {});
+        let raw = report(|_, verdict| verdict.compasses[0].corrections.retain(|of| of.by != By::Autopilot));
+        let rows = &FLOWN.1.compasses[0].rows;
+        for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "raw", false)] {
+            let compass = &report.compasses[0];
+            assert_eq!(compass.before[0].name, name);
+            // Errors are less their mean: what one row differs by from another is what its field says.
+            let heading_deg = |i: usize| {
+                let row = &rows[i];
+                let field = Field::<Body>::new(if is_logged { row.logged.ut } else { row.field.ut });
+                f64::from(row.attitude.level(field).heading_rad().to_degrees()) - row.reference_deg.unwrap()
+            };
+            let shown = |i: usize| compass.moments[i].before_deg.unwrap();
+            let off_deg = wrap_180(shown(500) - shown(1500) - (heading_deg(500) - heading_deg(1500)));
+            assert!(off_deg.abs() < 1e-6, "{name}: {off_deg}");
+        }
+        assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.figures);
+    }
+
+    fn figure(report: &Report, what: &str) -> String {
+        report.figures.iter().find(|[name, _]| name.contains(what)).map(|[_, value]| value.clone()).unwrap_or_default()
+    }
+
+    /// Errors are told of a reference that is one; against the autopilot's yaw it is disagreement, and against nothing what
+    /// the module would have changed.
+    #[test]
+    fn errors_are_called_what_they_are() {
+        let of = |reference: Option<Reference>| {
+            report(|_, verdict| {
+                verdict.reference = reference.clone();
+                if verdict.reference.is_none() {
+                    verdict.compasses[0].rows.iter_mut().for_each(|row| row.reference_deg = None);
+                }
+            })
+        };
+        for (reference, word) in [
+            (Some(Reference::Simulator), "error"),
+            (Some(Reference::AutopilotYaw), "disagreement"),
+            (None, "correction"),
+        ] {
+            let report = of(reference.clone());
+            assert_eq!(report.compared.word, word);
+            assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
+            let usable = || report.compasses[0].moments.iter().filter(|moment| moment.is_usable).skip(20);
+            assert_eq!(usable().all(|moment| moment.error_deg.is_some()), reference.is_some(), "{word}");
+            // Without any, it is what ours and the autopilot's headings differ by, in which there is no error of ours.
+            assert!(usable().all(|moment| moment.before_deg.is_some()), "{word}");
+            assert_eq!(report.compasses[0].after.is_empty(), reference.is_none(), "{word}");
+        }
+    }
+
+    /// Whether the autopilot's heading is made with it is told where that is known.
+    #[test]
+    fn whether_the_autopilot_uses_it_is_told() {
+        for (is_used, words) in
+            [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
+        {
+            let report = report(|flight, verdict| {
+                flight.parameters = Parameters::default();
+                verdict.compasses[0].is_used = is_used;
+            });
+            assert_eq!(fact(&report, "autopilot").as_deref(), words);
+        }
+    }
+}

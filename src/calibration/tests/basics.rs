@@ -1,7 +1,8 @@
 //! The values that calibration takes and gives.
 
 use crate::calibration::{
-    Axis, Calibration, Envelope, Mark, Method, Orientation, Part, Quality, Rates, Sample, Samples, Side, rows,
+    Axis, Calibration, CurrentIron, Envelope, Mark, Method, Orientation, Part, Quality, Rates, Sample, Samples, Side,
+    rows,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -55,7 +56,7 @@ fn calibration() -> Calibration {
         inclination_rad: 1.0,
         total_ut: 50.0,
         latency_s: -0.02,
-        current: crate::calibration::CurrentIron::NONE,
+        current: CurrentIron::NONE,
     }
 }
 
@@ -95,6 +96,14 @@ fn a_coefficient_that_is_no_number_is_found() {
         assert!(!Calibration { inclination_rad: bad, ..calibration() }.is_finite());
         assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
         assert!(!Calibration { latency_s: bad, ..calibration() }.is_finite());
+        for current in [
+            CurrentIron { ut_per_a: [0.0, bad, 0.0], ..CurrentIron::NONE },
+            CurrentIron { sigma_ut_per_a: bad, ..CurrentIron::NONE },
+            CurrentIron { mean_a: bad, ..CurrentIron::NONE },
+            CurrentIron { spread_a: bad, ..CurrentIron::NONE },
+        ] {
+            assert!(!Calibration { current, ..calibration() }.is_finite(), "{current:?}");
+        }
     }
 }
 

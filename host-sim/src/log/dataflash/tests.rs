@@ -86,6 +86,22 @@ fn the_filters_attitude_stands_in_for_one_that_is_not_logged() {
     assert_eq!((rolls(&flight), flight.attitude_from), (vec![10], None));
 }
 
+/// Of all that may stand in the first one does, in whatever order they are logged; and of another core none.
+#[test]
+fn what_stands_in_best_does() {
+    let half = 0.5_f64.sqrt();
+    let q =
+        |us: f64, core: f64| vec![("TimeUS", us), ("C", core), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
+    let mut messages = Vec::new();
+    for name in ["AHR2", "NKQ", "XKQ", "NKF1", "XKF1"] {
+        let us = 1e6 + 1e5 * messages.len() as f64;
+        messages.push(if name.ends_with('Q') { (name.to_owned(), q(us, 0.0)) } else { said_by(name, us, 20.0) });
+        let best = taken_of(&messages).attitude_from;
+        assert_eq!(best, Some(name));
+    }
+    assert!(taken_of(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());
+}
+
 /// A quarter turn of roll to the right, as the filter's quaternion.
 #[test]
 fn a_quaternion_stands_in_where_no_angles_are_logged() {

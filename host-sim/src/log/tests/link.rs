@@ -95,16 +95,13 @@ fn begun(autopilot: MavAutopilot) -> Vec<u8> {
     [received(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), received(0, &attitude)].concat()
 }
 
+/// All that HIGHRES_IMU tells is new; the default is an acceleration alone.
+const ALL_NEW: HIGHRES_IMU_DATA =
+    HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
+
 /// The same with a field of PX4's: what is sent by it is in gauss.
 fn begun_with_field() -> Vec<u8> {
-    let field = HIGHRES_IMU_DATA {
-        time_usec: 40_000_000,
-        xmag: 0.2,
-        ymag: -0.05,
-        zmag: 0.4,
-        fields_updated: HighresImuUpdatedFlags::all(),
-        ..Default::default()
-    };
+    let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
     [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(0, &field)].concat()
 }
 
@@ -181,8 +178,7 @@ fn the_first_compass_is_where_each_autopilot_sends_it() {
 /// Some senders count from 1970 in some messages: such a one stands where it was received.
 #[test]
 fn a_clock_from_1970_is_not_that_of_the_start() {
-    let fields_updated = HighresImuUpdatedFlags::all();
-    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, fields_updated, ..Default::default() };
+    let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
     let bytes = [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
@@ -227,4 +223,15 @@ fn the_vehicle_that_is_asked_for_is_read() {
     assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
     let table = read_of(&mut &csv(&recording(&[]))[..], Unit::Milligauss, Some(1)).unwrap_err();
     assert_eq!(table.to_string(), "there is no system 1: no vehicle says its number");
+}
+
+/// A second part of the same vehicle that says it is an autopilot, as a gimbal's controller may, is no vehicle that could be asked for.
+#[test]
+fn another_part_of_a_vehicle_is_no_other_vehicle() {
+    let mut frame = MAVLinkV2MessageRaw::new();
+    let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC, ..Default::default() };
+    frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
+    let other = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
+    let flight = read_bytes(&[begun_with_field(), other].concat()).unwrap();
+    assert_eq!((flight.systems, flight.counts.others), (vec![1], 1));
 }

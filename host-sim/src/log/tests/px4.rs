@@ -285,3 +285,16 @@ fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
     let rows = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
     assert!(rows >= 299, "{rows}");
 }
+
+/// What writes ULog names itself by its release, if it is PX4; who else does says its name, whichever comes first.
+#[test]
+fn who_else_writes_a_ulog_is_named() {
+    for (name, firmware) in [("PX4", "PX4 1.15.0"), ("Other autopilot", "Other autopilot")] {
+        let key = format!("char[{}] sys_name", name.len());
+        let body = [&[key.len() as u8], key.as_bytes(), name.as_bytes()].concat();
+        let message = [&(body.len() as u16).to_le_bytes()[..], b"I", &body].concat();
+        let mut bytes = ulog(&recording(&PX4));
+        bytes.splice(16..16, message);
+        assert_eq!(read_bytes(&bytes).unwrap().firmware.as_deref(), Some(firmware));
+    }
+}

@@ -104,3 +104,33 @@ impl Row<'_> {
         Some([x? as f32, y? as f32, z? as f32])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A number is what its kind says, signed or not.
+    #[test]
+    fn numbers_are_what_their_kind_says() {
+        for (kind, number) in [
+            ("int8_t", -1.0),
+            ("uint8_t", 255.0),
+            ("int16_t", -1.0),
+            ("uint16_t", 65_535.0),
+            ("int32_t", -1.0),
+            ("uint32_t", 4_294_967_295.0),
+            ("int64_t", -1.0),
+        ] {
+            assert_eq!(Kind::named(kind).and_then(|kind| kind.number(&[0xFF; 8])), Some(number), "{kind}");
+        }
+    }
+
+    /// A column of two numbers is none of three, though more bytes follow.
+    #[test]
+    fn an_array_is_as_long_as_it_is_told() {
+        let column = Column { kind: Kind::F32, at: 0, number: 2 };
+        let columns = Columns::from([("q".to_owned(), column)]);
+        let row = Row { columns: &columns, body: &[0; 64] };
+        assert_eq!((row.array::<2>("q"), row.array::<3>("q")), (Some([0.0; 2]), None));
+    }
+}

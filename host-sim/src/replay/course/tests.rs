@@ -90,6 +90,33 @@ fn what_is_slow_or_of_many_airspeeds_is_refused() {
     }
 }
 
+/// What differs from the airspeed by a seventh climbs or glides; by more it flies otherwise.
+#[test]
+fn what_is_far_from_the_circle_is_left_out() {
+    for (airspeed_m_s, flown) in [(17.4, 100), (16.6, 90), (22.6, 100), (23.4, 90)] {
+        let mut velocities = flying(20.0, 0.0, 1.0, circling(100));
+        velocities[..10].copy_from_slice(&flying(airspeed_m_s, 0.0, 1.0, circling(100))[..10]);
+        assert_eq!(on_circle(&velocities, &CIRCLE).map(|flown| flown.len()), Ok(flown), "{airspeed_m_s}");
+    }
+}
+
+/// Of a wind that is more than half of the airspeed an error of a tenth is three degrees of heading: it is refused. What is not
+/// has the sigma of its sideslip at the least.
+#[test]
+fn a_strong_wind_is_refused() {
+    for (wind_m_s, is_taken) in [(9.5, true), (10.5, false)] {
+        let wind = Vector2::new(0.0, wind_m_s);
+        let blown = |of: Vec<Velocity>| -> Vec<Velocity> {
+            of.into_iter().map(|v| Velocity { m_s: v.m_s - CIRCLE.wind_m_s + wind, ..v }).collect()
+        };
+        let (fitted, straight) =
+            (flying(20.0, 0.0, 1.0, circling(600)), straight(&[(2.0, 10), (122.0, 10), (242.0, 10)]));
+        let course = Course::by(&Circle { wind_m_s: wind, ..CIRCLE }, &blown(fitted), &blown(straight));
+        assert_eq!(course.as_ref().err(), (!is_taken).then_some(&NoCourse::Windy), "{wind_m_s}");
+        assert!(course.is_err() || (course.unwrap().sigma_deg() - SIDESLIP_DEG).abs() < 0.1);
+    }
+}
+
 /// Taxiing at less than a third of what it flies at, though faster than a walk, is no flight; nor are a few velocities.
 #[test]
 fn taxiing_is_no_flight() {
@@ -106,6 +133,7 @@ fn directions_are_those_that_were_flown_for_a_while() {
         (&[(2.0, 10), (122.0, 10), (242.0, 10)][..], 120.0, true),
         (&[(2.0, 10), (137.0, 10), (242.0, 10)], 135.0, true),
         (&[(2.0, 10), (122.0, 10), (242.0, 2)], 240.0, false),
+        (&[(2.0, 10), (162.0, 10), (262.0, 10)], 160.0, false),
         (&[(2.0, 10), (182.0, 10)], 180.0, false),
     ] {
         let straight = straight(legs);
@@ -115,6 +143,10 @@ fn directions_are_those_that_were_flown_for_a_while() {
         assert_eq!(course.is_ok(), is_enough, "{legs:?}: {course:?}");
     }
     assert!((widest_gap_deg(&[], &CIRCLE) - 360.0).abs() < 1e-9);
+    // Two seconds with a pause between them are not the pause, too.
+    let mut paused = straight(&[(2.0, 10), (122.0, 10), (242.0, 2)]);
+    paused[105..].iter_mut().for_each(|v| v.t_s += 10.0);
+    assert!(widest_gap_deg(&paused, &CIRCLE) > 235.0);
 }
 
 /// A wind that drifts by `D` has a standard deviation of `D / sqrt(12)` in the parts of the flight, half of its variance in each
@@ -131,7 +163,7 @@ fn a_wind_that_drifts_is_uncertain() {
     }
 }
 
-/// A nose that turns by four fifths of what the course does is one with gyros that scale; by three fifths it points elsewhere.
+/// A nose that turns by seven tenths of what the course does is one with gyros that scale; by less it points elsewhere.
 /// While nothing is heard of either, whole turns are not counted.
 #[test]
 fn the_nose_follows_the_course() {
@@ -142,7 +174,7 @@ fn the_nose_follows_the_course() {
         Turned { nose: of.iter().enumerate().map(at).collect(), banked_s: Vec::new() }
     };
     let flown = flying(20.0, 0.0, 0.5, circling(240));
-    for (share, follows) in [(1.0, true), (0.8, true), (0.6, false), (-1.0, false)] {
+    for (share, follows) in [(1.0, true), (0.72, true), (0.68, false), (-1.0, false)] {
         assert_eq!(nose(share, &flown, 0.0).follows(&flown, &CIRCLE), follows, "{share}");
     }
     let mut with_gap = flown.clone();

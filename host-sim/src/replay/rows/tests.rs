@@ -131,6 +131,60 @@ fn attitudes_that_change_as_no_body_does_are_left_out() {
     assert_eq!(unsettled_by(100.0, 5.0, 40.0), 0);
 }
 
+/// A tilt may be twice what the rates tell, and 2 deg, in a second: an aircraft that rolls to and fro at 11 deg/s of which its
+/// gyros tell 5 is flown, and one at 14 is not.
+#[test]
+fn a_tilt_may_be_twice_what_the_rates_say() {
+    for (roll_deg_s, is_flown) in [(11.0_f32, true), (14.0, false)] {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0_u16..1000 {
+            // Four seconds to one side, four to the other.
+            let phase_s = f32::from(i % 80) / 10.0;
+            let roll_deg = roll_deg_s * phase_s.min(8.0 - phase_s);
+            flight.attitude.push(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
+            flight.rates.push(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
+        }
+        let unsettled = rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
+        assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
+    }
+}
+
+/// A filter that was away for two seconds, or was told no rates, begins anew, and may align again for a minute: what it said since
+/// then until it jumped, 18 s later, is left out. Of one that was there all the time it is the second around the jump.
+#[test]
+fn a_filter_aligns_again_after_a_gap() {
+    for (name, has_attitude, has_rates, expected) in
+        [("none", true, true, 10..=25), ("attitude", false, true, 180..=200), ("rates", true, false, 180..=200)]
+    {
+        let mut flight = Flight::new(Format::ULog);
+        for i in 0..2000 {
+            let t_s = f64::from(i) / 10.0;
+            let is_gap = (100.05..102.05).contains(&t_s);
+            if has_attitude || !is_gap {
+                let roll_rad = if t_s > 119.95 { 5_f32.to_radians() } else { 0.0 };
+                flight.attitude.push(t_s, [roll_rad, 0.0, 0.0]);
+            }
+            if has_rates || !is_gap {
+                flight.rates.push(t_s, [0.0; 3]);
+            }
+        }
+        let unsettled = rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
+        assert!(expected.contains(&unsettled), "a gap of {name}: {unsettled}");
+    }
+}
+
+/// Between rows that are further apart than most logs have them the attitude is told ten times a second, as to a module; a
+/// pause of more than five seconds is one of the log.
+#[test]
+fn attitudes_are_told_between_rows_that_are_far_apart() {
+    let flight = level(30);
+    for (apart_s, number) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
+        let told = told_between(&flight, 5.0, 5.0 + apart_s);
+        assert_eq!(told.len(), number, "{apart_s} s");
+        assert!(told.iter().all(|told| told.t_s > 5.0 && told.t_s < 5.0 + apart_s - 0.05), "{apart_s} s: {told:?}");
+    }
+}
+
 /// Inverted, roll goes on from 180 to -180 deg: the mean of two readings is on the near side of both.
 #[test]
 fn the_mean_roll_of_a_row_is_the_shorter_way_round() {

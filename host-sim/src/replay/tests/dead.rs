@@ -1,0 +1,34 @@
+//! A compass that died.
+
+use super::*;
+use crate::replay::dead;
+
+/// Of two spans in which the field stands still the longer one is told, wherever it is.
+#[test]
+fn the_longest_time_that_a_field_stood_still_is_told() {
+    for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
+        let (flight, mut compass) = flown();
+        for (from_s, to_s) in spans {
+            for (i, row) in compass.rows.iter_mut().enumerate() {
+                if (from_s * 10..=to_s * 10).contains(&i) {
+                    row.field = Field::from_ut(20.0, 0.0, 40.0);
+                    row.attitude = Attitude::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+                }
+            }
+        }
+        let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
+        let note = dead::note(&flight, &compass).unwrap();
+        assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
+    }
+}
+
+/// A log of a tenth a second ends where it ends, and one that a card was too slow for has gaps of seconds: ten are no gap.
+#[test]
+fn a_field_that_ends_long_before_the_log_is_told() {
+    for (early_s, is_told) in [(9.0, false), (11.0, true)] {
+        let (flight, mut compass) = flown();
+        let end_s = flight.attitude.rows().last().unwrap().t_s;
+        compass.rows.retain(|row| row.t_s <= end_s - early_s);
+        assert_eq!(dead::note(&flight, &compass).is_some(), is_told, "{early_s}");
+    }
+}
