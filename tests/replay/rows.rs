@@ -7,6 +7,7 @@ use autoswing::calibration::SolveError;
 use autoswing::collection::Lack;
 use autoswing::frames::Attitude;
 use host_sim::log::{Flight, Iron};
+use host_sim::replay::judge::refusal;
 use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, change, replay, rows};
 use host_sim::score::Errors;
 use host_sim::world::autopilot::Leg;
@@ -140,6 +141,21 @@ fn a_steady_course_is_refused() {
     rows.retain(|row| row.t_s < 14.0);
     for options in [ALL, TURNS] {
         assert!(replay(&rows, &options).accepted.is_err(), "{options:?}");
+    }
+}
+
+/// Of too little flown a log's reader is told what to fly, as the module tells its pilot; there is no console to ask.
+#[test]
+fn a_refusal_tells_what_to_fly() {
+    let of = |seed| replay(&recorded(&WorldConfig::random(seed), 0.0), &ALL);
+    let inaccurate: Vec<_> = (0..10)
+        .map(of)
+        .filter(|replayed| matches!(replayed.accepted, Err(Refused::Rejected(Rejection::NotAccurate { .. }))))
+        .collect();
+    assert!(!inaccurate.is_empty());
+    for replayed in inaccurate {
+        let words = refusal(&replayed).unwrap().to_string();
+        assert!(words.starts_with("expected error ") && words.contains(" deg; missing: "), "{words}");
     }
 }
 

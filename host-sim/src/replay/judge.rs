@@ -1,5 +1,7 @@
 //! A flight, compass by compass: what each had, what other calibrators make of it, and what the module would have.
 
+use autoswing::calibration::Advice;
+use autoswing::collection::Lack;
 use autoswing::compass::Refusal;
 use autoswing::earth::{Day, EarthField, Place};
 use autoswing::frames::{Body, Field};
@@ -268,14 +270,16 @@ impl Judged {
     }
 }
 
-/// The refusal as the module would tell it.
+/// The refusal as the module would tell it: with what was wrong with the flight, else with what would help.
 #[must_use]
 pub fn refusal(replayed: &Replayed) -> Option<Refusal> {
     let refusal = match replayed.accepted.as_ref().err()? {
         Refused::Solve(error) => Refusal::Solve(*error),
         Refused::Rejected(rejection) => Refusal::Rejected(*rejection),
     };
-    Some(refusal.because(replayed.lack))
+    let advice = || replayed.solution.as_ref()?.advice.filter(Advice::gains);
+    let missing = || advice().map(|advice| Lack::Missing(advice.manoeuvre));
+    Some(refusal.because(replayed.lack.or_else(missing)))
 }
 
 #[cfg(test)]
