@@ -270,7 +270,7 @@ fn rows_without_a_time_are_read_by_their_neighbours() {
 
 /// Of all rows of field, attitude and rates three in ten are lost, one by one. What lies in a hole of the attitude is left out,
 /// and a turn of which parts are lost is not held against the compass: headings are as good as those of a whole log, whose
-/// bound is in `replay.rs`. It is said that they are not smoothed.
+/// bound is in `replay/native.rs`. It is said that they are not smoothed.
 #[test]
 fn a_log_with_holes_gives_headings_as_good() {
     for seed in [3, 5, 8] {

@@ -37,14 +37,14 @@ pub(super) fn collect<'a>(samples: &[Sample], options: &Options, kept: &'a mut K
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Method, Prior, Rates, solve};
+    use autoswing::calibration::{Rates, Samples};
     use autoswing::collection::Collector;
-    use autoswing::compass::Pace;
     use autoswing::frames::{Attitude, Field};
     use testkit::random::Random;
 
     use super::super::Selected;
     use super::*;
+    use crate::accuracy::collected;
 
     /// Four minutes to and fro about north, of which nothing good comes, so that it does not end by itself.
     fn samples() -> Vec<Sample> {
@@ -63,22 +63,20 @@ mod tests {
         (0..2400).map(of).collect()
     }
 
-    /// What a collector keeps that is told, or not, what its trial solves find, at the device's pace.
-    fn kept_of(samples: &[Sample], is_told: bool) -> Vec<Sample> {
+    /// In the order of time.
+    fn sorted(samples: Samples<'_>) -> Vec<Sample> {
+        let mut samples: Vec<Sample> = samples.all().copied().collect();
+        samples.sort_by_key(|sample| sample.time.count());
+        samples
+    }
+
+    /// What a collector keeps that is not told what trial solves find.
+    fn kept_untold(samples: &[Sample]) -> Vec<Sample> {
         let mut kept = Kept::EMPTY;
         let mut collector = Collector::new(&mut kept);
         collector.begin(Procedure::Flight);
-        let mut pace = Pace::NONE;
-        for &sample in samples {
-            collector.push(sample);
-            if is_told
-                && pace.is_due(&collector, sample.time)
-                && let Ok(found) = solve(Method::MaximumLikelihood, collector.fit(), &Prior::default())
-            {
-                collector.learn(&found);
-            }
-        }
-        collector.fit().all().copied().collect()
+        samples.iter().for_each(|&sample| collector.push(sample));
+        sorted(collector.fit())
     }
 
     /// Which samples are kept depends on what the trial solves find: a module's are those, and not the ones that would be kept
@@ -89,9 +87,9 @@ mod tests {
         let options = Options { selected: Selected::Flight, inclination_deg: None, fit_until_s: None };
         let mut kept = Kept::EMPTY;
         let (compass, ended) = collect(&samples, &options, &mut kept);
-        let collected: Vec<Sample> = compass.collected().fit().all().copied().collect();
+        let collected = sorted(compass.collected().fit());
         assert_eq!(ended, None);
-        assert_eq!(collected, kept_of(&samples, true));
-        assert_ne!(collected, kept_of(&samples, false));
+        assert_eq!(collected, sorted(collected::collect(&samples).samples()));
+        assert_ne!(collected, kept_untold(&samples));
     }
 }
