@@ -75,7 +75,9 @@ mod tests {
         let mut kept = Kept::EMPTY;
         let mut collector = Collector::new(&mut kept);
         collector.begin(Procedure::Flight);
-        samples.iter().for_each(|&sample| collector.push(sample));
+        for &sample in samples {
+            collector.push(sample);
+        }
         sorted(collector.fit())
     }
 
