@@ -112,7 +112,7 @@ impl fmt::Display for SolveError {
             }
             Self::NotAnEllipse(part) => write!(f, "the {} are no full circle; go round", part.name()),
             Self::NotDetermined(part) => {
-                write!(f, "the samples of {} leave the coefficients open; see cal advise", part.name())
+                write!(f, "the samples of {} leave the coefficients open; turn all round", part.name())
             }
             Self::SamePlane => f.write_str("left and right bank differ too little; bank 15 deg or more each way"),
             Self::IronChanged(change) => change.fmt(f),
@@ -176,7 +176,7 @@ mod tests {
             (
                 SolveError::NotDetermined(Part::Marks),
                 "not-determined",
-                "the samples of marks leave the coefficients open; see cal advise",
+                "the samples of marks leave the coefficients open; turn all round",
             ),
             (
                 SolveError::SamePlane,

@@ -43,7 +43,7 @@ pub struct Solver {
     latencies: u8,
     /// The same of what goes with the current.
     currents: u8,
-    /// What was wrong with a result that is no mounting of this sensor, while the other start is tried.
+    /// What was wrong with a result that is odd, while the other start is tried.
     odd: Option<SolveError>,
 }
 
@@ -88,6 +88,11 @@ const DOUBTFUL_IRON_UT: f32 = 300.0;
 
 /// An inclination that was told is wrong when the samples show one so many sigmas from it.
 const CONTRADICTS: f32 = 4.0;
+
+/// Beyond this inclination, radians, 4 deg from the vertical, is no result but a trap: dips are told there by the floor of
+/// [`Prediction`](super::Prediction), which all samples agree on, however little was flown. Of ten minutes straight ahead
+/// in 40 to 72 deg, headings were off by 100 deg, and 4 were expected. A compass is of no use there either.
+const MAX_INCLINATION_RAD: f32 = 1.5;
 
 /// Headings must not run against the turns by more than this, radians: half a circle, which no noise imitates.
 const AGAINST_RAD: f32 = -3.0;
@@ -257,6 +262,9 @@ impl Solver {
             Ok(calibration) => calibration,
             Err(error) => return Some(Err(error)),
         };
+        if self.method == Method::MaximumLikelihood && libm::fabsf(calibration.inclination_rad) > MAX_INCLINATION_RAD {
+            return Some(Err(SolveError::NotDetermined(Part::All)));
+        }
         // What fits worse than what is kept is not taken, whatever else is wrong with it.
         if self.kept.as_ref().is_some_and(|kept| self.misfit(&calibration) >= kept.misfit) {
             return Some(Err(SolveError::NotConverged));
@@ -399,9 +407,10 @@ fn is_doubtful(end: &Result<Solution, SolveError>) -> bool {
     }
 }
 
-/// Whether a result is of another mounting than this sensor's, or of a source that tells its angles the wrong way round.
+/// Whether a result is of another mounting than this sensor's, or of a source that tells its angles the wrong way round, or
+/// none at all, next to a pole.
 const fn is_odd(error: &SolveError) -> bool {
-    matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed)
+    matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed | SolveError::NotDetermined(_))
 }
 
 /// What is not a number is not good either.

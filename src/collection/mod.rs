@@ -304,6 +304,11 @@ impl<'a> Collector<'a> {
         self.news
     }
 
+    /// How many of them were kept, at first or in place of others; wraps.
+    pub(crate) fn kept(&self) -> u16 {
+        self.dataset.kept()
+    }
+
     /// How samples are collected.
     #[must_use]
     pub fn procedure(&self) -> Procedure {

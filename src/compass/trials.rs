@@ -8,22 +8,34 @@ use crate::time::WrappingMillis;
 
 /// Fixed numbers.
 struct Config {
-    /// No trial before there are so many samples to fit to: three for each unknown.
+    /// No trial before so many samples are kept: forty to fit to, three for each unknown, and every fourth held back.
     min_samples: u16,
     /// Trials begin at least so far apart, milliseconds. A chip at 80 MHz solves for a quarter of a second, or for half a
     /// second where it looks twice: a twentieth of its time.
     apart_ms: u32,
     /// So many measurements must have come since the last one: standing tells nothing new.
-    min_news: u32,
+    min_news: u16,
+    /// So many of them must have been kept, too: of nearly the same samples nearly the same comes.
+    min_kept: u16,
+    /// Where fewer are, one trial in so many takes place, a minute of flying: that what is flown tells nothing is told.
+    rarely: u8,
     /// After so many measurements without any tilt, a minute of turning, what is good for level headings is good: what
     /// tilts has done so by then.
     level_news: u32,
     /// After so many trials none of which was noticeably better than those before, a minute of flying, more of the same
-    /// makes it no better: the buffer is full of as good samples.
+    /// makes it no better: the buffer is full of as good samples. One that did not take place was no better.
     stalled_trials: u8,
 }
 
-const CONFIG: Config = Config { min_samples: 40, apart_ms: 10_000, min_news: 10, level_news: 600, stalled_trials: 6 };
+const CONFIG: Config = Config {
+    min_samples: 53,
+    apart_ms: 10_000,
+    min_news: 10,
+    min_kept: 10,
+    rarely: 6,
+    level_news: 600,
+    stalled_trials: 6,
+};
 
 /// What a collection in flight would end in by now.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,23 +92,38 @@ impl Prospect {
 /// When a collection is solved on trial.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    /// When the last trial began, and how many measurements there were then.
-    last: Option<(WrappingMillis, u32)>,
+    /// When the last trial began, or would have, and how many measurements there were then; their number wraps.
+    began: WrappingMillis,
+    news: u16,
+    /// How many samples had been kept when the last one took place; wraps.
+    kept: u16,
+    /// How many would have begun since it.
+    passed: u8,
+    /// How many it stood for, itself and those that did not take place before it; none if there was none.
+    stands_for: u8,
 }
 
 impl Pace {
     /// No trial yet.
-    pub const NONE: Self = Self { last: None };
+    pub const NONE: Self =
+        Self { began: WrappingMillis::new(0), news: 0, kept: 0, passed: CONFIG.rarely - 1, stands_for: 0 };
 
     /// Whether it is time for a trial; if so, it counts as begun.
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
-        let (samples, news) = (collector.progress().left.samples, collector.news());
-        let is_late = self.last.is_none_or(|(began, before)| {
-            now.since(began) >= CONFIG.apart_ms && news.wrapping_sub(before) >= CONFIG.min_news
-        });
-        let is_due = samples >= CONFIG.min_samples && is_late;
+        let (news, kept) = (collector.news() as u16, collector.kept());
+        let is_early = if self.stands_for == 0 {
+            kept < CONFIG.min_samples
+        } else {
+            now.since(self.began) < CONFIG.apart_ms || news.wrapping_sub(self.news) < CONFIG.min_news
+        };
+        if is_early {
+            return false;
+        }
+        (self.began, self.news) = (now, news);
+        self.passed += 1;
+        let is_due = self.passed >= CONFIG.rarely || kept.wrapping_sub(self.kept) >= CONFIG.min_kept;
         if is_due {
-            self.last = Some((now, news));
+            (self.kept, self.passed, self.stands_for) = (kept, 0, self.passed);
         }
         is_due
     }
@@ -142,8 +169,11 @@ impl Trials {
     /// Whether it has not become better for long, this one counted.
     fn is_stalled(&mut self, expected_deg: f32) -> bool {
         let (best_deg, since) = self.best;
-        self.best =
-            if expected_deg <= NOTICEABLE * best_deg { (expected_deg, 0) } else { (best_deg, since.saturating_add(1)) };
+        self.best = if expected_deg <= NOTICEABLE * best_deg {
+            (expected_deg, 0)
+        } else {
+            (best_deg, since.saturating_add(self.pace.stands_for))
+        };
         self.best.1 >= CONFIG.stalled_trials
     }
 }
@@ -152,13 +182,57 @@ impl Trials {
 mod tests {
     use super::*;
     use crate::acceptance::Rejection;
+    use crate::calibration::ladder::Procedure;
     use crate::calibration::{Calibration, CurrentIron, Method, Orientation, Quality, Uncertainty};
+    use crate::calibration::{Rates, Sample};
     use crate::collection::Kept;
+    use crate::frames::{Attitude, Field, Level};
+
+    /// When trials are due, seconds, and what each stands for, of ten samples a second: turns of 18 s, level for 400 s, tilted by
+    /// 15 deg ahead for 40, and level again. Their readings are the same in every turn.
+    fn due_in_turns() -> Vec<(f32, u8)> {
+        let mut kept = Kept::EMPTY;
+        let mut collector = Collector::new(&mut kept);
+        collector.begin(Procedure::Flight);
+        let mut pace = Pace::NONE;
+        let mut due = Vec::new();
+        for tenths in 0..6000_u16 {
+            let t_s = f32::from(tenths) / 10.0;
+            let pitch_deg = if (400.0..440.0).contains(&t_s) { -15.0 } else { 0.0 };
+            let attitude = Attitude::from_deg(0.0, pitch_deg);
+            let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
+            let field = Field::new(attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut);
+            let time = WrappingMillis::new(u32::from(tenths) * 100);
+            collector.push(Sample { field, attitude, rates: Rates::NONE, time });
+            if pace.is_due(&collector, time) {
+                due.push((t_s, pace.stands_for));
+            }
+        }
+        due
+    }
+
+    /// A full buffer that takes nothing more of the same turn is tried once a minute, which is six that were no better; what it
+    /// does take is tried ten seconds after the last one, or that would have been, at the latest.
+    #[test]
+    fn what_adds_nothing_is_tried_once_a_minute() {
+        let due = due_in_turns();
+        // Its six hundred places are filled in two minutes, five a second.
+        let expected = [[1; 11].as_slice(), &[6, 6, 6, 6, 5, 1, 1, 1, 6, 6]].concat();
+        let tens: Vec<u8> = due.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / 10.0).round() as u8).collect();
+        assert_eq!(tens, expected, "{due:?}");
+        let stand_for: Vec<u8> = due.iter().skip(1).map(|&(_, stands_for)| stands_for).collect();
+        assert_eq!(stand_for, expected, "{due:?}");
+    }
+
+    /// Trials that each stand for so many, those that did not take place counted.
+    fn each_for(stands_for: u8) -> Trials {
+        Trials { pace: Pace { stands_for, ..Pace::NONE }, ..Trials::NONE }
+    }
 
     /// Six in a row that are not better by a twentieth than the best before; then a better one counts anew.
     #[test]
     fn what_does_not_become_better_is_at_its_floor() {
-        let mut trials = Trials::NONE;
+        let mut trials = each_for(1);
         assert!(!trials.is_stalled(2.0));
         for _ in 0..5 {
             assert!(!trials.is_stalled(1.91));
@@ -169,6 +243,16 @@ mod tests {
             assert!(!trials.is_stalled(deg));
         }
         assert!(trials.is_stalled(1.80), "all of them against 1.89");
+    }
+
+    /// A trial that took place after five that did not is six that were no better.
+    #[test]
+    fn trials_that_did_not_take_place_were_no_better() {
+        for (stands_for, stalled) in [(5, [false, true]), (6, [true, true]), (2, [false, false])] {
+            let mut trials = each_for(stands_for);
+            assert!(!trials.is_stalled(2.0), "the first one");
+            assert_eq!([2.0, 2.0].map(|deg| trials.is_stalled(deg)), stalled, "{stands_for}");
+        }
     }
 
     /// It is over when it is as good as wanted, or when neither more of the same nor anything else helps; unless what is

@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 
 use crate::read;
 
-const ALL: Options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
+const ALL: Options = Options::of(Selected::All);
 const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
 
 /// The rows of a flight's first compass, whose field is so old.

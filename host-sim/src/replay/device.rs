@@ -22,6 +22,10 @@ pub(super) fn collect<'a>(samples: &[Sample], options: &Options, kept: &'a mut K
     let settings = Settings { inclination_deg, ..Settings::DEFAULT };
     let mut compass = Compass::new(Policy::DEFAULT, &Stored { settings, ..Stored::default() }, kept);
     compass.step(Event::SensorFound(SENSOR, 1));
+    if let Some((place, day)) = options.here {
+        compass.step(Event::Place(place));
+        compass.step(Event::Day(day));
+    }
     compass.step(Event::Command(Command::CalStart(Procedure::Flight), WrappingMillis::default()));
     let last = samples.iter().position(|&sample| {
         compass.step(Event::Sample(sample));
@@ -86,7 +90,7 @@ mod tests {
     #[test]
     fn what_is_collected_is_told_by_trial_solves() {
         let samples = samples();
-        let options = Options { selected: Selected::Flight, inclination_deg: None, fit_until_s: None };
+        let options = Options::of(Selected::Flight);
         let mut kept = Kept::EMPTY;
         let (compass, ended) = collect(&samples, &options, &mut kept);
         let collected = sorted(compass.collected().fit());

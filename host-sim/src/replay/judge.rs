@@ -129,17 +129,18 @@ pub struct Verdict {
 pub fn judge(flight: &Flight, asked: &Asked) -> Verdict {
     let reference = Reference::best(flight);
     let earth = earth(flight);
-    let inclination_deg = asked.inclination_deg.or_else(|| {
-        let (earth, is_valid) = earth.as_ref()?;
-        is_valid.then(|| f64::from(earth.inclination_deg))
-    });
     let compasses: Vec<&Compass> =
         flight.compasses.iter().filter(|compass| asked.compass.is_none_or(|number| compass.number == number)).collect();
     let told = |used_s: f64| Age { used_s, sigma_s: None };
     let mut ages: Vec<Age> =
         compasses.par_iter().map(|compass| asked.age_s.map_or_else(|| age::found(flight, compass), told)).collect();
     age::shared(&mut ages);
-    let options = Options { selected: asked.selected, inclination_deg, fit_until_s: asked.fit_until_s };
+    let options = Options {
+        selected: asked.selected,
+        inclination_deg: asked.inclination_deg,
+        here: place(flight).zip(flight.day),
+        fit_until_s: asked.fit_until_s,
+    };
     let compasses: Vec<Judged> = compasses
         .par_iter()
         .zip(ages)
@@ -250,14 +251,19 @@ pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
+/// Where the middle of the flight was.
+fn place(flight: &Flight) -> Option<Place> {
+    let rows = flight.gps.rows();
+    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.of);
+    Place::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
+}
+
 /// The Earth's field at the middle of the flight, and whether the model holds on its day: on another it is that of the
 /// model's first day.
 fn earth(flight: &Flight) -> Option<(EarthField, bool)> {
     /// 2025-01-01, when the model begins.
     const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
-    let rows = flight.gps.rows();
-    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.of);
-    let place = Place::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)?;
+    let place = place(flight)?;
     let now = flight.day.and_then(|day| EarthField::of(place, day)).map(|field| (field, true));
     now.or_else(|| EarthField::of(place, Day::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false)))
 }

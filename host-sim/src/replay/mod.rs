@@ -26,6 +26,7 @@ use autoswing::calibration::{
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, Collector, Kept, Lack};
+use autoswing::earth::{Day, EarthField, Place};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Config, Correction, Estimate, Instrument};
@@ -50,10 +51,31 @@ pub enum Selected {
 pub struct Options {
     /// Which rows are fitted to.
     pub selected: Selected,
-    /// Inclination of the Earth field there, degrees, where it was told.
+    /// Inclination of the Earth field there, degrees, where a person told it.
     pub inclination_deg: Option<f64>,
+    /// Where and when it was flown: the field model tells the inclination where no person does. Unlike a person it gives way
+    /// to samples that contradict it.
+    pub here: Option<(Place, Day)>,
     /// Rows from this time on are not fitted to, seconds.
     pub fit_until_s: Option<f64>,
+}
+
+impl Options {
+    /// These rows, of which nothing else is told.
+    #[must_use]
+    pub const fn of(selected: Selected) -> Self {
+        Self { selected, inclination_deg: None, here: None, fit_until_s: None }
+    }
+
+    /// What is told of the inclination, radians, and whether by a person.
+    fn inclination_rad(&self) -> Option<(f32, bool)> {
+        let by_model = || {
+            let (place, day) = self.here?;
+            Some((EarthField::of(place, day)?.inclination_deg, false))
+        };
+        let (deg, is_by_person) = self.inclination_deg.map(|deg| (deg as f32, true)).or_else(by_model)?;
+        Some((deg.to_radians(), is_by_person))
+    }
 }
 
 /// Why the flight gave no calibration that the module would have taken.
@@ -142,19 +164,23 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
 #[must_use]
 pub fn replay_with(rows: &[Row], flight: Option<&Flight>, options: &Options) -> Replayed {
     let config = config_of(rows);
-    let prior = Prior {
-        mount: Orientation::NONE,
-        inclination_rad: options.inclination_deg.map(|degrees| degrees.to_radians() as f32),
-        readings_per_sample: config.readings_per_sample(),
+    let told = options.inclination_rad();
+    let known = Known {
+        prior: Prior {
+            mount: Orientation::NONE,
+            inclination_rad: told.map(|(rad, _)| rad),
+            readings_per_sample: config.readings_per_sample(),
+        },
+        is_by_person: told.is_some_and(|(_, is_by_person)| is_by_person),
     };
     let usable = fitted(rows, options, config);
     let mut kept = Kept::EMPTY;
     let ((result, fitted_s, lack), ended) = match options.selected {
-        Selected::All => (from_all(&usable, &prior), None),
-        Selected::Turns => (from_turns(&usable, &prior), None),
+        Selected::All => (from_all(&usable, &known), None),
+        Selected::Turns => (from_turns(&usable, &known), None),
         Selected::Flight => {
             let (compass, ended) = device::collect(&usable, options, &mut kept);
-            (from_collected(compass.collected(), &prior), ended)
+            (from_collected(compass.collected(), &known), ended)
         }
     };
     let ended_s = ended.and_then(|samples| usable[..samples].last()).map(taken_s);
@@ -230,39 +256,58 @@ type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
 /// What was solved, of samples of which instants, and what was wrong with the flight, where that can be said.
 type FromSamples = (Solved, Vec<f64>, Option<Lack>);
 
+/// What is known before the samples are looked at.
+struct Known {
+    prior: Prior,
+    /// Whether a person told the inclination.
+    is_by_person: bool,
+}
+
+impl Known {
+    /// As the module does it: samples that contradict an inclination that no person told are solved without.
+    fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
+        match solve(method, samples, &self.prior) {
+            Err(SolveError::InclinationContradicted { .. }) if !self.is_by_person => {
+                solve(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
+            }
+            end => end,
+        }
+    }
+}
+
 /// What all usable rows give; none if nothing.
 fn solved_of_all(rows: &[Row]) -> Option<Solution> {
-    let options = Options { selected: Selected::All, inclination_deg: None, fit_until_s: None };
     let config = config_of(rows);
     let prior = Prior { readings_per_sample: config.readings_per_sample(), ..Prior::default() };
-    let (solved, _, _) = from_all(&fitted(rows, &options, config), &prior);
+    let samples = fitted(rows, &Options::of(Selected::All), config);
+    let (solved, _, _) = from_all(&samples, &Known { prior, is_by_person: false });
     solved.ok().map(|(solution, _)| solution)
 }
 
 /// Through the device's detector of turns, too.
-fn from_turns(samples: &[Sample], prior: &Prior) -> FromSamples {
+fn from_turns(samples: &[Sample], known: &Known) -> FromSamples {
     let mut kept = Kept::EMPTY;
     let mut collector = Collector::new(&mut kept);
     collector.begin(Procedure::Turns);
     for &sample in samples {
         collector.push(sample);
     }
-    from_collected(&collector, prior)
+    from_collected(&collector, known)
 }
 
 /// Through the device's ladder and verification.
-fn from_collected(collector: &Collector<'_>, prior: &Prior) -> FromSamples {
+fn from_collected(collector: &Collector<'_>, known: &Known) -> FromSamples {
     let procedure = collector.procedure();
     let selection = Selection::of(collector.fit(), procedure);
     let fit = selection.from(collector.fit());
     let solved = ladder::choose(collector.fit(), procedure)
-        .and_then(|method| solve(method, fit, prior))
+        .and_then(|method| known.solve(method, fit))
         .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
     (solved, fit.all().map(taken_s).collect(), collector.lack())
 }
 
 /// Every so many samples one is fitted to, and the ones half-way between are held back.
-fn from_all(samples: &[Sample], prior: &Prior) -> FromSamples {
+fn from_all(samples: &[Sample], known: &Known) -> FromSamples {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -271,7 +316,8 @@ fn from_all(samples: &[Sample], prior: &Prior) -> FromSamples {
             .collect()
     };
     let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
-    let solved = solve(Method::MaximumLikelihood, fit.samples(), prior)
+    let solved = known
+        .solve(Method::MaximumLikelihood, fit.samples())
         .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
     (solved, fit.samples().all().map(taken_s).collect(), None)
 }

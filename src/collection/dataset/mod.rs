@@ -127,6 +127,12 @@ impl<'a> Dataset<'a> {
         is_news
     }
 
+    /// How many of whatever was flown were kept, at first or in place of others; wraps. Counted with the right piece,
+    /// whichever they lie in.
+    pub fn kept(&self) -> u16 {
+        self.right.taken()
+    }
+
     /// From now on samples of whatever is flown are chosen by coefficients that fit as well as this.
     pub fn learn(&mut self, calibration: &Calibration, quality: &Quality) {
         self.known.learn(calibration, quality);
@@ -142,6 +148,7 @@ impl<'a> Dataset<'a> {
         // Counted with the left piece, whichever it will lie in.
         let purpose = self.left.take(&Config::TURNS, &sample);
         if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
+            self.right.count();
             return;
         }
         if purpose == Purpose::Fit && !self.known.may_gain(&sample) {
@@ -159,6 +166,7 @@ impl<'a> Dataset<'a> {
         let weakest = known.weakest(samples);
         // The first is the new one.
         let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
+        self.right.count();
         for (piece, length) in self.pieces(purpose).into_iter().zip(lengths) {
             if place < length {
                 return piece.replace(place, sample);

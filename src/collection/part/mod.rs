@@ -211,10 +211,15 @@ impl<'a> PartSamples<'a> {
         is_late && sample.field.ut.iter().all(|c| c.is_finite())
     }
 
+    /// Counts one more that is taken.
+    pub fn count(&mut self) {
+        self.taken = self.taken.wrapping_add(1);
+    }
+
     /// Notes that a sample is taken, and says what for.
     pub fn take(&mut self, config: &Config, sample: &Sample) -> Purpose {
         self.last = Some(sample.time);
-        self.taken = self.taken.wrapping_add(1);
+        self.count();
         if self.taken.is_multiple_of(config.hold_back_every) { Purpose::Verification } else { Purpose::Fit }
     }
 
