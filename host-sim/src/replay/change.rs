@@ -22,10 +22,16 @@ const MIN_ROWS: usize = 60;
 /// Rows that are looked at: more than that tell no more.
 const MAX_ROWS: usize = 4000;
 
-/// A change is one when it is so many of its sigmas, so strong (microtesla), and takes so much of the scatter with it.
+/// A change is one when it is so many of its sigmas, so strong (microtesla), and leaves no more than this of the scatter of all
+/// rows.
 const MIN_SIGMAS: f64 = 8.0;
 const MIN_UT: f64 = 1.0;
 const MAX_SCATTER_LEFT: f64 = 0.85;
+
+/// Or, where the rows on its shorter side are too few to show in that, no more than this of theirs, and less than all of all.
+/// VTOLs that first hover, or hover at last, would have steps of 1 to 4 uT there that make all other rows worse.
+const MAX_LEFT_OF_FEW: f64 = 0.6;
+const MAX_LEFT_WITH_FEW: f64 = 0.97;
 
 /// So many neighbouring rows err alike: those of a second or so.
 const ALIKE: f64 = 10.0;
@@ -72,8 +78,8 @@ pub fn found(rows: &[Row], about: &Iron) -> Option<Change> {
     if usable.len() < 2 * MIN_ROWS {
         return None;
     }
-    let mut state = State::about(&usable, about);
-    let without = state.scatter(&usable, None);
+    let without = State::about(&usable, about);
+    let mut state = without.clone();
     let mut change = None;
     for _ in 0..PASSES {
         let (before, told) = (state.moved, change.map(|(first, _)| first));
@@ -85,13 +91,18 @@ pub fn found(rows: &[Row], about: &Iron) -> Option<Change> {
         }
     }
     let (first, sigma) = change?;
-    let with = state.scatter(&usable, Some(first));
+    let left = |rows: &[&Row], first| state.scatter(rows, Some(first)) / without.scatter(rows, None);
+    let (before, after) = usable.split_at(first);
+    let left_of_few = if after.len() < before.len() { left(after, 0) } else { left(before, before.len()) };
+    let left_of_all = left(&usable, first);
+    let is_better = left_of_all < MAX_SCATTER_LEFT || left_of_all < MAX_LEFT_WITH_FEW && left_of_few < MAX_LEFT_OF_FEW;
     let found = Change { at_s: usable[first].t_s, ut: state.moved.into(), sigma_ut: sigma.into() };
     let sigmas = state.moved.component_div(&sigma).amax();
-    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_UT && with < MAX_SCATTER_LEFT * without).then_some(found)
+    (sigmas > MIN_SIGMAS && found.size_ut() > MIN_UT && is_better).then_some(found)
 }
 
 /// Where the search stands.
+#[derive(Clone)]
 struct State {
     matrix: Matrix3<f64>,
     centre: Vector3<f64>,
@@ -281,9 +292,14 @@ mod tests {
     /// Three minutes of turns with banks of 30 and pitches of 15 deg in a field of 50 uT: `moved` is added from [`AT`] on,
     /// noise to each axis, and what each of 10 A before and 30 A after that adds.
     fn rows(moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<Row> {
+        rows_from(AT, moved, noise_ut, by_current_ut, seed)
+    }
+
+    /// The same, with the change at a row.
+    fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<Row> {
         let mut random = Random(seed);
         let of = |i: u16| {
-            let (t_s, is_after) = (f32::from(i) / 10.0, i >= AT);
+            let (t_s, is_after) = (f32::from(i) / 10.0, i >= at);
             let attitude = Attitude::from_deg(30.0 * (t_s * 0.31).sin(), 15.0 * (t_s * 0.47).sin());
             let earth = attitude.body(Field::earth(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
             let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
@@ -420,6 +436,30 @@ mod tests {
             };
             assert_eq!(of(1.7), None, "{seed}");
             assert!(of(3.0).is_some(), "{seed}");
+        }
+    }
+
+    /// A change soon after the beginning, or shortly before the end, shows in a tenth of the rows, and so hardly in what most
+    /// of them scatter by: it is found where those few become nearly twice as good.
+    #[test]
+    fn a_change_of_few_rows_is_found() {
+        for at in [150, 1650] {
+            for (moved_ut, noise_ut, is_found) in
+                [(8.0, 0.5, true), (5.0, 0.5, true), (0.0, 0.5, false), (2.0, 1.5, false)]
+            {
+                for seed in 0..4 {
+                    let moved = Vector3::new(moved_ut, 0.0, 0.0);
+                    let rows = rows_from(at, moved, noise_ut, Vector3::zeros(), seed);
+                    // The iron that most rows have: of the rows before it is what moves, seen from those after.
+                    let centre_ut = if at < AT { moved.map(f64::from) } else { Vector3::zeros() };
+                    let change = found(&rows, &Iron { centre_ut, ..Iron::none() });
+                    assert_eq!(change.is_some(), is_found, "{at}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");
+                    if let Some(change) = change {
+                        assert!((change.at_s - f64::from(at) / 10.0).abs() < 1.0, "{change:?}");
+                        assert!((change.size_ut() - f64::from(moved_ut)).abs() < 1.0, "{change:?}");
+                    }
+                }
+            }
         }
     }
 }
