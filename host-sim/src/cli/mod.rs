@@ -265,7 +265,8 @@ struct Replay {
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
     unit: UnitArgument,
-    /// Inclination of the Earth field there, degrees, -90 to 90, positive down; without it, it is found from the samples
+    /// Inclination of the Earth field there, degrees, -90 to 90, positive down; without it, that of the field model where
+    /// the log tells place and day, unless the samples contradict it, or else what they show
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = inclination)]
     inclination: Option<f64>,
     /// Fit only to rows before this time, seconds of the log, -1000000000 to 1000000000

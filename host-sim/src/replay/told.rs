@@ -31,12 +31,17 @@ pub fn verdict(judged: &Verdict) -> String {
     let slow = slow_attitude(judged);
     let which = match (accepted.len(), all) {
         (0, _) => {
+            let why = |compass: &Judged| why_refused(compass, slow.as_deref());
             let nearest = nearest(&judged.compasses);
-            let why = nearest.map_or_else(String::new, |compass| why_refused(compass, slow.as_deref()));
-            let of = nearest
-                .filter(|_| all > 1)
-                .map(|compass| format!(" every compass, number {} for this", compass.number));
-            return format!("the module would have refused{}: {why}", of.unwrap_or_default());
+            let nearest_why = nearest.map_or_else(String::new, why);
+            let whose = match nearest {
+                Some(_) if all > 1 && judged.compasses.iter().all(|compass| why(compass) == nearest_why) => {
+                    format!(" each of {all} compasses")
+                }
+                Some(compass) if all > 1 => format!(" each of {all} compasses; number {} came nearest", compass.number),
+                _ => String::new(),
+            };
+            return format!("the module would have refused{whose}: {nearest_why}");
         }
         (1, 1) => "the module would have calibrated".to_owned(),
         (some, _) if some == all => format!("the module would have calibrated each of {all} compasses"),

@@ -63,6 +63,24 @@ fn a_log_of_nearly_nothing_is_the_cause_of_a_refusal() {
     assert_eq!(refused(20, 20), "the module would have refused: its own");
 }
 
+/// What kept all compasses from it is told once; where they differ, that of the one that came nearest, with its number.
+#[test]
+fn of_several_refusals_the_nearest_is_told() {
+    let of = |number: u8, readings: usize| {
+        let (_, mut compass) = flown();
+        (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
+        compass.counted = Counted { readings, used: readings, ..Counted::default() };
+        Judged { number, ..compass }
+    };
+    let why = of(1, 900).refusal().unwrap();
+    for (readings, told) in [
+        (900, format!("the module would have refused each of 2 compasses: {why}")),
+        (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
+    ] {
+        assert_eq!(told::verdict(&verdict(vec![of(1, readings), of(2, 900)])), told);
+    }
+}
+
 /// The note on how strong a field is.
 fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
     use autoswing::earth::{Day, EarthField, Place};
