@@ -28,7 +28,8 @@ const MIN_SIGMAS: f64 = 8.0;
 const MIN_UT: f64 = 1.0;
 const MAX_SCATTER_LEFT: f64 = 0.85;
 
-/// Or, where the rows on its shorter side are too few to show in that, no more than this of theirs, and less than all of all.
+/// Or, where the rows on its shorter side are too few to show in that, no more than the first of their scatter, and no more than
+/// the second of that of all rows.
 /// VTOLs that first hover, or hover at last, would have steps of 1 to 4 uT there that make all other rows worse.
 const MAX_LEFT_OF_FEW: f64 = 0.6;
 const MAX_LEFT_WITH_FEW: f64 = 0.97;

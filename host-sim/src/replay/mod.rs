@@ -67,14 +67,13 @@ impl Options {
         Self { selected, inclination_deg: None, here: None, fit_until_s: None }
     }
 
-    /// What is told of the inclination, radians, and whether by a person.
-    fn inclination_rad(&self) -> Option<(f32, bool)> {
+    /// What is told of the inclination, radians: by a person, or else by the field model.
+    fn inclination_rad(&self) -> Option<f32> {
         let by_model = || {
             let (place, day) = self.here?;
-            Some((EarthField::of(place, day)?.inclination_deg, false))
+            Some(EarthField::of(place, day)?.inclination_deg)
         };
-        let (deg, is_by_person) = self.inclination_deg.map(|deg| (deg as f32, true)).or_else(by_model)?;
-        Some((deg.to_radians(), is_by_person))
+        self.inclination_deg.map(|deg| deg as f32).or_else(by_model).map(f32::to_radians)
     }
 }
 
@@ -164,14 +163,13 @@ pub fn replay(rows: &[Row], options: &Options) -> Replayed {
 #[must_use]
 pub fn replay_with(rows: &[Row], flight: Option<&Flight>, options: &Options) -> Replayed {
     let config = config_of(rows);
-    let told = options.inclination_rad();
     let known = Known {
         prior: Prior {
             mount: Orientation::NONE,
-            inclination_rad: told.map(|(rad, _)| rad),
+            inclination_rad: options.inclination_rad(),
             readings_per_sample: config.readings_per_sample(),
         },
-        is_by_person: told.is_some_and(|(_, is_by_person)| is_by_person),
+        is_by_person: options.inclination_deg.is_some(),
     };
     let usable = fitted(rows, options, config);
     let mut kept = Kept::EMPTY;
