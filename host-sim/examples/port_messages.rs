@@ -1,0 +1,70 @@
+//! Prints the decoded messages of both ports during two simulated flights, one line a message, for `scripts/golden`.
+//!
+//! A copter with ArduPilot on both ports (MAVLink, MSP), then an aeroplane with PX4 (MAVLink) and an NMEA listener. A line
+//! holds the time in milliseconds (10 ms resolution), the port, the message, and its numbers. A STATUSTEXT is reduced to
+//! its severity: its text may change without a change of behaviour.
+
+use host_sim::faults::Faults;
+use host_sim::mission::TurnPlan;
+use host_sim::module::Module as _;
+use host_sim::rig::Rig;
+use host_sim::routine::Routine;
+use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::VehicleKind;
+use host_sim::world::far_end::{AttachedDevice, FarEnd};
+use host_sim::world::mavlink_autopilot::MavlinkFirmware;
+use host_sim::world::msp_autopilot::{self, AnswerFaults};
+
+const STATUSTEXT: u32 = 253;
+const STEP_S: f64 = 0.01;
+const FLIGHT_S: f64 = 300.0;
+
+fn main() {
+    let no_troubles = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
+    let msp = FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, no_troubles);
+    print_flight(VehicleKind::Copter, [FarEnd::Mavlink(MavlinkFirmware::ArduPilot), msp], "set port2 msp");
+    print_flight(VehicleKind::Plane, [FarEnd::Mavlink(MavlinkFirmware::Px4), FarEnd::Unconnected], "set vision on");
+}
+
+fn print_flight(kind: VehicleKind, far_ends: [FarEnd; 2], setting: &str) {
+    println!("{} {setting}", kind.name());
+    let mut rig = Rig::with_far_ends(WorldConfig::table1(7).with_vehicle_kind(kind), Faults::default(), far_ends);
+    let _ = rig.type_line(setting);
+    let _ = rig.run_for_s(12.0);
+    rig.world.set_armed(true);
+    for leg in Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs() {
+        rig.world.fly(leg);
+    }
+    let end_us = rig.now_us() + (FLIGHT_S * 1e6) as u64;
+    while rig.now_us() < end_us {
+        let _ = rig.run_for_s(STEP_S);
+        print_messages(&rig);
+    }
+}
+
+fn print_messages(rig: &Rig) {
+    let now_ms = rig.now_us() / 1000;
+    for (port, far_end) in rig.far_ends.iter().enumerate() {
+        match far_end {
+            AttachedDevice::Mavlink(autopilot) => {
+                for frame in autopilot.borrow_mut().take_received() {
+                    let is_text = frame.id == STATUSTEXT;
+                    let payload = if is_text { &frame.payload[..1] } else { &frame.payload[..] };
+                    // Later pieces of a long text: how many there are depends on the text.
+                    if !is_text || frame.byte(53) == 0 {
+                        println!("{now_ms} {port} {} {}/{} {payload:02x?}", frame.id, frame.system, frame.component);
+                    }
+                }
+            }
+            AttachedDevice::Msp(autopilot) => {
+                for reading in autopilot.borrow_mut().take_compass_samples() {
+                    println!("{now_ms} {port} compass {} {:?}", reading.time_ms, reading.field_mg);
+                }
+            }
+            AttachedDevice::Deaf => {}
+        }
+    }
+    for sentence in String::from_utf8_lossy(&rig.instrument().receive()).lines() {
+        println!("{now_ms} nmea {sentence}");
+    }
+}
