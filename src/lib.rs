@@ -1,69 +1,84 @@
-//! Autoswing: a magnetic heading module that swings its own compass.
+//! Autoswing: a magnetic heading module that compensates its own deviation. Terms and symbols: `docs/glossary.md`.
 //!
-//! Iron in an airframe bends a magnetic compass by tens of degrees. This crate collects magnetometer and attitude
-//! samples while the aircraft flies left and right turns, solves the twelve deviation coefficients on the device
-//! without any heading reference, keeps them in flash and streams corrected heading. It implements and extends
-//! Liu Shibin, "Study on Automatic Magnetic Deviation Compensation of Magnetic Heading Measurement for UAV",
-//! Acta Aeronautica et Astronautica Sinica 28(2), 2007, 411-414 (cited below as *Liu 2007*).
+//! Iron in an airframe deflects a magnetic compass by tens of degrees. This crate collects magnetometer and attitude
+//! samples in flight, solves for the twelve deviation coefficients on the device without a heading reference, stores
+//! them in flash and outputs the corrected heading. It implements and extends Liu Shibin, "Study on Automatic Magnetic
+//! Deviation Compensation of Magnetic Heading Measurement for UAV", Acta Aeronautica et Astronautica Sinica 28(2),
+//! 2007, 411-414 (*Liu 2007* below).
 //!
 //! # As a library
 //!
-//! Two things are of use without the firmware: [`calibration`] makes coefficients of samples, and an
-//! [`instrument::Instrument`] makes headings of readings and attitude with them. Each has an example. The rest builds
-//! the module around them; docs/architecture.md draws it.
+//! Two parts are useful without the firmware: [`calibration`] solves for coefficients, and an
+//! [`instrument::Instrument`] computes headings with them. Each has an example. The rest builds the module around them;
+//! see docs/architecture.md.
 //!
-//! | module | holds |
+//! | module | contents |
 //! |---|---|
-//! | [`frames`], [`time`] | fields in frames, attitude, instants, as types |
-//! | [`calibration`] | from samples to the twelve coefficients, with their uncertainty |
-//! | [`heading`], [`attitude`], [`earth`] | a corrected field to a heading; attitude in time; place and day |
-//! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, NMEA |
+//! | [`frames`], [`time`] | types for fields in frames, attitude, time |
+//! | [`calibration`] | the twelve coefficients and their covariance from samples |
+//! | [`heading`], [`attitude`], [`earth`] | heading from a corrected field; attitude track; field model |
+//! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, MSP, NMEA |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
-//! | [`collection`], [`acceptance`], [`store`] | which samples are kept, whether a result is, and where |
-//! | [`compass`], [`port`], [`console`], [`app`] | the state machine, what others are told, and the tasks |
-//! | [`settings`], [`health`] | what the user chose, how the module is |
+//! | [`collection`], [`acceptance`], [`store`] | selection of samples, acceptance of results, flash |
+//! | [`compass`], [`port`], [`console`], [`app`] | state machine, output, tasks |
+//! | [`settings`], [`health`] | settings, diagnostics |
 //!
-//! # The way of a sample (read the modules in this order)
+//! # Data flow (and order for reading)
 //!
-//! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla at an instant -> the [`instrument`]
-//! pairs it with the attitude interpolated to that instant ([`attitude`]) and averages -> [`calibration::Sample`]
-//! -> [ turn detector and dataset ([`collection`]) -> solver ([`calibration`]) -> [`acceptance`] on held-back samples
-//! -> flash ([`store`]) ] -> `Field<Body>` corrected -> de-rotated by the attitude -> heading ([`heading`])
-//! -> a [`port`] -> a field to an autopilot's compass, NMEA ([`wire`]).
+//! I2C registers ([`magnetometer`]) -> [`frames::Field`]`<Sensor>` in microtesla with timestamp -> [`instrument`]:
+//! attitude interpolated to that time ([`attitude`]), averaging -> [`calibration::Sample`] -> [ turn detector and
+//! dataset ([`collection`]) -> solver ([`calibration`]) -> [`acceptance`] on held-back samples -> flash ([`store`]) ]
+//! -> `Field<Body>` corrected -> level frame -> heading ([`heading`]) -> a [`port`] -> compass field for an autopilot,
+//! NMEA ([`wire`]).
 //!
-//! The asynchronous tasks that move it along are in [`app`]; they run unchanged on a board and, in virtual time, on
-//! the host. What is board-specific is in `board`, which exists only when built for bare metal.
+//! The asynchronous tasks are in [`app`]; they run unchanged on a board and, in virtual time, on a host. Board-specific
+//! code is in `board`, which is built only for bare metal.
 //!
 //! # Frames and signs
 //!
-//! - Body frame FRD: x forward, y right wing, z down. Attitude: Euler ZYX; roll phi > 0 is right wing down, pitch
-//!   theta > 0 is nose up, heading psi is clockwise from magnetic north. The same as MAVLink, PX4 and ArduPilot.
+//! - Body frame FRD: x forward, y right wing, z down. Attitude: Euler ZYX; roll phi > 0 right wing down, pitch theta >
+//!   0 nose up, heading psi clockwise from magnetic north. As in MAVLink, PX4 and ArduPilot.
 //! - Level frame: x along the horizontal projection of the nose, y to the right, z down.
 //! - Liu 2007 uses x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`.
 //! - Earth field in the level frame at heading psi: `H0 [cos psi, -sin psi, D]`, `D = tan(inclination)`, inclination
 //!   positive down. So `psi = atan2(-l_y, l_x)` (Liu 2007 eq. 3).
-//! - Sensor model (Liu 2007 eq. 8): `m = A h_body + b`. `A` holds soft iron, scale, non-orthogonality and the rotation
-//!   between sensor and attitude frame; `b` holds hard iron and zero offset. The device keeps `W = A^-1` and `b`.
+//! - Sensor model (Liu 2007 eq. 8): `m = A h_body + b`. `A` contains soft iron, scale, non-orthogonality and the
+//!   rotation between sensor and attitude frame; `b` contains hard iron and zero offset. The device stores `W = A^-1`
+//!   and `b`.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
 pub mod acceptance;
+#[cfg(feature = "firmware")]
 pub mod app;
 pub mod attitude;
 pub mod calibration;
 pub mod collection;
+#[cfg(feature = "firmware")]
 pub mod compass;
+#[cfg(feature = "firmware")]
 pub mod console;
+pub mod decimal;
 pub mod earth;
 pub mod frames;
 pub mod heading;
+#[cfg(feature = "firmware")]
 pub mod health;
 pub mod instrument;
+#[cfg(feature = "firmware")]
 mod log;
+#[cfg(feature = "firmware")]
 pub mod magnetometer;
+#[cfg(feature = "firmware")]
+pub mod messages;
+#[cfg(feature = "firmware")]
 pub mod port;
+pub mod reading;
+#[cfg(feature = "firmware")]
 pub mod settings;
+#[cfg(feature = "firmware")]
 pub mod store;
 pub mod time;
 mod trig;
+#[cfg(feature = "firmware")]
 pub mod wire;

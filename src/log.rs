@@ -1,4 +1,4 @@
-//! Logging: defmt on a board, nothing on the host (where the simulator watches the module from outside).
+//! Logging: defmt on a board, nothing on a host.
 
 macro_rules! info {
     ($($arg:tt)*) => {{
@@ -18,7 +18,7 @@ macro_rules! warning {
     }};
 }
 
-/// Uses the arguments, so that a value that is only logged is no warning on the host.
+/// Uses the arguments, to avoid warnings about unused values on a host.
 #[cfg(not(target_os = "none"))]
 macro_rules! discard {
     ($format:literal $(, $arg:expr)* $(,)?) => {{

@@ -1,4 +1,4 @@
-//! The firmware: the tasks of the library on a board.
+//! Firmware: the library's tasks on a board.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(all(target_os = "none", not(any(feature = "board-b-l475e-iot01a", feature = "board-mps2-an386"))))]

@@ -1,19 +1,22 @@
-//! Functions of angles in `f32` alone.
+//! Trigonometric functions in `f32`.
 //!
-//! `libm`'s go by way of `f64`, which a Cortex-M4 has no hardware for: 2,200 instructions for a sine with its cosine,
-//! where these take fifty, to the same digits at the angles of aircraft.
+//! Those of `libm` use `f64`, which a Cortex-M4 emulates: 2,200 instructions for sine and cosine, 50 here at the same
+//! accuracy.
 
 use core::f32::consts::FRAC_2_PI;
 
-/// Sine and cosine, to 1e-7, of angles up to 8000 radians. Not finite: not a number.
+pub use autoswing_fpu::sqrt;
+use nalgebra::{Const, SVector, Storage, Vector};
+
+/// Sine and cosine, accurate to 1e-7 for angles up to 8000 rad. NaN for an infinite or NaN angle.
 ///
-/// Reduction by quarters of a circle in three parts, and the polynomials of S. L. Moshier's Cephes library (`sinf.c`).
+/// Range reduction by pi/2 in three parts, and the polynomials of S. L. Moshier's Cephes library (`sinf.c`).
 #[must_use]
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
-    // A quarter of a circle, in parts whose products with a small whole number are exact.
+    // pi/2 in parts whose products with small integers are exact.
     const QUARTER: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
     let quarters = angle_rad * FRAC_2_PI;
-    // Saturates where it is not finite; the rest is then not a number.
+    // The cast saturates for non-finite values; the remainder is then NaN.
     let quarters = (quarters + 0.5_f32.copysign(quarters)) as i32;
     let number = quarters as f32;
     let x = QUARTER.iter().fold(angle_rad, |rest, part| rest - number * part);
@@ -28,25 +31,48 @@ pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     }
 }
 
-/// The angle of -pi/2..pi/2 with this sine; sines beyond one count as one.
+/// Arc sine, -pi/2..pi/2; the argument is clamped to 1.
 #[must_use]
 pub fn asin(sin: f32) -> f32 {
-    libm::atan2f(sin, libm::sqrtf((1.0 - sin * sin).max(0.0)))
+    libm::atan2f(sin, sqrt((1.0 - sin * sin).max(0.0)))
 }
 
-/// The length of what has these two sides at a right angle. For sides that are neither huge nor tiny: their squares are
-/// taken.
+/// Hypotenuse. Squares must neither overflow nor underflow.
 #[must_use]
 pub fn hypot(a: f32, b: f32) -> f32 {
-    libm::sqrtf(a * a + b * b)
+    sqrt(a * a + b * b)
 }
 
-/// One over the cube root of a positive number, to the last digit or two.
+/// Lengths of vectors by the FPU's square root; nalgebra's own call `libm`'s.
+pub trait Length {
+    /// The same vector with length 1.
+    type Unit;
+
+    /// Euclidean length.
+    fn length(&self) -> f32;
+
+    /// Unit vector of the same direction; not numbers for a zero vector.
+    fn unit(&self) -> Self::Unit;
+}
+
+impl<const N: usize, S: Storage<f32, Const<N>>> Length for Vector<f32, Const<N>, S> {
+    type Unit = SVector<f32, N>;
+
+    fn length(&self) -> f32 {
+        sqrt(self.norm_squared())
+    }
+
+    fn unit(&self) -> Self::Unit {
+        self / self.length()
+    }
+}
+
+/// Reciprocal cube root of a positive number, accurate to two units in the last place.
 ///
-/// Newton's method for `y^-3 = x`, from a third of the exponent.
+/// Newton's method for `y^-3 = x`, starting from a third of the exponent.
 #[must_use]
 pub fn reciprocal_cbrt(x: f32) -> f32 {
-    /// Makes the first guess good to 4 %.
+    /// Limits the error of the initial value to 4 %.
     const GUESS: u32 = 0x54A2_1D2A;
     let guess = f32::from_bits(GUESS.saturating_sub(x.to_bits() / 3));
     (0..4).fold(guess, |y, _| y * (4.0 - x * y * y * y) / 3.0)
@@ -57,14 +83,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_long_side() {
+    fn hypot_of_right_triangles() {
         for (a, b, c) in [(3.0, 4.0, 5.0), (-3e-3, 4e-3, 5e-3), (0.0, -2.0, 2.0), (0.0, 0.0, 0.0)] {
             assert!((hypot(a, b) - c).abs() <= 1e-7 * c, "{a} {b}");
         }
         assert!(hypot(f32::NAN, 1.0).is_nan());
     }
 
-    /// 1e-7 is an f32's last digit at one.
+    /// 1e-7 is one unit in the last place at 1.
     #[test]
     fn sine_and_cosine_are_those_of_f64() {
         for i in -200_000_i32..=200_000 {

@@ -1,4 +1,4 @@
-//! The library is built as docs/architecture.md draws it: no room uses one of its own floor or above.
+//! The library's dependencies follow the layers in docs/architecture.md: a module uses only modules of lower layers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +8,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Rooms and their floors, read from the drawing: lines of a number and names, before what is said of them.
+/// Layer number of each module, parsed from the diagram: a number followed by module names.
 fn floors() -> BTreeMap<String, u32> {
     let text = fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
     let drawing = text.split("```text").nth(1).and_then(|rest| rest.split("```").next()).expect("a drawing");
@@ -16,7 +16,7 @@ fn floors() -> BTreeMap<String, u32> {
     for line in drawing.lines() {
         let Some((number, rest)) = line.trim().split_once("  ") else { continue };
         let Ok(floor) = number.parse() else { continue };
-        // Two spaces between names, more before the words.
+        // Names are separated by two spaces; three or more precede the description.
         let names = rest.split("   ").next().unwrap_or_default();
         floors.extend(names.split_whitespace().map(|name| (name.to_owned(), floor)));
     }
@@ -35,7 +35,7 @@ fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The rooms that a file uses: what follows `crate::` and `autoswing::`, comments and unit tests left out.
+/// Modules that a file uses (after `crate::` and `autoswing::`), without comments and unit tests.
 fn used(text: &str, rooms: &BTreeMap<String, u32>) -> Vec<String> {
     let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     code.lines()

@@ -1,38 +1,37 @@
-//! Nobody types anything: the module calibrates in flight, and its lamp says so.
+//! Automatic calibration without console commands, indicated by the lamp.
 
-use host_sim::mission::Plan;
-use host_sim::module::{Module as _, Ran};
+use host_sim::mission::TurnPlan;
+use host_sim::module::{Module as _, ModuleRunEnd};
 use host_sim::rig::Rig;
 use host_sim::routine::Routine;
-use host_sim::transcript::{self, Notice};
+use host_sim::transcript::{self, SolveNotice};
 use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::{Config, Kind};
+use host_sim::world::aircraft::{VehicleConfig, VehicleKind};
 
-fn world(kind: Kind) -> WorldConfig {
+fn world(kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::table1(7);
-    WorldConfig { aircraft: Config { kind, ..world.aircraft }, ..world }
+    WorldConfig { aircraft: VehicleConfig { kind, ..world.aircraft }, ..world }
 }
 
-/// Share of two seconds in which the lamp is lit, percent.
 fn lit_percent(rig: &mut Rig) -> u32 {
     let mut lit = 0;
     for _ in 0..200 {
-        assert_eq!(rig.run_for_s(0.01), Ran::Time);
+        assert_eq!(rig.run_for_s(0.01), ModuleRunEnd::Time);
         lit += u32::from(rig.panel.is_lit());
     }
     lit / 2
 }
 
-/// Flies a kind's routine, armed; what the module told by itself, and the lamp half way.
-fn fly(rig: &mut Rig, kind: Kind) -> (Option<Notice>, u32) {
+/// Flies a routine, armed; returns the module's unsolicited result and the lamp's duty cycle during collection.
+fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
     rig.world.set_armed(true);
-    let legs = Routine::of(kind, Plan::default(), rig.world.config().aircraft.heading_deg).legs();
+    let legs = Routine::for_vehicle(kind, TurnPlan::default(), rig.world.config().aircraft.heading_deg).legs();
     for leg in legs {
         rig.world.fly(leg);
     }
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
-        assert_eq!(rig.run_for_s(1.0), Ran::Time);
+        assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         printed.push_str(&rig.printed());
         if second == 25 {
             lamp = lit_percent(rig);
@@ -41,11 +40,10 @@ fn fly(rig: &mut Rig, kind: Kind) -> (Option<Notice>, u32) {
     (transcript::notice(&printed), lamp)
 }
 
-/// From the bench to a heading: an aeroplane and a copter. Before it is armed a short flash, while it collects more, and
-/// when it is calibrated the lamp is lit but for a break.
+/// The lamp flashes briefly before arming, longer during collection, and is almost continuously lit when calibrated.
 #[test]
 fn who_takes_off_comes_back_calibrated() {
-    for kind in [Kind::Plane, Kind::Copter] {
+    for kind in [VehicleKind::Plane, VehicleKind::Copter] {
         let mut rig = Rig::new(world(kind));
         rig.run_for_s(8.0);
         assert!(lit_percent(&mut rig) < 8, "{kind:?}: waiting");
@@ -53,17 +51,16 @@ fn who_takes_off_comes_back_calibrated() {
         assert!(status.contains("\r\narmed: no\r\n"), "{status}");
         assert!(status.contains("\r\ncollection: flight, when the autopilot arms\r\n"), "{status}");
         let (notice, lamp) = fly(&mut rig, kind);
-        assert!(matches!(notice, Some(Notice::Calibrated(_))), "{kind:?}: {notice:?}");
+        assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{kind:?}: {notice:?}");
         assert!((9..=92).contains(&lamp), "{kind:?}: {lamp}");
         assert!(lit_percent(&mut rig) > 90, "{kind:?}: calibrated");
         assert!(rig.type_line("status").contains("ok calibrated"));
     }
 }
 
-/// Switched off, only who holds the button, or types, begins; the choice is kept over a restart.
 #[test]
 fn it_waits_for_whom_it_is_told_to_wait() {
-    let mut rig = Rig::new(world(Kind::Copter));
+    let mut rig = Rig::new(world(VehicleKind::Copter));
     rig.run_for_s(2.0);
     assert!(rig.type_line("cal auto off").contains("ok auto off"));
     rig.type_line("reboot");
@@ -71,18 +68,18 @@ fn it_waits_for_whom_it_is_told_to_wait() {
     rig.run_for_s(20.0);
     let status = rig.type_line("status");
     assert!(status.contains("ok uncalibrated") && status.contains("\r\nauto: off, "), "{status}");
-    rig.panel.press(true);
+    rig.panel.set_button(true);
     rig.run_for_s(2.5);
-    rig.panel.press(false);
+    rig.panel.set_button(false);
     let status = rig.type_line("status");
-    assert!(status.contains("ok collecting") && !status.contains("by itself\r"), "{status}");
+    assert!(status.contains("ok collecting") && !status.contains("automatic\r"), "{status}");
 }
 
-/// On the ground, disarmed, it collects nothing however it is carried about.
+/// Without arming, motion does not start a collection.
 #[test]
 fn carried_about_it_collects_nothing() {
-    let mut rig = Rig::new(world(Kind::Copter));
-    let legs = Routine::of(Kind::Copter, Plan::default(), 0.0).legs();
+    let mut rig = Rig::new(world(VehicleKind::Copter));
+    let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {
         rig.world.fly(leg);
     }

@@ -1,4 +1,4 @@
-//! The program's manners: how it ends, how wide it prints, what it tells scripts, and what it says of a person's mistake.
+//! Exit codes, output width, JSON schema and error messages of the commands.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::collections::BTreeSet;
@@ -14,19 +14,19 @@ use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
-/// The repository's root: the paths of examples are from there.
+/// The repository's root.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// `host-sim` with these words, at the root.
+/// Runs `host-sim` with arguments, in the root.
 fn host_sim(words: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
     command.args(words.split(' ')).current_dir(root()).stdin(Stdio::null());
     command
 }
 
-/// It runs to its end; what it said and printed.
+/// Exit code, standard output and error output.
 fn ran(words: &str) -> (Option<i32>, String, String) {
     let Output { status, stdout, stderr } = host_sim(words).output().unwrap();
     (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
@@ -38,7 +38,7 @@ fn printed(words: &str) -> String {
     printed
 }
 
-/// One of each command that needs no emulator, as short as there is.
+/// Short runs of each command that needs no emulator.
 const SHORT: [&str; 8] = [
     "fly --json --circles 0.1",
     "table1",
@@ -50,8 +50,7 @@ const SHORT: [&str; 8] = [
     "bench integrity --case list",
 ];
 
-/// A pipe whose reader has gone, as `| head -1` leaves it. A shell tells 128 and the signal's number, 13, of a program that
-/// ended by it; nobody wants to hear of it.
+/// A shell reports 128 plus SIGPIPE's number, 13.
 #[test]
 fn a_closed_pipe_ends_every_command_without_a_word() {
     for words in SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"]) {
@@ -62,7 +61,7 @@ fn a_closed_pipe_ends_every_command_without_a_word() {
             let (reader, writer) = io::pipe().unwrap();
             drop(reader);
             let mut command = host_sim(&format!("{words}{report}"));
-            // A console prints when something is typed, and speaks as long.
+            // The console prints only in answer to input.
             let (typed, mut types) = io::pipe().unwrap();
             io::Write::write_all(&mut types, b"version\r").unwrap();
             command.stdin(typed).stdout(writer.try_clone().unwrap());
@@ -77,7 +76,6 @@ fn a_closed_pipe_ends_every_command_without_a_word() {
     }
 }
 
-/// What cannot be written for another reason is no success.
 #[test]
 fn a_full_disk_is_told() {
     let full = File::options().write(true).open("/dev/full").unwrap();
@@ -86,7 +84,7 @@ fn a_full_disk_is_told() {
     assert!(String::from_utf8_lossy(&stderr).contains("cannot write to the standard output: No space left"));
 }
 
-/// Waits until a child is ready to be told to end: it catches SIGINT.
+/// Waits until a child catches SIGINT.
 fn wait_until_it_listens(pid: u32) {
     for _ in 0..6000 {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
@@ -109,10 +107,10 @@ fn ctrl_c_ends_a_long_run() {
     }
 }
 
-/// The header of an ELF executable for ARM, and nothing behind it.
+/// ELF header for an ARM executable, without content.
 const HEADER: &[u8] = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0";
 
-/// Instead of QEMU a program that starts, makes no sockets, and would stay for ten minutes.
+/// A substitute for QEMU that creates no sockets and runs for ten minutes.
 #[test]
 fn ctrl_c_leaves_no_emulator_and_no_files_behind() {
     for words in ["emulate", "bench budget"] {
@@ -161,7 +159,7 @@ fn tables_fit_a_terminal() {
     }
 }
 
-/// Fields that are told, by their paths: `a.b` of objects, `[]` of lists. What is null has none below.
+/// Paths of all values: `a.b` in objects, `[]` in lists, `?` after a null.
 fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
     match value {
         Value::Object(fields) => {
@@ -179,14 +177,14 @@ fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
     }
 }
 
-/// Whether a path is one that is documented, where `*` is any name.
+/// Whether a path matches a documented one, in which `*` is any name.
 fn is_of(path: &str, documented: &str) -> bool {
     let (path, documented): (Vec<_>, Vec<_>) = (path.split('.').collect(), documented.split('.').collect());
     let is_same = |(one, other): (&&str, &&str)| *other == "*" || one == other;
     path.len() == documented.len() && path.iter().zip(&documented).all(is_same)
 }
 
-/// Whether what is null stands where something is documented, or what is below it.
+/// Whether a null replaces a documented value or object.
 fn is_absent(path: &str, documented: &str) -> bool {
     documented == path || [".", "[]"].iter().any(|below| documented.starts_with(&format!("{path}{below}")))
 }
@@ -200,7 +198,7 @@ fn documented(section: &str) -> BTreeSet<String> {
     rows.flat_map(|row| row.split('|').nth(1).unwrap().split('`').skip(1).step_by(2).map(str::to_owned)).collect()
 }
 
-/// Rounded to its unit, or, of a calibration, the digits of an f32: nine that count.
+/// Decimals of the unit, or nine digits for coefficients.
 fn check_digits(value: &Value, path: &str) {
     match value {
         Value::Object(fields) => fields.iter().for_each(|(name, value)| check_digits(value, &format!("{path}.{name}"))),
@@ -211,7 +209,7 @@ fn check_digits(value: &Value, path: &str) {
             let is_good = if path.contains(".coefficients.") {
                 text.replace(['-', '.'], "").trim_start_matches('0').len() <= 9
             } else {
-                // Of what is multiplied by a hundred amperes, too, one more.
+                // One more decimal for values multiplied by up to 100 A.
                 let is_small = path.contains("soft_iron") || path.ends_with("ut_per_a");
                 decimals <= 3 + usize::from(is_small) + 2 * usize::from(path.contains(".matrix"))
             };
@@ -221,7 +219,7 @@ fn check_digits(value: &Value, path: &str) {
     }
 }
 
-/// All that these commands tell is documented, and all that is documented is told by one of them.
+/// Output and documentation contain the same paths.
 fn check_schema(section: &str, outputs: &[Value]) {
     let mut told = BTreeSet::new();
     for output in outputs {
@@ -255,7 +253,7 @@ fn what_scripts_read_is_documented() {
     check_schema("table1 --json", &[json("table1 --json")]);
     let whole = json("bench accuracy --aircraft copter --airframes 1 --draws 1 --minutes 1 --json");
     check_schema("bench accuracy --json", &[json("bench accuracy --airframes 1 --draws 1 --json"), whole]);
-    // One of these refuses, one is silent at times, one tells of iron.
+    // A refused case, one without headings at times, one with a hard-iron change.
     let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
     check_schema("bench integrity --json", &[json(&format!("bench integrity --flights 1 {cases}--json"))]);
     check_schema("bench speed --json", &[json("bench speed --json")]);
@@ -264,7 +262,7 @@ fn what_scripts_read_is_documented() {
     let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
     let mut told = BTreeSet::new();
     paths(&flight, "", &mut told);
-    // Causes are named by what they are.
+    // Names below are causes.
     for path in told.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
         assert!(
@@ -280,7 +278,7 @@ fn what_serve_tells_scripts_is_documented() {
         let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
-        // Nobody reads any more, which ends it.
+        // Ended by the closed pipe.
         child.wait().unwrap();
         serde_json::from_str(&line).unwrap()
     };
@@ -293,7 +291,7 @@ fn what_the_budget_tells_scripts_is_documented() {
     check_schema("bench budget --json", &[json("bench budget --json")]);
 }
 
-/// With QEMU under way: the machine, and what belongs to it, go with the command.
+/// QEMU and its files are removed while it runs.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn ctrl_c_ends_qemu_too() {
@@ -304,7 +302,7 @@ fn ctrl_c_ends_qemu_too() {
         assert!(child.try_wait().unwrap().is_none());
         thread::sleep(Duration::from_millis(10));
     }
-    // It flies meanwhile.
+    // Interrupted in flight, not at the start.
     thread::sleep(Duration::from_secs(2));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
@@ -316,7 +314,7 @@ fn ctrl_c_ends_qemu_too() {
     assert!(!fs::read_dir("/proc").unwrap().flatten().any(is_left), "QEMU is left");
 }
 
-/// Each mistake: what it is about, by name, and what to do. Exit code 2.
+/// The message names the cause and a remedy; exit code 2.
 #[test]
 fn mistakes_are_told_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
@@ -341,7 +339,7 @@ fn mistakes_are_told_with_what_to_do() {
         ("fly --airframe /nowhere.toml".to_owned(), "/nowhere.toml".to_owned(), "expected"),
         ("fly --json --circles 0.1 --record /nowhere/x.csv".to_owned(), "/nowhere/x.csv".to_owned(), "--record names"),
         (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
-        ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows them"),
+        ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows all"),
     ] {
         let (code, _, said) = ran(&words);
         assert_eq!(code, Some(2), "{words}: {said}");
@@ -349,7 +347,6 @@ fn mistakes_are_told_with_what_to_do() {
     }
 }
 
-/// The error output is a terminal: there it is told how far it is, and nowhere else.
 #[test]
 fn progress_is_shown_on_a_terminal_only() {
     for (words, bar) in [
@@ -371,7 +368,7 @@ fn progress_is_shown_on_a_terminal_only() {
         let child = host_sim(words).stdout(Stdio::piped()).stderr(terminal).spawn().unwrap();
         let shown = thread::spawn(move || {
             let (mut master, mut shown) = (File::from(master), Vec::new());
-            // Its end is an error, once nobody has the other end.
+            // The end of a pseudo-terminal is reported as an error.
             let _ = master.read_to_end(&mut shown);
             String::from_utf8_lossy(&shown).into_owned()
         });
@@ -384,7 +381,7 @@ fn progress_is_shown_on_a_terminal_only() {
     }
 }
 
-/// Somebody who meets an airframe that is hard can keep it, and change it.
+/// The printed file reproduces the airframe.
 #[test]
 fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let folder = tempfile::tempdir().unwrap();
@@ -396,7 +393,7 @@ fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let read = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
     for name in ["rms_deg", "max_deg"] {
         let [drawn, read] = [&drawn, &read].map(|of| of["before"][name].as_f64().unwrap());
-        // Its matrix is rounded to 0.0001, its mounting to 0.01 deg.
+        // The matrix is rounded to 0.0001, the mounting to 0.01 deg.
         assert!((drawn - read).abs() < 0.05, "{name}: {drawn} {read}");
     }
     let [drawn, read] = [&drawn, &read].map(|of| of["airframe"]["total_ut"].as_f64().unwrap());

@@ -1,4 +1,4 @@
-//! The console as a person meets it: text in, text out, through the cable.
+//! Console commands and line editing over the simulated cable.
 
 use host_sim::module::Module as _;
 use host_sim::rig::Rig;
@@ -13,7 +13,6 @@ fn rig() -> Rig {
     rig
 }
 
-/// The lines of a reply, without the echo of what was typed and without the prompt.
 fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
     let text = rig.type_line(line);
     let mut lines: Vec<String> = text.split("\r\n").map(str::to_owned).collect();
@@ -22,7 +21,6 @@ fn reply(rig: &mut Rig, line: &str) -> Vec<String> {
     lines
 }
 
-/// The reply as one text, whatever was printed before thrown away.
 fn reply_after(rig: &mut Rig, line: &str) -> String {
     rig.printed();
     reply(rig, line).join("\n")
@@ -57,7 +55,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal start level now", "error bad-value: expected again"),
         ("cal auto", "error missing-argument: <SWITCH> is missing; expected on or off"),
         ("cal auto off", "ok auto off, collects when asked"),
-        ("cal auto on", "ok auto on, collects by itself while uncalibrated"),
+        ("cal auto on", "ok auto on, collects automatically while uncalibrated"),
         ("cal abort", "ok uncalibrated"),
         ("cal stop", "error not-collecting: "),
         ("cal solve", "error no-samples: "),
@@ -126,7 +124,6 @@ fn every_command_answers_ok_or_error_with_a_code() {
     }
 }
 
-/// What a person who wires a module looks for: does the sensor answer, does attitude come, is there a heading.
 #[test]
 fn status_shows_what_is_connected() {
     let mut rig = rig();
@@ -138,12 +135,11 @@ fn status_shows_what_is_connected() {
     rig.autopilot.send(&[0; 4000]);
     rig.run_for_s(0.3);
     let status = reply_after(&mut rig, "status");
-    // 4000 bytes of nothing hold the line for a third of a second: the attitude behind them is late.
+    // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
 }
 
-/// A second aircraft on the line, banked the other way: its attitude is counted and changes nothing.
 #[test]
 fn status_counts_attitude_of_others() {
     let mut rig = rig();
@@ -192,7 +188,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
     assert!(rig.type_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
     assert!(rig.type_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
     assert!(rig.type_line("stre on\x1b[D\x1b[D\x1b[D\t").contains("ok stream on"), "in the middle of a line, too");
-    // What is possible is shown, and the line once more.
+    // Tab prints the candidates and repeats the line.
     rig.console.send(b"stream \t");
     rig.run_for_s(0.1);
     let shown = rig.printed();
@@ -200,7 +196,6 @@ fn tab_completes_up_recalls_backspace_deletes() {
     assert!(rig.type_line("off").contains("ok stream off"));
 }
 
-/// A key's bytes may come one by one, and terminals end lines in three ways.
 #[test]
 fn sequences_are_split_and_lines_end_as_they_like() {
     let mut rig = rig();
@@ -242,13 +237,12 @@ fn settings_last_over_a_restart() {
     assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
 }
 
-/// In the air: nothing that takes the heading away, and no swing; all that a calibration in flight needs.
 #[test]
 fn an_armed_module_refuses_what_is_for_the_ground() {
     let mut rig = rig();
     rig.printed();
     rig.world.set_armed(true);
-    // The next heartbeat comes within a second.
+    // Heartbeats are 1 s apart.
     rig.run_for_s(1.1);
     assert!(reply_after(&mut rig, "status").contains("armed: yes"));
     for line in ["reboot", "cal clear all", "cal undo", "set mount yaw90", "cal start swing", "cal mark 90"] {
@@ -258,7 +252,10 @@ fn an_armed_module_refuses_what_is_for_the_ground() {
     for (line, answer) in [
         ("version", "ok autoswing"),
         ("cal start level", "ok collecting"),
-        ("cal start tumble", "error collecting: level is being collected; to forget that: cal start tumble again"),
+        (
+            "cal start tumble",
+            "error collecting: a collection of level is in progress; to discard it: cal start tumble again",
+        ),
         ("cal start tumble again", "ok collecting"),
         ("cal start again", "ok collecting"),
         ("cal stop", "ok uncalibrated"),
@@ -287,13 +284,13 @@ fn an_armed_module_refuses_what_is_for_the_ground() {
 #[test]
 fn an_overlong_line_is_refused_and_not_cut() {
     let mut rig = rig();
-    // Cut after 64 characters this would be the valid, destructive command.
+    // Truncated after 64 characters, this is a valid, destructive command.
     let line = format!("cal clear all{}oops", " ".repeat(60));
     assert!(rig.type_line(&line).contains("error line-too-long: a line holds 64 characters"));
     assert!(rig.type_line("version").contains("ok autoswing"));
 }
 
-/// All bytes there are, letters too, but for those of reboot and clear.
+/// Random bytes and keys, without the letters of `reboot` and `clear`.
 #[test]
 fn keys_in_any_order_do_not_stop_it() {
     let mut rig = rig();
@@ -316,14 +313,13 @@ fn keys_in_any_order_do_not_stop_it() {
     assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
 }
 
-/// Garbage of every kind, then a person: the console must live and answer.
 #[test]
 fn no_bytes_stop_it() {
     let mut rig = rig();
     let mut random = Random(12345);
     for _ in 0..200 {
         let mut bytes = random.bytes(100);
-        // A line that says reboot or clear by chance would be obeyed; letters are left to the other tests.
+        // Without letters there is no command.
         bytes.retain(|byte| !byte.is_ascii_alphabetic());
         rig.console.send(&bytes);
         rig.run_for_s(0.02);
@@ -335,12 +331,11 @@ fn no_bytes_stop_it() {
     assert!(rig.type_line("status").contains("started by power-on"), "it did not restart");
 }
 
-/// What is typed in the documents' examples is understood, and where it needs no flight before it, answered as is shown there;
-/// `...` stands for anything.
+/// Example commands in the documents are valid, and replies that need no previous flight match; `...` matches any text.
 #[test]
-fn the_documents_show_what_is_said() {
+fn documented_examples_match_the_output() {
     const DOCUMENTS: [&str; 3] = ["../README.md", "../docs/manual.md", "../docs/autopilots.md"];
-    // These are of a module that has flown.
+    // These need a previous flight.
     const AFTER_A_FLIGHT: [&str; 2] = ["cal show", "cal advise"];
     let mut typed = 0;
     for name in DOCUMENTS {

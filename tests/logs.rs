@@ -1,32 +1,32 @@
-//! Flight logs as others have them: seldom, torn, in other units. What is said of them is true, or said to be unknown.
+//! Flawed logs: low rates, gaps, wrong units. Verdict and notes name the flaw.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fmt::Write as _;
 
-use host_sim::log::csv::Unit;
-use host_sim::log::write::{Recording, csv, dataflash_text, tlog, turns};
+use host_sim::log::csv::FieldUnit;
+use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog, record_turns};
 use host_sim::log::{self, Flight};
-use host_sim::replay::judge::{Asked, By, Verdict, judge};
-use host_sim::replay::told;
+use host_sim::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
+use host_sim::replay::summary;
 use host_sim::world::WorldConfig;
 
-const ASKED: Asked = Asked::OF_THE_LOG;
+const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 
-fn flown(world: &WorldConfig) -> Recording {
-    turns(world, 0.05)
+fn flown(world: &WorldConfig) -> FlightRecording {
+    record_turns(world, 0.05)
 }
 
 fn read(text: &str) -> Flight {
-    log::read(&mut text.as_bytes(), Unit::Milligauss).unwrap()
+    log::read(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
 }
 
-fn judged(text: &str) -> (Flight, Verdict) {
+fn judged(text: &str) -> (Flight, FlightEvaluation) {
     let flight = read(text);
-    let verdict = judge(&flight, &ASKED);
+    let verdict = evaluate_flight(&flight, &ASKED);
     (flight, verdict)
 }
 
-/// Of the messages of a name every so manyeth.
+/// Keeps one of `number` messages of a name.
 fn every(text: &str, name: &str, number: usize) -> String {
     let mut seen = 0;
     let is_kept = |line: &&str| {
@@ -37,79 +37,77 @@ fn every(text: &str, name: &str, number: usize) -> String {
     text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect()
 }
 
-/// A field that is logged every 0.4 s or every second, with the attitude ten times a second: headings are as good as those of
-/// a log that has it ten times a second, whose bound is in `replay/native.rs`. The watch, which would see iron move in between, is not
-/// replayed, and that is said.
+/// Field at 2.5 Hz and 1 Hz with attitude at 10 Hz. The limit is that of `replay/native.rs`; the monitor does not run,
+/// which a note states.
 #[test]
 fn a_field_that_is_logged_seldom_gives_the_same_headings() {
     for seed in [3, 5, 8] {
         let world = WorldConfig::random(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let text = String::from_utf8(dataflash_text(&flown(&world))).unwrap();
+        let text = String::from_utf8(encode_dataflash_text(&flown(&world))).unwrap();
         for number in [1, 4, 10] {
             let (flight, verdict) = judged(&every(&text, "MAG", number));
             let compass = &verdict.compasses[0];
             assert_eq!(compass.module.accepted, Ok(()), "seed {seed}, 1 of {number}");
-            let (ours, smooth) = (compass.by(By::Module).unwrap().score.unwrap(), compass.module.smooth.unwrap());
+            let (ours, smooth) = (
+                compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap(),
+                compass.module.smoothed_score.unwrap(),
+            );
             assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {number}: {ours:?}");
-            // Rates are integrated by what is told between the rows: what is smoothed by them is not worse.
+            // Smoothing integrates the rates between rows, so it must not degrade the heading.
             assert!(smooth.rms_deg < ours.rms_deg, "seed {seed}, 1 of {number}: {smooth:?} {ours:?}");
-            let notes = told::notes(&flight, &verdict).join("; ");
+            let notes = summary::notes(&flight, &verdict).join("; ");
             assert_eq!(notes.contains("what it adjusts in flight"), number > 1, "{notes}");
         }
     }
 }
 
-/// An attitude that comes twice a second is a guess in between, and one that comes every two seconds is no attitude: the
-/// verdict says so itself, with the true cause.
+/// Attitude at 2 Hz cannot be interpolated reliably; at 0.5 Hz not at all.
 #[test]
 fn a_verdict_says_that_the_attitude_comes_too_seldom() {
-    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
         let (_, verdict) = judged(&every(&text, "ATT", number));
-        let told = told::verdict(&verdict);
+        let told = summary::verdict_line(&verdict);
         assert!(told.contains(words) && told.contains("below 3 Hz") == (number > 1), "1 of {number}: {told}");
         assert_eq!(told.contains("without an attitude near it"), number == 20, "{told}");
     }
 }
 
-/// A log of nothing but the ground says that, and not which manoeuvre was wrong.
 #[test]
 fn a_verdict_says_that_there_was_no_flight() {
     let mut recording = flown(&WorldConfig::random(3));
-    for (i, instant) in recording.instants.iter_mut().enumerate() {
+    for (i, instant) in recording.samples.iter_mut().enumerate() {
         instant.is_armed = i >= 2370;
     }
-    let text = String::from_utf8(csv(&recording)).unwrap();
-    let told = told::verdict(&judged(&text).1);
+    let text = String::from_utf8(encode_csv(&recording)).unwrap();
+    let told = summary::verdict_line(&judged(&text).1);
     assert!(told.contains("10 may be used") && told.contains("are disarmed"), "{told}");
 }
 
-/// Of two compasses that are both refused, for a flight of half a minute with a poor sensor, the verdict names what kept the one that came nearer,
-/// whichever is first: the other one reads nothing but noise.
+/// Both are refused after 30 s with a poor sensor; the other compass is pure noise.
 #[test]
 fn a_verdict_names_what_kept_the_better_compass() {
     for worse in [0, 1] {
         let mut recording = flown(&WorldConfig::random(3));
-        recording.instants.truncate(300);
+        recording.samples.truncate(300);
         let mut random = testkit::random::Random(7);
-        for instant in &mut recording.instants {
+        for instant in &mut recording.samples {
             let own = instant.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
             let noise = own.map(|_| 50.0 * f64::from(random.normal()));
             instant.field_ut = if worse == 0 { vec![noise, own] } else { vec![own, noise] };
         }
-        let text = String::from_utf8(dataflash_text(&recording)).unwrap();
+        let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
         let (_, verdict) = judged(&text);
-        let told = told::verdict(&verdict);
+        let told = summary::verdict_line(&verdict);
         let whose = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
         assert!(told.starts_with(&whose), "{worse}: {told}");
     }
 }
 
-/// A mounting that is changed in the middle of a log turns what comes after it: that is told, with when.
 #[test]
 fn a_mounting_that_was_changed_in_the_log_is_told() {
-    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     let middle = text.lines().count() / 2;
     for (name, is_told) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
         let change = |(i, line): (usize, &str)| {
@@ -118,17 +116,16 @@ fn a_mounting_that_was_changed_in_the_log_is_told() {
             format!("{line}\n{set}")
         };
         let (flight, verdict) = judged(&text.lines().enumerate().map(change).collect::<String>());
-        let notes = told::notes(&flight, &verdict).join("; ");
+        let notes = summary::notes(&flight, &verdict).join("; ");
         assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_told, "{notes}");
     }
 }
 
-/// A table whose field is in another unit, of a place that is not known: the Earth's field is 22 to 67 uT everywhere. Rates
-/// in radians keep most of a turn out, and that is said.
+/// Without a place the limits are the Earth's 22 to 67 uT. Rates in radians reject most of a turn.
 #[test]
 fn units_are_doubted_without_a_place() {
     // 48 uT.
-    let text = String::from_utf8(csv(&flown(&WorldConfig::table1(1)))).unwrap();
+    let text = String::from_utf8(encode_csv(&flown(&WorldConfig::table1(1)))).unwrap();
     let scaled = |columns: std::ops::Range<usize>, by: f64| {
         let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
             Ok(number) if columns.contains(&column) => format!("{}", number * by),
@@ -139,14 +136,14 @@ fn units_are_doubted_without_a_place() {
     };
     let notes = |text: &str| {
         let (flight, verdict) = judged(text);
-        told::notes(&flight, &verdict).join("; ")
+        summary::notes(&flight, &verdict).join("; ")
     };
     assert_eq!(notes(&text), "");
     for (by, words) in [
-        (0.1, "microtesla taken for milligauss"),
-        (0.001, "gauss taken for milligauss"),
-        (100.0, "nanotesla taken for milligauss"),
-        (10.0, "milligauss taken for microtesla"),
+        (0.1, "microtesla read as milligauss"),
+        (0.001, "gauss read as milligauss"),
+        (100.0, "nanotesla read as milligauss"),
+        (10.0, "milligauss read as microtesla"),
     ] {
         let notes = notes(&scaled(1..4, by));
         assert!(notes.contains(words), "{by}: {notes}");
@@ -155,41 +152,39 @@ fn units_are_doubted_without_a_place() {
     assert!(notes.contains("body rates"), "{notes}");
 }
 
-/// MAVLink as it came on a line, without the clock of whoever received it: the flight is the same, for messages say their
-/// sender's. What says none stands at the message before, a few milliseconds earlier.
+/// Messages without a sender's clock get the time of the message before, a few milliseconds earlier.
 #[test]
 fn mavlink_without_a_receivers_clock_is_the_same_flight() {
-    let with = tlog(&flown(&WorldConfig::random(3)));
+    let with = encode_tlog(&flown(&WorldConfig::random(3)));
     let mut without = Vec::new();
     let mut rest = with.as_slice();
     while let [_, _, _, _, _, _, _, _, frame @ ..] = rest {
-        // Version 2, not signed: ten bytes of header and a checksum of two.
+        // MAVLink 2 without signature: ten header bytes, two checksum bytes.
         assert_eq!(frame[0], 0xFD);
         let (one, behind) = frame.split_at(12 + usize::from(frame[1]));
         without.extend_from_slice(one);
         rest = behind;
     }
     let [with, without] = [with, without].map(|bytes| {
-        let flight = log::read(&mut bytes.as_slice(), Unit::Milligauss).unwrap();
-        let verdict = judge(&flight, &ASKED);
+        let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
+        let verdict = evaluate_flight(&flight, &ASKED);
         (flight, verdict)
     });
     assert!(without.0.attitude.rows().len() > 2000);
     assert_eq!(with.0.attitude.rows(), without.0.attitude.rows());
     assert_eq!(with.0.compasses[0].field.rows(), without.0.compasses[0].field.rows());
     assert_eq!(without.0.counts.garbage, 0);
-    // Currents are some milliseconds earlier: other samples are kept, within the bound of `replay/native.rs`.
+    // Currents shift by milliseconds, so other samples are retained; the limit is that of `replay/native.rs`.
     for (_, verdict) in [with, without] {
-        let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+        let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(score.rms_deg < 0.5, "{score:?}");
     }
 }
 
-/// A second compass whose field ends, or stands still, halfway: that is said, counted from the log's beginning, two seconds after
-/// the clock's, and of the first one nothing.
+/// Times count from the log's start, 2 s after the clock's.
 #[test]
 fn a_compass_that_dies_in_flight_is_named() {
-    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     let second = |dead: fn(&str) -> String| {
         let mut last = String::new();
         let mut log = String::new();
@@ -207,7 +202,7 @@ fn a_compass_that_dies_in_flight_is_named() {
             }
         }
         let (flight, verdict) = judged(&log);
-        let notes = told::notes(&flight, &verdict).into_iter().filter(|note| note.starts_with("compass "));
+        let notes = summary::notes(&flight, &verdict).into_iter().filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
     };
     let (still, verdict) = second(str::to_owned);
@@ -216,36 +211,40 @@ fn a_compass_that_dies_in_flight_is_named() {
             && still[0].starts_with("compass 2: its field stands still while the aircraft moves, from 118 to 238 s"),
         "{still:?}"
     );
-    // Half of its rows, and the others are as good as those of the first.
+    // Half of its rows are rejected; the others are as good as the first compass's.
     let [alive, dead] = verdict.compasses.as_slice() else { panic!("two compasses") };
-    assert!((1190..=1210).contains(&dead.counted.stuck) && alive.counted.stuck == 0, "{:?}", dead.counted);
-    assert!(dead.by(By::Module).unwrap().score.unwrap().rms_deg < 0.5, "the bound of `replay/native.rs`");
+    assert!((1190..=1210).contains(&dead.counts.stuck) && alive.counts.stuck == 0, "{:?}", dead.counts);
+    assert!(
+        dead.correction_from(CorrectionSource::Module).unwrap().score.unwrap().rms_deg < 0.5,
+        "the bound of `replay/native.rs`"
+    );
     let (ends, _) = second(|_| String::new());
     assert!(ends.len() == 1 && ends[0].starts_with("compass 2: its field ends at 118 s, the log at 238 s"), "{ends:?}");
 }
 
-/// The lines of a log, changed; those that become nothing are not there.
+/// The log with changed lines; empty ones are removed.
 fn changed(text: &str, mut change: impl FnMut(&str) -> String) -> String {
     text.lines().map(|line| change(line) + "\n").filter(|line| line.len() > 1).collect()
 }
 
-/// A log without `ATT`, which `LOG_BITMASK` may leave away: the filter's attitude is as good, and named.
+/// `LOG_BITMASK` may disable `ATT`.
 #[test]
 fn the_filters_attitude_gives_the_same_headings() {
-    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
     let [(_, own), (flight, other)] = [judged(&text), judged(&without)];
-    let score = |verdict: &Verdict| verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+    let score = |verdict: &FlightEvaluation| {
+        verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap()
+    };
     assert_eq!(score(&own), score(&other));
-    assert!(told::notes(&flight, &other).iter().any(|note| note.contains("XKF1's is taken")));
+    assert!(summary::notes(&flight, &other).iter().any(|note| note.contains("XKF1's is taken")));
 }
 
-/// As ArduPilot logged until 2014: field and attitude without a time. They stand at the stamp before them, which is that of the
-/// instant before, 0.1 s earlier for both: headings are as good as those of `replay.rs`, but for the rates, which stand at their
-/// own. Where nothing has a stamp, that is why nothing can be told.
+/// Until 2014 field and attitude had no time; they get the stamp before, 0.1 s earlier, while the rates have their own,
+/// which adds to the error of `replay/native.rs`.
 #[test]
 fn rows_without_a_time_are_read_by_their_neighbours() {
-    let text = String::from_utf8(dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     let strip = |names: &[&str], text: &str| {
         changed(text, |line| {
             let values: Vec<&str> = line.split(", ").collect();
@@ -260,54 +259,52 @@ fn rows_without_a_time_are_read_by_their_neighbours() {
         })
     };
     let (flight, verdict) = judged(&strip(&["MAG", "ATT"], &text));
-    let score = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+    let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
-    assert!(told::notes(&flight, &verdict).iter().any(|note| note.contains("carry no time")));
+    assert!(summary::notes(&flight, &verdict).iter().any(|note| note.contains("carry no time")));
     let nothing = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
-    let refused = log::read(&mut nothing.as_bytes(), Unit::Milligauss).unwrap_err();
+    let refused = log::read(&mut nothing.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }
 
-/// Of all rows of field, attitude and rates three in ten are lost, one by one. What lies in a hole of the attitude is left out,
-/// and a turn of which parts are lost is not held against the compass: headings are as good as those of a whole log, whose
-/// bound is in `replay/native.rs`. It is said that they are not smoothed.
+/// Three in ten rows of field, attitude and rates are lost. The limit is that of `replay/native.rs`; headings are not
+/// smoothed, which a note states.
 #[test]
 fn a_log_with_holes_gives_headings_as_good() {
     for seed in [3, 5, 8] {
         let world = WorldConfig::random(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let text = String::from_utf8(dataflash_text(&flown(&world))).unwrap();
+        let text = String::from_utf8(encode_dataflash_text(&flown(&world))).unwrap();
         let mut state = seed;
         let holes = changed(&text, |line| {
             let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|begin| line.starts_with(begin));
-            // Knuth's generator: its upper bits are as good as chance.
+            // Knuth's linear congruential generator; its upper bits are random enough.
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             if is_row && (state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
         });
         let (flight, verdict) = judged(&holes);
         let compass = &verdict.compasses[0];
-        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
-        assert_eq!(compass.module.smooth, Some(ours), "seed {seed}");
-        let notes = told::notes(&flight, &verdict).join("; ");
+        assert_eq!(compass.module.smoothed_score, Some(ours), "seed {seed}");
+        let notes = summary::notes(&flight, &verdict).join("; ");
         assert!(notes.contains("of the body rates are lost"), "{notes}");
     }
 }
 
-/// An aircraft that stands still says nothing of the field's strength: the sensor's noise is not called the Earth's field in
-/// another unit, and a native log's units are those of its format.
+/// Sensor noise at rest is not a field strength.
 #[test]
 fn an_aircraft_at_rest_says_nothing_of_the_strength() {
     let mut recording = flown(&WorldConfig::table1(1));
-    let first = recording.instants[0].clone();
-    for (i, instant) in recording.instants.iter_mut().enumerate() {
+    let first = recording.samples[0].clone();
+    for (i, instant) in recording.samples.iter_mut().enumerate() {
         *instant = first.clone();
-        instant.at_us += i as u64 * 100_000;
-        // Half a microtesla, this way and that.
+        instant.time_us += i as u64 * 100_000;
+        // Noise of 0.5 uT.
         instant.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
-    let (flight, verdict) = judged(&String::from_utf8(dataflash_text(&recording)).unwrap());
+    let (flight, verdict) = judged(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
     assert_eq!(verdict.compasses[0].radius_ut, None);
-    let notes = told::notes(&flight, &verdict).join("; ");
+    let notes = summary::notes(&flight, &verdict).join("; ");
     assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");
 }

@@ -1,25 +1,24 @@
-//! What `fly --record` takes down of a flight.
+//! Logs written by `fly --record`.
 
 use std::path::Path;
 
-use host_sim::log::csv::Unit;
-use host_sim::log::write::{self, Recorded};
+use host_sim::log::csv::FieldUnit;
+use host_sim::log::write::{self, RecordingModule};
 use host_sim::log::{self, Gps};
 use host_sim::module::Module as _;
-use host_sim::replay::judge::{Asked, By, judge};
+use host_sim::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
 use host_sim::rig::Rig;
 use host_sim::score::wrap_180;
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
 
-const ASKED: Asked = Asked::OF_THE_LOG;
+const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 
-/// What `fly --record` writes has the place, and its headings and courses are from true north: declination in Xi'an is -4.2
-/// deg (WMM2025), so that is what the module's magnetic headings are more, and the track goes where the course says.
+/// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
 fn a_recorded_flight_is_at_its_place_and_from_true_north() {
     let mut rig = Rig::new(WorldConfig::table1(1));
-    let mut module = Recorded::new(&mut rig);
+    let mut module = RecordingModule::new(&mut rig);
     for heading_change_deg in [1440.0, -1440.0] {
         module.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
@@ -28,20 +27,20 @@ fn a_recorded_flight_is_at_its_place_and_from_true_north() {
         module.run_for_s(1.0);
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
-        let bytes = write::named(Path::new(name), &module.recording);
-        let flight = log::read(&mut bytes.as_slice(), Unit::Milligauss).unwrap();
-        let verdict = judge(&flight, &ASKED);
-        let ours = verdict.compasses[0].by(By::Module).unwrap().score.unwrap();
+        let bytes = write::encode_for_path(Path::new(name), &module.recording);
+        let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
+        let verdict = evaluate_flight(&flight, &ASKED);
+        let ours = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!((ours.mean_deg - 4.2).abs() < 0.5, "{name}: {ours:?}");
         let (field, _) = verdict.earth.unwrap();
         assert!((field.declination_deg.unwrap() + 4.2).abs() < 0.1, "{name}: {field:?}");
         let rows = flight.gps.rows();
-        let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].of));
+        let [before, after] = [rows.len() - 50, rows.len() - 1].map(|at| Gps::from_columns(rows[at].values));
         let shrinks = f64::from(before.latitude_deg).to_radians().cos();
         let north = f64::from(after.latitude_deg - before.latitude_deg);
         let east = f64::from(after.longitude_deg - before.longitude_deg) * shrinks;
         let off_deg = wrap_180(east.atan2(north).to_degrees() - f64::from(after.course_deg));
-        // In single precision a degree of longitude is known to a metre, of a hundred.
+        // Single-precision longitude resolves 1 m, of a leg of 100 m.
         assert!(off_deg.abs() < 3.0, "{name}: {off_deg}");
     }
     assert!(

@@ -1,15 +1,15 @@
-//! A person who is refused reads what was wrong: every cause has words of its own, from the flight to the console.
+//! Explanations of rejected calibrations on the console.
 
 use host_sim::faults::Faults;
 use host_sim::faults::attitude::AttitudeFault;
 use host_sim::module::Module as _;
 use host_sim::rig::Rig;
-use host_sim::transcript::{self, Notice};
+use host_sim::transcript::{self, SolveNotice};
 use host_sim::world::WorldConfig;
 use host_sim::world::autopilot::Leg;
 use mavlink::dialects::common::ATTITUDE_DATA;
 
-/// Angles in another unit.
+/// Attitude in a wrong unit.
 struct Scaled(f32);
 
 impl AttitudeFault for Scaled {
@@ -33,7 +33,7 @@ fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
 
 const BOTH: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 
-/// Types, flies, has it solved if it did not by itself: code and words of the refusal.
+/// Applies settings, flies, solves if necessary; returns code and text of the rejection.
 fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
     rig.run_for_s(1.0);
     for line in settings.iter().chain(&["cal start turns"]) {
@@ -43,7 +43,7 @@ fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, S
     for &(bank_deg, heading_change_deg) in turns {
         rig.world.fly(turn(bank_deg, heading_change_deg));
     }
-    while rig.world.legs_left() > 0 {
+    while rig.world.unfinished_legs() > 0 {
         rig.run_for_s(1.0);
     }
     rig.run_for_s(3.0);
@@ -53,9 +53,9 @@ fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, S
         rig.run_for_s(5.0);
         printed += &rig.printed();
     }
-    let notice = transcript::error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
-    let Notice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
-    // What `status` says of it later is the same.
+    let notice = transcript::parse_error(&printed).or_else(|| transcript::notice(&printed)).expect("an end");
+    let SolveNotice::Refused { code, words } = notice else { panic!("it was calibrated: {notice:?}") };
+    // `status` repeats the text later.
     let status = rig.type_line("status");
     let is_told_later = status.contains(&format!("last solve: {code}: {words}\r\n"));
     assert!(is_told_later || status.contains("last solve: none"), "{status}");
@@ -87,7 +87,7 @@ fn too_little_bank_and_one_side_are_told_apart() {
     );
 }
 
-/// An eighth of a circle each way, in 45 s.
+/// An eighth of a circle to each side in 45 s.
 #[test]
 fn a_turn_that_is_too_slow_is_an_arc() {
     let mut config = WorldConfig::table1(1);
@@ -97,13 +97,12 @@ fn a_turn_that_is_too_slow_is_an_arc() {
     assert!(words.contains(" of 12 sectors, too slow or too short"), "{code}: {words}");
 }
 
-/// Degrees read as radians are not believed at all; radians that were taken for degrees and converted once more are
-/// hardly a tilt.
+/// Degrees interpreted as radians are rejected as attitude; radians converted once more are too small a tilt.
 #[test]
 fn attitude_in_another_unit_is_told() {
-    let words = "check its unit: radians for degrees?";
+    let words = "check the unit of the attitude: radians for degrees?";
     assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH, "no-samples", words);
-    let words = "check its unit: MAVLink's is radians, not degrees";
+    let words = "check their unit: MAVLink's is radians, not degrees";
     assert_refused(&mut rig(Some(Scaled(1.0_f32.to_degrees()))), &[], &BOTH, "no-samples", words);
 }
 
@@ -115,17 +114,17 @@ fn attitude_that_comes_too_slowly_is_told() {
     assert_refused(&mut rig, &[], &BOTH, "no-samples", "send ATTITUDE ten times a second or more");
 }
 
-/// 400 uT are the end of the sensor's range.
+/// The sensor's range ends at 400 uT.
 #[test]
 fn a_saturated_sensor_is_told() {
     let mut rig = rig(None);
-    rig.world.disturb([600.0, 0.0, 0.0]);
+    rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
     assert_refused(&mut rig, &[], &BOTH, "no-samples", "100 % of the readings were saturated; move the sensor");
 }
 
 #[test]
 fn what_was_set_wrong_is_told_with_what_is_right() {
-    let words = "the sensor seems mounted none; set mount none, then cal solve";
+    let words = "the sensor seems to be mounted none; set mount none, then cal solve";
     assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH, "mount-contradicted", words);
     let (code, words) = refused(&mut rig(None), &["set inclination -54"], &BOTH);
     assert!(code == "inclination-contradicted" && words.contains("; set inclination 5"), "{code}: {words}");

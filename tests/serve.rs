@@ -1,4 +1,4 @@
-//! The simulated module for those outside: what is served, on virtual time, and over real wires.
+//! Simulated module for external programs, in simulation time and through real sockets and pseudo-terminals.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
 use std::fs;
@@ -9,10 +9,13 @@ use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use host_sim::nmea::Reader;
+use host_sim::nmea::SentenceReader;
 use host_sim::rig::STORE_BYTES;
 use host_sim::score::wrap_180;
-use host_sim::serve::{AUTOPILOT, Attitude, CONSOLE, INSTRUMENT, Image, Options, Pattern, Served, Visits};
+use host_sim::serve::{
+    AUTOPILOT, AttitudeProvider, CONSOLE, DatagramCounts, FlashImage, INSTRUMENT, PilotPattern, ServeOptions,
+    ServedModule,
+};
 use host_sim::world::WorldConfig;
 use mavlink::dialects::common::ATTITUDE_DATA;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
@@ -22,42 +25,41 @@ use testkit::random::Random;
 
 const SECOND_US: u64 = 1_000_000;
 
-fn served(options: Options, image: Option<&Image>) -> Served {
-    let mut served = Served::new(WorldConfig::table1(1), options, image);
+fn served(options: ServeOptions, image: Option<&FlashImage>) -> ServedModule {
+    let mut served = ServedModule::new(WorldConfig::table1(1), options, image);
     served.advance(SECOND_US);
     served
 }
 
-/// Types a line, and gives what is printed within half a second, more than any answer takes.
-fn typed(served: &mut Served, line: &str) -> String {
-    drop(served.take(CONSOLE));
-    served.feed(CONSOLE, format!("{line}\r").as_bytes());
+fn typed(served: &mut ServedModule, line: &str) -> String {
+    drop(served.receive(CONSOLE));
+    served.send(CONSOLE, format!("{line}\r").as_bytes());
     served.advance(SECOND_US / 2);
-    String::from_utf8(served.take(CONSOLE)).unwrap()
+    String::from_utf8(served.receive(CONSOLE)).unwrap()
 }
 
-/// The headings that come in some seconds; none where the field is empty.
-fn headings(served: &mut Served, seconds: u64) -> Vec<Option<f64>> {
-    drop(served.take(INSTRUMENT));
+/// Headings output in some seconds; `None` for an empty field.
+fn headings(served: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
+    drop(served.receive(INSTRUMENT));
     served.advance(seconds * SECOND_US);
-    sentences(&served.take(INSTRUMENT))
+    sentences(&served.receive(INSTRUMENT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
-    let mut reader = Reader::default();
+    let mut reader = SentenceReader::default();
     let received = bytes.iter().filter_map(|&byte| reader.push(0, byte));
     received.filter(|sentence| sentence.kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
 }
 
-/// The flash of a module that was served while a person typed `cal start turns`.
-static CALIBRATED: LazyLock<Image> = LazyLock::new(|| {
-    let mut served = served(Options::default(), None);
+/// Flash contents after a calibration by `cal start turns`.
+static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
+    let mut served = served(ServeOptions::default(), None);
     assert!(typed(&mut served, "cal start turns").contains("ok collecting"));
     let mut session = String::new();
-    // Four circles each way at 12 deg/s are 240 s.
+    // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
         served.advance(SECOND_US);
-        session.push_str(&String::from_utf8(served.take(CONSOLE)).unwrap());
+        session.push_str(&String::from_utf8(served.receive(CONSOLE)).unwrap());
         if session.contains("note calibrated: expected error") {
             return served.flash();
         }
@@ -65,72 +67,71 @@ static CALIBRATED: LazyLock<Image> = LazyLock::new(|| {
     panic!("it did not calibrate: {session}");
 });
 
-/// What a heading may be off, degrees: a calibration of this airframe by 1.0 (README), and attitude that is off by three
-/// of its sigmas, 0.2 of bias and 0.3 of noise, for each of which the heading pays the tangent of 54 deg.
+/// Bound of a heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2 of
+/// bias, 0.3 of noise) times the tangent of the inclination, 54 deg.
 const HEADING_BOUND_DEG: f64 = 2.5;
 
 #[test]
 fn what_a_person_types_is_answered_and_flash_survives() {
-    let mut first = served(Options::default(), None);
+    let mut first = served(ServeOptions::default(), None);
     assert!(typed(&mut first, "status").contains("calibration: none"));
     assert!(typed(&mut first, "frobnicate").contains("error unknown-command: "));
     assert!(headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
-    let mut again = served(Options::default(), Some(&CALIBRATED));
+    let mut again = served(ServeOptions::default(), Some(&CALIBRATED));
     assert!(typed(&mut again, "status").contains("ok calibrated"));
     let headings = headings(&mut again, 3);
     assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
 }
 
-/// Whoever paces it against a clock does not change what it does.
 #[test]
 fn it_is_the_same_in_whatever_pieces_time_goes_on() {
     let flown = |pieces_us: &[u64]| {
-        let options = Options { pattern: Pattern::Wandering, ..Options::default() };
-        let mut served = Served::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
+        let options = ServeOptions { pattern: PilotPattern::Wandering, ..ServeOptions::default() };
+        let mut served = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
         let mut pieces = pieces_us.iter().cycle();
         for typed in [&b"status\r"[..], b"cal start\r", b"status\r"] {
             let until_us = served.now_us() + 20 * SECOND_US;
-            served.feed(CONSOLE, typed);
+            served.send(CONSOLE, typed);
             while served.now_us() < until_us {
                 served.advance((*pieces.next().unwrap()).min(until_us - served.now_us()));
             }
         }
-        (served.take(CONSOLE), served.take(INSTRUMENT))
+        (served.receive(CONSOLE), served.receive(INSTRUMENT))
     };
     let whole = flown(&[20 * SECOND_US]);
     assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
     assert!(whole == flown(&[7_300, 1, 250_000, 99_999]), "other bytes");
 }
 
-/// A bank of 25 deg turns an aeroplane of 22 m/s by 11.9 deg/s: 30 s for a circle, and the legs of before are dropped.
+/// A bank of 25 deg at 22 m/s turns by 11.9 deg/s: 30 s per circle. A command cancels the pattern.
 #[test]
 fn the_pilot_flies_what_he_is_told() {
-    let mut served = served(Options::default(), None);
-    assert_eq!(served.order("turn 25 -360").unwrap(), "ok flies as ordered");
-    served.order("heading 90 30").unwrap();
+    let mut served = served(ServeOptions::default(), None);
+    assert_eq!(served.execute_line("turn 25 -360").unwrap(), "ok flies as ordered");
+    served.execute_line("heading 90 30").unwrap();
     let mut banks = Vec::new();
     for _ in 0..30 {
         served.advance(SECOND_US);
-        banks.push(number_after(&served.order("status").unwrap(), "roll "));
+        banks.push(number_after(&served.execute_line("status").unwrap(), "roll "));
     }
     let [shortest, longest] = [banks.iter().copied().fold(0.0, f64::max), banks.iter().copied().fold(0.0, f64::min)];
     assert!(longest < -20.0 && shortest < 5.0, "to the left only: {banks:?}");
     served.advance(30 * SECOND_US);
-    let heading_deg = number_after(&served.order("status").unwrap(), "magnetic heading ");
+    let heading_deg = number_after(&served.execute_line("status").unwrap(), "magnetic heading ");
     assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
 
     assert!(typed(&mut served, "reboot").contains("error armed: "));
-    assert_eq!(served.order("land").unwrap(), "ok lands");
-    // Five seconds to level out, one to the next heartbeat.
+    assert_eq!(served.execute_line("land").unwrap(), "ok lands");
+    // Five seconds to level out, one until the next heartbeat.
     served.advance(7 * SECOND_US);
-    assert_eq!(served.order("turn 25 90").unwrap_err().code(), "landed");
-    assert!(served.order("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
+    assert_eq!(served.execute_line("turn 25 90").unwrap_err().code(), "landed");
+    assert!(served.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
     assert!(typed(&mut served, "reboot").contains("started by reboot"));
-    served.order("takeoff").unwrap();
+    served.execute_line("takeoff").unwrap();
     served.advance(2 * SECOND_US);
     assert!(typed(&mut served, "reboot").contains("error armed: "));
-    assert_eq!(served.order("loop 3").unwrap_err().code(), "unknown-order");
+    assert_eq!(served.execute_line("loop 3").unwrap_err().code(), "unknown-order");
 }
 
 fn number_after(text: &str, words: &str) -> f64 {
@@ -138,14 +139,15 @@ fn number_after(text: &str, words: &str) -> f64 {
     rest.split([',', ' ', ';']).next().unwrap().parse().unwrap()
 }
 
-const VISITED: Options = Options { pattern: Pattern::Routine, attitude: Attitude::Auto, is_visited: true };
+const VISITED: ServeOptions =
+    ServeOptions { pattern: PilotPattern::Routine, attitude: AttitudeProvider::Auto, has_external_simulator: true };
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
     let mut served = served(VISITED, Some(&CALIBRATED));
     for deg in [90.0, 200.0, 345.0] {
         for _ in 0..60 {
-            served.told(format!("0 0 {deg}").as_bytes()).unwrap();
+            served.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
             served.advance(SECOND_US / 20);
         }
         let headings = headings(&mut served, 2);
@@ -153,30 +155,30 @@ fn attitudes_of_another_simulator_turn_the_heading() {
         let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
         assert!(headings.len() >= 19 && worst < HEADING_BOUND_DEG, "{deg}: {headings:?}");
     }
-    assert_eq!(served.order("turn 25 90").unwrap_err().code(), "flown-by-another");
+    assert_eq!(served.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
 }
 
 #[test]
 fn what_is_no_attitude_is_counted_and_not_followed() {
     let mut served = served(VISITED, None);
-    served.told(b"10 5 90").unwrap();
+    served.follow_datagram(b"10 5 90").unwrap();
     served.advance(SECOND_US);
-    let before = served.order("status").unwrap();
+    let before = served.execute_line("status").unwrap();
     let mut random = Random(7);
     for (number, bad) in [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate() {
-        let code = served.told(bad).unwrap_err().code();
+        let code = served.follow_datagram(bad).unwrap_err().code();
         assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
     served.advance(SECOND_US);
-    assert_eq!(served.visits(), Some(Visits { followed: 1, malformed: 5 }));
-    let after = served.order("status").unwrap();
-    let lies = |status: &str| status.split_once("as told: ").unwrap().1.split_once(';').unwrap().0.to_owned();
+    assert_eq!(served.datagram_counts(), Some(DatagramCounts { accepted: 1, rejected: 5 }));
+    let after = served.execute_line("status").unwrap();
+    let lies = |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();
     assert_eq!(lies(&after), lies(&before));
     assert!(lies(&after).contains("roll 10.0, pitch 5.0, magnetic heading 90.0 deg"), "{after}");
-    assert!(after.ends_with("1 attitudes told, 5 malformed"), "{after}");
+    assert!(after.ends_with("1 attitudes received, 5 malformed"), "{after}");
 }
 
-/// An autopilot with a bank of its own, which nobody else has.
+/// ATTITUDE of another autopilot with a characteristic roll.
 fn peer_frame(tick: u32) -> Vec<u8> {
     let roll = 0.7 + 0.001 * (tick % 7) as f32;
     let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
@@ -185,27 +187,28 @@ fn peer_frame(tick: u32) -> Vec<u8> {
     frame.raw_bytes().to_vec()
 }
 
-/// Who is attached has the line: the simulator falls silent, and speaks again three seconds after he does. The module
-/// believes another sender after ten seconds without its own (README).
+/// The simulator stops sending while another autopilot sends, and resumes three seconds after its last message. The
+/// module accepts another sender after ten seconds without its own (README).
 #[test]
 fn who_is_attached_sends_the_attitude() {
     for (attitude, is_believed, believed) in [
-        // 50 a second: of the simulator's those of 1.5 s before, of the peer's those of 12 s from the tenth second on.
-        (Attitude::Auto, true, 165.0..185.0),
-        // Those of 14 s of the simulator's.
-        (Attitude::Own, false, 670.0..710.0),
-        // All of the peer's.
-        (Attitude::Peer, true, 600.0..602.0),
+        // Accepted reports at 50 Hz: 1.5 s of the simulator, then 2 s of the other autopilot, ten seconds after its
+        // first.
+        (AttitudeProvider::Auto, true, 165.0..185.0),
+        // Reports of the simulator during 14 s.
+        (AttitudeProvider::Own, false, 670.0..710.0),
+        // All reports of the other autopilot.
+        (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
-        let options = Options { attitude, pattern: Pattern::Level, is_visited: false };
+        let options = ServeOptions { attitude, pattern: PilotPattern::Level, has_external_simulator: false };
         let mut served = served(options, None);
-        let has_own = attitude != Attitude::Peer;
+        let has_own = attitude != AttitudeProvider::Peer;
         assert_eq!(typed(&mut served, "status").contains("attitude: none"), !has_own, "{attitude:?}");
         for tick in 0..600 {
-            served.feed(AUTOPILOT, &peer_frame(tick));
+            served.send(AUTOPILOT, &peer_frame(tick));
             served.advance(SECOND_US / 50);
         }
-        served.feed(AUTOPILOT, &peer_frame(600));
+        served.send(AUTOPILOT, &peer_frame(600));
         let status = typed(&mut served, "status");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
         assert!(believed.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
@@ -216,29 +219,29 @@ fn who_is_attached_sends_the_attitude() {
     }
 }
 
-/// Bytes of all kinds at both ports, then a person: it answers. There is never more on its way than a real line carries.
+/// Random bytes at all ports, bounded by what a real line carries.
 #[test]
 fn no_bytes_stop_it() {
-    let mut served = served(Options::default(), None);
+    let mut served = served(ServeOptions::default(), None);
     let mut random = Random(5);
     for _ in 0..200 {
         for port in [CONSOLE, AUTOPILOT, INSTRUMENT, 3, usize::MAX] {
-            let mut bytes = random.bytes(served.room(port).min(300));
-            // What says reboot or clear by chance would be obeyed.
+            let mut bytes = random.bytes(served.free_bytes(port).min(300));
+            // Without letters, so that no random line is a command.
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
-            served.feed(port, &bytes);
+            served.send(port, &bytes);
         }
         served.advance(SECOND_US / 100);
     }
-    assert!(served.room(AUTOPILOT) < 1152 && served.room(3) == 0);
+    assert!(served.free_bytes(AUTOPILOT) < 1152 && served.free_bytes(3) == 0);
     served.advance(2 * SECOND_US);
-    // But for an attitude of the simulator's own, 40 bytes.
-    assert!(served.room(AUTOPILOT) >= 1152 - 40);
+    // Except for one ATTITUDE frame of the simulator, 40 bytes.
+    assert!(served.free_bytes(AUTOPILOT) >= 1152 - 40);
     typed(&mut served, "");
     assert!(typed(&mut served, "version").contains("ok autoswing"));
 }
 
-/// `host-sim` as it is built. What waits for it waits for its bytes; it is ended when the test is.
+/// Running `host-sim` process, killed on drop. Reads wait for bytes, not for time.
 struct Program {
     child: Child,
     says: BufReader<ChildStdout>,
@@ -268,7 +271,7 @@ impl Program {
     fn tcp(&self, port: usize) -> TcpStream {
         let number = self.places["ports"][port]["tcp"].as_u64().unwrap() as u16;
         let stream = TcpStream::connect(("127.0.0.1", number)).unwrap();
-        // Only so that a module that says nothing fails this test instead of holding it up.
+        // Ends this test if the module stays silent.
         stream.set_read_timeout(Some(Duration::from_mins(2))).unwrap();
         stream
     }
@@ -280,7 +283,7 @@ impl Program {
         answer
     }
 
-    /// Ctrl-C; the exit code.
+    /// Sends SIGINT and returns the exit code.
     fn interrupt(&mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.child), Signal::INT).unwrap();
         self.child.wait().unwrap().code()
@@ -289,16 +292,15 @@ impl Program {
 
 impl Drop for Program {
     fn drop(&mut self) {
-        // It has ended, unless the test has failed.
+        // The process has ended unless the test failed.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// What has not come in so many bytes will not come: twenty seconds of headings at five times their pace.
+/// Limit of bytes to read: twenty seconds of headings at five times real time.
 const MOST: usize = 80_000;
 
-/// Reads until something has come.
 fn read_until(from: &mut impl Read, is_there: impl Fn(&[u8]) -> bool) -> Vec<u8> {
     let mut read = Vec::new();
     while !is_there(&read) {
@@ -328,26 +330,26 @@ fn over_tcp_it_answers_streams_follows_and_ends() {
     let world = program.places["world"].as_u64().unwrap() as u16;
     udp.send_to(b"east", ("127.0.0.1", world)).unwrap();
     udp.send_to(b"0 0 90", ("127.0.0.1", world)).unwrap();
-    // Two hear the same, and each long enough to hear it turn.
+    // Both connections receive the same output, long enough to observe the turn.
     for mut listener in [program.tcp(INSTRUMENT), program.tcp(INSTRUMENT)] {
         let is_east =
             |read: &[u8]| sentences(read).iter().flatten().any(|deg| wrap_180(deg - 90.0).abs() < HEADING_BOUND_DEG);
         read_until(&mut listener, is_east);
     }
-    assert!(program.order("status").contains("1 attitudes told, 1 malformed"));
+    assert!(program.order("status").contains("1 attitudes received, 1 malformed"));
     assert!(program.order("land").starts_with("error flown-by-another: "));
     console.write_all(b"set declination 7\r").unwrap();
     read_until(&mut console, contains("ok declination 7.0 deg"));
     assert_eq!(program.interrupt(), Some(130));
     drop(program);
-    let image = Image::read(&flash).unwrap().unwrap();
+    let image = FlashImage::read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
-    let mut again = served(Options::default(), Some(&image));
+    let mut again = served(ServeOptions::default(), Some(&image));
     let status = typed(&mut again, "status");
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
-/// The program that types is a real one, too, and so is the pseudo-terminal.
+/// With a real console program and a real pseudo-terminal.
 #[test]
 fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
     let mut program = Program::serve(&["--speed", "5"]);
@@ -376,7 +378,7 @@ fn a_console_of_its_own_needs_nobody_who_serves() {
     assert!(status.success() && contains("ok autoswing 0.1.0")(&stdout), "{}", String::from_utf8_lossy(&stdout));
 }
 
-/// Each with its code and what it is about, on the error output; exit code 2.
+/// Error code and cause on the error output; exit code 2.
 #[test]
 fn what_cannot_be_served_is_told() {
     let folder = tempfile::tempdir().unwrap();

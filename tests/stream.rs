@@ -1,7 +1,7 @@
-//! The heading sentences as an autopilot receives them.
+//! NMEA heading output as an autopilot receives it.
 
-use host_sim::module::{Module as _, Ran};
-use host_sim::nmea::{Reader, Received};
+use host_sim::module::{Module as _, ModuleRunEnd};
+use host_sim::nmea::{HeadingSentence, SentenceReader};
 use host_sim::rig::Rig;
 use host_sim::score::wrap_180;
 use host_sim::transcript;
@@ -17,7 +17,7 @@ fn calibrated() -> Rig {
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -1440.0 });
     let mut session = String::new();
     while transcript::notice(&session).is_none() {
-        assert_eq!(rig.run_for_s(1.0), Ran::Time);
+        assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
         session.push_str(&rig.printed());
     }
     rig.world.fly(Leg::Straight { heading_deg: 90.0, seconds: 20.0 });
@@ -26,18 +26,18 @@ fn calibrated() -> Rig {
     rig
 }
 
-fn listen(rig: &mut Rig, seconds: f64) -> Vec<Received> {
+fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     let _ = rig.instrument.receive();
     rig.run_for_s(seconds);
-    let mut reader = Reader::default();
+    let mut reader = SentenceReader::default();
     let received =
         rig.instrument.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
-    // The first line may have begun before.
+    // The first line may be incomplete.
     assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);
     received
 }
 
-fn headings(received: &[Received]) -> usize {
+fn headings(received: &[HeadingSentence]) -> usize {
     received.iter().filter(|r| r.heading_deg.is_some()).count()
 }
 
@@ -49,7 +49,7 @@ fn every_sentence_comes_at_the_rate_that_was_set() {
         let received = listen(&mut rig, 5.0);
         for kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|r| r.kind == kind).count();
-            // The sensor's own 80 Hz is the grid, and its clock need not divide the second.
+            // Output follows the sensor's 80 Hz samples, whose period need not divide a second.
             assert!(count.abs_diff(expected) <= 1 + expected / 20, "{kind} at {rate_hz} Hz: {count} in 5 s");
         }
         assert_eq!(headings(&received), received.len());
@@ -58,8 +58,8 @@ fn every_sentence_comes_at_the_rate_that_was_set() {
     assert!(listen(&mut rig, 2.0).is_empty());
 }
 
-/// The smooth one of itself, the raw one for who asks for it; the sentence says which, and the smooth one is steadier: its
-/// steps from sentence to sentence differ by less than a third of what the raw one's do.
+/// Smooth by default; the sentence names the kind. Second differences of the smooth heading are below a third of those
+/// of the raw one.
 #[test]
 fn the_pilot_chooses_which_heading_is_sent() {
     let mut rig = calibrated();
@@ -69,7 +69,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
         rig.run_for_s(0.5);
         let received = listen(&mut rig, 4.0);
         let qualities: Vec<_> = received.iter().filter(|r| r.kind == "PASWH").collect();
-        assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.told.as_deref() == Some(kind)), "{kind}");
+        assert!(qualities.len() >= 35 && qualities.iter().all(|r| r.heading_kind.as_deref() == Some(kind)), "{kind}");
         let headings: Vec<f64> = qualities.iter().filter_map(|r| r.heading_deg).collect();
         let bend = |three: &[f64]| wrap_180(three[2] - three[1]) - wrap_180(three[1] - three[0]);
         let squares = headings.windows(3).map(|three| bend(three).powi(2)).sum::<f64>();
@@ -99,7 +99,7 @@ fn variation_is_sent_when_it_is_set() {
     let is_true = |rig: &mut Rig, declination_deg: f64| {
         let received = listen(rig, 1.0);
         let heading_deg = |kind: &str| received.iter().find(|r| r.kind == kind).unwrap().heading_deg.unwrap();
-        // Those of one instant are rounded to a tenth each.
+        // Headings of one output are rounded to 0.1 deg each.
         let off_deg = heading_deg("HCHDT") - heading_deg("HCHDM") - declination_deg;
         (off_deg - 360.0 * (off_deg / 360.0).round()).abs() < 0.11
     };
@@ -113,33 +113,32 @@ fn variation_is_sent_when_it_is_set() {
     assert!(is_true(&mut rig, 4.0));
 }
 
-/// 400 uT is beyond the sensor's range: no heading while it lasts, headings after.
+/// 400 uT is the limit of the sensor's range.
 #[test]
 fn a_saturated_sensor_is_not_believed() {
     let mut rig = calibrated();
-    rig.world.disturb([900.0, 0.0, 0.0]);
+    rig.world.set_disturbance_ut([900.0, 0.0, 0.0]);
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
     assert!(received.len() >= 30 && headings(&received) == 0, "{} of {}", headings(&received), received.len());
     assert!(rig.type_line("status").contains("heading: none, sensor-saturated"));
-    rig.world.disturb([0.0; 3]);
+    rig.world.set_disturbance_ut([0.0; 3]);
     rig.run_for_s(0.2);
     let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
 }
 
-/// 20 uT more than the Earth's field is iron or current, not heading.
+/// A field 20 uT stronger than the Earth's indicates interference.
 #[test]
 fn a_disturbed_field_is_not_believed() {
     let mut rig = calibrated();
-    rig.world.disturb([0.0, 0.0, 25.0]);
+    rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
     assert_eq!(headings(&listen(&mut rig, 2.0)), 0);
     assert!(rig.type_line("status").contains("heading: none, field-disturbed"));
 }
 
-/// A chip that stops answering gives empty sentences within a quarter of a second, and headings again when it is back,
-/// although it has lost its configuration.
+/// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
 #[test]
 fn a_sensor_that_goes_and_comes_back_is_noticed_and_used_again() {
     let mut rig = calibrated();
@@ -153,11 +152,10 @@ fn a_sensor_that_goes_and_comes_back_is_noticed_and_used_again() {
     rig.run_for_s(1.0);
     let received = listen(&mut rig, 2.0);
     assert_eq!(headings(&received), received.len());
-    // The module looked after it without a restart.
+    // The module did not restart.
     assert!(rig.type_line("status").contains("started by power-on"));
 }
 
-/// Noise on the attitude line costs what it lies on, not the stream.
 #[test]
 fn garbage_between_the_attitude_messages_does_not_stop_the_stream() {
     let mut rig = calibrated();

@@ -1,15 +1,15 @@
-//! Liu 2007 table 1 again: the paper's method gives what the paper says, and ours gives more.
+//! Reproduction of Liu 2007 table 1 with the paper's method and others.
 #![expect(clippy::unwrap_used, reason = "what a test builds upon may end it")]
 
-use host_sim::paper::{Experiment, columns};
-use host_sim::score::Figures;
+use host_sim::paper::{Experiment, method_errors};
+use host_sim::score::ErrorStatistics;
 
-fn figures(experiment: Experiment) -> [Figures; 5] {
-    columns(experiment).unwrap().map(|column| column.figures())
+fn figures(experiment: Experiment) -> [ErrorStatistics; 5] {
+    method_errors(experiment).unwrap().map(|column| column.figures())
 }
 
-/// Published: 2.8 at most, of which 1.3 constant, 1.6 besides. The airframe is a fit to the uncompensated errors with a
-/// residual of 0.4 deg, so that the constant comes out at 1.0.
+/// Published: maximum 2.8 deg, mean 1.3, maximum less mean 1.6. The fitted airframe reproduces the uncompensated errors
+/// to 0.4 deg, so the mean becomes 1.0 here.
 #[test]
 fn four_ellipses_leave_what_the_paper_says() {
     let [before, _, four_ellipses, ..] = figures(Experiment::NOISE_FREE);
@@ -18,7 +18,7 @@ fn four_ellipses_leave_what_the_paper_says() {
     assert!((four_ellipses.mean_deg - 1.0).abs() <= 0.15, "{four_ellipses:?}");
 }
 
-/// Two planes, given headings and maximum likelihood leave nothing out: what remains is f32.
+/// These methods have no model error; f32 rounding remains.
 #[test]
 fn the_others_are_exact_without_noise() {
     let [_, reference, _, two_planes, maximum_likelihood] = figures(Experiment::NOISE_FREE);
@@ -27,8 +27,8 @@ fn the_others_are_exact_without_noise() {
     }
 }
 
-/// 0.13 uT in 31 uT of horizontal field is 0.24 deg a sample; 512 of them leave 0.03 deg at a heading, tilt and the
-/// twelve unknowns twice that at the worst one, and 20 runs find three sigmas of it.
+/// 0.13 uT in 31 uT of horizontal field are 0.24 deg per sample; 512 samples leave 0.03 deg, tilt and twelve
+/// coefficients twice that at the worst heading; the maximum of 20 runs is three sigmas.
 #[test]
 fn maximum_likelihood_with_a_real_sensor() {
     for seed in 1..=20 {

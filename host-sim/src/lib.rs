@@ -1,24 +1,24 @@
-//! Autoswing's firmware tasks flown by a simulated aircraft, in virtual time.
+//! Simulator of Autoswing: the firmware's tasks in a simulated vehicle, in simulation time.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`clock`], [`simulation`] | the virtual clock behind `embassy_time`, the executor on it (package `testkit`) |
+//! | [`clock`], [`simulation`] | simulation clock behind `embassy_time`, executor (package `testkit`) |
 //! | [`devices`] | register-level hardware: I2C with a LIS3MDL, NOR flash, UART cables |
-//! | [`module`] | a heading module in an aircraft |
-//! | [`rig`], [`emulator`] | the two there are: simulated here, and as ARM code in QEMU |
-//! | [`routine`] | what a person flies to calibrate, aircraft by aircraft |
-//! | [`mission`] | the flight that calibrates, on either |
-//! | [`serve`] | the module for those outside: who types, flies, listens, or brings a simulator of their own |
-//! | [`world`] | aircraft, weather, Earth field, airframe iron, attitude source |
-//! | [`paper`] | the experiment of Liu 2007 table 1 again, with every method |
-//! | [`log`] | flights from logs as autopilots write them, and small ones written |
-//! | [`replay`] | a logged flight through the module's collection and solver, judged |
-//! | [`accuracy`] | accuracy of the methods against the bound of what is possible |
-//! | [`faults`] | what can go wrong around a module, as decorators |
-//! | [`integrity`] | what the module believes while something is wrong |
-//! | [`random`] | one seeded stream of random numbers per purpose |
+//! | [`module`] | interface to a heading module in a vehicle |
+//! | [`rig`], [`emulator`] | its implementations: simulated hardware, and ARM code in QEMU |
+//! | [`routine`] | calibration routines by vehicle kind |
+//! | [`mission`] | complete calibration flight |
+//! | [`serve`] | access for external programs: console, pilot commands, ports, simulators |
+//! | [`world`] | vehicle, weather, Earth's field, airframe, autopilot |
+//! | [`paper`] | reproduction of Liu 2007 table 1 with every method |
+//! | [`log`] | reader of autopilot logs, and writer of small ones |
+//! | [`replay`] | logged flights through the module's collector and solver |
+//! | [`accuracy`] | accuracy relative to the Cramér-Rao bound |
+//! | [`faults`] | fault injection |
+//! | [`integrity`] | headings output as good while a fault is active |
+//! | [`random`] | seeded random streams, one per purpose |
 //!
-//! Nothing here reads a wall clock or an unseeded random number: a run is a function of its seed.
+//! All results are functions of the seed; no code reads real time or unseeded random numbers.
 
 pub use testkit::{clock, simulation};
 

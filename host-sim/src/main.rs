@@ -1,6 +1,6 @@
-//! The command line of the simulator.
+//! Command line of the simulator.
 
-// They end the program where nobody reads: `cli::print` does not.
+// The standard macros panic when the reader has closed the pipe; `cli::print` does not.
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod cli;

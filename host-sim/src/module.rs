@@ -1,55 +1,54 @@
-//! A heading module in an aircraft, as its pilot meets it: simulated ([`Rig`](crate::rig::Rig)) or emulated
+//! Interface to a heading module in a vehicle, simulated ([`Rig`](crate::rig::Rig)) or emulated
 //! ([`Emulator`](crate::emulator::Emulator)).
 
 use crate::devices::uart::HostEnd;
 use crate::world::World;
 
-/// Why [`Module::run_until`] returned.
+/// Reason for which [`Module::run_until`] returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ran {
-    /// The time asked for has come.
+pub enum ModuleRunEnd {
+    /// The requested time was reached.
     Time,
-    /// The power went; [`Rig::power_on`](crate::rig::Rig::power_on) brings it back.
+    /// Power was cut; [`Rig::power_on`](crate::rig::Rig::power_on) restores it.
     PowerCut,
-    /// The emulator has ended, or does not answer: see
-    /// [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
+    /// The emulator has failed: see [`Emulator::take_failure`](crate::emulator::Emulator::take_failure).
     Failed,
 }
 
-/// A module in an aircraft.
+/// Heading module in a vehicle.
 pub trait Module {
-    /// The world it flies in.
+    /// The surrounding world.
     fn world(&self) -> &World;
 
-    /// The far end of the console's cable.
+    /// Host end of the console's cable.
     fn console(&self) -> &HostEnd;
 
-    /// The far end of the autopilot's cable.
+    /// Host end of the autopilot's cable.
     fn autopilot(&self) -> &HostEnd;
 
-    /// The far end of the instrument's cable.
+    /// Host end of the instrument's cable.
     fn instrument(&self) -> &HostEnd;
 
-    /// Microseconds since the simulation began.
+    /// Time since the start of the simulation, microseconds.
     fn now_us(&self) -> u64;
 
-    /// Flies on to a time.
-    fn run_until(&mut self, until_us: u64) -> Ran;
+    /// Advances to a time.
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd;
 
-    /// Flies on for some seconds.
-    fn run_for_s(&mut self, seconds: f64) -> Ran {
+    /// Advances by some seconds.
+    fn run_for_s(&mut self, seconds: f64) -> ModuleRunEnd {
         self.run_until(self.now_us() + (seconds * 1e6) as u64)
     }
 
-    /// Types a line on the console, waits until the module has answered it, and gives what it printed.
+    /// Types a line on the console, waits for the answer and returns the printed text.
     fn type_line(&mut self, line: &str) -> String {
         self.console().send(format!("{line}\r").as_bytes());
-        // 64 characters there and 1500 back take 0.14 s at 115200 baud, a save with an erase 0.1 s.
+        // 64 characters and an answer of 1500 take 0.14 s at 115200 baud, a save with an erase 0.1 s.
         self.run_for_s(0.5);
         self.printed()
     }
 
-    /// Takes what the console has printed since the last look.
+    /// Console output since the last call.
     fn printed(&self) -> String {
         String::from_utf8_lossy(&self.console().receive()).into_owned()
     }

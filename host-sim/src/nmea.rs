@@ -1,34 +1,33 @@
-//! NMEA as a receiver reads it: a reader of our own, so that the sentences are checked by something that did not write
-//! them.
+//! NMEA parser, independent of the library's writer.
 
-/// A heading sentence with the time of its last byte.
+/// Received heading sentence.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Received {
-    /// Microseconds of the virtual clock.
+pub struct HeadingSentence {
+    /// Arrival time of its last byte, microseconds of simulation time.
     pub at_us: u64,
     /// `HCHDM`, `HCHDG`, `HCHDT`, `PASWH`.
     pub kind: String,
-    /// Heading in degrees, true of `HCHDT`, magnetic of the others; none where the field is empty.
+    /// Heading in degrees, true in `HCHDT`, otherwise magnetic; `None` if the field is empty.
     pub heading_deg: Option<f64>,
-    /// Its standard deviation, degrees: a sentence `PASWH` with a heading has one.
+    /// Standard deviation, degrees; only in `PASWH` with a heading.
     pub sigma_deg: Option<f64>,
-    /// `ok`, or why there is no heading: a sentence `PASWH` says it.
+    /// `ok`, or the reason of a missing heading; only in `PASWH`.
     pub status: Option<String>,
-    /// `smooth` or `raw`: a sentence `PASWH` with a heading says it.
-    pub told: Option<String>,
+    /// `smooth` or `raw`; only in `PASWH` with a heading.
+    pub heading_kind: Option<String>,
 }
 
-/// Collects bytes into sentences.
+/// Sentence parser for a byte stream.
 #[derive(Clone, Debug, Default)]
-pub struct Reader {
+pub struct SentenceReader {
     line: Vec<u8>,
-    /// Lines that were no valid sentence.
+    /// Number of invalid lines.
     pub invalid: u32,
 }
 
-impl Reader {
-    /// Takes a byte; gives a sentence when it ends a valid one.
-    pub fn push(&mut self, at_us: u64, byte: u8) -> Option<Received> {
+impl SentenceReader {
+    /// Processes a byte and returns a completed valid sentence.
+    pub fn push(&mut self, at_us: u64, byte: u8) -> Option<HeadingSentence> {
         if byte != b'\n' {
             self.line.push(byte);
             return None;
@@ -40,7 +39,7 @@ impl Reader {
     }
 }
 
-fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
+fn parse(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     let line = std::str::from_utf8(line).ok()?.strip_suffix('\r')?;
     let (body, checksum) = line.strip_prefix('$')?.rsplit_once('*')?;
     let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
@@ -59,15 +58,15 @@ fn parse(at_us: u64, line: &[u8]) -> Option<Received> {
     } else {
         (None, None, None)
     };
-    Some(Received { at_us, kind, heading_deg, sigma_deg, status, told })
+    Some(HeadingSentence { at_us, kind, heading_deg, sigma_deg, status, heading_kind: told })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> (Vec<Received>, u32) {
-        let mut reader = Reader::default();
+    fn read(text: &str) -> (Vec<HeadingSentence>, u32) {
+        let mut reader = SentenceReader::default();
         let received = text.bytes().filter_map(|byte| reader.push(7, byte)).collect();
         (received, reader.invalid)
     }

@@ -1,5 +1,5 @@
-//! The experiment of Liu 2007 section 4 again: the aircraft of table 1 on the ground at pitch zero, tilted to either
-//! side, and every method on the same samples.
+//! Reproduction of the experiment in Liu 2007 section 4: the aircraft of table 1 at pitch zero, banked to either side,
+//! with all methods on the same samples.
 
 use autoswing::calibration::{
     Calibration, Mark, Method, Orientation, Prior, Rates, Sample, Samples, SolveError, solve,
@@ -11,46 +11,46 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::random::{Purpose, Random};
-use crate::score::{Figures, wrap_180};
+use crate::score::{ErrorStatistics, wrap_180};
 use crate::world::airframe::Airframe;
 use crate::world::earth::Earth;
 use crate::world::rotation::Euler;
-use crate::world::table1::{BANK_DEG, Sides};
+use crate::world::table1::{BANK_DEG, BankErrors};
 
-/// Headings at which errors are shown, 30 deg apart.
+/// Number of headings in the table, 30 deg apart.
 pub const HEADINGS: usize = 12;
 
-/// Noise of one LIS3MDL reading on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A sample
-/// of the module is the mean of several.
+/// Noise of one LIS3MDL measurement on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A
+/// module sample averages several measurements.
 const READING_NOISE_UT: [f64; 3] = [0.32, 0.32, 0.41];
 
-/// A LIS3MDL measures 80 times a second.
+/// Measurement period at 80 Hz, microseconds.
 const READING_PERIOD_US: u32 = 12_500;
 
-/// Samples and how they are measured.
+/// Settings of the experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Experiment {
-    /// Samples on each side, evenly over all headings.
+    /// Samples per side, uniform over all headings.
     pub samples: u16,
-    /// Seed of the sensor's noise; none: no noise.
+    /// Seed of the sensor noise; `None` for no noise.
     pub noise: Option<u64>,
 }
 
 impl Experiment {
-    /// The paper's twelve headings on each side, without noise.
+    /// The paper's twelve headings per side, without noise.
     pub const NOISE_FREE: Self = Self { samples: 12, noise: None };
 
-    /// What a long flight gives, with a LIS3MDL.
+    /// As many samples as a long flight provides, with the noise of a LIS3MDL.
     #[must_use]
     pub const fn noisy(seed: u64) -> Self {
         Self { samples: 256, noise: Some(seed) }
     }
 }
 
-/// Errors of one compensation, degrees, at headings 0, 30, ... 330.
+/// Errors with one method, degrees, at headings 0, 30, ... 330.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Column {
-    /// What was compensated by.
+pub struct MethodErrors {
+    /// Method name.
     pub name: &'static str,
     /// Right wing down.
     pub right_deg: [f64; HEADINGS],
@@ -58,30 +58,30 @@ pub struct Column {
     pub left_deg: [f64; HEADINGS],
 }
 
-impl Column {
-    /// The figures over both sides.
+impl MethodErrors {
+    /// Statistics over both sides.
     #[must_use]
-    pub fn figures(&self) -> Figures {
-        Figures::of(&[self.right_deg, self.left_deg].concat())
+    pub fn figures(&self) -> ErrorStatistics {
+        ErrorStatistics::from_errors_deg(&[self.right_deg, self.left_deg].concat())
     }
 
-    /// One row.
+    /// Errors at one heading.
     #[must_use]
-    pub fn sides(&self, row: usize) -> Sides {
-        Sides { right_deg: self.right_deg[row], left_deg: self.left_deg[row] }
+    pub fn sides(&self, row: usize) -> BankErrors {
+        BankErrors { right_deg: self.right_deg[row], left_deg: self.left_deg[row] }
     }
 }
 
-/// The columns of the table: uncompensated, compass swing, four ellipses, two planes, maximum likelihood.
+/// Table columns: uncompensated, compass swing, four ellipses, two planes, maximum likelihood.
 ///
 /// # Errors
 ///
-/// Why a method has no solution for these samples.
-pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
-    let table = Table { airframe: Airframe::table1(), earth: Earth::default() };
+/// The error of a method without a solution.
+pub fn method_errors(experiment: Experiment) -> Result<[MethodErrors; 5], SolveError> {
+    let table = Table1Experiment { airframe: Airframe::table1(), earth: Earth::default() };
     let (left, right) = table.measure(experiment);
     let sides = Samples { left: &left, right: &right, ..Samples::default() };
-    let marks = Table::marks(experiment, &left, &right);
+    let marks = Table1Experiment::marks(experiment, &left, &right);
     let swing = Samples { marks: &marks, ..Samples::default() };
     let solved = |name, method, samples| {
         solve(method, samples, &Prior::default()).map(|solution| table.column(name, &solution.calibration))
@@ -95,15 +95,15 @@ pub fn columns(experiment: Experiment) -> Result<[Column; 5], SolveError> {
     ])
 }
 
-struct Table {
+struct Table1Experiment {
     airframe: Airframe,
     earth: Earth,
 }
 
-impl Table {
+impl Table1Experiment {
     fn sample(&self, roll_deg: f64, heading_rad: f64, noise_ut: Vector3<f64>) -> Sample {
         let truth = Euler { roll_rad: roll_deg.to_radians(), pitch_rad: 0.0, heading_rad };
-        let field = self.airframe.measure(&self.earth.body_field_ut(truth));
+        let field = self.airframe.measured_field(&self.earth.body_field_ut(truth));
         let attitude = Attitude::from_deg(roll_deg as f32, 0.0);
         Sample {
             field: Field::new(field.ut + noise_ut.cast()),
@@ -113,7 +113,7 @@ impl Table {
         }
     }
 
-    /// Left and right, each turned the way it would fly.
+    /// Left and right turns, each in the direction of flight.
     fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
         let mut side = |sense: f64| -> Vec<Sample> {
@@ -131,7 +131,7 @@ impl Table {
         (side(-1.0), side(1.0))
     }
 
-    /// The same samples with their headings, as many of them as the module holds.
+    /// A subset of the samples with known headings, limited to the module's capacity.
     fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
         let every = usize::from(experiment.samples) / HEADINGS;
         let of = |samples: &[Sample], sense: f64| -> Vec<Mark> {
@@ -147,15 +147,14 @@ impl Table {
         of(left, -1.0).into_iter().chain(of(right, 1.0)).collect()
     }
 
-    /// Errors at exact field.
-    fn column(&self, name: &'static str, calibration: &Calibration) -> Column {
+    fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {
         let error_deg = |roll_deg: f64, row: usize| {
             let heading_rad = heading_rad(row as u16, HEADINGS as u16);
             let exact = self.sample(roll_deg, heading_rad, Vector3::zeros());
             let shown_rad = exact.attitude.level(calibration.apply(exact.field)).heading_rad();
             wrap_180((f64::from(shown_rad) - heading_rad).to_degrees())
         };
-        Column {
+        MethodErrors {
             name,
             right_deg: std::array::from_fn(|row| error_deg(BANK_DEG, row)),
             left_deg: std::array::from_fn(|row| error_deg(-BANK_DEG, row)),
@@ -163,7 +162,7 @@ impl Table {
     }
 }
 
-/// The `i`-th of so many headings.
+/// The `i`-th of `number` equally spaced headings.
 fn heading_rad(i: u16, number: u16) -> f64 {
     f64::from(i) / f64::from(number) * std::f64::consts::TAU
 }

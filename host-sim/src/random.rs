@@ -1,45 +1,45 @@
-//! Seeded random numbers: one independent stream per purpose, so that a change of one setting leaves the noise of
-//! everything else as it was.
+//! Seeded random numbers with an independent stream per purpose, so that changing one setting leaves all other noise
+//! unchanged.
 
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// What a stream of random numbers is for.
+/// Purpose of a random stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Iron and mounting of a random airframe.
+    /// Soft iron, hard iron and mounting of a random airframe.
     Airframe = 1,
-    /// Place on Earth of a random airframe.
+    /// Place of a random airframe.
     Earth = 2,
-    /// Wander of the bank.
+    /// Random bank disturbances.
     Bank = 3,
-    /// Wander of the pitch.
+    /// Random pitch disturbances.
     Pitch = 4,
     /// Gusts across the flight path.
     GustAcross = 5,
-    /// Gusts from below.
+    /// Vertical gusts.
     GustVertical = 6,
-    /// Noise of the attitude source's roll.
+    /// Roll noise of the attitude source.
     RollNoise = 7,
-    /// Noise of the attitude source's pitch.
+    /// Pitch noise of the attitude source.
     PitchNoise = 11,
     /// Direction of the attitude source's bias.
     AttitudeBias = 8,
-    /// Noise of the magnetometer.
+    /// Magnetometer noise.
     Magnetometer = 9,
-    /// What a power cut leaves in flash.
+    /// Effects of power cuts on flash.
     Flash = 10,
-    /// Noise of the samples that a study holds back.
+    /// Noise of held-back samples.
     HeldBack = 12,
-    /// What befalls a magnetometer.
+    /// Magnetometer faults.
     SensorFault = 13,
-    /// What befalls an attitude source.
+    /// Attitude faults.
     AttitudeFault = 14,
-    /// Moves of the throttle.
+    /// Throttle changes.
     Throttle = 15,
-    /// Instants and directions of faults.
+    /// Times and directions of faults.
     Case = 16,
     /// Legs of a flight.
     Legs = 17,
@@ -47,19 +47,19 @@ pub enum Purpose {
     GustAlong = 18,
     /// Rough ground and waves.
     Surface = 19,
-    /// Error of the attitude source's roll while it is pushed about.
+    /// Acceleration-induced roll error of the attitude source.
     RollPush = 20,
-    /// Error of the attitude source's pitch while it is pushed about.
+    /// Acceleration-induced pitch error of the attitude source.
     PitchPush = 21,
-    /// Direction of the iron that a current makes.
+    /// Direction of motor-current interference.
     Current = 22,
-    /// Delays and troubles of an autopilot's answers.
+    /// Delays and faults of MSP answers.
     Msp = 23,
-    /// Bytes of a log, damaged.
+    /// Damaged bytes of a log.
     Damage = 24,
 }
 
-/// A stream of random numbers.
+/// Stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct Random(ChaCha8Rng);
 
@@ -72,12 +72,12 @@ impl Random {
         Self(rng)
     }
 
-    /// Normally distributed, mean 0, standard deviation 1.
+    /// Standard normal number.
     pub fn normal(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }
 
-    /// Evenly distributed over `low..high`; `low` must be below `high`.
+    /// Uniformly distributed over `low..high`; `low` must be below `high`.
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         self.0.random_range(low..high)
     }
@@ -87,22 +87,22 @@ impl Random {
         self.0.random()
     }
 
-    /// Three independent normal numbers.
+    /// Three independent standard normal numbers.
     pub fn normal_vector(&mut self) -> Vector3<f64> {
         Vector3::from_fn(|_, _| self.normal())
     }
 
-    /// A direction, evenly distributed over the sphere.
+    /// Unit vector, uniformly distributed over the sphere.
     pub fn direction(&mut self) -> Vector3<f64> {
         loop {
-            // The normal distribution in three dimensions has no preferred direction.
+            // The three-dimensional normal distribution is isotropic.
             if let Some(direction) = self.normal_vector().try_normalize(f64::EPSILON) {
                 return direction;
             }
         }
     }
 
-    /// A rotation about a random axis by up to `max_deg` degrees.
+    /// Rotation about a random axis by up to `max_deg` degrees.
     pub fn rotation(&mut self, max_deg: f64) -> Rotation3<f64> {
         let axis = self.direction();
         Rotation3::new(axis * self.uniform(0.0, 1.0) * max_deg.to_radians())

@@ -1,58 +1,57 @@
-//! The module on the rig: the firmware's own tasks, wired to simulated hardware in a simulated world.
+//! Simulated module: the firmware's own tasks on simulated hardware in a simulated world.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use autoswing::app::{self, Links, Panel, Platform, Watchdog};
-use autoswing::collection::Kept;
+use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
 use autoswing::magnetometer::lis3mdl;
-use autoswing::settings::{PORTS, PortNumber};
+use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
 use embassy_time::{Duration, Timer};
 
 use crate::clock;
 use crate::devices::i2c::Bus;
-use crate::devices::lis3mdl::{Config as ChipConfig, Lis3mdl};
+use crate::devices::lis3mdl::{Lis3mdl, Lis3mdlConfig as ChipConfig};
 use crate::devices::nor_flash::{Flash, PAGE_BYTES};
-use crate::devices::uart::{Cable, Config as CableConfig, HostEnd};
+use crate::devices::uart::{Cable, HostEnd, UartConfig as CableConfig};
 use crate::faults::Faults;
-use crate::faults::sensor::Faulty;
-use crate::module::{Module, Ran};
-use crate::simulation::{Ended, Level, Simulation, Stop};
-use crate::world::far_end::{FarEnd, Somebody};
+use crate::faults::sensor::FaultyChip;
+use crate::module::{Module, ModuleRunEnd};
+use crate::simulation::{Level, RunEnd, Simulation, Stop};
+use crate::world::far_end::{AttachedDevice, FarEnd};
 use crate::world::{World, WorldConfig};
 
-/// Pages of the store, as on the board.
 const STORE_PAGES: usize = 8;
-/// Bytes of it.
+/// Size of the store, bytes.
 pub const STORE_BYTES: usize = STORE_PAGES * PAGE_BYTES;
 
-/// The watchdog's period, as on the board.
+/// Watchdog period as on the board, microseconds.
 const WATCHDOG_US: u64 = 2_000_000;
-const _: () = assert!(WATCHDOG_US > app::watchdog::LONGEST_WITHOUT_FEED_US);
+const _: () = assert!(WATCHDOG_US > app::watchdog::MAX_FEED_INTERVAL_US);
 
-/// A module in an aircraft, with cables to its ports.
+/// Module in a vehicle, with cables to its ports.
 pub struct Rig {
     simulation: Simulation,
-    /// The world it flies in.
+    /// The surrounding world.
     pub world: World,
-    /// The far end of the console's cable.
+    /// Host end of the console's cable.
     pub console: HostEnd,
-    /// The far end of the autopilot's cable, at the first port.
+    /// Host end of the autopilot's cable (port 1).
     pub autopilot: HostEnd,
-    /// The far end of the instrument's cable, at the second.
+    /// Host end of the instrument's cable (port 2).
     pub instrument: HostEnd,
-    /// Who is there.
-    pub far_ends: [Somebody; PORTS],
-    /// The flash chip.
+    /// Devices at the two ports.
+    pub far_ends: [AttachedDevice; PORT_COUNT],
+    /// Flash chip.
     pub flash: Flash,
-    /// The magnetometer chip.
+    /// Magnetometer chip.
     pub chip: Rc<RefCell<Lis3mdl>>,
-    /// Its lamp and its button.
+    /// Lamp and button.
     pub panel: SimulatedPanel,
-    /// What it collects in: its own while it runs, so to be borrowed while the power is off.
-    pub kept: Rc<RefCell<Kept>>,
+    /// Sample memory, borrowed by the module while it runs.
+    pub retained_samples: Rc<RefCell<RetainedSamples>>,
     bus: Bus,
     console_cable: Cable,
     autopilot_cable: Cable,
@@ -60,7 +59,6 @@ pub struct Rig {
     reset: Rc<ResetLine>,
 }
 
-/// What can restart the module.
 struct ResetLine {
     stop: Stop,
     cause: RefCell<Option<ResetCause>>,
@@ -90,7 +88,7 @@ impl Watchdog for SimulatedWatchdog {
     }
 }
 
-/// Lamp and button of the module, from both sides.
+/// Handle to lamp and button, for the module and for tests.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedPanel {
     is_lit: Rc<Cell<bool>>,
@@ -98,20 +96,20 @@ pub struct SimulatedPanel {
 }
 
 impl SimulatedPanel {
-    /// Whether the lamp is lit now.
+    /// Whether the lamp is lit.
     #[must_use]
     pub fn is_lit(&self) -> bool {
         self.is_lit.get()
     }
 
-    /// Presses the button, or lets it go.
-    pub fn press(&self, is_down: bool) {
+    /// Presses or releases the button.
+    pub fn set_button(&self, is_down: bool) {
         self.is_down.set(is_down);
     }
 }
 
 impl Panel for SimulatedPanel {
-    fn light(&mut self, on: bool) {
+    fn set_lamp(&mut self, on: bool) {
         self.is_lit.set(on);
     }
 
@@ -121,21 +119,21 @@ impl Panel for SimulatedPanel {
 }
 
 impl Rig {
-    /// A module with empty flash, switched on now, in a world of these settings.
+    /// A module with erased flash, switched on now, in a world with these settings.
     #[must_use]
     pub fn new(config: WorldConfig) -> Self {
         Self::with_faults(config, Faults::default())
     }
 
-    /// The same with something wrong.
+    /// As [`new`](Self::new), with faults.
     #[must_use]
     pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
-        Self::wired(config, faults, [FarEnd::Talker, FarEnd::Nobody])
+        Self::with_far_ends(config, faults, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
-    /// The same with somebody else at its ports.
+    /// As [`with_faults`](Self::with_faults), with other devices at the ports.
     #[must_use]
-    pub fn wired(config: WorldConfig, faults: Faults, far_ends: [FarEnd; PORTS]) -> Self {
+    pub fn with_far_ends(config: WorldConfig, faults: Faults, far_ends: [FarEnd; PORT_COUNT]) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
         let console_cable = Cable::new(CableConfig::default());
@@ -144,7 +142,7 @@ impl Rig {
         let field = world.magnetometer_source(faults.field);
         let chip = Lis3mdl::new(ChipConfig { seed: config.seed, ..ChipConfig::default() }, field);
         let bus = Bus::new();
-        bus.attach(Faulty::new(chip.clone(), faults.sensor));
+        bus.attach(FaultyChip::new(chip.clone(), faults.sensor));
         let reset = Rc::new(ResetLine {
             stop: simulation.stop(),
             cause: RefCell::new(None),
@@ -170,7 +168,7 @@ impl Rig {
             flash: Flash::new(STORE_PAGES, config.seed),
             chip,
             panel: SimulatedPanel::default(),
-            kept: Rc::new(RefCell::new(Kept::EMPTY)),
+            retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
             bus,
             console_cable,
             autopilot_cable,
@@ -181,8 +179,7 @@ impl Rig {
         rig
     }
 
-    /// Puts these contents into the flash and starts the module anew, as it would from a board's. False, and nothing done,
-    /// when they are not [`STORE_BYTES`].
+    /// Replaces the flash contents and restarts the module. False without effect if the size is not [`STORE_BYTES`].
     pub fn load_flash(&mut self, contents: &[u8]) -> bool {
         let fits = self.flash.restore(contents);
         if fits {
@@ -191,25 +188,25 @@ impl Rig {
         fits
     }
 
-    /// Cuts the power: the module's tasks are gone at this instant, wherever they were.
+    /// Cuts the power; drops the module's tasks.
     pub fn power_off(&mut self) {
         self.simulation.power_off();
         self.reset.watchdog_due_us.set(u64::MAX);
     }
 
-    /// Starts the module anew. The flash remembers; after all but the loss of power, the memory of a collection as well.
+    /// Restarts the module. Flash contents persist, and sample memory too unless power was lost.
     #[expect(clippy::await_holding_refcell_ref, reason = "while the module runs the memory is its own")]
     pub fn power_on(&mut self, cause: ResetCause) {
         self.power_off();
         if cause == ResetCause::PowerOn {
             let mut random = testkit::random::Random(clock::now_us());
-            self.kept.borrow_mut().change(|_| random.bits() as u32);
+            self.retained_samples.borrow_mut().transform_words(|_| random.bits() as u32);
         }
         self.flash.power_on();
         self.reset.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
         let links = Rc::new(Links::new());
         let (console_rx, console_tx) = self.console_cable.module();
-        let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Config::default());
+        let driver = lis3mdl::Lis3mdl::new(self.bus.clone(), lis3mdl::Lis3mdlConfig::default());
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
         let platform = SimulatedPlatform(self.reset.clone());
         let dog = SimulatedWatchdog(self.reset.clone());
@@ -227,19 +224,19 @@ impl Rig {
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
-        let (l, kept) = (links.clone(), Rc::clone(&self.kept));
+        let (l, kept) = (links.clone(), Rc::clone(&self.retained_samples));
         simulation.spawn(Level::Thread, "compass", async move {
-            // The state machine with its samples: too large for a future inside a future.
+            // Boxed, because the future with the sample memory is large.
             Box::pin(app::compass::run(&l, store, &mut kept.borrow_mut())).await;
         });
         let l = links.clone();
-        simulation.spawn(Level::Thread, "pulse", async move { app::watchdog::pulse(&l).await });
+        simulation.spawn(Level::Thread, "pulse", async move { app::watchdog::run_heartbeat(&l).await });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run(&links, console_rx, console_tx, platform, cause).await;
         });
     }
 
-    /// Arms a power cut: the flash operation after so many more is cut short, and the module is off.
+    /// Schedules a power cut during the flash operation after `operations` more.
     pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
         self.flash.cut_power_after(operations, outcome, self.simulation.stop());
     }
@@ -266,16 +263,16 @@ impl Module for Rig {
         self.simulation.now_us()
     }
 
-    /// Restarts the module when it asks for it or its watchdog strikes.
-    fn run_until(&mut self, until_us: u64) -> Ran {
+    /// Restarts the module after a reboot request or a watchdog reset.
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         loop {
             match self.simulation.run_until(until_us) {
-                Ended::Time => return Ran::Time,
-                Ended::Stopped => {
+                RunEnd::Time => return ModuleRunEnd::Time,
+                RunEnd::Stopped => {
                     let cause = self.reset.cause.borrow_mut().take();
                     let Some(cause) = cause else {
                         self.power_off();
-                        return Ran::PowerCut;
+                        return ModuleRunEnd::PowerCut;
                     };
                     self.power_on(cause);
                 }
@@ -284,7 +281,7 @@ impl Module for Rig {
     }
 }
 
-/// Strikes when it was not fed in time.
+/// Resets the module if the watchdog was not fed in time.
 async fn watchdog_timer(reset: Rc<ResetLine>) {
     loop {
         Timer::after(Duration::from_millis(50)).await;

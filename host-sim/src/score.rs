@@ -1,4 +1,4 @@
-//! How good a calibration is: heading errors at exact field and true attitude, against true magnetic heading.
+//! Evaluation of a calibration: heading errors at exact field and attitude, relative to true magnetic heading.
 
 use std::f64::consts::FRAC_PI_6;
 
@@ -8,40 +8,40 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::world::rotation::Euler;
-use crate::world::{CRUISE_A, WorldConfig};
+use crate::world::{CRUISE_CURRENT_A, WorldConfig};
 
-/// Banks at which a calibration is scored, degrees.
+/// Banks at which a calibration is evaluated, degrees.
 pub const BANKS_DEG: [f64; 3] = [0.0, 25.0, -25.0];
 
-/// Heading errors, indicated less true, in degrees: twelve headings from north, 30 deg apart, at each of
+/// Heading errors (indicated minus true), degrees, at twelve headings from north, 30 deg apart, for each of
 /// [`BANKS_DEG`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Errors(pub [[f64; 12]; 3]);
+pub struct HeadingErrors(pub [[f64; 12]; 3]);
 
-/// Figures of [`Errors`], degrees.
+/// Statistics of heading errors, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Figures {
+pub struct ErrorStatistics {
     /// Largest error.
     pub max_deg: f64,
-    /// The constant error: the mean over all.
+    /// Mean error.
     pub mean_deg: f64,
-    /// Root mean square.
+    /// Root mean square error.
     pub rms_deg: f64,
-    /// Largest error less the constant one.
+    /// Largest error after subtraction of the mean.
     pub max_demeaned_deg: f64,
 }
 
-impl Errors {
-    /// Scores a calibration in a world, at the current of level flight, hover or on the flat.
+impl HeadingErrors {
+    /// Evaluates a calibration in a world at cruise current.
     #[must_use]
-    pub fn of(calibration: &Calibration, world: &WorldConfig) -> Self {
+    pub fn evaluate(calibration: &Calibration, world: &WorldConfig) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = Euler { roll_rad: bank_deg.to_radians(), pitch_rad: 0.0, heading_rad };
-            let sensed = world.airframe.measure(&world.earth.body_field_ut(truth));
-            let sensed = Field::new(sensed.ut + Vector3::from(world.current_ut).cast());
-            // From here on it is the module's own arithmetic that is judged.
-            let told_a = world.tells_current.then_some(CRUISE_A as f32);
-            let sensed = calibration.without_current(sensed, told_a);
+            let sensed = world.airframe.measured_field(&world.earth.body_field_ut(truth));
+            let sensed = Field::new(sensed.ut + Vector3::from(world.current_interference_ut).cast());
+            // The remaining calculation uses the module's own code.
+            let told_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
+            let sensed = calibration.remove_motor_current(sensed, told_a);
             let attitude = Attitude::from_deg(bank_deg as f32, 0.0);
             let indicated = attitude.level(calibration.apply(sensed)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
@@ -49,17 +49,17 @@ impl Errors {
         Self(BANKS_DEG.map(|bank_deg| std::array::from_fn(|i| error_deg(bank_deg, i as f64 * FRAC_PI_6))))
     }
 
-    /// The figures.
+    /// Statistics of the errors.
     #[must_use]
-    pub fn figures(&self) -> Figures {
-        Figures::of(self.0.as_flattened())
+    pub fn statistics(&self) -> ErrorStatistics {
+        ErrorStatistics::from_errors_deg(self.0.as_flattened())
     }
 }
 
-impl Figures {
-    /// Of errors in degrees.
+impl ErrorStatistics {
+    /// Statistics of errors in degrees.
     #[must_use]
-    pub fn of(errors_deg: &[f64]) -> Self {
+    pub fn from_errors_deg(errors_deg: &[f64]) -> Self {
         let number = errors_deg.len() as f64;
         let mean_deg = errors_deg.iter().sum::<f64>() / number;
         let largest = |offset: f64| errors_deg.iter().map(|e| (e - offset).abs()).fold(0.0, f64::max);
@@ -72,7 +72,7 @@ impl Figures {
     }
 }
 
-/// Percent of errors, each over its standard deviation, within one and within two.
+/// Percent of normalised errors within one and two standard deviations.
 #[must_use]
 pub fn within_percent(normalised: &[f64]) -> [f64; 2] {
     [1.0, 2.0].map(|sigmas| {
@@ -90,38 +90,39 @@ pub fn wrap_180(angle_deg: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use autoswing::calibration::{CurrentIron, Orientation};
+    use autoswing::calibration::{MotorCurrentInterference, Orientation};
 
     #[test]
     fn figures_are_those_of_the_errors() {
-        let figures = Figures::of(&[3.0, 1.0, -1.0, 1.0]);
-        let expected = Figures { max_deg: 3.0, mean_deg: 1.0, rms_deg: 3_f64.sqrt(), max_demeaned_deg: 2.0 };
+        let figures = ErrorStatistics::from_errors_deg(&[3.0, 1.0, -1.0, 1.0]);
+        let expected = ErrorStatistics { max_deg: 3.0, mean_deg: 1.0, rms_deg: 3_f64.sqrt(), max_demeaned_deg: 2.0 };
         assert_eq!(figures, expected);
         let within = |errors: &[f64]| within_percent(errors).map(|percent| percent.round() as i32);
         assert_eq!(within(&[0.5, -1.0, 1.1, -2.0, 2.1]), [40, 80]);
         assert_eq!(within(&[]), [0; 2]);
     }
 
-    /// A calibration that takes all of it for what goes with the current is right in cruise where the current is told, and off by
-    /// as much where it takes another mean to flow: 12 uT.
+    /// A calibration that includes the motor-current interference is exact at cruise if the current is reported.
+    /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
     #[test]
     fn iron_by_current_counts_as_the_module_is_told_it() {
         let world = WorldConfig { airframe: crate::world::airframe::Airframe::none(), ..WorldConfig::random(1) };
-        let mut world = world.with_current(12.0);
+        let mut world = world.with_current_interference(12.0);
         let calibration = |mean_a: f32| Calibration {
-            current: CurrentIron {
-                ut_per_a: world.current_ut.map(|ut| (ut / CRUISE_A) as f32),
-                mean_a,
-                ..CurrentIron::NONE
+            motor_current: MotorCurrentInterference {
+                ut_per_a: world.current_interference_ut.map(|ut| (ut / CRUISE_CURRENT_A) as f32),
+                mean_current_a: mean_a,
+                ..MotorCurrentInterference::NONE
             },
             ..Calibration::uncalibrated(Orientation::NONE)
         };
-        let [right, wrong] = [CRUISE_A as f32, 0.0].map(calibration);
-        let worst_deg =
-            |calibration: &Calibration, world: &WorldConfig| Errors::of(calibration, world).figures().max_deg;
-        world.tells_current = true;
+        let [right, wrong] = [CRUISE_CURRENT_A as f32, 0.0].map(calibration);
+        let worst_deg = |calibration: &Calibration, world: &WorldConfig| {
+            HeadingErrors::evaluate(calibration, world).statistics().max_deg
+        };
+        world.reports_current = true;
         assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) < 0.01);
-        world.tells_current = false;
+        world.reports_current = false;
         assert!(worst_deg(&right, &world) < 0.01 && worst_deg(&wrong, &world) > 5.0);
     }
 }

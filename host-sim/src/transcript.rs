@@ -1,66 +1,66 @@
-//! What the console prints, read back as a script would read it.
+//! Parser of console output.
 
-use autoswing::calibration::{Calibration, CurrentIron};
+use autoswing::calibration::{Calibration, MotorCurrentInterference};
 
-/// An unasked `note` or an `error`.
+/// Unsolicited `note` or `error` on the console.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Notice {
-    /// `note calibrated: ...`; the words.
+pub enum SolveNotice {
+    /// `note calibrated: ...` with its text.
     Calibrated(String),
     /// `note refused <code>: ...` or `error <code>: ...`.
     Refused {
-        /// The stable code.
+        /// Stable error code.
         code: String,
-        /// What to do about it.
+        /// Explanation.
         words: String,
     },
 }
 
-impl Notice {
-    /// A refusal.
+impl SolveNotice {
+    /// A rejection.
     #[must_use]
-    pub fn refused(code: &str, words: &str) -> Self {
+    pub fn rejected(code: &str, words: &str) -> Self {
         Self::Refused { code: code.to_owned(), words: words.to_owned() }
     }
 }
 
-/// The last note of a session that says how a solve ended.
+/// The last note in a transcript that reports the result of a solve.
 #[must_use]
-pub fn notice(session: &str) -> Option<Notice> {
+pub fn notice(session: &str) -> Option<SolveNotice> {
     let notes = lines(session).filter_map(|line| line.strip_prefix("note "));
     let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
         Some(refused) => coded(refused),
-        None => note.strip_prefix("calibrated: ").map(|words| Notice::Calibrated(words.to_owned())),
+        None => note.strip_prefix("calibrated: ").map(|words| SolveNotice::Calibrated(words.to_owned())),
     });
     outcomes.next_back()
 }
 
-/// The error of a reply.
+/// The error in an answer.
 #[must_use]
-pub fn error(reply: &str) -> Option<Notice> {
+pub fn parse_error(reply: &str) -> Option<SolveNotice> {
     lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(coded)
 }
 
-fn coded(text: &str) -> Option<Notice> {
-    text.split_once(": ").map(|(code, words)| Notice::refused(code, words))
+fn coded(text: &str) -> Option<SolveNotice> {
+    text.split_once(": ").map(|(code, words)| SolveNotice::rejected(code, words))
 }
 
-/// `cal show`.
+/// Content of `cal show`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shown {
-    /// The name of the method.
+pub struct ShownCalibration {
+    /// Method name.
     pub method: String,
-    /// The coefficients.
+    /// Coefficients.
     pub calibration: Calibration,
-    /// Expected heading error, degrees RMS.
+    /// Estimated heading error, degrees RMS.
     pub expected_rms_deg: f64,
-    /// Expected heading error at the worst heading, degrees.
+    /// Estimated heading error at the worst heading, degrees.
     pub expected_worst_deg: f64,
 }
 
-/// Reads the reply to `cal show`.
+/// Parses the answer to `cal show`.
 #[must_use]
-pub fn shown(reply: &str) -> Option<Shown> {
+pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
     let line = |prefix: &str| lines(reply).find_map(|line| line.strip_prefix(prefix));
     let head = line("ok number ")?;
     let method = head.split_once(" of ")?.1.split_once(',')?.0.to_owned();
@@ -72,9 +72,9 @@ pub fn shown(reply: &str) -> Option<Shown> {
         total_ut: field[0],
         inclination_rad: field[1].to_radians(),
         latency_s: latency_s(line("latency: ")?)?,
-        current: current(line("current: ")?)?,
+        motor_current: current(line("current: ")?)?,
     };
-    Some(Shown {
+    Some(ShownCalibration {
         method,
         calibration,
         expected_rms_deg: f64::from(expected[0]),
@@ -82,32 +82,35 @@ pub fn shown(reply: &str) -> Option<Shown> {
     })
 }
 
-/// The latency in use, seconds, of what is said about it.
+/// Attitude latency in use, seconds; 0 if not in use.
 fn latency_s(said: &str) -> Option<f32> {
     let used = said.strip_suffix(", used").map(numbers::<2>);
     used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
-/// What goes with the current.
-fn current(said: &str) -> Option<CurrentIron> {
+fn current(said: &str) -> Option<MotorCurrentInterference> {
     if said == "not known" {
-        return Some(CurrentIron::NONE);
+        return Some(MotorCurrentInterference::NONE);
     }
     let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = numbers(said)?;
-    Some(CurrentIron { ut_per_a: [x, y, z], sigma_ut_per_a, mean_a, spread_a })
+    Some(MotorCurrentInterference {
+        ut_per_a: [x, y, z],
+        sigma_ut_per_a,
+        mean_current_a: mean_a,
+        current_sigma_a: spread_a,
+    })
 }
 
-/// What `status` says of iron that has moved: what it adds to the corrected field, body axes, microtesla; `None` while
-/// nothing is sure.
+/// Estimated hard-iron change in the answer to `status`, body axes, microtesla; `None` without a significant change.
 #[must_use]
-pub fn iron_ut(status: &str) -> Option<[f64; 3]> {
-    let line = lines(status).find_map(|line| line.strip_prefix("iron: moved by "))?;
+pub fn hard_iron_change_ut(status: &str) -> Option<[f64; 3]> {
+    let line = lines(status).find_map(|line| line.strip_prefix("hard iron: changed by "))?;
     let (_, vector) = line.split_once("(x ")?;
     let (vector, _) = vector.split_once(", sigma")?;
     numbers(vector).map(|vector: [f32; 3]| vector.map(f64::from))
 }
 
-/// The words of a line that are numbers; `None` unless there are just as many as asked for.
+/// Numbers among the words of a line; `None` unless there are exactly `N`.
 fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
     let found: Vec<f32> = text.split_whitespace().filter_map(|word| word.trim_end_matches(',').parse().ok()).collect();
     found.try_into().ok()
@@ -124,40 +127,44 @@ mod tests {
 
     #[test]
     fn iron_that_moved_is_read_from_the_status() {
-        let says = "ok calibrated\r\niron: moved by 5.2 uT since the calibration, mostly aft \
-                    (x -4.9, y 0.3, z -1.7, sigma 0.4); headings allow for it\r\n";
-        assert_eq!(iron_ut(says).map(|ut| ut.map(|c| (c * 10.0).round() as i32)), Some([-49, 3, -17]));
-        assert_eq!(iron_ut("iron: as calibrated, as far as is sure\r\n"), None);
+        let says = "ok calibrated\r\nhard iron: changed by 5.2 uT since the calibration, mostly aft \
+                    (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are corrected for it\r\n";
+        assert_eq!(hard_iron_change_ut(says).map(|ut| ut.map(|c| (c * 10.0).round() as i32)), Some([-49, 3, -17]));
+        assert_eq!(hard_iron_change_ut("hard iron: no change detected\r\n"), None);
     }
 
-    /// In the units of the library: radians, seconds, chip axes in their order.
+    /// Units of the library: radians, seconds, chip axes.
     #[test]
     fn a_calibration_is_read_as_it_is_shown() {
         let says = "ok number 7 of maximum-likelihood, expected error 0.31 deg rms, sigma 0.62 deg at the worst heading\r\n\
                     wx: 1.01 0.02 0.03\r\nwy: 0.04 1.05 0.06\r\nwz: 0.07 0.08 1.09\r\nb: 1.5 -2.5 3.5 uT\r\n\
                     field: 48.00 uT, inclination 60.00 deg\r\nlatency: 25.0 ms, sigma 3.0 ms, used\r\n\
                     current: 0.1 -0.2 0.3 uT/A, sigma 0.01, used; 12.5 A, sigma 4.5\r\n";
-        let shown = shown(says).unwrap();
-        let current = CurrentIron { ut_per_a: [0.1, -0.2, 0.3], sigma_ut_per_a: 0.01, mean_a: 12.5, spread_a: 4.5 };
+        let shown = parse_shown_calibration(says).unwrap();
+        let current = MotorCurrentInterference {
+            ut_per_a: [0.1, -0.2, 0.3],
+            sigma_ut_per_a: 0.01,
+            mean_current_a: 12.5,
+            current_sigma_a: 4.5,
+        };
         let calibration = Calibration {
             w: [[1.01, 0.02, 0.03], [0.04, 1.05, 0.06], [0.07, 0.08, 1.09]],
             b_ut: [1.5, -2.5, 3.5],
             total_ut: 48.0,
             inclination_rad: 60_f32.to_radians(),
             latency_s: 0.025,
-            current,
+            motor_current: current,
         };
         assert_eq!((shown.method.as_str(), shown.calibration), ("maximum-likelihood", calibration));
         assert!((shown.expected_rms_deg - 0.31).abs() < 1e-6 && (shown.expected_worst_deg - 0.62).abs() < 1e-6);
-        // What was found and is not used is not in use.
+        // A latency that was estimated but not used is ignored.
         let unused = says.replace(", used\r\ncurrent", ", not used\r\ncurrent");
-        assert!(super::shown(&unused).unwrap().calibration.latency_s.abs() < 1e-9);
+        assert!(parse_shown_calibration(&unused).unwrap().calibration.latency_s.abs() < 1e-9);
     }
 
-    /// What was refused first and calibrated then is calibrated.
     #[test]
     fn the_last_note_counts() {
         let says = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
-        assert_eq!(notice(says), Some(Notice::Calibrated("number 1".to_owned())));
+        assert_eq!(notice(says), Some(SolveNotice::Calibrated("number 1".to_owned())));
     }
 }

@@ -1,4 +1,4 @@
-//! Drives the state machine: feeds it samples and requests, runs its solves in steps, writes its saves.
+//! Task of the state machine: passes samples and requests to it, runs solves in steps, writes to flash.
 
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
@@ -9,79 +9,96 @@ use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
-use super::links::{FoundSensor, Listener, count, listen, now, publish};
-use crate::acceptance::Policy;
-use crate::calibration::ladder::Procedure;
-use crate::collection::Kept;
-use crate::compass::{Command, Compass, Effect, Event, Refusal};
-use crate::earth::{Day, Place};
+use super::links::{DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe};
+use crate::acceptance::AcceptancePolicy;
+use crate::calibration::method_selection::Procedure;
+use crate::collection::RetainedSamples;
+use crate::compass::{Command, Compass, Effect, Event, Reply};
+use crate::earth::{Date, Position};
+use crate::health::{Counts, SampleLoss};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
+use crate::messages::{Message, Refusal};
 use crate::port::Order;
 use crate::settings::PortNumber;
-use crate::store::{Store, StoreError};
+use crate::store::{Loaded, Store, StoreError};
 
-/// Loads what flash holds, and the collection that the memory does, then runs the state machine for ever.
-pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Kept) -> ! {
-    // What was stored has no place in this task's memory once the machine has it.
+/// Loads the flash contents and the retained collection, then runs the state machine for ever.
+pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut RetainedSamples) -> ! {
+    // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
-        let stored = apart(pin!(store.load())).await;
-        if let Err(error) = stored {
-            say_unreadable(links, error);
+        let Loaded { stored, error } = poll_in_own_frame(pin!(store.load())).await;
+        if let Some(error) = error {
+            announce_unreadable(links, error);
         }
-        let stored = stored.unwrap_or_default();
-        links.begin_with(stored.remembered.found);
-        Compass::new(Policy::DEFAULT, &stored, kept)
+        links.set_initial_protocols(stored.remembered.detected_protocols);
+        Compass::new(AcceptancePolicy::DEFAULT, &stored, kept)
     };
-    if let Some(lost) = compass.last() {
-        links.notices.signal(lost.clone());
+    if let Some(lost) = compass.last_outcome() {
+        links.announce(lost);
     }
     drive(links, &mut store, &mut compass).await
 }
 
-/// Runs the machine for ever. It is made where it stays, by whoever calls this: one that is used where it is made was seen to
-/// be made on the stack, which has no room for it, and copied.
+/// Runs the state machine for ever. It is passed by reference: created here, it would be built on the stack, which has
+/// no room for it, and copied.
 async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
-    let mut latest = LatestOf {
-        armed: listen(&links.armed),
-        sensor: listen(&links.sensor),
-        place: listen(&links.place),
-        day: listen(&links.day),
+    let mut latest = LatestReceivers {
+        armed: subscribe(&links.armed),
+        sensor: subscribe(&links.sensor),
+        place: subscribe(&links.position),
+        day: subscribe(&links.date),
     };
+    let mut began = Counts::default();
+    publish_state(links, compass, None);
     loop {
-        tell(links, compass);
         let (event, asker) = next_event(links, compass, &mut latest).await;
         let mut effect = compass.step(event);
+        if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
+            began = links.counts();
+        }
         if let Effect::None = effect {
-            effect = compass.step(Event::Spoken(links.spoken(), now().wrapping_millis()));
+            effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = apart(pin!(store.save(change))).await;
-            count(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
+            let result = poll_in_own_frame(pin!(store.save(change))).await;
+            increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
-        // Before the reply: whoever reads it finds the module as it says.
-        tell(links, compass);
-        match effect {
-            Effect::Reply(reply) => match asker {
-                Asker::Person => links.replies.send(reply).await,
-                Asker::Port(number, order) => answer(links, number, order, reply.map(|_| ())),
-                // Who pressed the button sees the lamp.
-                Asker::Nobody => {}
-            },
-            Effect::Notify(outcome) => {
-                info!("solve ended, ok {=bool}", outcome.is_ok());
-                links.notices.signal(outcome);
+        add_sample_loss(&mut effect, SampleLoss::from_counts(&began, &links.counts()));
+        let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
+        // Before the reply: its reader finds the module in the state that the reply names.
+        publish_state(links, compass, message);
+        if let Effect::Reply(reply) = effect {
+            match asker {
+                ReplyReceiver::Console => links.replies.send(reply).await,
+                ReplyReceiver::Port(number, order) => deliver_order_result(links, number, order, reply.map(|_| ())),
+                // The button receives no reply; the lamp shows the state.
+                ReplyReceiver::NoReply => {}
             }
-            Effect::None | Effect::Save => {}
         }
     }
 }
 
-/// Polls a future in a stack frame of its own. What the store takes from flash is large, and would otherwise have its
-/// place in this task's frame, beside all that a solve needs. It is pinned by the caller: of one that is passed by value
-/// there would be two places, 6 KB each.
-async fn apart<F: Future>(mut future: Pin<&mut F>) -> F::Output {
+const fn is_start(event: Event) -> bool {
+    matches!(event, Event::Command(Command::CalStart(_) | Command::CalStartNew(_), _))
+}
+
+/// Adds lost readings since the start of the collection to a refusal that they can have caused.
+fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
+    match effect {
+        Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(loss),
+        Effect::Reply(Ok(Reply::Report(report))) => {
+            report.last_outcome = report.last_outcome.take().map(|last| last.with_cause(loss));
+        }
+        Effect::Notify(message) => *message = message.clone().with_cause(loss),
+        Effect::Reply(Ok(_)) | Effect::None | Effect::Save => {}
+    }
+}
+
+/// Polls a future in a separate stack frame: the store's buffers are large and would otherwise enlarge this task's
+/// frame, which also holds a solve. The caller pins the future; passed by value it would exist twice, 6 KB each.
+async fn poll_in_own_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     #[inline(never)]
     fn poll<F: Future>(future: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
         future.poll(context)
@@ -89,49 +106,46 @@ async fn apart<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
-/// Who waits for a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Asker {
-    Person,
+enum ReplyReceiver {
+    Console,
     Port(PortNumber, Order),
-    Nobody,
+    NoReply,
 }
 
-/// What is asked for on a port, in the state machine's words.
-const fn ordered(order: Order) -> Command {
+const fn command_for_order(order: Order) -> Command {
     match order {
         Order::Start => Command::CalStart(Procedure::Flight),
         Order::Accept => Command::CalSolve(None),
         Order::Cancel => Command::CalAbort,
-        Order::Reboot => Command::Restart,
+        Order::Reboot => Command::PrepareRestart,
     }
 }
 
-fn answer(links: &Links, number: PortNumber, order: Order, result: Result<(), Refusal>) {
+fn deliver_order_result(links: &Links, number: PortNumber, order: Order, result: Result<(), Refusal>) {
     if order == Order::Reboot && result.is_ok() {
         links.restart.signal(());
     }
     links.port(number).answers.signal((order, result));
 }
 
-/// This task's ends of wires that hold a latest value.
-struct LatestOf<'a> {
-    armed: Listener<'a, Option<bool>, 1>,
-    sensor: Listener<'a, FoundSensor, 2>,
-    place: Listener<'a, Place, 1>,
-    day: Listener<'a, Day, 1>,
+struct LatestReceivers<'a> {
+    armed: ValueReceiver<'a, Option<bool>, 1>,
+    sensor: ValueReceiver<'a, DetectedSensor, 2>,
+    place: ValueReceiver<'a, Position, 1>,
+    day: ValueReceiver<'a, Date, 1>,
 }
 
-/// Waits for what happens next; while the machine is busy that is its next step, unless something else has happened.
-/// Of what has happened, whether the autopilot is armed comes first: a command is judged by it. Place and day wait for the
-/// end of a solve, which has taken from them what it needs.
-async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestOf<'_>) -> (Event, Asker) {
-    let LatestOf { armed, sensor, place, day } = latest;
-    let asked = |asked| (command(asked), Asker::Person);
-    let of = |event| (event, Asker::Nobody);
-    let from = |(number, order)| (command(ordered(order)), Asker::Port(number, order));
+/// Waits for the next event; during a solve the next event is its next step, unless another is pending. The armed state
+/// comes first, because commands depend on it. Position and date wait for the end of a solve, which has already read
+/// them.
+async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestReceivers<'_>) -> (Event, ReplyReceiver) {
+    let LatestReceivers { armed, sensor, place, day } = latest;
+    let asked = |asked| (command(asked), ReplyReceiver::Console);
+    let of = |event| (event, ReplyReceiver::NoReply);
+    let from = |(number, order)| (command(command_for_order(order)), ReplyReceiver::Port(number, order));
     if compass.is_busy() {
-        // Between two steps of a solve the console gets its turn.
+        // The console runs between two steps of a solve.
         yield_now().await;
         let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
         let request = || links.requests.try_receive().ok().map(asked);
@@ -150,11 +164,11 @@ async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestOf<
         Either6::First(is_armed) => of(Event::Armed(is_armed)),
         Either6::Second(request) => asked(request),
         Either6::Third(order) => from(order),
-        Either6::Fourth(found) => of(Event::SensorFound(found.identity, readings_per_sample(found.period_us))),
+        Either6::Fourth(found) => of(Event::SensorDetected(found.identity, readings_per_sample(found.period_us))),
         Either6::Fifth(()) => of(command(Command::CalStart(Procedure::Flight))),
         Either6::Sixth(Either::First(sample)) => of(Event::Sample(sample)),
-        Either6::Sixth(Either::Second(Either::First(place))) => of(Event::Place(place)),
-        Either6::Sixth(Either::Second(Either::Second(day))) => of(Event::Day(day)),
+        Either6::Sixth(Either::Second(Either::First(place))) => of(Event::Position(place)),
+        Either6::Sixth(Either::Second(Either::Second(day))) => of(Event::Date(day)),
     }
 }
 
@@ -162,16 +176,27 @@ fn command(asked: Command) -> Event {
     Event::Command(asked, now().wrapping_millis())
 }
 
-/// What cannot be read is counted, said on the console and treated as absent: the module starts uncalibrated.
-fn say_unreadable(links: &Links, error: StoreError) {
-    warning!("load: {=str}", error.code());
-    count(&links.counters.store_errors);
-    links.notices.signal(Err(Refusal::Store(error)));
+/// Counts and reports unreadable flash; the module starts without stored data.
+fn announce_unreadable(links: &Links, error: StoreError) {
+    let message = Message::StoreUnreadable(error);
+    warning!("load: {=str}", message.code());
+    increment(&links.counters.store_errors);
+    links.announce(&message);
 }
 
-/// Tells the other tasks what has changed for them.
-fn tell(links: &Links, compass: &Compass<'_>) {
+/// Publishes the state to the other tasks. A port receives a message together with the state after it: a collection
+/// that ends without a message was aborted.
+fn publish_state(links: &Links, compass: &Compass<'_>, message: Option<&Message>) {
     publish(&links.correction, compass.correction());
-    publish(&links.settings, compass.settings_in_force());
-    publish(&links.glance, compass.glance());
+    publish(&links.settings, compass.effective_settings());
+    let glance = compass.indicator_state();
+    if let Some(message) = message {
+        info!("message: {=str}", message.code());
+    }
+    apply_atomically(|| {
+        if let Some(message) = message {
+            links.announce(message);
+        }
+        publish(&links.indicator, glance);
+    });
 }

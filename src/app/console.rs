@@ -1,26 +1,26 @@
-//! Talks to a person, or to a script.
+//! Task of the console: serves a terminal, operated by a person or a script.
 
-use core::fmt::{self, Write as _};
+use core::fmt::Write as _;
 
-use embassy_futures::select::{Either4, select4};
+use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use super::links::Text;
 use super::{Links, Platform};
-use crate::compass::{Command, Outcome, Refusal, Reply};
+use crate::compass::{Command, Reply};
 use crate::console::session::Session;
 use crate::console::{Request, help, report};
-use crate::health::{Counts, Health, Loss, ResetCause};
+use crate::health::{Diagnostics, ResetCause};
 use crate::instrument::Estimate;
+use crate::messages::Refusal;
 
-/// A terminal that takes nothing for so long loses what was to be shown.
-const WRITE_PATIENCE: Duration = Duration::from_millis(500);
+/// Write timeout, after which the pending output is dropped.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
+/// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// The reply to `reboot` gets so long to leave the port.
+/// Time for the reply to `reboot` to leave the port.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
 /// Runs the console for ever.
@@ -32,63 +32,62 @@ pub async fn run(
     reset: ResetCause,
 ) -> ! {
     let session = Session::new(|out| report::greeting(out, &reset));
-    let mut talk = Talk { links, session, reset, began: Counts::default() };
+    let mut talk = Terminal { links, session, reset };
     let mut bytes = [0; 32];
     let mut read = 0..0;
-    // One place for each wait: each has its state in this task's memory, and its way there in flash.
+    // Each wait occurs once: every await point costs memory in this task and code in flash.
     loop {
-        drain(&mut talk.session, &mut tx).await;
+        flush_output(&mut talk.session, &mut tx).await;
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
             let Some(request) = talk.byte(byte) else { continue };
-            let answer = ask(links, command(request)).await;
+            let answer = execute_command(links, command_for_request(request)).await;
             let restarts = matches!((request, &answer), (Request::Reboot, Ok(_)));
-            let answer = if is_told(request) && answer.is_ok() { ask(links, Command::Report).await } else { answer };
-            talk.answer(request, answer, &platform);
+            let answer = if shows_state(request) && answer.is_ok() {
+                execute_command(links, Command::Report).await
+            } else {
+                answer
+            };
+            talk.write_reply(request, answer, &platform);
             if restarts {
                 links.restart.signal(());
             }
             continue;
         }
-        match select4(links.restart.wait(), rx.read(&mut bytes), links.notices.wait(), links.iron.wait()).await {
-            Either4::First(()) => {
+        match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
+            Either3::First(()) => {
                 Timer::after(LAST_WORDS).await;
                 platform.reboot();
             }
-            Either4::Second(Ok(number)) if number > 0 => read = 0..number,
-            Either4::Second(_) => Timer::after(PAUSE).await,
-            Either4::Third(outcome) => talk.outcome(&outcome),
-            Either4::Fourth(iron) => talk.note(&|mut out| report::iron(&mut out, iron.as_ref())),
+            Either3::Second(Ok(number)) if number > 0 => read = 0..number,
+            Either3::Second(_) => Timer::after(PAUSE).await,
+            Either3::Third(message) => talk.session.write_notice(|out| report::write_notice(out, &message)),
         }
     }
 }
 
-/// What a request asks of the state machine.
-const fn command(request: Request) -> Command {
+const fn command_for_request(request: Request) -> Command {
     match request {
-        Request::Reboot => Command::Restart,
+        Request::Reboot => Command::PrepareRestart,
         Request::Compass(command) => command,
         Request::Help(_) | Request::Version | Request::Status | Request::CalShow => Command::Report,
     }
 }
 
-/// Whether what is in force afterwards is told, rather than what was typed.
-const fn is_told(request: Request) -> bool {
-    use Command::{Align, AlignSurely, CalUndo, Set};
-    matches!(request, Request::Compass(Set(_) | Align(_) | AlignSurely(_) | CalUndo))
+/// Whether the reply shows the resulting state, which has to be requested after the command.
+const fn shows_state(request: Request) -> bool {
+    use Command::{Align, AlignConfirmed, CalUndo, Set};
+    matches!(request, Request::Compass(Set(_) | Align(_) | AlignConfirmed(_) | CalUndo))
 }
 
-/// A terminal, and what it is told of.
-struct Talk<'a> {
+/// Terminal session and the sources of its replies.
+struct Terminal<'a> {
     links: &'a Links,
     session: Session,
     reset: ResetCause,
-    /// What had been counted when the collection began.
-    began: Counts,
 }
 
-impl Talk<'_> {
-    /// Takes a byte; gives a request that the state machine is to be asked about.
-    #[inline(never)]
+impl Terminal<'_> {
+    /// Processes a received byte; returns a request for the state machine.
     fn byte(&mut self, byte: u8) -> Option<Request> {
         match self.session.byte(byte)? {
             Err(error) => self.session.reply(|out| report::line_error(out, &error)),
@@ -99,71 +98,45 @@ impl Talk<'_> {
         None
     }
 
-    /// Tells what the state machine answers to a request.
-    #[inline(never)]
-    fn answer(&mut self, request: Request, answer: Result<Reply, Refusal>, platform: &impl Platform) {
-        if let (Request::Compass(Command::CalStart(_)), Ok(_)) = (request, &answer) {
-            self.began = self.links.counts();
-        }
+    fn write_reply(&mut self, request: Request, answer: Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.health(platform);
         self.session.reply(|out| match (answer, request) {
-            (Err(refusal), _) => report::refusal(out, &refusal, health.loss),
+            (Err(refusal), _) => report::refusal(out, &refusal),
             (Ok(_), Request::Reboot) => out.write_str("ok restarting\n"),
             (Ok(Reply::Report(found)), Request::Status) => report::status(out, &found, &health),
-            (Ok(Reply::Report(found)), Request::Compass(command)) => report::changed(out, command, &found),
+            (Ok(Reply::Report(found)), Request::Compass(command)) => report::write_changed_state(out, command, &found),
             (Ok(Reply::Report(found)), _) => report::calibration(out, &found),
-            (Ok(done), _) => report::done(out, &done),
+            (Ok(done), _) => report::write_done(out, &done),
         });
     }
 
-    /// Tells how a solve has ended.
-    #[inline(never)]
-    fn outcome(&mut self, outcome: &Outcome) {
-        let loss = Loss::between(&self.began, &self.links.counts());
-        self.note(&|mut out| report::outcome(&mut out, outcome, loss));
-    }
-
-    /// Tells something that nobody has asked for, here and on the ports.
-    #[inline(never)]
-    fn note(&mut self, write: &dyn Fn(&mut dyn fmt::Write) -> fmt::Result) {
-        self.session.notice(|out| write(out));
-        let mut text = Text::new();
-        // A port tells as much as fits.
-        let _ = write(&mut text);
-        self.links.texts.sender().send(text);
-    }
-
-    fn health(&self, platform: &impl Platform) -> Health {
-        let Estimate { attitude, heading, iron, current_a, .. } =
-            self.links.estimates.try_get().unwrap_or(Estimate::NOTHING);
-        let counts = self.links.counts();
-        Health {
+    fn health(&self, platform: &impl Platform) -> Diagnostics {
+        let Estimate { attitude, heading, hard_iron_change: iron, current_a, .. } =
+            self.links.estimates.try_get().unwrap_or(Estimate::EMPTY);
+        Diagnostics {
             sensor: self.links.sensor.try_get().map(|found| found.identity),
             attitude,
             heading,
-            iron,
+            hard_iron_change: iron,
             current_a,
-            loss: Loss::between(&self.began, &counts),
-            counts,
-            reset: self.reset.clone(),
+            event_counts: self.links.counts(),
+            reset_cause: self.reset.clone(),
             uptime_s: Instant::now().as_secs() as u32,
-            stack: platform.stack(),
-            ports: self.links.spoken(),
+            stack_use: platform.stack(),
+            ports: self.links.port_protocols(),
         }
     }
 }
 
-/// Asks the state machine. It answers within one step of a solve or one save.
-async fn ask(links: &Links, command: Command) -> Result<Reply, Refusal> {
+/// Sends a command to the state machine, which replies within one step of a solve or one save.
+async fn execute_command(links: &Links, command: Command) -> Result<Reply, Refusal> {
     links.requests.send(command).await;
     links.replies.receive().await
 }
 
-/// Sends what has been written.
-async fn drain(session: &mut Session, tx: &mut impl Write) {
+async fn flush_output(session: &mut Session, tx: &mut impl Write) {
     if !session.output().is_empty() {
-        // A terminal that takes nothing loses it: see `WRITE_PATIENCE`.
-        let _ = with_timeout(WRITE_PATIENCE, tx.write_all(session.output())).await;
+        let _ = with_timeout(WRITE_TIMEOUT, tx.write_all(session.output())).await;
         session.sent();
     }
 }

@@ -1,37 +1,37 @@
-//! Feeds the instrument and forwards what comes out of it.
+//! Task of the instrument: passes readings and attitude to it, publishes its estimates and samples.
 
 use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
 use super::Links;
-use super::links::{FoundSensor, count, listen, now};
-use crate::calibration::CURRENT_IS_LOOKED_FOR;
-use crate::instrument::{Config, Instrument, IronNews};
+use super::links::{DetectedSensor, increment, now, subscribe};
+use crate::instrument::{HardIronChangeReporter, Instrument, InstrumentConfig};
+use crate::messages::Message;
 
-/// The period of the reference sensor: what silence is measured by until one has answered.
+/// Reading period of the reference sensor, microseconds; used until a sensor is detected.
 const FIRST_PERIOD_US: u32 = 12_500;
 
 /// Runs the instrument for ever.
 pub async fn run(links: &Links) -> ! {
-    let mut sensor = listen(&links.sensor);
-    let mut correction = listen(&links.correction);
+    let mut sensor = subscribe(&links.sensor);
+    let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();
-    let mut instrument = Instrument::new(Config::new(FIRST_PERIOD_US));
-    let mut news = IronNews::NONE;
+    let mut instrument = Instrument::new(InstrumentConfig::new(FIRST_PERIOD_US));
+    let mut news = HardIronChangeReporter::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
-        // Reports before readings: what is known of an instant counts at that instant.
+        // Reports before readings, so that a reading uses attitude of its own instant.
         let event =
             select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
-        count(&links.heartbeats.instrument);
+        increment(&links.heartbeats.instrument);
         let has_told = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
-            Either4::First(found) => adapt(&mut instrument, found),
+            Either4::First(found) => configure_sensor(&mut instrument, found),
             Either4::Second(report) => {
                 instrument.on_attitude(report.at, report.value);
-                // Who tells a current tells an attitude, and oftener; a reading is in more of a hurry.
-                if CURRENT_IS_LOOKED_FOR && let Some(told) = links.current.try_get() {
+                // Polled on attitude reports: they are more frequent than currents, and readings are more urgent.
+                if let Some(told) = links.current.try_get() {
                     instrument.on_current(told.at, told.value);
                 }
             }
@@ -45,24 +45,24 @@ pub async fn run(links: &Links) -> ! {
             }
         }
         while let Some(sample) = instrument.next_sample() {
-            links.offer(&links.samples, sample);
+            links.queue_or_count(&links.samples, sample);
         }
-        // What takes longer than a heading, a new correction too, has its time when one has just been told, and the next
-        // reading is far.
+        // Work that takes longer than a heading, such as a new correction, follows an estimate: the next reading is
+        // then furthest away.
         if has_told {
-            // The executor takes what was woken last first: of one turn given away this task gets the first again, of two the
-            // ports have theirs in between.
+            // The executor first runs the task that was woken last. After one yield this task runs again; after two the
+            // ports have run in between.
             yield_now().await;
             yield_now().await;
-            links.counters.take(&instrument.counts());
+            links.counters.store_rejections(&instrument.rejections());
             if let Some(changed) = correction.try_changed() {
-                instrument.correct_with(changed);
+                instrument.set_correction(changed);
             }
-            if instrument.has_to_watch() {
-                instrument.watch();
+            if instrument.is_monitor_update_due() {
+                instrument.update_monitor();
             }
-            if let Some(iron) = news.see(instrument.iron()) {
-                links.iron.signal(iron);
+            if let Some(iron) = news.update(instrument.hard_iron_change()) {
+                links.announce(&iron.map_or(Message::HardIronRestored, Message::HardIronChanged));
             }
         }
     }
@@ -72,9 +72,9 @@ fn silence_from_now(instrument: &Instrument) -> Instant {
     Instant::now() + embassy_time::Duration::from_micros(instrument.config().silence_us())
 }
 
-/// Another sensor than the last makes another instrument.
-fn adapt(instrument: &mut Instrument, found: FoundSensor) {
-    let Config { reading_period_us, stuck_after, .. } = *instrument.config();
+/// Reconfigures the instrument if the sensor differs from the last.
+fn configure_sensor(instrument: &mut Instrument, found: DetectedSensor) {
+    let InstrumentConfig { reading_period_us, stuck_after, .. } = *instrument.config();
     if (found.period_us, Some(found.stuck_after)) != (reading_period_us, stuck_after) {
         instrument.set_sensor(found.period_us, Some(found.stuck_after));
     }

@@ -1,97 +1,93 @@
-//! The wires between tasks.
+//! Channels, signals and latest values that connect the tasks.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::Mutex;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, RawMutex as _};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::{Receiver, Watch};
 use embassy_time::Instant;
 
-use crate::attitude::{Lines, Report};
+use crate::attitude::{AttitudeReport, LineSelector};
 use crate::calibration::Sample;
-use crate::compass::{Command, Glance, Outcome, Refusal, Reply};
-use crate::earth::{Day, Place};
+use crate::compass::{Command, IndicatorState, Reply};
+use crate::earth::{Date, Position};
 use crate::health::{Counters, Counts};
-use crate::instrument::{Correction, Estimate, Iron};
-use crate::magnetometer::{Identity, Reading};
+use crate::instrument::{Correction, Estimate};
+use crate::messages::{Message, Refusal};
 use crate::port::Order;
+use crate::reading::{Identity, Reading};
 use crate::settings::Settings;
-use crate::settings::{PORTS, PortNumber, ProtocolKind};
+use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 use crate::time::Timestamp;
 
-/// Something with the instant at which it was ready.
+/// Value with the time at which it was ready.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stamped<T> {
+pub(super) struct Timestamped<T> {
     pub at: Timestamp,
     pub value: T,
 }
 
-/// A magnetometer that has answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct FoundSensor {
+pub(super) struct DetectedSensor {
     pub identity: Identity,
     pub period_us: u32,
-    /// After so many equal readings an axis of it is stuck.
+    /// Number of equal readings that indicate a stuck axis.
     pub stuck_after: u16,
 }
 
-/// A channel whose sender never waits: what finds it full is counted and lost.
+/// Channel whose sender never waits: an item that finds it full is counted and dropped.
 pub(super) type Queue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
 
-/// A latest value that a number of tasks wait for.
-pub(super) type Latest<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>;
+/// Latest value for up to `N` waiting tasks.
+pub(super) type LatestValue<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>;
 
-/// A task's end of a [`Latest`].
-pub(super) type Listener<'a, T, const N: usize> = Receiver<'a, CriticalSectionRawMutex, T, N>;
+pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, CriticalSectionRawMutex, T, N>;
 
-/// All wires between tasks. The tasks run at two priorities, so every wire is closed by a critical section, of some
+/// All connections between tasks. The tasks run at two priorities, so each access is a critical section of a few
 /// hundred instructions at most.
 pub struct Links {
-    pub(super) readings: Queue<Stamped<Reading>, 4>,
-    pub(super) reports: Queue<Stamped<Report>, 8>,
+    pub(super) readings: Queue<Timestamped<Reading>, 4>,
+    pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
     pub(super) requests: Queue<Command, 1>,
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
-    pub(super) notices: Signal<CriticalSectionRawMutex, Outcome>,
-    /// To the console: hard iron that has moved, or is back where it was.
-    pub(super) iron: Signal<CriticalSectionRawMutex, Option<Iron>>,
+    /// To the console: unsolicited messages. Each port has a queue of its own.
+    pub(super) notices: Queue<Message, MESSAGES>,
     /// To the state machine: the button was held.
     pub(super) pressed: Signal<CriticalSectionRawMutex, ()>,
-    /// To the lamp, which looks at it now and then.
-    pub(super) glance: Latest<Glance, 1>,
+    /// To the lamp, which polls it.
+    pub(super) indicator: LatestValue<IndicatorState, 1>,
     /// To the instrument and to the state machine.
-    pub(super) sensor: Latest<FoundSensor, 2>,
-    /// To the state machine: whether the autopilot is armed, if that is known.
-    pub(super) armed: Latest<Option<bool>, 1>,
-    /// To the state machine: where the autopilot is. Apart from the day, which may come on another port.
-    pub(super) place: Latest<Place, 1>,
-    /// To the state machine: what day it is.
-    pub(super) day: Latest<Day, 1>,
-    /// To the instrument, which looks at it now and then: the current that the motors draw, amperes.
-    pub(super) current: Latest<Stamped<f32>, 0>,
+    pub(super) sensor: LatestValue<DetectedSensor, 2>,
+    /// To the state machine: whether the autopilot is armed, if known.
+    pub(super) armed: LatestValue<Option<bool>, 1>,
+    /// To the state machine: the autopilot's position. The date is separate, because it may arrive on another port.
+    pub(super) position: LatestValue<Position, 1>,
+    /// To the state machine: the date.
+    pub(super) date: LatestValue<Date, 1>,
+    /// To the instrument, which polls it: the motor current, amperes.
+    pub(super) current: LatestValue<Timestamped<f32>, 0>,
     /// To the instrument: replaced as a whole, so that a heading never mixes two calibrations.
-    pub(super) correction: Latest<Correction, 1>,
+    pub(super) correction: LatestValue<Correction, 1>,
     /// To the ports.
-    pub(super) settings: Latest<Settings, PORTS>,
-    /// To the ports: what the console notes.
-    pub(super) texts: Latest<Text, PORTS>,
-    /// To the ports; the console looks at it now and then.
-    pub(super) estimates: Latest<Estimate, PORTS>,
-    /// To the state machine: what is asked for on a port.
+    pub(super) settings: LatestValue<Settings, PORT_COUNT>,
+    /// To the ports; the console polls it.
+    pub(super) estimates: LatestValue<Estimate, PORT_COUNT>,
+    /// To the state machine: orders received on ports.
     pub(super) orders: Queue<(PortNumber, Order), 1>,
-    /// To the console, which can do it: restart.
+    /// To the console, which restarts the module.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
-    ports: [Wires; PORTS],
-    lines: Mutex<CriticalSectionRawMutex, Cell<Lines>>,
+    ports: [PortLinks; PORT_COUNT],
+    lines: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     pub(super) counters: Counters,
     pub(super) heartbeats: Heartbeats,
 }
 
 impl Links {
-    /// Wires with nothing on them.
+    /// Creates empty connections.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -100,45 +96,42 @@ impl Links {
             samples: Channel::new(),
             requests: Channel::new(),
             replies: Channel::new(),
-            notices: Signal::new(),
-            iron: Signal::new(),
+            notices: Channel::new(),
             pressed: Signal::new(),
-            glance: Watch::new(),
+            indicator: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
-            place: Watch::new(),
-            day: Watch::new(),
+            position: Watch::new(),
+            date: Watch::new(),
             current: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
-            texts: Watch::new(),
             estimates: Watch::new(),
             orders: Channel::new(),
             restart: Signal::new(),
-            ports: [const { Wires::new() }; PORTS],
-            lines: Mutex::new(Cell::new(Lines::new())),
+            ports: [const { PortLinks::new() }; PORT_COUNT],
+            lines: Mutex::new(Cell::new(LineSelector::new())),
             counters: Counters::new(),
             heartbeats: Heartbeats::new(),
         }
     }
 
-    /// A port's own.
-    pub(super) const fn port(&self, number: PortNumber) -> &Wires {
+    pub(super) const fn port(&self, number: PortNumber) -> &PortLinks {
         number.of(&self.ports)
     }
 
-    /// Whether a report of attitude that came on a port is taken: one port's is at a time.
-    pub(super) fn takes_attitude_of(&self, number: PortNumber, at: Timestamp, report: &Report) -> bool {
+    /// Whether an attitude report from a port is accepted: one port is selected at a time.
+    pub(super) fn accept_attitude(&self, number: PortNumber, at: Timestamp, report: &AttitudeReport) -> bool {
         self.lines.lock(|lines| {
             let mut all = lines.get();
-            let takes = all.takes(at, number as u8, report.has_rates());
+            let takes = all.accept(at, number as u8, report.has_rates());
             lines.set(all);
             takes
         })
     }
 
-    /// A port tells what it speaks, and whether the autopilot there is armed. It is, if that of any port is.
-    pub(super) fn port_is(&self, number: PortNumber, spoken: ProtocolKind, is_armed: Option<bool>) {
+    /// Publishes a port's protocol and armed state. The aircraft is armed if the autopilot of any port is.
+    pub(super) fn update_port_state(&self, number: PortNumber, spoken: ProtocolKind, is_armed: Option<bool>) {
         let wires = self.port(number);
         wires.spoken.store(spoken as u8, Ordering::Relaxed);
         wires.armed.store(is_armed.map_or(UNKNOWN, u8::from), Ordering::Relaxed);
@@ -148,31 +141,42 @@ impl Links {
         publish(&self.armed, (most != UNKNOWN).then_some(most == u8::from(true)));
     }
 
-    /// What the ports begin with where nothing was chosen: what was found there before the restart.
-    pub(super) fn begin_with(&self, found: [ProtocolKind; PORTS]) {
+    /// Sets the ports' initial protocols to those detected before the restart.
+    pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
         for (number, found) in PortNumber::ALL.into_iter().zip(found) {
             self.port(number).spoken.store(found as u8, Ordering::Relaxed);
         }
     }
 
-    /// What is spoken on the ports; what they begin with until they have.
-    pub(super) fn spoken(&self) -> [ProtocolKind; PORTS] {
+    /// Protocols of the ports; the initial ones until a port runs.
+    pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
         PortNumber::ALL.map(|number| {
             let spoken = self.port(number).spoken.load(Ordering::Relaxed);
             ProtocolKind::ALL.into_iter().find(|kind| *kind as u8 == spoken).unwrap_or(ProtocolKind::Auto)
         })
     }
 
-    /// The counters as they are now.
+    /// Present counter values.
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counters.snapshot()
     }
 
-    /// Puts something into a queue whose reader may be behind.
-    pub(super) fn offer<T, const N: usize>(&self, queue: &Queue<T, N>, item: T) {
+    /// Sends a message to the console and to the ports.
+    pub(super) fn announce(&self, message: &Message) {
+        let ports = PortNumber::ALL.map(|number| &self.port(number).messages);
+        for queue in ports.into_iter().chain([&self.notices]) {
+            if queue.is_full() {
+                let _ = queue.try_receive();
+            }
+            let _ = queue.try_send(message.clone());
+        }
+    }
+
+    /// Queues an item; counts it as dropped if the queue is full.
+    pub(super) fn queue_or_count<T, const N: usize>(&self, queue: &Queue<T, N>, item: T) {
         if queue.try_send(item).is_err() {
-            count(&self.counters.samples_dropped);
+            increment(&self.counters.samples_dropped);
         }
     }
 }
@@ -183,60 +187,62 @@ impl Default for Links {
     }
 }
 
-/// This instant.
 pub(super) fn now() -> Timestamp {
     Timestamp::from_us(Instant::now().as_micros())
 }
 
-/// This instant's value.
-pub(super) fn stamped<T>(value: T) -> Stamped<T> {
-    Stamped { at: now(), value }
+pub(super) fn stamped<T>(value: T) -> Timestamped<T> {
+    Timestamped { at: now(), value }
 }
 
-/// A task's end of a wire that has one for each task on it.
+/// Creates a task's receiver of a latest value.
 ///
 /// # Panics
 ///
-/// At the start of the firmware, when a board runs more tasks than [`Links`] has ends for: a mistake in its task list.
-pub(super) fn listen<T: Clone, const N: usize>(latest: &Latest<T, N>) -> Listener<'_, T, N> {
+/// At the start of the firmware, if a board runs more tasks than the value has receivers: a mistake in its task list.
+pub(super) fn subscribe<T: Clone, const N: usize>(latest: &LatestValue<T, N>) -> ValueReceiver<'_, T, N> {
     latest.receiver().expect("an end of the wire for each task that a board runs")
 }
 
-/// Publishes a value if it is another than the last, so that nobody wakes for nothing.
-pub(super) fn publish<T: Clone + PartialEq, const N: usize>(latest: &Latest<T, N>, value: T) {
+/// Publishes a value if it differs from the last, so that no task wakes needlessly.
+pub(super) fn publish<T: Clone + PartialEq, const N: usize>(latest: &LatestValue<T, N>, value: T) {
     if latest.try_get().as_ref() != Some(&value) {
         latest.sender().send(value);
     }
 }
 
-/// Adds one; wraps after 2^32.
-pub(super) fn count(counter: &AtomicU32) {
+/// Applies a change that no other task sees half done, whatever its priority.
+pub(super) fn apply_atomically(change: impl FnOnce()) {
+    CriticalSectionRawMutex::new().lock(change);
+}
+
+/// Increments a counter; wraps at 2^32.
+pub(super) fn increment(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A line of the console's, for ports.
-pub(super) type Text = heapless::String<TEXT>;
+/// Capacity of a message queue; a full one drops its oldest message.
+const MESSAGES: usize = 3;
 
-/// Characters of the longest note, and a little.
-const TEXT: usize = 200;
-
-/// No autopilot has said whether it is armed.
+/// Armed state while no autopilot reports it.
 const UNKNOWN: u8 = 2;
 
-/// The wires of one port.
-pub(super) struct Wires {
-    /// A sign of life; 0 of a port that does not run.
+pub(super) struct PortLinks {
+    /// Heartbeat counter; 0 for a port that does not run.
     pub heartbeat: AtomicU32,
-    /// What became of an order that came there.
+    /// Unsolicited messages.
+    pub messages: Queue<Message, MESSAGES>,
+    /// Result of an order received on this port.
     pub answers: Signal<CriticalSectionRawMutex, (Order, Result<(), Refusal>)>,
     spoken: AtomicU8,
     armed: AtomicU8,
 }
 
-impl Wires {
+impl PortLinks {
     const fn new() -> Self {
         Self {
             heartbeat: AtomicU32::new(0),
+            messages: Channel::new(),
             answers: Signal::new(),
             spoken: AtomicU8::new(ProtocolKind::Auto as u8),
             armed: AtomicU8::new(UNKNOWN),
@@ -244,31 +250,29 @@ impl Wires {
     }
 }
 
-/// Signs of life, one counter each.
 #[derive(Debug)]
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub instrument: AtomicU32,
-    /// The executor of the tasks below those.
-    pub below: AtomicU32,
+    /// Thread executor, which runs the tasks of lower priority.
+    pub thread_executor: AtomicU32,
 }
 
-/// The first of the signs of life are of tasks that every board runs, the first port among them.
+/// Number of heartbeats that every board has, the first port's included.
 pub(super) const ALWAYS_THERE: usize = 4;
 
-/// Signs of life that the watchdog looks at.
-pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORTS;
+pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORT_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
-        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), below: AtomicU32::new(0) }
+        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), thread_executor: AtomicU32::new(0) }
     }
 }
 
 impl Links {
-    /// All signs of life. That of a port that does not run stays 0.
-    pub(super) fn life(&self) -> [u32; HEARTBEATS] {
-        let Heartbeats { sensor, instrument, below } = &self.heartbeats;
+    /// All heartbeat counters; 0 for a port that does not run.
+    pub(super) fn heartbeat_counts(&self) -> [u32; HEARTBEATS] {
+        let Heartbeats { sensor, instrument, thread_executor: below } = &self.heartbeats;
         let [one, two] = PortNumber::ALL.map(|number| &self.port(number).heartbeat);
         [sensor, instrument, below, one, two].map(|beat| beat.load(Ordering::Relaxed))
     }

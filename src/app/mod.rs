@@ -1,5 +1,5 @@
-//! The asynchronous tasks: everything that waits. They are generic over the embedded-hal traits and run unchanged on
-//! a board's executors and on the host's virtual clock.
+//! The asynchronous tasks. They are generic over the embedded-hal traits and run unchanged on a board's executors and
+//! on the host's virtual clock.
 //!
 //! ```text
 //! interrupt executor                                                    thread executor
@@ -14,8 +14,8 @@
 //! watchdog <-signs of life of those, and <------------------------------ pulse
 //! ```
 //!
-//! What makes a heading runs above everything that may take long (a solve, an erase, a person), so none of that delays
-//! a sentence. All wires between tasks are in one [`Links`]; there are no globals.
+//! Tasks that make headings preempt the slow ones (solve, flash erase, console), which therefore never delay a
+//! sentence. All connections between tasks are in one [`Links`]; there are no globals.
 
 pub mod compass;
 pub mod console;
@@ -34,20 +34,20 @@ pub use port::SetBaud;
 
 use crate::health::StackUse;
 
-/// What a board can do for the tasks beyond its wires.
+/// Functions of a board for the tasks.
 pub trait Platform {
-    /// Restarts the module. On a board this does not return; on the host the simulator takes the tasks down at their
-    /// next wait.
+    /// Restarts the module. On a board this does not return; on the host the simulator stops the tasks at their next
+    /// wait.
     fn reboot(&mut self);
 
-    /// How much of the stack was ever in use, where that is known.
+    /// Peak stack use, if known.
     fn stack(&self) -> Option<StackUse> {
         None
     }
 }
 
-/// A hardware watchdog: resets the module when [`feed`](Self::feed) stays away for longer than its period.
+/// Hardware watchdog: resets the module unless [`feed`](Self::feed) is called within its period.
 pub trait Watchdog {
-    /// Starts the period anew.
+    /// Restarts the period.
     fn feed(&mut self);
 }

@@ -1,4 +1,4 @@
-//! Runs a port: reads bytes and passes on what is heard in them, waits for estimates, and writes what is to be told.
+//! Task of a port: distributes received messages, and sends messages with every estimate.
 
 use core::future::pending;
 use core::sync::atomic::Ordering;
@@ -9,39 +9,37 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::links::{Stamped, count, listen, now, publish};
-use crate::compass::Glance;
+use super::links::{Timestamped, increment, now, publish, subscribe};
+use crate::compass::IndicatorState;
 use crate::health::Counters;
 use crate::instrument::Correction;
-use crate::port::{Facts, Heard, Output, Pace, Port};
+use crate::port::{MessageSchedule, Port, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::settings::{Baud, PortNumber, PortSettings, ProtocolKind, Settings};
 use crate::time::Timestamp;
 
-/// A line in error is left alone for a byte or two, so that it cannot take all the time there is.
+/// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// Whether an autopilot has fallen silent is looked at so often; what it says is seen at once.
-const SILENCE_LOOKS_HZ: u8 = 5;
+/// Rate of checks for a silent autopilot; received changes apply at once.
+const SILENCE_CHECK_HZ: u8 = 5;
 
-/// A port whose speed can be chosen.
+/// Port with a selectable baud rate.
 pub trait SetBaud {
-    /// From now on it is this fast, in both directions.
+    /// Sets the baud rate of both directions.
     fn set_baud(&mut self, baud: Baud);
 }
 
-/// Runs a port for ever, from when it is known what the user has chosen: before, it is silent. It is at the speed of
-/// [`Settings::DEFAULT`] until then.
+/// Runs a port for ever. Until the settings are loaded it is silent, at the baud rate of [`Settings::DEFAULT`].
 pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: impl Write + SetBaud) -> ! {
-    let mut estimates = listen(&links.estimates);
-    let mut changes = listen(&links.settings);
-    let mut texts = listen(&links.texts);
+    let mut estimates = subscribe(&links.estimates);
+    let mut changes = subscribe(&links.settings);
     let wires = links.port(number);
     let mut settings = changes.changed().await;
-    let chosen = settings.ports.of(number);
-    let mut port = Port::new(chosen.protocol, *number.of(&links.spoken()), now());
-    adapt(&mut port, &mut tx, Settings::DEFAULT.ports.of(number), chosen);
-    let mut counted = Counted::default();
-    let mut silence = Pace::new();
+    let chosen = settings.ports.port(number);
+    let mut port = Port::new(chosen.protocol, *number.of(&links.port_protocols()), now());
+    apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.port(number), chosen);
+    let mut counted = PublishedCounts::default();
+    let mut silence = MessageSchedule::new();
     let mut bytes = [0; 64];
     loop {
         let written = async {
@@ -50,101 +48,99 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 bytes => tx.write(bytes).await,
             }
         };
-        // It is looked at where it is told: here it would be carried through every wait.
+        // The estimate is read again later: as this future's result it would occupy memory across every wait.
         let estimated = async {
             estimates.changed().await;
         };
-        // Estimates first: a line in error is always ready.
+        // Estimates first, because a line in error is always ready.
         match select4(estimated, written, wires.answers.wait(), rx.read(&mut bytes)).await {
             Either4::First(()) => {
-                count(&wires.heartbeat);
+                increment(&wires.heartbeat);
                 if let Some(changed) = changes.try_changed() {
-                    adapt(&mut port, &mut tx, settings.ports.of(number), changed.ports.of(number));
+                    apply_settings(&mut port, &mut tx, settings.ports.port(number), changed.ports.port(number));
                     settings = changed;
                 }
-                // Nothing that is told in MAVLink is as urgent as what the other port tells of the same reading.
-                if port.spoken(now()) == ProtocolKind::Mavlink {
+                // MAVLink messages are less urgent than the other port's sentences of the same reading.
+                if port.active_protocol(now()) == ProtocolKind::Mavlink {
                     yield_now().await;
                 }
                 let at = now();
-                // One thing a reading: what a note takes is as much as what is told.
-                if port.has_notes()
-                    && let Some(text) = texts.try_changed()
-                {
-                    port.note(text.strip_prefix("note ").unwrap_or(&text));
-                } else {
-                    tell(links, &mut port, at, &settings);
+                // One text or one poll per reading: each takes about the same time.
+                match wires.messages.try_receive() {
+                    Ok(message) if port.carries_texts() => port.queue_text(&message),
+                    _ => poll(links, &mut port, at, &settings),
                 }
-                if silence.is_due(at, SILENCE_LOOKS_HZ) {
-                    links.port_is(number, port.spoken(at), port.is_armed(at));
+                if silence.is_due(at, SILENCE_CHECK_HZ) {
+                    links.update_port_state(number, port.active_protocol(at), port.is_armed(at));
                 }
-                counted.see(&port, &links.counters);
+                counted.add_new_counts(&port, &links.counters);
             }
-            Either4::Second(Ok(number)) if number > 0 => port.output.written(number),
+            Either4::Second(Ok(number)) if number > 0 => port.output.consume(number),
             Either4::Second(_) => port.output.fail(),
-            Either4::Third((order, result)) => port.answer(order, result.as_ref().copied()),
+            Either4::Third((order, result)) => port.complete_order(order, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
-                hear(links, number, &mut port, bytes.get(..read).unwrap_or_default());
+                receive_bytes(links, number, &mut port, bytes.get(..read).unwrap_or_default());
             }
             Either4::Fourth(_) => {
-                count(&links.counters.attitude_line_errors);
+                increment(&links.counters.attitude_line_errors);
                 Timer::after(PAUSE).await;
             }
         }
     }
 }
 
-fn adapt(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: PortSettings) {
-    port.choose(changed.protocol);
+fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, changed: PortSettings) {
+    port.set_protocol(changed.protocol);
     if changed.baud != before.baud {
         tx.set_baud(changed.baud);
     }
 }
 
-/// Has the port make what is due. What it is made of is large, and is not kept across a wait.
+/// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn tell(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
+fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     let Some(estimate) = links.estimates.try_get() else { return };
-    let glance = links.glance.try_get().unwrap_or(Glance::Waiting);
-    // Nobody else tells it, and it is seldom another.
-    let is_told = port.spoken(now) == ProtocolKind::Mavlink;
+    let glance = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    // Only MAVLink reports the calibration, which rarely changes.
+    let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let is_new = |correction: &Correction| {
-        is_told && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.has_not_seen(calibration))
+        is_reported && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.is_unreported(calibration))
     };
     let correction = links.correction.try_get_and(is_new);
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
-    port.poll(&Facts { now, estimate: &estimate, settings, glance, calibration });
+    port.poll(&Snapshot { now, estimate: &estimate, settings, indicator: glance, calibration });
 }
 
-/// Passes on what is in some bytes.
-fn hear(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
+fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
     let at = now();
     for &byte in bytes {
-        match port.byte(at, byte) {
-            Some(Heard::Attitude(report)) if links.takes_attitude_of(number, at, &report) => {
-                count(&links.counters.attitude_reports);
-                links.offer(&links.reports, Stamped { at, value: report });
+        match port.process_byte(at, byte) {
+            Some(ReceivedMessage::Attitude(report)) if links.accept_attitude(number, at, &report) => {
+                increment(&links.counters.attitude_reports);
+                links.queue_or_count(&links.reports, Timestamped { at, value: report });
             }
-            Some(Heard::Attitude(_) | Heard::Foreign) => count(&links.counters.attitude_foreign),
-            // Somebody asks again where it is not answered.
-            Some(Heard::Asked(order)) => drop(links.orders.try_send((number, order))),
-            Some(Heard::Place(place)) => publish(&links.place, place),
-            Some(Heard::Day(day)) => publish(&links.day, day),
-            Some(Heard::Current(value)) => links.current.sender().send(Stamped { at, value }),
-            Some(Heard::Life) | None => {}
+            Some(ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude) => {
+                increment(&links.counters.attitude_foreign);
+            }
+            // The sender repeats an order that is not answered.
+            Some(ReceivedMessage::Order(order)) => drop(links.orders.try_send((number, order))),
+            Some(ReceivedMessage::Position(place)) => publish(&links.position, place),
+            Some(ReceivedMessage::Date(day)) => publish(&links.date, day),
+            Some(ReceivedMessage::Current(value)) => links.current.sender().send(Timestamped { at, value }),
+            Some(ReceivedMessage::Other) | None => {}
         }
     }
-    links.port_is(number, port.spoken(at), port.is_armed(at));
+    links.update_port_state(number, port.active_protocol(at), port.is_armed(at));
 }
 
-/// What of a port's counts is in the module's already.
+/// Counts of a port that the module's counters already include.
 #[derive(Debug, Default)]
-struct Counted([u32; 4]);
+struct PublishedCounts([u32; 4]);
 
-impl Counted {
-    fn see(&mut self, port: &Port, counters: &Counters) {
-        let Output { told, empty, lost, .. } = port.output;
-        let now = [told, empty, lost, port.rejected()];
+impl PublishedCounts {
+    fn add_new_counts(&mut self, port: &Port, counters: &Counters) {
+        let TransmitBuffer { messages: told, empty, lost, .. } = port.output;
+        let now = [told, empty, lost, port.rejected_frames()];
         let of = [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
         for ((counter, now), before) in of.into_iter().zip(now).zip(&mut self.0) {
             if now != *before {

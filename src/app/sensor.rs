@@ -1,78 +1,77 @@
-//! Keeps the magnetometer measuring.
+//! Task of the magnetometer: initialises it and reads every measurement.
 
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 
 use super::Links;
-use super::links::{FoundSensor, count, stamped};
+use super::links::{DetectedSensor, increment, stamped};
 use crate::log::{info, warning};
-use crate::magnetometer::{Error, Magnetometer};
+use crate::magnetometer::{Magnetometer, MagnetometerError};
 
-/// A sensor that does not answer is tried again so often.
+/// Delay before a failed sensor is initialised again.
 const RETRY: Duration = Duration::from_millis(200);
 
-/// No driver call takes longer, or its bus hangs.
+/// Timeout of a driver call: a longer one means that the bus hangs.
 const PATIENCE: Duration = Duration::from_millis(400);
 
-/// The configuration is read back so often: a bit that flips in it costs a second of headings.
+/// Interval of configuration checks: a flipped bit costs at most a second of headings.
 const VERIFY_EVERY: Duration = Duration::from_secs(1);
 
-/// The longest time without a sign of life from this task, milliseconds.
-pub(super) const LONGEST_SILENCE_MS: u64 = RETRY.as_millis() + PATIENCE.as_millis();
+/// Longest time between heartbeats of this task, milliseconds.
+pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = RETRY.as_millis() + PATIENCE.as_millis();
 
-/// Why measurements have ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ended {
-    /// The sensor does not answer, or not as it should.
+enum StopReason {
+    /// The sensor does not answer, or answers wrongly.
     Lost,
-    /// Its configuration has changed.
+    /// The sensor's configuration has changed.
     Upset,
 }
 
-/// Initialises the magnetometer, reads every measurement, and begins again after any error.
+/// Initialises the magnetometer and reads every measurement; starts again after any error.
 pub async fn run(links: &Links, mut magnetometer: impl Magnetometer) -> ! {
     loop {
         match with_timeout(PATIENCE, magnetometer.init()).await {
             Ok(Ok(identity)) => {
                 info!("magnetometer {=str}", identity.model.name());
-                let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_after());
-                links.sensor.sender().send(FoundSensor { identity, period_us, stuck_after });
-                if read_until_error(links, &mut magnetometer).await == Ended::Upset {
-                    // It answers: there is nothing to wait for.
-                    count(&links.counters.sensor_upsets);
+                let (period_us, stuck_after) = (magnetometer.period_us(), magnetometer.stuck_reading_count());
+                links.sensor.sender().send(DetectedSensor { identity, period_us, stuck_after });
+                if read_until_error(links, &mut magnetometer).await == StopReason::Upset {
+                    // The sensor answers, so that no delay is needed.
+                    increment(&links.counters.sensor_upsets);
                     continue;
                 }
             }
             Ok(Err(_)) | Err(_) => warning!("magnetometer does not answer"),
         }
-        count(&links.counters.sensor_errors);
-        count(&links.heartbeats.sensor);
+        increment(&links.counters.sensor_errors);
+        increment(&links.heartbeats.sensor);
         Timer::after(RETRY).await;
     }
 }
 
-async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -> Ended {
+async fn read_until_error(links: &Links, magnetometer: &mut impl Magnetometer) -> StopReason {
     let mut verify_at = Instant::now() + VERIFY_EVERY;
     while let Ok(Ok(reading)) = with_timeout(PATIENCE, magnetometer.read()).await {
         let reading = stamped(reading);
-        count(&links.counters.readings);
-        count(&links.heartbeats.sensor);
+        increment(&links.counters.readings);
+        increment(&links.heartbeats.sensor);
         if reading.value.overrun {
-            count(&links.counters.overruns);
+            increment(&links.counters.overruns);
         }
-        links.offer(&links.readings, reading);
-        // Right after a measurement the next is furthest away.
+        links.queue_or_count(&links.readings, reading);
+        // Just after a measurement the next one is furthest away.
         if Instant::now() >= verify_at {
             verify_at += VERIFY_EVERY;
-            match with_timeout(PATIENCE, magnetometer.verify()).await {
+            match with_timeout(PATIENCE, magnetometer.verify_configuration()).await {
                 Ok(Ok(())) => {}
-                Ok(Err(Error::Configuration { .. })) => {
+                Ok(Err(MagnetometerError::Configuration { .. })) => {
                     warning!("magnetometer upset");
-                    return Ended::Upset;
+                    return StopReason::Upset;
                 }
                 Ok(Err(_)) | Err(_) => break,
             }
         }
     }
     warning!("magnetometer lost");
-    Ended::Lost
+    StopReason::Lost
 }

@@ -1,46 +1,46 @@
-//! Feeds the watchdog while the tasks that make headings live, and those below them get their turn.
+//! Feeds the watchdog while the heading tasks and the thread executor run.
 
 use embassy_time::{Duration, Timer};
 
-use super::links::{ALWAYS_THERE, HEARTBEATS, count};
+use super::links::{ALWAYS_THERE, HEARTBEATS, increment};
 use super::{Links, Watchdog};
 
-/// Between two looks. The slowest sign of life is that of a sensor that does not answer.
+/// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const LOOK: Duration = Duration::from_millis(700);
 
-/// The lower executor shows life so often. Its longest stretch without a wait is a step of a solve, 0.1 s.
+/// Heartbeat interval of the thread executor. Its longest run without a wait is one step of a solve, 0.1 s.
 const PULSE: Duration = Duration::from_millis(200);
 
-/// The hardware's period must be longer than this, microseconds: a look that finds life feeds it, and a look in vain is
-/// allowed.
-pub const LONGEST_WITHOUT_FEED_US: u64 = 2 * LOOK.as_micros();
+/// Longest time between feeds, microseconds, which the hardware's period must exceed: one failed check is allowed.
+pub const MAX_FEED_INTERVAL_US: u64 = 2 * LOOK.as_micros();
 
-const _: () = assert!(LOOK.as_millis() > super::sensor::LONGEST_SILENCE_MS && LOOK.as_millis() > 2 * PULSE.as_millis());
+const _: () =
+    assert!(LOOK.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS && LOOK.as_millis() > 2 * PULSE.as_millis());
 
-/// Shows that the executor this runs on gets round: a task that does not give way would stop it.
-pub async fn pulse(links: &Links) -> ! {
+/// Heartbeat of the thread executor: stops if a task does not yield.
+pub async fn run_heartbeat(links: &Links) -> ! {
     loop {
-        count(&links.heartbeats.below);
+        increment(&links.heartbeats.thread_executor);
         Timer::after(PULSE).await;
     }
 }
 
-/// Feeds when sensor, instrument, every port that runs and the lower executor have each shown life since the
-/// last look, and only then.
+/// Feeds the watchdog if sensor, instrument, every running port and the thread executor have each sent a heartbeat
+/// since the last check.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
-    let mut before = links.life();
+    let mut before = links.heartbeat_counts();
     loop {
         Timer::after(LOOK).await;
-        let now = links.life();
-        if all_live(&before, &now) {
+        let now = links.heartbeat_counts();
+        if all_sent_heartbeats(&before, &now) {
             watchdog.feed();
         }
         before = now;
     }
 }
 
-/// Whether each has shown life; of the ports after the first, those that ever have.
-fn all_live(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
+/// Whether each task has sent a heartbeat; a port after the first is exempt until its first one.
+fn all_sent_heartbeats(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
     let does_not_run = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
     now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || does_not_run(i, *now))
 }

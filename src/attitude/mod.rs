@@ -1,50 +1,52 @@
-//! Attitude in time: from reports that arrive late and in steps to the attitude at the instant of a measurement.
+//! Attitude history: converts delayed, discrete attitude reports to the attitude at the instant of a measurement.
 
-mod aligning;
-mod clock;
-mod lines;
-mod motion;
+mod alignment_detector;
+mod euler_rates;
+mod line_selector;
 mod plausibility;
-mod rates;
-mod senders;
+mod rate_consistency;
+mod sender_clock;
+mod sender_selector;
 
 use core::f32::consts::FRAC_PI_2;
 
 use crate::frames::{Attitude, Body, Field, Sensor, wrap_pi};
 use crate::time::{Timestamp, WrappingMillis};
-use aligning::Aligning;
-use clock::SenderClock;
-pub use lines::Lines;
-use motion::Integral;
-pub use motion::{Motion, Turning};
-use plausibility::{Freeze, Spikes};
-use rates::Rates;
-pub use senders::{Heartbeat, Senders, Source};
+use crate::trig::sqrt;
+use alignment_detector::AlignmentDetector;
+use euler_rates::HeadingIntegral;
+pub use euler_rates::{EulerRates, GyroHeading};
+pub use line_selector::LineSelector;
+use plausibility::{FreezeDetector, SpikeFilter};
+use rate_consistency::RateConsistency;
+use sender_clock::SenderClock;
+pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 
-/// Fixed numbers of this module.
+/// Limits of the attitude history.
 #[derive(Clone, Copy, Debug)]
-pub struct Config {
-    /// How old a report's attitude is when its last byte has arrived, microseconds. Autopilots estimate, schedule and
-    /// send within about 20 ms; an error of 10 ms costs 0.3 deg of bank while it changes by 30 deg/s, nothing in a
-    /// turn. Negative: the field is older than the attitude, as of a source that averages or filters it.
+pub struct AttitudeConfig {
+    /// Attitude latency: age of the attitude when the report's last byte arrives, microseconds. Autopilots need about
+    /// 20 ms to estimate, schedule and send. An error of 10 ms is 0.3 deg of roll at 30 deg/s. Negative if the field is
+    /// older, as with an averaged field.
     pub latency_us: i32,
-    /// An attitude is not extrapolated further than this: a source of 10 Hz with one report lost. A turn entry, with
-    /// its 30 deg/s of roll beginning just then, is 6 deg off by the end of it.
+    /// Longest extrapolation, microseconds: one lost report of a 10 Hz source. A roll of 30 deg/s that starts at the
+    /// last report gives an error of 6 deg.
     pub max_extrapolation_us: u32,
-    /// Two reports further apart than this are not interpolated between.
+    /// Longest interval for interpolation, microseconds.
     pub max_gap_us: u32,
-    /// If arrival differs from the sender's clock by more than this, the sender has rebooted or has no clock.
+    /// Largest deviation between arrival and sender clock, microseconds; beyond it, the sender rebooted or has no
+    /// clock.
     pub max_clock_error_us: u32,
-    /// How fast the estimate of the clock offset may grow, microseconds a report: 50 reports a second follow a
-    /// drift of 500 ppm, ten times that of two bad crystals.
+    /// Growth of the clock-offset estimate, microseconds per report. 50 reports per second track 500 ppm of drift, ten
+    /// times that of two poor crystals.
     pub clock_leak_us: u32,
-    /// Rates are not integrated over more time than this between two reports: two seconds of them lost in a turn that
-    /// is steady leave the heading to a degree or two.
+    /// Longest interval between reports over which rates are integrated, microseconds: in a steady turn, 2 s cost a
+    /// heading error of 1 to 2 deg.
     pub max_integrated_gap_us: u32,
 }
 
-impl Config {
-    /// Numbers for MAVLink autopilots.
+impl AttitudeConfig {
+    /// Limits for MAVLink autopilots.
     pub const DEFAULT: Self = Self {
         latency_us: 20_000,
         max_extrapolation_us: 200_000,
@@ -55,251 +57,253 @@ impl Config {
     };
 }
 
-/// What an attitude source reports, its yaw left out: that is what the module is asked for.
+/// Report of an attitude source, without yaw, which the module itself measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
-    /// Who sent it.
-    pub source: Source,
-    /// The sender's clock when it was sent. Some senders have none and leave it 0.
+pub struct AttitudeReport {
+    /// Sender.
+    pub sender: SenderId,
+    /// Sender's clock at sending; 0 for senders without a clock.
     pub sender_time: WrappingMillis,
     /// Roll and pitch.
     pub attitude: Attitude,
-    /// Body rates p, q, r, rad/s; zero where the sender gave none.
+    /// Body rates p, q, r, rad/s; zero if not sent.
     pub rates_rad_s: [f32; 3],
 }
 
-impl Report {
-    /// Whether its source gives rates: those of what moves are never all nothing, and no gyro reads more than
-    /// [`MAX_RATE_RAD_S`].
+impl AttitudeReport {
+    /// Whether the report has body rates: not all exactly zero, and within gyro range.
     pub(crate) fn has_rates(&self) -> bool {
         self.rates_rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
-            && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_RATE_RAD_S)
+            && self.rates_rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S)
     }
 
-    /// How fast it turns about any axis, radians a second; none where the source gives no rates.
-    fn turning_rad_s(&self) -> Option<f32> {
+    /// Magnitude of the body rates, rad/s; `None` without body rates.
+    fn body_rate_rad_s(&self) -> Option<f32> {
         let [p, q, r] = self.rates_rad_s;
-        self.has_rates().then(|| libm::sqrtf(p * p + q * q + r * r))
+        self.has_rates().then(|| sqrt(p * p + q * q + r * r))
     }
 }
 
-/// 2,000 deg/s, where the gyros of autopilots end, and a little.
-const MAX_RATE_RAD_S: f32 = 36.0;
+/// Full scale of autopilot gyros (2,000 deg/s) plus a margin, rad/s.
+const MAX_BODY_RATE_RAD_S: f32 = 36.0;
 
-/// A report with the instant at which it was sent, and the integral of its rates up to there.
+/// Report with its time of sending and the integrated heading rate.
 #[derive(Clone, Copy, Debug)]
-struct Stamped {
-    at: Timestamp,
-    report: Report,
-    integral: Integral,
+struct TimedReport {
+    sent_at: Timestamp,
+    report: AttitudeReport,
+    heading_integral: HeadingIntegral,
 }
 
-/// Attitude at an asked instant.
+/// Attitude at a requested instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Lookup {
-    /// Between two reports.
+pub enum AttitudeLookup {
+    /// Interpolated between two reports.
     Interpolated(Attitude),
-    /// Later than the newest report: carried on with its rates.
+    /// Extrapolated from the newest report with its body rates.
     Extrapolated(Attitude),
-    /// Before the oldest report kept, or inside a gap: there will never be an attitude for this instant.
+    /// Before the oldest stored report, or in a gap; final.
     Missing,
-    /// Later than the newest report by more than may be extrapolated, or no report yet.
+    /// After the newest report by more than the extrapolation limit, or no report yet.
     Stale,
-    /// The source repeats itself: what it says now is not known.
+    /// The source repeats the same attitude.
     Frozen,
-    /// The source still seeks its attitude.
+    /// The source's filter is still converging.
     Aligning,
 }
 
-/// Reports that were not believed so far; each wraps.
+/// Counts of rejected reports; each wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Doubted {
-    /// Too far from where the ones before lead to.
+pub struct RejectedReports {
+    /// Too far from the prediction of the previous report.
     pub spikes: u32,
-    /// Of a source that repeats itself.
+    /// Repeated by a frozen source.
     pub frozen: u32,
-    /// Whose body rates contradict their attitude: they were taken without.
-    pub rates: u32,
+    /// Body rates that contradict the attitude; the report is used without them.
+    pub contradicting_rates: u32,
 }
 
-impl Doubted {
-    /// All were believed.
-    pub const NONE: Self = Self { spikes: 0, frozen: 0, rates: 0 };
+impl RejectedReports {
+    /// All zero.
+    pub const NONE: Self = Self { spikes: 0, frozen: 0, contradicting_rates: 0 };
 }
 
-/// The last few reports on the module's clock, without those that cannot be true.
+/// Recent plausible reports on the module's clock.
 #[derive(Debug)]
-pub struct Track {
-    config: Config,
-    reports: heapless::Deque<Stamped, 8>,
+pub struct AttitudeHistory {
+    config: AttitudeConfig,
+    reports: heapless::Deque<TimedReport, 8>,
     clock: SenderClock,
-    spikes: Spikes,
-    freeze: Freeze,
-    aligning: Aligning,
-    /// The last report of a source that still seeks its attitude, until it has found it.
-    aligning_at: Option<Timestamp>,
-    rates: Rates,
-    doubted: Doubted,
+    spike_filter: SpikeFilter,
+    freeze_detector: FreezeDetector,
+    alignment_detector: AlignmentDetector,
+    /// Time of the last report, while the source is aligning.
+    last_aligning_at: Option<Timestamp>,
+    rate_consistency: RateConsistency,
+    rejected: RejectedReports,
 }
 
-impl Track {
+impl AttitudeHistory {
     /// No reports yet.
     #[must_use]
-    pub const fn new(config: Config) -> Self {
+    pub const fn new(config: AttitudeConfig) -> Self {
         Self {
             config,
             reports: heapless::Deque::new(),
             clock: SenderClock::new(),
-            spikes: Spikes::new(),
-            freeze: Freeze::new(),
-            aligning: Aligning::new(),
-            aligning_at: None,
-            rates: Rates::NOTHING,
-            doubted: Doubted::NONE,
+            spike_filter: SpikeFilter::new(),
+            freeze_detector: FreezeDetector::new(),
+            alignment_detector: AlignmentDetector::new(),
+            last_aligning_at: None,
+            rate_consistency: RateConsistency::EMPTY,
+            rejected: RejectedReports::NONE,
         }
     }
 
-    /// Takes a report whose last byte arrived at `arrival`.
-    pub fn push(&mut self, arrival: Timestamp, mut report: Report) {
-        if self.reports.back().is_some_and(|last| last.report.source != report.source) {
-            // Another sender has another clock and another attitude: nothing leads from one to the other.
-            *self = Self { doubted: self.doubted, ..Self::new(self.config) };
+    /// Adds a report whose last byte arrived at `arrival`.
+    pub fn push(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
+        if self.reports.back().is_some_and(|last| last.report.sender != report.sender) {
+            // Clock offset and history are valid for one sender only.
+            *self = Self { rejected: self.rejected, ..Self::new(self.config) };
         }
-        let at = self.clock.sent_at(arrival, report.sender_time, &self.config);
-        // A report that is not newer than the last says nothing new; one from a rebooted sender starts afresh.
-        if self.reports.back().is_some_and(|last| last.at >= at) {
+        let at = self.clock.sending_time(arrival, report.sender_time, &self.config);
+        // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
+        if self.reports.back().is_some_and(|last| last.sent_at >= at) {
             return;
         }
-        self.freeze.see(at, &report);
-        if self.freeze.frozen_at().is_some() {
-            self.doubted.frozen = self.doubted.frozen.wrapping_add(1);
+        self.freeze_detector.update(at, &report);
+        if self.freeze_detector.frozen_at().is_some() {
+            self.rejected.frozen = self.rejected.frozen.wrapping_add(1);
             return;
         }
         let max_gap_us = u64::from(self.config.max_gap_us);
-        let last = self.reports.back().filter(|last| at.us_since(last.at) <= max_gap_us);
-        if self.spikes.see(last, at, report.attitude) {
-            self.doubted.spikes = self.doubted.spikes.wrapping_add(1);
+        let last = self.reports.back().filter(|last| at.us_since(last.sent_at) <= max_gap_us);
+        if self.spike_filter.is_spike(last, at, report.attitude) {
+            self.rejected.spikes = self.rejected.spikes.wrapping_add(1);
             return;
         }
-        // Rates that are known to be wrong tell of nothing.
-        let is_aligning = self.aligning.see(at, &report) && !self.rates.contradict();
-        self.aligning_at = is_aligning.then_some(at);
+        // Contradicting rates cannot show that the aircraft is at rest.
+        let is_aligning = self.alignment_detector.update(at, &report) && !self.rate_consistency.is_contradicted();
+        self.last_aligning_at = is_aligning.then_some(at);
         if is_aligning {
             return;
         }
-        if self.rates.see(at, &report) {
-            self.doubted.rates = self.doubted.rates.wrapping_add(1);
+        if self.rate_consistency.update(at, &report) {
+            self.rejected.contradicting_rates = self.rejected.contradicting_rates.wrapping_add(1);
             report.rates_rad_s = [0.0; 3];
         }
         if self.reports.is_full() {
             self.reports.pop_front();
         }
-        let integral = self.integral_at(at, &report);
-        // There is room: one was just taken out if there was none.
-        let _ = self.reports.push_back(Stamped { at, report, integral });
+        let integral = self.heading_integral_at(at, &report);
+        // Cannot fail: the oldest was removed if full.
+        let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
     }
 
-    /// Takes the corrected field of a reading: one that turns while the reports repeat shows that they are frozen.
-    pub fn see_field(&mut self, field: Field<Body>) {
-        self.freeze.see_field(field);
+    /// Updates the frozen-attitude detector with the corrected field of a reading.
+    pub fn update_field(&mut self, field: Field<Body>) {
+        self.freeze_detector.update_field(field);
     }
 
-    /// Takes the raw field of a reading: one that is still while the reports are not shows that they are sought yet.
-    pub fn see_raw_field(&mut self, field: Field<Sensor>) {
-        self.aligning.see_field(field);
+    /// Updates the alignment detector with the raw field of a reading.
+    pub fn update_raw_field(&mut self, field: Field<Sensor>) {
+        self.alignment_detector.update_field(field);
     }
 
-    /// How fast the aircraft turns about any axis by the newest report, radians a second; none where the source gives
-    /// no rates.
+    /// Magnitude of the newest body rates, rad/s; `None` without body rates.
     #[must_use]
-    pub fn turning_rad_s(&self) -> Option<f32> {
-        self.reports.back()?.report.turning_rad_s()
+    pub fn body_rate_rad_s(&self) -> Option<f32> {
+        self.reports.back()?.report.body_rate_rad_s()
     }
 
-    /// Reports that were not believed so far.
+    /// Counts of rejected reports.
     #[must_use]
-    pub const fn doubted(&self) -> Doubted {
-        self.doubted
+    pub const fn rejected(&self) -> RejectedReports {
+        self.rejected
     }
 
-    /// The attitude at an instant.
+    /// Attitude at an instant of measurement.
     #[must_use]
-    pub fn at(&self, at: Timestamp) -> Lookup {
-        let Some(newest) = self.reports.back() else { return Lookup::Stale };
-        let sent = self.sent(at);
-        if sent == newest.at {
-            return Lookup::Interpolated(newest.report.attitude);
+    pub fn attitude_at(&self, at: Timestamp) -> AttitudeLookup {
+        let Some(newest) = self.reports.back() else { return AttitudeLookup::Stale };
+        let sent = self.sending_time(at);
+        if sent == newest.sent_at {
+            return AttitudeLookup::Interpolated(newest.report.attitude);
         }
-        let ahead_us = sent.us_since(newest.at);
+        let ahead_us = sent.us_since(newest.sent_at);
         if ahead_us > 0 {
-            return match self.why_not(sent) {
+            return match self.rejection_reason(sent) {
                 Some(doubted) => doubted,
                 None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
-                    Lookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
+                    AttitudeLookup::Extrapolated(extrapolate(&newest.report, ahead_us as f32 * 1e-6))
                 }
-                None => Lookup::Stale,
+                None => AttitudeLookup::Stale,
             };
         }
-        self.around(sent)
-            .and_then(|(before, after)| self.between(before, after, sent))
-            .map_or(Lookup::Missing, Lookup::Interpolated)
+        self.surrounding_reports(sent)
+            .and_then(|(before, after)| self.interpolate_gap(before, after, sent))
+            .map_or(AttitudeLookup::Missing, AttitudeLookup::Interpolated)
     }
 
-    /// What the gyro says of an instant; none where there is no attitude, or the source gives no rates.
+    /// Angle rates and integrated heading at an instant; `None` without an attitude or body rates.
     #[must_use]
-    pub fn turning_at(&self, at: Timestamp) -> Option<Turning> {
+    pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
         let newest = self.reports.back()?;
-        let sent = self.sent(at);
-        if sent >= newest.at {
-            let ahead_us = sent.us_since(newest.at);
-            let known = ahead_us <= u64::from(self.config.max_extrapolation_us) && self.why_not(sent).is_none();
-            return newest.integral.ahead(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
+        let sent = self.sending_time(at);
+        if sent >= newest.sent_at {
+            let ahead_us = sent.us_since(newest.sent_at);
+            let known =
+                ahead_us <= u64::from(self.config.max_extrapolation_us) && self.rejection_reason(sent).is_none();
+            return newest.heading_integral.extrapolate(ahead_us as f32 * 1e-6).filter(|_| known || ahead_us == 0);
         }
-        let (before, after) = self.around(sent)?;
-        let gap_us = after.at.us_since(before.at) as f32;
-        before.integral.between(&after.integral, gap_us * 1e-6, sent.us_since(before.at) as f32 / gap_us)
+        let (before, after) = self.surrounding_reports(sent)?;
+        let gap_us = after.sent_at.us_since(before.sent_at) as f32;
+        before.heading_integral.interpolate(
+            &after.heading_integral,
+            gap_us * 1e-6,
+            sent.us_since(before.sent_at) as f32 / gap_us,
+        )
     }
 
-    /// When a report was sent whose attitude was true at an instant.
-    const fn sent(&self, at: Timestamp) -> Timestamp {
-        at.shifted_us(self.config.latency_us)
+    /// Time of sending of the report that describes the instant `at`.
+    const fn sending_time(&self, at: Timestamp) -> Timestamp {
+        at.plus_signed_us(self.config.latency_us)
     }
 
-    fn integral_at(&self, at: Timestamp, report: &Report) -> Integral {
-        let Some(last) = self.reports.back() else { return Integral::NOTHING.next(report, None) };
-        let gap_us = at.us_since(last.at);
+    fn heading_integral_at(&self, at: Timestamp, report: &AttitudeReport) -> HeadingIntegral {
+        let Some(last) = self.reports.back() else { return HeadingIntegral::EMPTY.advanced(report, None) };
+        let gap_us = at.us_since(last.sent_at);
         let step_s = (gap_us <= u64::from(self.config.max_integrated_gap_us)).then_some(gap_us as f32 * 1e-6);
-        last.integral.next(report, step_s)
+        last.heading_integral.advanced(report, step_s)
     }
 
-    /// Why the reports that come at a time of sending are not believed; none if they are.
-    fn why_not(&self, sent: Timestamp) -> Option<Lookup> {
+    /// Reason to reject reports sent at `sent`, if any.
+    fn rejection_reason(&self, sent: Timestamp) -> Option<AttitudeLookup> {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
         let is_of = |last: Option<Timestamp>| last.is_some_and(|last| sent.us_since(last) <= max_age_us);
-        if is_of(self.freeze.frozen_at()) {
-            Some(Lookup::Frozen)
+        if is_of(self.freeze_detector.frozen_at()) {
+            Some(AttitudeLookup::Frozen)
         } else {
-            is_of(self.aligning_at).then_some(Lookup::Aligning)
+            is_of(self.last_aligning_at).then_some(AttitudeLookup::Aligning)
         }
     }
 
-    /// The reports before and after a time of sending, of which the first may be of that very time.
-    fn around(&self, sent: Timestamp) -> Option<(&Stamped, &Stamped)> {
+    /// Reports before and after `sent`; the first may be at `sent`.
+    fn surrounding_reports(&self, sent: Timestamp) -> Option<(&TimedReport, &TimedReport)> {
         let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
-        pairs.find(|(before, after)| (before.at..after.at).contains(&sent))
+        pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent))
     }
 
-    /// Between two reports, unless they are too far apart.
-    fn between(&self, before: &Stamped, after: &Stamped, sent: Timestamp) -> Option<Attitude> {
-        let gap_us = after.at.us_since(before.at);
-        let fraction = sent.us_since(before.at) as f32 / gap_us as f32;
-        (sent == before.at || gap_us <= u64::from(self.config.max_gap_us))
+    fn interpolate_gap(&self, before: &TimedReport, after: &TimedReport, sent: Timestamp) -> Option<Attitude> {
+        let gap_us = after.sent_at.us_since(before.sent_at);
+        let fraction = sent.us_since(before.sent_at) as f32 / gap_us as f32;
+        (sent == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))
             .then(|| interpolate(&before.report, &after.report, fraction))
     }
 }
 
-/// Linear between two reports, the short way round in roll.
-fn interpolate(before: &Report, after: &Report, fraction: f32) -> Attitude {
+/// Linear interpolation, by the shorter way in roll.
+fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> Attitude {
     let (a, b) = (before.attitude, after.attitude);
     Attitude {
         roll_rad: wrap_pi(a.roll_rad + fraction * wrap_pi(b.roll_rad - a.roll_rad)),
@@ -307,10 +311,9 @@ fn interpolate(before: &Report, after: &Report, fraction: f32) -> Attitude {
     }
 }
 
-/// Carries a report on with its body rates.
-fn extrapolate(report: &Report, ahead_s: f32) -> Attitude {
+fn extrapolate(report: &AttitudeReport, ahead_s: f32) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = report.attitude;
-    let Motion { roll_rad_s, pitch_rad_s, .. } = Motion::of(report).unwrap_or_default();
+    let EulerRates { roll_rad_s, pitch_rad_s, .. } = EulerRates::from_report(report).unwrap_or_default();
     Attitude {
         roll_rad: wrap_pi(roll_rad + roll_rad_s * ahead_s),
         pitch_rad: (pitch_rad + pitch_rad_s * ahead_s).clamp(-FRAC_PI_2, FRAC_PI_2),

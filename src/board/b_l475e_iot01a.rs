@@ -1,24 +1,24 @@
 //! ST B-L475E-IOT01A, "Discovery kit IoT node": an STM32L475VG with a LIS3MDL.
 //!
-//! | wire | pins | where |
+//! | connection | pins | location |
 //! |---|---|---|
 //! | magnetometer LIS3MDL, address 0x1E | I2C2: PB10 SCL, PB11 SDA | on the board |
 //! | console, 115200 8N1 | USART1: PB6 TX, PB7 RX | USB connector (ST-LINK's virtual COM port) |
 //! | port 1: autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
 //! | port 2: instrument, 115200 8N1 | USART2: PD5 TX, PD6 RX | PMOD connector |
-//! | lamp | PB14 | LED LD2 |
-//! | button | PC13, low while it is down | user button B2 (blue) |
+//! | LED | PB14 | LD2 |
+//! | button | PC13, low while pressed | user button B2 (blue) |
 //!
-//! # Priorities
+//! # Interrupt priorities
 //!
-//! 1. The UARTs, 115200 baud: a byte must be taken before the next has come, within 87 us.
-//! 2. Clock and sensor bus: short, and they only wake tasks.
-//! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
-//! 4. The thread executor: solving, flash, console. Whatever these take, a heading is not late.
+//! 1. UARTs: at 115200 baud a byte must be read within 87 us.
+//! 2. Clock and sensor bus: short handlers that only wake tasks.
+//! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
+//! 4. Thread executor: solving, flash, console. These cannot delay a heading.
 
 use autoswing::app::{self, watchdog};
 use autoswing::health::StackUse;
-use autoswing::magnetometer::lis3mdl::{self, Lis3mdl};
+use autoswing::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use cortex_m::peripheral::SCB;
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
@@ -56,23 +56,23 @@ const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
-/// Between two feedings the watchdog task may look in vain once, and the watchdog's clock may run at 34 kHz instead of
-/// 32 (data sheet, LSI).
+/// Exceeds the longest interval between feedings, one missed check included, even if the watchdog clock runs at 34 kHz
+/// instead of 32 kHz (data sheet, LSI).
 const WATCHDOG_PERIOD_US: u32 = 2_000_000;
-const _: () = assert!(WATCHDOG_PERIOD_US as u64 * 32 > watchdog::LONGEST_WITHOUT_FEED_US * 34);
+const _: () = assert!(WATCHDOG_PERIOD_US as u64 * 32 > watchdog::MAX_FEED_INTERVAL_US * 34);
 
-/// Buffers of the UARTs: a receive buffer holds 22 ms of input, should a reader be late.
+/// Size of the UART buffers: 22 ms of input.
 const UART_BUFFER: usize = 256;
-/// The reader of a UART is woken by so many bytes, or by a pause: 1.4 ms, which keeps the instant of an attitude true.
+/// Bytes received until the reader is woken, unless a pause occurs: 1.4 ms, which limits the timing error of an
+/// attitude.
 const UART_WAKE: usize = 16;
 
 pub type Magnetometer = Lis3mdl<I2cBus>;
 pub type UartRx = BufferedUartRx<'static>;
 
-/// Executor of the tasks that make headings.
+/// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-/// Runs the firmware.
 pub fn start() -> ! {
     static CONSOLE_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static AUTOPILOT_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
@@ -81,15 +81,15 @@ pub fn start() -> ! {
 
     let reset = reset::cause();
     let p = embassy_stm32::init(clocks());
-    // A debugger that stops the processor stops the watchdog too.
+    // A debugger that halts the processor also halts the watchdog.
     pac::DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_PERIOD_US);
     watchdog.unleash();
 
-    // SAFETY: `i2c2` is the driver with these pins; what it takes is taken nowhere else.
+    // SAFETY: `i2c2` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2) };
     let hardware = Hardware {
-        magnetometer: Lis3mdl::new(bus, lis3mdl::Config::default()),
+        magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
         ports: [
             uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_BUFFERS.init(UartBuffers::NEW)),
             uart(p.USART2, p.PD6, p.PD5, Irqs, INSTRUMENT_BUFFERS.init(UartBuffers::NEW)),
@@ -98,7 +98,7 @@ pub fn start() -> ! {
         watchdog: Watchdog(watchdog),
         panel: Panel {
             lamp: Output::new(p.PB14, Level::High, Speed::Low),
-            // The board has a resistor to pull it up.
+            // The board has an external pull-up resistor.
             button: Input::new(p.PC13, Pull::None),
         },
         flash: StoreFlash::new(Flash::new(p.FLASH, Irqs)),
@@ -111,7 +111,7 @@ pub fn start() -> ! {
     OTHER_TASKS.init(Executor::new()).run(|below| tasks::spawn(above, below.make_send(), hardware))
 }
 
-/// 80 MHz, the most there is, from the internal 16 MHz oscillator, whose 1 % is exact enough for 115200 baud.
+/// System clock 80 MHz, the maximum, from the internal 16 MHz oscillator; its 1 % tolerance suffices for 115200 baud.
 fn clocks() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = true;
@@ -128,7 +128,8 @@ fn clocks() -> embassy_stm32::Config {
     config
 }
 
-/// Those that the HAL does not set by its configuration. Its clock has the highest priority, as it comes.
+/// Sets the priorities that are not part of the HAL's configuration. The HAL's clock has the highest priority by
+/// default.
 fn set_priorities() {
     interrupt::USART1.set_priority(UART_PRIORITY);
     interrupt::USART2.set_priority(UART_PRIORITY);
@@ -139,16 +140,16 @@ fn set_priorities() {
     interrupt::FLASH.set_priority(FLASH_PRIORITY);
 }
 
-/// The interrupt of the touch sensing controller, which is not used, runs the executor.
+/// Runs the heading tasks in the interrupt of the unused touch sensing controller.
 #[interrupt]
 unsafe fn TSC() {
-    // SAFETY: this is the interrupt that the executor was started with.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { HEADING_TASKS.on_interrupt() }
 }
 
-/// Makes the driver of the sensor bus.
+/// Creates the sensor bus driver.
 fn i2c2() -> I2c<'static, Async, Master> {
-    // SAFETY: only `I2cBus` calls this, when the driver made before is gone, and nothing else uses these peripherals.
+    // SAFETY: only `I2cBus` calls this, after dropping the previous driver, and nothing else uses these peripherals.
     let (i2c, scl, sda, tx, rx) =
         unsafe { (I2C2::steal(), PB10::steal(), PB11::steal(), DMA1_CH4::steal(), DMA1_CH5::steal()) };
     I2c::new(i2c, scl, sda, tx, rx, Irqs, super::stm32l4::i2c::config())
@@ -165,8 +166,8 @@ impl UartBuffers {
 
 /// A UART at 115200 8N1.
 ///
-/// It is interrupt-driven, at 4 % of the processor's time for a line without pauses. Of the HAL's two receivers this is
-/// the one that goes on after an error of the line; the other one's DMA stops.
+/// Interrupt-driven, at most 4 % processor load. Of the HAL's receivers, only this one continues after a line error;
+/// the DMA receiver stops.
 fn uart<T: usart::Instance>(
     uart: Peri<'static, T>,
     rx: Peri<'static, impl usart::RxPin<T>>,
@@ -182,7 +183,6 @@ fn uart<T: usart::Instance>(
     (UartTx::new(tx), rx)
 }
 
-/// The watchdog.
 pub struct Watchdog(IndependentWatchdog<'static, IWDG>);
 
 impl app::Watchdog for Watchdog {
@@ -191,14 +191,13 @@ impl app::Watchdog for Watchdog {
     }
 }
 
-/// Lamp and button.
 pub struct Panel {
     lamp: Output<'static>,
     button: Input<'static>,
 }
 
 impl app::Panel for Panel {
-    fn light(&mut self, on: bool) {
+    fn set_lamp(&mut self, on: bool) {
         self.lamp.set_level(on.into());
     }
 
@@ -207,7 +206,6 @@ impl app::Panel for Panel {
     }
 }
 
-/// What the console may ask of this board.
 pub struct Platform;
 
 impl app::Platform for Platform {

@@ -1,34 +1,34 @@
-//! The memory of a collection, which a reset leaves as it is.
+//! Sample buffer in `.uninit` RAM, which survives a reset.
 
 use core::arch::asm;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use autoswing::collection::Kept;
+use autoswing::collection::RetainedSamples;
 
-/// Memory that the start-up code leaves alone.
-struct Memory(UnsafeCell<MaybeUninit<Kept>>);
+/// Memory not initialised by the start-up code.
+struct Memory(UnsafeCell<MaybeUninit<RetainedSamples>>);
 
-// SAFETY: only `lend` gives it away, and only once.
+// SAFETY: one function accesses it, and only once.
 unsafe impl Sync for Memory {}
 
 #[unsafe(link_section = ".uninit.kept")]
 static MEMORY: Memory = Memory(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Lends the memory to the one task that collects.
+/// Returns the sample buffer to the one task that collects.
 ///
 /// # Panics
 ///
-/// The second time.
-pub fn lend() -> &'static mut Kept {
+/// On the second call.
+pub fn lend() -> &'static mut RetainedSamples {
     static IS_LENT: AtomicBool = AtomicBool::new(false);
     assert!(!IS_LENT.swap(true, Ordering::Relaxed), "one task of each");
     let mut place = MEMORY.0.get();
-    // SAFETY: it does nothing. The compiler cannot know that it does not fill the memory, as the run before this one did, or
-    // the power, with something.
+    // SAFETY: the assembly is empty. The compiler must assume that it initialises the memory, as the previous run or
+    // power-on did.
     unsafe { asm!("/* {0} */", inout(reg) place, options(nostack, preserves_flags)) };
-    // SAFETY: a `Kept` is made of nothing but `u32` and `f32`, of which every content of memory is one. It is aligned, and
-    // there is no other reference to it, for this is the first time.
+    // SAFETY: the buffer consists of `u32` and `f32` only, valid for any contents. It is aligned, and this is the only
+    // reference, because this code runs once.
     unsafe { (*place).assume_init_mut() }
 }

@@ -1,4 +1,4 @@
-//! The end of a run: a panic or a fault leaves a message in memory that survives the reset, for the next start to show.
+//! Panic and fault message in RAM that survives the reset, for `status` after the restart.
 
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
@@ -9,11 +9,11 @@ use super::stack;
 use cortex_m::peripheral::SCB;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
-/// The longest message, as `ResetCause` takes it.
+/// Longest message, the capacity of `ResetCause`.
 const CAPACITY: usize = 96;
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// A message with its CRC: after power-on the memory holds anything.
+/// A message with CRC: after power-on the memory has random contents.
 #[derive(Clone, Copy)]
 struct Message {
     length: usize,
@@ -28,11 +28,11 @@ impl Message {
         let mut digest = CRC.digest();
         digest.update(&self.length.to_le_bytes());
         digest.update(&self.text);
-        // Inverted, so that memory full of zeros is no message.
+        // Inverted, so that all zeros are invalid.
         !digest.finalize()
     }
 
-    /// The message, if one was left.
+    /// The message, if valid.
     fn text(&self) -> Option<heapless::String<CAPACITY>> {
         let text = self.text.get(..self.length).filter(|text| !text.is_empty() && self.crc == self.checksum())?;
         heapless::String::try_from(core::str::from_utf8(text).ok()?).ok()
@@ -40,7 +40,7 @@ impl Message {
 }
 
 impl Write for Message {
-    /// Takes what fits; replaces all but printable ASCII, so that the end can be anywhere.
+    /// Appends text up to the capacity; replaces all but printable ASCII, so that it can be cut anywhere.
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
             if let Some(place) = self.text.get_mut(self.length) {
@@ -52,32 +52,32 @@ impl Write for Message {
     }
 }
 
-/// Memory that the start-up code leaves alone.
+/// Memory not initialised by the start-up code.
 struct Kept(UnsafeCell<MaybeUninit<Message>>);
 
-// SAFETY: written only by `die`, with interrupts off, and by `take`, before there are tasks or interrupts.
+// SAFETY: written only at a panic or fault, with interrupts disabled, and read at the start, before tasks and
+// interrupts exist.
 unsafe impl Sync for Kept {}
 
 #[unsafe(link_section = ".uninit.last_words")]
 static LAST_WORDS: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Leaves a message and resets.
+/// Stores a message and resets.
 fn die(message: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     let mut words = Message::EMPTY;
-    // Writing into a message takes what fits and never fails.
+    // Infallible: a message is truncated.
     let _ = words.write_fmt(message);
     words.crc = words.checksum();
-    // SAFETY: interrupts are off, so nothing else accesses it (see `Kept`). Volatile, because nothing reads it in this
-    // run.
+    // SAFETY: interrupts are disabled, so there is no other access. Volatile, because nothing reads it in this run.
     unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(words)) };
     SCB::sys_reset()
 }
 
-/// Takes the message of the run before and forgets it. To be called once, first of all.
+/// Returns the message of the previous run and erases it. Call once, first of all.
 pub fn take() -> Option<heapless::String<CAPACITY>> {
-    // SAFETY: nothing else accesses it yet (see `Kept`). Any bytes are valid for the integers of a `Message`; they are
-    // memory, only of an earlier run.
+    // SAFETY: there is no other access before tasks and interrupts start. The message consists of integers, valid for
+    // any contents.
     let words = unsafe { LAST_WORDS.0.get().read_volatile().assume_init() };
     // SAFETY: as above.
     unsafe { LAST_WORDS.0.get().write_volatile(MaybeUninit::new(Message::EMPTY)) };
@@ -88,10 +88,10 @@ pub fn take() -> Option<heapless::String<CAPACITY>> {
 fn panic(info: &PanicInfo<'_>) -> ! {
     let message = info.message();
     match info.location() {
-        // The end of the path is what tells most; a message that does not fit loses its own end.
+        // Only the file name, since a long message is truncated at its end.
         Some(place) => {
             let path = place.file();
-            // Bytes, for a search among characters is half a kilobyte of flash.
+            // By bytes: a search by characters costs 0.5 KB of flash.
             let file =
                 path.bytes().rposition(|byte| byte == b'/').and_then(|slash| path.get(slash + 1..)).unwrap_or(path);
             die(format_args!("{file}:{} {message}", place.line()))
@@ -100,10 +100,10 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     }
 }
 
-/// A fault, as the processor calls it: an access to nowhere, an undefined instruction. All kinds end here.
+/// Handler of all processor faults, for example an access to an invalid address or an undefined instruction.
 ///
-/// The stack pointer may be past the end of the stack, where a handler cannot run: it is set back first, to the start;
-/// what was there is not needed any more. Should the processor not even get here then, the watchdog resets it.
+/// After a stack overflow no handler could run, so it first resets the stack pointer to the start of the stack. If the
+/// processor locks up before, the watchdog resets it.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() -> ! {
@@ -116,7 +116,7 @@ unsafe extern "C" fn HardFault() -> ! {
     )
 }
 
-/// What the processor pushes when it takes an exception.
+/// Exception frame pushed by the processor.
 #[repr(C)]
 struct Frame {
     r0_to_r3: [u32; 4],
@@ -127,13 +127,13 @@ struct Frame {
 }
 
 extern "C" fn report_fault(frame: *const Frame) -> ! {
-    // SAFETY: the System Control Block is always there, and these registers have no side effects.
+    // SAFETY: the System Control Block always exists, and reading these registers has no side effects.
     let scb = unsafe { &*SCB::PTR };
     let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
     if !stack::holds(frame) {
         die(format_args!("stack overflow, cfsr {cfsr:08x}"));
     }
-    // SAFETY: the frame is within the stack's memory and aligned as the processor aligns it.
+    // SAFETY: the frame is within the stack and aligned by the processor.
     let Frame { lr, pc, .. } = unsafe { frame.read() };
     die(format_args!("fault at pc {pc:08x} lr {lr:08x} cfsr {cfsr:08x} bfar {bfar:08x}"))
 }

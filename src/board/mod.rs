@@ -1,9 +1,9 @@
-//! Boards: one each, chosen by a feature of the same name, on drivers that are shared by a family of chips. All
-//! `unsafe` of the project is below here.
+//! Board support: one board per Cargo feature, on drivers shared by a chip family. All `unsafe` code of the project is
+//! here.
 //!
-//! A board is a module with the types that [`tasks::Hardware`] is made of and a `start`, which brings the hardware up
-//! and hands it to [`tasks::spawn`]; a file `BOARD.x` that says where its memory is, known to build.rs; and a feature
-//! in Cargo.toml.
+//! A board consists of a module with the types of [`tasks::Hardware`] and a `start` function that initialises the
+//! hardware and calls [`tasks::spawn`]; a file `BOARD.x` with its memory layout, listed in build.rs; and a feature in
+//! Cargo.toml.
 
 #[cfg(feature = "board-b-l475e-iot01a")]
 mod b_l475e_iot01a;

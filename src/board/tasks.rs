@@ -1,10 +1,9 @@
-//! The tasks of the library with the types of the board that is chosen, as the executor wants them: concrete. This is
-//! the one list of them, for all boards.
+//! Concrete tasks of all boards: the library's tasks with the selected board's types.
 
 use autoswing::app::{self, Links};
-use autoswing::collection::Kept;
+use autoswing::collection::RetainedSamples;
 use autoswing::health::ResetCause;
-use autoswing::settings::{PORTS, PortNumber};
+use autoswing::settings::{PORT_COUNT, PortNumber};
 use autoswing::store::Store;
 use embassy_executor::{SendSpawner, SpawnError, SpawnToken};
 use static_cell::StaticCell;
@@ -12,25 +11,24 @@ use static_cell::StaticCell;
 use super::chosen::{Magnetometer, Panel, Platform, StoreFlash, UartRx, UartTx, Watchdog};
 use super::kept;
 
-/// Filled at the start, not by the image: what it begins with is zeros but for some bytes, which flash would hold all of.
+/// Initialised at run time, so that `.data` costs no flash.
 static LINKS: StaticCell<Links> = StaticCell::new();
 
-/// What a board brings up for the tasks.
+/// Initialised hardware for the tasks.
 pub struct Hardware {
     pub magnetometer: Magnetometer,
-    /// The autopilot's, and an instrument's.
-    pub ports: [(UartTx, UartRx); PORTS],
+    /// Autopilot port and instrument port.
+    pub ports: [(UartTx, UartRx); PORT_COUNT],
     pub console: (UartTx, UartRx),
     pub watchdog: Watchdog,
     pub panel: Panel,
     pub flash: StoreFlash,
     pub platform: Platform,
-    /// Why the module started.
+    /// Reason for the last start.
     pub reset: ResetCause,
 }
 
-/// Spawns all tasks: those that make headings above, on an executor that interrupts the other, those that may take long
-/// below.
+/// Spawns all tasks: heading tasks on the executor `above`, which interrupts `below` with the slow tasks.
 pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let links = LINKS.init_with(Links::new);
     above.spawn(spawned(sensor(links, hardware.magnetometer)));
@@ -48,7 +46,7 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     below.spawn(spawned(pulse(links)));
 }
 
-/// Each task is spawned once, and a port's once for each port; there is room for them, so this cannot fail.
+/// Infallible: each task has as many instances as are spawned.
 pub fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
     token.expect("one task of each")
 }
@@ -63,7 +61,7 @@ async fn instrument(links: &'static Links) -> ! {
     app::instrument::run(links).await
 }
 
-#[embassy_executor::task(pool_size = PORTS)]
+#[embassy_executor::task(pool_size = PORT_COUNT)]
 async fn port(links: &'static Links, number: PortNumber, tx: UartTx, rx: UartRx) -> ! {
     app::port::run(links, number, rx, tx).await
 }
@@ -80,11 +78,11 @@ async fn panel(links: &'static Links, panel: Panel) -> ! {
 
 #[embassy_executor::task]
 async fn pulse(links: &'static Links) -> ! {
-    app::watchdog::pulse(links).await
+    app::watchdog::run_heartbeat(links).await
 }
 
 #[embassy_executor::task]
-async fn compass(links: &'static Links, store: Store<StoreFlash>, kept: &'static mut Kept) -> ! {
+async fn compass(links: &'static Links, store: Store<StoreFlash>, kept: &'static mut RetainedSamples) -> ! {
     app::compass::run(links, store, kept).await
 }
 

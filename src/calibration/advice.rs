@@ -1,35 +1,35 @@
-//! Advice: what is weakest in a calibration, and which manoeuvre would mend it.
+//! Advice: the weakest part of a calibration and the manoeuvre that improves it most.
 //!
-//! Each manoeuvre is flown on paper: what its samples would say is added to what the real ones said, and the expected
-//! error computed anew. The one that leaves the least is advised, of circles to an aircraft that banks into its turns, and
-//! of tilts on a heading to one that tilts as it likes.
+//! Hypothetical samples of each candidate are added to the information; the smallest expected heading error wins.
+//! Candidates are circles for aircraft that bank into turns, otherwise tilts on given headings.
 
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::fmt;
 
 use super::expected_error::{self, Deviation, Envelope};
-use super::information::{Consider, Errors, Information};
-use super::likelihood::{Likelihood, Parameters, Quantity, Vector13};
-use super::uncertainty::Covariance;
+use super::information::{ConsiderSigmas, CovarianceContent, Information};
+use super::likelihood::{Likelihood, ModelParameters, PriorQuantity, Vector13};
+use super::uncertainty::CoefficientCovariance;
 use super::{Calibration, Samples, Side};
 use crate::frames::Attitude;
+use crate::trig::sqrt;
 
-/// Something to fly.
+/// Recommended manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manoeuvre {
-    /// A full circle to a side at so many degrees of bank.
+    /// Full circle to a side at a bank in degrees.
     Circle(Side, u8),
-    /// A full circle without bank, or straight legs at eight headings.
+    /// Full circle without bank, or straight legs on eight headings.
     Level,
-    /// A turn on the spot, all round, without tilt.
-    Round,
-    /// A tilt of some 15 deg while heading into a quarter of the circle, or all round it.
-    Tilt(Towards, Option<Quarter>),
+    /// Full turn on the spot without tilt.
+    YawTurn,
+    /// Tilt by about 15 deg on the headings of a quadrant, or on all headings.
+    Tilt(TiltDirection, Option<HeadingQuadrant>),
 }
 
-/// To which side something tilts.
+/// Direction of a tilt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Towards {
+pub enum TiltDirection {
     /// Nose down.
     Ahead,
     /// Nose up.
@@ -40,9 +40,9 @@ pub enum Towards {
     Right,
 }
 
-/// A quarter of the circle, by the cardinal point at which it begins, clockwise.
+/// Quadrant of headings, named after its first cardinal point, clockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quarter {
+pub enum HeadingQuadrant {
     /// North to east.
     North,
     /// East to south.
@@ -53,11 +53,11 @@ pub enum Quarter {
     West,
 }
 
-/// A push of the stick that a person dares, and that a rough road or a wave may do, degrees.
+/// Tilt of a recommended manoeuvre, degrees; rough roads or waves cause as much.
 const TILT_DEG: f32 = 15.0;
 
-/// Circles, cheap first, so that of equals the cheaper wins.
-const CIRCLES: [Manoeuvre; 7] = [
+/// Cheapest first, because the first of equals is recommended.
+const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
     Manoeuvre::Circle(Side::Left, 25),
     Manoeuvre::Circle(Side::Right, 25),
     Manoeuvre::Circle(Side::Left, 40),
@@ -67,11 +67,10 @@ const CIRCLES: [Manoeuvre; 7] = [
     Manoeuvre::Level,
 ];
 
-impl Towards {
+impl TiltDirection {
     const ALL: [Self; 4] = [Self::Ahead, Self::Back, Self::Left, Self::Right];
 
-    /// Roll and pitch, degrees.
-    fn tilted(self) -> Attitude {
+    fn tilt_attitude(self) -> Attitude {
         let [roll_deg, pitch_deg] = match self {
             Self::Ahead => [0.0, -TILT_DEG],
             Self::Back => [0.0, TILT_DEG],
@@ -91,7 +90,7 @@ impl Towards {
     }
 }
 
-impl Quarter {
+impl HeadingQuadrant {
     const ALL: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
 
     const fn name(self) -> &'static str {
@@ -105,45 +104,47 @@ impl Quarter {
 }
 
 impl Manoeuvre {
-    /// What is tried, by its number.
-    fn nth(number: usize, moves: Moves) -> Option<Self> {
-        if moves == Moves::Banks {
-            return CIRCLES.get(number).copied();
+    fn candidate(number: usize, moves: VehicleMotion) -> Option<Self> {
+        if moves == VehicleMotion::BanksIntoTurns {
+            return CIRCLE_MANOEUVRES.get(number).copied();
         }
-        let Some(number) = number.checked_sub(1) else { return Some(Self::Round) };
-        if moves == Moves::TiltsSomehow {
-            return Towards::ALL.get(number).map(|&towards| Self::Tilt(towards, None));
+        let Some(number) = number.checked_sub(1) else { return Some(Self::YawTurn) };
+        if moves == VehicleMotion::TiltsOnUnknownHeading {
+            return TiltDirection::ALL.get(number).map(|&towards| Self::Tilt(towards, None));
         }
-        let quarters = Quarter::ALL.len();
-        Some(Self::Tilt(*Towards::ALL.get(number / quarters)?, Quarter::ALL.get(number % quarters).copied()))
+        let quarters = HeadingQuadrant::ALL.len();
+        Some(Self::Tilt(
+            *TiltDirection::ALL.get(number / quarters)?,
+            HeadingQuadrant::ALL.get(number % quarters).copied(),
+        ))
     }
 
     fn attitude(self) -> Attitude {
         match self {
             Self::Circle(Side::Left, bank_deg) => Attitude::from_deg(-f32::from(bank_deg), 0.0),
             Self::Circle(Side::Right, bank_deg) => Attitude::from_deg(f32::from(bank_deg), 0.0),
-            Self::Level | Self::Round => Attitude::default(),
-            Self::Tilt(towards, _) => towards.tilted(),
+            Self::Level | Self::YawTurn => Attitude::default(),
+            Self::Tilt(towards, _) => towards.tilt_attitude(),
         }
     }
 
-    /// Its headings on paper, evenly spread over the circle or the quarter, radians.
     fn headings_rad(self) -> impl Iterator<Item = f32> {
         let (first_rad, range_rad, samples) = match self {
-            Self::Tilt(_, Some(quarter)) => (f32::from(quarter as u8) * FRAC_PI_2, FRAC_PI_2, SAMPLES / 4),
-            _ => (0.0, TAU, SAMPLES),
+            Self::Tilt(_, Some(quarter)) => {
+                (f32::from(quarter as u8) * FRAC_PI_2, FRAC_PI_2, CIRCLE_EFFECTIVE_SAMPLES / 4)
+            }
+            _ => (0.0, TAU, CIRCLE_EFFECTIVE_SAMPLES),
         };
         (0..samples).map(move |i| first_rad + f32::from(i) * (range_rad / f32::from(samples)))
     }
 }
 
-/// In words.
 impl fmt::Display for Manoeuvre {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.name()),
             Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
-            Self::Round => f.write_str("turn once round, level"),
+            Self::YawTurn => f.write_str("turn once round, level"),
             Self::Tilt(towards, quarter) => {
                 write!(f, "tilt {} while ", towards.name())?;
                 match quarter {
@@ -155,122 +156,120 @@ impl fmt::Display for Manoeuvre {
     }
 }
 
-/// What is weak, and what would help.
+/// Weakest part of a calibration and recommended manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
-    /// The largest part of the expected error.
+    /// Largest part of the expected error.
     pub weakest: Deviation,
     /// Its size, degrees RMS.
     pub weakest_deg: f32,
-    /// Expected error now, degrees RMS.
+    /// Expected error, degrees RMS.
     pub expected_deg: f32,
-    /// What to fly.
+    /// Recommended manoeuvre.
     pub manoeuvre: Manoeuvre,
-    /// Expected error with that, degrees RMS.
-    pub with_it_deg: f32,
-    /// What more of the same samples would leave of the expected error, degrees RMS.
+    /// Expected error after the manoeuvre, degrees RMS.
+    pub expected_after_deg: f32,
+    /// Expected error with unlimited samples of the same kind, degrees RMS.
     pub floor_deg: f32,
-    /// What the samples leave to the assumptions.
-    pub assumed: Assumed,
+    /// Quantities that rest on priors.
+    pub unobservable: UnobservableQuantities,
 }
 
 impl Advice {
-    /// Whether what is advised makes the error to expect noticeably smaller: by a twentieth of it, and by 0.01 deg, the
-    /// last digit that is shown.
+    /// Whether the manoeuvre reduces the expected error noticeably: by 5 %, and by 0.01 deg, the last digit shown.
     #[must_use]
-    pub fn gains(&self) -> bool {
-        self.with_it_deg <= NOTICEABLE * self.expected_deg && self.expected_deg - self.with_it_deg >= 0.01
+    pub fn is_worthwhile(&self) -> bool {
+        self.expected_after_deg <= NOTICEABLE_ERROR_RATIO * self.expected_deg
+            && self.expected_deg - self.expected_after_deg >= 0.01
     }
 
-    /// Whether more of the same samples would make it no smaller, but for a tenth.
+    /// Whether more of the same samples would reduce the expected error by less than a tenth.
     #[must_use]
     pub fn is_at_floor(&self) -> bool {
-        self.expected_deg <= AT_FLOOR * self.floor_deg
+        self.expected_deg <= AT_FLOOR_ERROR_RATIO * self.floor_deg
     }
 }
 
-/// What is left of an error that has become noticeably smaller.
-pub(crate) const NOTICEABLE: f32 = 0.95;
+/// Ratio of a noticeably smaller error to the previous one.
+pub const NOTICEABLE_ERROR_RATIO: f32 = 0.95;
 
-/// The expected error over what more of the same samples would leave, when they are not worth flying for.
-const AT_FLOOR: f32 = 1.1;
+/// Expected error over its floor, below which more samples of the same kind are not worth the flight.
+const AT_FLOOR_ERROR_RATIO: f32 = 1.1;
 
-/// What the samples leave to the assumptions about airframes.
+/// Unobservable quantities, which rest on priors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Assumed {
-    /// Soft iron is assumed small in some direction.
+pub struct UnobservableQuantities {
+    /// Soft iron in some direction.
     pub soft_iron: bool,
-    /// The mounting is assumed to be the configured one about some axis.
+    /// Mounting about some axis.
     pub mounting: bool,
-    /// Hard iron is assumed small along some axis.
+    /// Hard iron along some axis.
     pub hard_iron: bool,
 }
 
-/// Samples of a circle on paper: what the collection keeps of one at 13 deg/s, less their correlation. A tilt held through
-/// a quarter of it has a quarter of them.
-const SAMPLES: u8 = 24;
+/// Effective sample size of a full circle: 54 samples at 13 deg/s, corrected for autocorrelation; a quarter of them per
+/// quadrant.
+const CIRCLE_EFFECTIVE_SAMPLES: u8 = 24;
 
-/// With more than this, degrees RMS, headings are not known well enough to name one.
-const MAX_NAMED_DEG: f32 = 3.0;
+/// Expected error above which headings are too uncertain to name a quadrant, degrees RMS.
+const MAX_QUADRANT_ERROR_DEG: f32 = 3.0;
 
-/// How something moves, and how well that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Moves {
-    /// It banks into its turns.
-    Banks,
-    /// It tilts as it likes.
-    Tilts,
-    /// The same, on headings that are not known.
-    TiltsSomehow,
+enum VehicleMotion {
+    BanksIntoTurns,
+    TiltsOnKnownHeading,
+    TiltsOnUnknownHeading,
 }
 
-/// How much bank goes with the rate of turn, as a correlation, in what banks into its turns.
-const BANKS: f32 = 0.5;
+const MIN_BANK_CORRELATION: f32 = 0.5;
 
-/// Whether what flies banks into its turns, as body rates show it. Who was asked for turns flies turns.
+/// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
-    let (mut both, mut banks, mut turns) = (0.0, 0.0, 0.0);
-    for sample in samples.any.into_iter().flatten() {
+    let (mut product_sum, mut bank_squares, mut rate_squares) = (0.0, 0.0, 0.0);
+    for sample in samples.unassigned.into_iter().flatten() {
         let (roll_rad, rate_rad_s) = (sample.attitude.roll_rad, sample.rates.heading_rad_s());
-        both += roll_rad * rate_rad_s;
-        banks += roll_rad * roll_rad;
-        turns += rate_rad_s * rate_rad_s;
+        product_sum += roll_rad * rate_rad_s;
+        bank_squares += roll_rad * roll_rad;
+        rate_squares += rate_rad_s * rate_rad_s;
     }
-    !samples.has_any() || both > BANKS * libm::sqrtf(banks * turns)
+    !samples.has_unassigned() || product_sum > MIN_BANK_CORRELATION * sqrt(bank_squares * rate_squares)
 }
 
-/// Looks for the manoeuvre that would help most. `None` when nothing could be computed.
 #[inline(never)]
-pub(super) fn advise(
+pub(super) fn select_manoeuvre(
     information: &Information,
     likelihood: &Likelihood,
     unknowns: &Vector13,
-    consider: Consider,
+    consider: ConsiderSigmas,
     calibration: &Calibration,
     (samples, envelope): (Samples<'_>, Envelope),
 ) -> Option<Advice> {
-    let covariance = |information: &Information, errors: Errors| {
-        let mut covariance = Covariance::EXACT;
+    let covariance = |information: &Information, errors: CovarianceContent| {
+        let mut covariance = CoefficientCovariance::ZERO;
         information.covariance(likelihood, unknowns, (errors, consider), &mut covariance).map(|()| covariance)
     };
-    let rms_deg = |information: &Information, errors: Errors| {
+    let rms_deg = |information: &Information, errors: CovarianceContent| {
         expected_error::expected_rms_deg(calibration, &covariance(information, errors)?, envelope)
     };
-    let now = expected_error::expected(calibration, &covariance(information, Errors::All)?, envelope)?;
-    let parameters = Parameters::new(unknowns);
-    let moves = match (banks_into_turns(samples), now.rms_deg <= MAX_NAMED_DEG) {
-        (true, _) => Moves::Banks,
-        (false, true) => Moves::Tilts,
-        (false, false) => Moves::TiltsSomehow,
+    let now = expected_error::expected_heading_error(
+        calibration,
+        &covariance(information, CovarianceContent::All)?,
+        envelope,
+    )?;
+    let parameters = ModelParameters::new(unknowns);
+    let vehicle_motion = match (banks_into_turns(samples), now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
+        (true, _) => VehicleMotion::BanksIntoTurns,
+        (false, true) => VehicleMotion::TiltsOnKnownHeading,
+        (false, false) => VehicleMotion::TiltsOnUnknownHeading,
     };
     let (manoeuvre, with_it_deg) = (0..)
-        .map_while(|number| Manoeuvre::nth(number, moves))
+        .map_while(|number| Manoeuvre::candidate(number, vehicle_motion))
         .filter_map(|manoeuvre| {
-            let mut supposed = information.clone();
+            let mut hypothetical = information.clone();
             for heading_rad in manoeuvre.headings_rad() {
-                supposed.suppose(likelihood, &parameters, manoeuvre.attitude(), heading_rad);
+                hypothetical.add_hypothetical_sample(likelihood, &parameters, manoeuvre.attitude(), heading_rad);
             }
-            Some((manoeuvre, rms_deg(&supposed, Errors::All)?))
+            Some((manoeuvre, rms_deg(&hypothetical, CovarianceContent::All)?))
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Advice {
@@ -278,21 +277,23 @@ pub(super) fn advise(
         weakest_deg: now.weakest.1,
         expected_deg: now.rms_deg,
         manoeuvre,
-        with_it_deg,
-        floor_deg: rms_deg(information, Errors::Lasting)?,
-        assumed: assumed(information.left_to_priors(likelihood, unknowns).into_iter().flatten()),
+        expected_after_deg: with_it_deg,
+        floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
+        unobservable: report_unobservable(
+            information.unobservable_quantities(likelihood, unknowns).into_iter().flatten(),
+        ),
     })
 }
 
-/// What rests on priors, in the words of an advice. Of the inclination it says nothing, for nobody can fly it.
-fn assumed(left_to_priors: impl Iterator<Item = Quantity>) -> Assumed {
-    let mut assumed = Assumed::default();
+/// Omits the inclination, which no manoeuvre improves.
+fn report_unobservable(left_to_priors: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
+    let mut assumed = UnobservableQuantities::default();
     for quantity in left_to_priors {
         match quantity {
-            Quantity::SoftIron => assumed.soft_iron = true,
-            Quantity::Mounting => assumed.mounting = true,
-            Quantity::HardIron => assumed.hard_iron = true,
-            Quantity::Inclination => {}
+            PriorQuantity::SoftIron => assumed.soft_iron = true,
+            PriorQuantity::Mounting => assumed.mounting = true,
+            PriorQuantity::HardIron => assumed.hard_iron = true,
+            PriorQuantity::Inclination => {}
         }
     }
     assumed
@@ -314,27 +315,28 @@ mod tests {
         assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), [-25, 0]));
         assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), [40, 0]));
         assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), [0, 0]));
-        assert_eq!(said(Manoeuvre::Round), ("turn once round, level".into(), [0, 0]));
+        assert_eq!(said(Manoeuvre::YawTurn), ("turn once round, level".into(), [0, 0]));
         for (towards, quarter, words, deg) in [
-            (Towards::Left, Quarter::East, "tilt to the left while heading east to south", [-15, 0]),
-            (Towards::Right, Quarter::North, "tilt to the right while heading north to east", [15, 0]),
-            (Towards::Ahead, Quarter::South, "tilt ahead while heading south to west", [0, -15]),
-            (Towards::Back, Quarter::West, "tilt back while heading west to north", [0, 15]),
+            (TiltDirection::Left, HeadingQuadrant::East, "tilt to the left while heading east to south", [-15, 0]),
+            (TiltDirection::Right, HeadingQuadrant::North, "tilt to the right while heading north to east", [15, 0]),
+            (TiltDirection::Ahead, HeadingQuadrant::South, "tilt ahead while heading south to west", [0, -15]),
+            (TiltDirection::Back, HeadingQuadrant::West, "tilt back while heading west to north", [0, 15]),
         ] {
             assert_eq!(said(Manoeuvre::Tilt(towards, Some(quarter))), (words.into(), deg));
         }
-        let all_round = Manoeuvre::Tilt(Towards::Back, None);
+        let all_round = Manoeuvre::Tilt(TiltDirection::Back, None);
         assert_eq!(said(all_round), ("tilt back while turning all round".into(), [0, 15]));
     }
 
-    /// Seven circles; or a turn and each of sixteen tilts; or of four, where headings are not known.
     #[test]
-    fn what_is_tried_is_what_it_can_fly() {
-        let tried = |moves| (0..).map_while(|number| Manoeuvre::nth(number, moves)).collect::<Vec<_>>();
-        assert_eq!(tried(Moves::Banks), CIRCLES);
-        for (moves, number, is_named) in [(Moves::Tilts, 17, true), (Moves::TiltsSomehow, 5, false)] {
+    fn candidates_match_the_vehicle_motion() {
+        let tried = |moves| (0..).map_while(|number| Manoeuvre::candidate(number, moves)).collect::<Vec<_>>();
+        assert_eq!(tried(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
+        for (moves, number, is_named) in
+            [(VehicleMotion::TiltsOnKnownHeading, 17, true), (VehicleMotion::TiltsOnUnknownHeading, 5, false)]
+        {
             let others = tried(moves);
-            assert_eq!((others.len(), others[0]), (number, Manoeuvre::Round));
+            assert_eq!((others.len(), others[0]), (number, Manoeuvre::YawTurn));
             for (i, tilt) in others.iter().enumerate().skip(1) {
                 assert!(!others[..i].contains(tilt), "{others:?}");
                 assert!(matches!(tilt, Manoeuvre::Tilt(_, quarter) if quarter.is_some() == is_named), "{others:?}");
@@ -342,10 +344,8 @@ mod tests {
         }
     }
 
-    /// Bank that goes with the rate of turn is a turn of an aeroplane; against it, or by chance, it is none, nor is any
-    /// where no rates are known.
     #[test]
-    fn bank_that_goes_with_the_turn_is_that_of_an_aeroplane() {
+    fn correlated_bank_and_turn_rate_indicate_banked_turns() {
         let flown = |bank_deg: &dyn Fn(f32) -> f32, rate_deg_s: &dyn Fn(f32) -> f32| {
             let samples: Vec<Sample> = (0..100)
                 .map(|i: u8| {
@@ -354,52 +354,49 @@ mod tests {
                     Sample { field: Field::from_ut(20.0, 0.0, 40.0), attitude, time: WrappingMillis::default(), rates }
                 })
                 .collect();
-            banks_into_turns(Samples { any: [&samples[..30], &[], &samples[30..]], ..Samples::default() })
+            banks_into_turns(Samples { unassigned: [&samples[..30], &[], &samples[30..]], ..Samples::default() })
         };
         assert!(flown(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
         assert!(!flown(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
         assert!(!flown(&|t| 25.0 * t.sin(), &|_| 0.0));
-        // A correlation of the cosine of the angle between the two: 60 deg are half.
+        // Correlation is the cosine of the phase difference: 1/2 at 60 deg.
         assert!(flown(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
         assert!(!flown(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 1.2).sin()));
         assert!(banks_into_turns(Samples::default()), "who was asked for turns");
     }
 
-    /// A twentieth of 0.4 deg is 0.02; of 0.1 deg only 0.005, which would not be seen.
     #[test]
-    fn advice_that_gains_nothing_is_none() {
+    fn small_improvements_are_not_worthwhile() {
         let gains = |expected_deg, with_it_deg| {
             let advice = Advice {
                 weakest: Deviation::Constant,
                 weakest_deg: 0.1,
                 expected_deg,
                 manoeuvre: Manoeuvre::Level,
-                with_it_deg,
+                expected_after_deg: with_it_deg,
                 floor_deg: 0.0,
-                assumed: Assumed::default(),
+                unobservable: UnobservableQuantities::default(),
             };
-            advice.gains()
+            advice.is_worthwhile()
         };
         assert!(!gains(0.4, 0.4) && !gains(0.4, 0.381) && gains(0.4, 0.379));
         assert!(!gains(0.1, 0.091) && gains(0.1, 0.089));
         assert!(!gains(0.4, f32::NAN) && !gains(f32::NAN, 0.4));
     }
 
-    /// A circle at 13 deg/s takes 27 s and gives 54 samples, two a second, of which correlation leaves 24.
     #[test]
-    fn a_circle_on_paper_goes_round_once() {
+    fn hypothetical_headings_are_evenly_spaced() {
         let headings: Vec<f32> = Manoeuvre::Circle(Side::Left, 25).headings_rad().collect();
         assert_eq!((headings.len(), headings[0].to_bits()), (24, 0));
         let are_even = |headings: &[f32]| headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5);
         assert!(are_even(&headings));
-        for (quarter, first_deg) in Quarter::ALL.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
-            let headings: Vec<f32> = Manoeuvre::Tilt(Towards::Back, Some(quarter)).headings_rad().collect();
+        for (quarter, first_deg) in HeadingQuadrant::ALL.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
+            let headings: Vec<f32> = Manoeuvre::Tilt(TiltDirection::Back, Some(quarter)).headings_rad().collect();
             assert!(are_even(&headings) && headings.len() == 6 && (headings[0] - first_deg.to_radians()).abs() < 1e-5);
         }
-        assert_eq!(Manoeuvre::Tilt(Towards::Back, None).headings_rad().count(), 24);
+        assert_eq!(Manoeuvre::Tilt(TiltDirection::Back, None).headings_rad().count(), 24);
     }
 
-    /// A tenth above what more of the same would leave.
     #[test]
     fn the_floor_is_reached_within_a_tenth() {
         let is_at_floor = |expected_deg, floor_deg| {
@@ -407,10 +404,10 @@ mod tests {
                 weakest: Deviation::Constant,
                 weakest_deg: 0.1,
                 expected_deg,
-                manoeuvre: Manoeuvre::Round,
-                with_it_deg: 0.0,
+                manoeuvre: Manoeuvre::YawTurn,
+                expected_after_deg: 0.0,
                 floor_deg,
-                assumed: Assumed::default(),
+                unobservable: UnobservableQuantities::default(),
             };
             advice.is_at_floor()
         };
@@ -418,12 +415,12 @@ mod tests {
     }
 
     #[test]
-    fn each_assumption_is_said() {
-        let said = |quantity| assumed([quantity].into_iter());
-        let nothing = Assumed::default();
-        assert_eq!(said(Quantity::SoftIron), Assumed { soft_iron: true, ..nothing });
-        assert_eq!(said(Quantity::Mounting), Assumed { mounting: true, ..nothing });
-        assert_eq!(said(Quantity::HardIron), Assumed { hard_iron: true, ..nothing });
-        assert_eq!(said(Quantity::Inclination), nothing);
+    fn each_unobservable_quantity_is_reported() {
+        let said = |quantity| report_unobservable([quantity].into_iter());
+        let nothing = UnobservableQuantities::default();
+        assert_eq!(said(PriorQuantity::SoftIron), UnobservableQuantities { soft_iron: true, ..nothing });
+        assert_eq!(said(PriorQuantity::Mounting), UnobservableQuantities { mounting: true, ..nothing });
+        assert_eq!(said(PriorQuantity::HardIron), UnobservableQuantities { hard_iron: true, ..nothing });
+        assert_eq!(said(PriorQuantity::Inclination), nothing);
     }
 }

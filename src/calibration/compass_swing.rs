@@ -1,62 +1,64 @@
-//! Compass swing: coefficients from headings that somebody gives, the classical ground procedure (Liu 2007 ref. 2).
+//! Compass swing: coefficients from known headings, the classical ground procedure (Liu 2007 ref. 2).
 //!
-//! With heading and attitude known, so is the Earth field in body axes, `h = C^T H0 (cos psi, -sin psi, D)`, and
-//! `m = A h + b` is linear in the twelve coefficients: each axis of the sensor is a regression on the three components
-//! of `h` and a constant, and all three share one 4 x 4 matrix. `D` is not known unless the inclination was told; it is
-//! the one of a few values that leaves the smallest residual. On level ground the vertical response of the sensor
-//! cannot be told from hard iron: it is then taken to be that of a sensor without soft iron.
+//! With heading and attitude the Earth field in body axes is known, `h = C^T H0 (cos psi, -sin psi, D)`, and
+//! `m = A h + b` is linear in the twelve coefficients: one regression per sensor axis on `h` and a constant, all with
+//! the same 4 x 4 matrix. Without a configured inclination, `D` is the candidate with the smallest residual. On level
+//! ground vertical response and hard iron are not separable; the response is then assumed to be without soft iron.
 
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::least_squares::LeastSquares;
-use super::response::{Response, tangent};
-use super::{Mark, Part, SolveError};
+use super::starting_point::{SensorResponse, tangent};
+use super::{Mark, SamplePart, SolveError};
 use crate::frames::Field;
 use crate::trig;
+use crate::trig::sqrt;
 
-/// Marks needed: two horizontal responses and a constant for each axis, and one to show a slip of the pen.
+/// Minimum number of samples: two horizontal responses and a constant per axis, plus one to detect a wrong entry.
 const MIN_MARKS: usize = 4;
 
-/// Weight of the assumption that there is no soft iron, beside one of every mark: decides only what the marks do not
-/// show.
-const RIDGE: f32 = 1e-3;
+/// Weight of the assumption of no soft iron relative to a sample; decides only what the samples do not determine.
+const NO_SOFT_IRON_WEIGHT: f32 = 1e-3;
 
-/// Inclinations tried, degrees. Where marks are tilted the refinement finds the right one; where they are not, it does
-/// not matter.
+/// Candidate inclinations, degrees; refined later where samples are tilted, irrelevant where they are level.
 const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
 
-/// Solves marks whose fields are rotated by `rotation` first; the inclination in radians, where it was told.
+/// Solves samples with known headings; fields are rotated by `rotation` first. Inclination in radians, if configured.
 ///
 /// # Errors
 ///
-/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] where the fields do not follow the headings. Both
-/// are of [`Part::Marks`].
+/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] when the field does not follow the headings.
 pub(super) fn solve(
     marks: &[Mark],
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
-) -> Result<Response, SolveError> {
-    SolveError::require(Part::Marks, marks.len(), MIN_MARKS)?;
-    let h0_ut = horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(Part::Marks))?;
+) -> Result<SensorResponse, SolveError> {
+    SolveError::require(SamplePart::Marks, marks.len(), MIN_MARKS)?;
+    let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(SamplePart::Marks))?;
     let tried = INCLINATIONS_DEG.map(f32::to_radians);
     let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
     inclinations_rad
         .iter()
-        .filter_map(|&inclination_rad| regression(marks, rotation, tangent(inclination_rad), h0_ut))
+        .filter_map(|&inclination_rad| fit_response(marks, rotation, tangent(inclination_rad), h0_ut))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, response)| response)
-        .ok_or(SolveError::NotDetermined(Part::Marks))
+        .ok_or(SolveError::NotDetermined(SamplePart::Marks))
 }
 
-/// The horizontal field, from how far the sensor's horizontal axes follow it: a regression without vertical field.
-fn horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
-    let (_, response) = regression(marks, rotation, 0.0, 0.0)?;
+/// Horizontal field strength, from a regression of the horizontal axes without vertical field.
+fn estimate_horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
+    let (_, response) = fit_response(marks, rotation, 0.0, 0.0)?;
     let horizontal = response.a_ut.fixed_view::<2, 2>(0, 0).determinant();
-    Some(libm::sqrtf(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
+    Some(sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
 }
 
-/// Response at an inclination, and how little it explains the marks, in square microtesla.
-fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_ut: f32) -> Option<(f32, Response)> {
+/// Squared residual (square microtesla) and response at an inclination.
+fn fit_response(
+    marks: &[Mark],
+    rotation: &Matrix3<f32>,
+    tan_inclination: f32,
+    h0_ut: f32,
+) -> Option<(f32, SensorResponse)> {
     let regressors = |mark: &Mark| {
         let (sin, cos) = trig::sin_cos(mark.heading_rad);
         let level = Field::from_ut(cos, -sin, tan_inclination);
@@ -65,9 +67,9 @@ fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_
     let field = |mark: &Mark| rotation * mark.sample.field.ut;
     let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
     let mut system = LeastSquares::<4, 3>::new();
-    // The assumption: A times H0 is H0 times the unit matrix, nothing about b.
+    // Ridge: A times H0 is H0 times the identity; no assumption about b.
     for i in 0..3 {
-        system.add(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), RIDGE);
+        system.add(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
     }
     for mark in marks {
         system.add(&regressors(mark), (field(mark) - mean).into(), 1.0);
@@ -77,8 +79,8 @@ fn regression(marks: &[Mark], rotation: &Matrix3<f32>, tan_inclination: f32, h0_
         marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
     let a_ut = solution.fixed_rows::<3>(0).transpose();
     let b_ut = solution.row(3).transpose() + mean;
-    // On level ground all inclinations fit alike; then the least hard iron is the most likely.
-    Some((residual + RIDGE * b_ut.norm_squared(), Response { a_ut, b_ut, tan_inclination }))
+    // On level ground all inclinations fit equally; the least hard iron is then the most likely.
+    Some((residual + NO_SOFT_IRON_WEIGHT * b_ut.norm_squared(), SensorResponse { a_ut, b_ut, tan_inclination }))
 }
 
 #[cfg(test)]
@@ -96,7 +98,6 @@ mod tests {
         Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
     }
 
-    /// Marks at twelve headings, leaning to both sides, ahead and back by so much.
     fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<Mark> {
         let mark = |i: u8| {
             let heading_rad = f32::from(i) / 12.0 * TAU;
@@ -112,16 +113,15 @@ mod tests {
         (0..12).map(mark).collect()
     }
 
-    /// The horizontal field is found only to the share that soft iron bends of it, and the vertical one to the step of
-    /// inclinations: the ridge then has a thousandth of the weight of a mark to be wrong with.
-    fn assert_found(found: &Response, inclination_deg: f32) {
+    /// Tolerances from the ridge.
+    fn assert_found(found: &SensorResponse, inclination_deg: f32) {
         let h0_ut = 50.0 * inclination_deg.to_radians().cos();
         assert!((found.a_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.a_ut / h0_ut);
         assert!((found.b_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.b_ut);
     }
 
     #[test]
-    fn every_inclination_tried_is_found_and_one_that_is_told_is_taken() {
+    fn candidate_inclinations_are_found_and_a_configured_one_is_used() {
         for inclination_deg in INCLINATIONS_DEG {
             let marks = marks(inclination_deg, 20.0);
             let tried = solve(&marks, &Matrix3::identity(), None).unwrap();
@@ -136,7 +136,6 @@ mod tests {
         }
     }
 
-    /// Fifteen degrees apart: what lies between two is found to half a step.
     #[test]
     fn an_inclination_between_those_tried_is_found_to_half_a_step() {
         for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
@@ -146,8 +145,6 @@ mod tests {
         }
     }
 
-    /// On level ground vertical response and hard iron are one: the response is that of no soft iron, and the
-    /// horizontal part is right.
     #[test]
     fn level_ground_shows_the_horizontal_part() {
         let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
@@ -175,11 +172,10 @@ mod tests {
         let marks = marks(60.0, 0.0);
         let spread = [marks[0], marks[3], marks[6], marks[9]];
         assert!(solve(&spread, &Matrix3::identity(), None).is_ok());
-        let missing = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
+        let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
         assert_eq!(solve(&spread[..3], &Matrix3::identity(), None).map(|_| ()), Err(missing));
     }
 
-    /// A sensor that follows the headings by less than 1 uT is not in the Earth's field.
     #[test]
     fn fields_that_do_not_follow_the_headings_determine_nothing() {
         let scaled = |h0_ut: f32| -> Vec<Mark> {
@@ -197,7 +193,7 @@ mod tests {
             (0..12).map(mark).collect()
         };
         assert!(solve(&scaled(1.1), &Matrix3::identity(), None).is_ok());
-        let open = Err(SolveError::NotDetermined(Part::Marks));
+        let open = Err(SolveError::NotDetermined(SamplePart::Marks));
         assert_eq!(solve(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
         assert_eq!(solve(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
     }

@@ -1,76 +1,72 @@
-//! The ellipse of one turn: its plane in sensor space and the conic in that plane.
+//! Ellipse fit of one turn: plane and conic.
 
 use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 
 use super::least_squares::LeastSquares;
-use super::plane::Plane;
-use super::{Part, Sample, Samples, Side, SolveError};
+use super::principal_plane::PrincipalPlane;
+use super::{Sample, SamplePart, Samples, Side, SolveError};
+use crate::trig::sqrt;
 
-/// An ellipse in space: `centre + p` for all `p` of the plane with `p^T Q p = 1`.
+/// An ellipse in space: points `centre + p`, with `p` in the plane and `p^T Q p = 1`.
 #[derive(Clone, Debug)]
 pub(super) struct Ellipse {
-    /// Microtesla.
     pub centre_ut: Vector3<f32>,
-    /// Unit normal of the plane.
     pub normal: Vector3<f32>,
-    /// Two unit vectors that span the plane.
     axes: [Vector3<f32>; 2],
     /// `Q` in the coordinates of `axes`, 1/uT^2.
-    form: Matrix2<f32>,
+    quadratic_form: Matrix2<f32>,
 }
 
 impl Ellipse {
-    /// Fits a turn's samples, fields rotated by `rotation` first: the principal plane, and in it the conic.
+    /// Fits the principal plane of a turn's samples and a conic in it; fields are rotated by `rotation` first.
     ///
     /// # Errors
     ///
-    /// [`SolveError::NotFinite`] for fields that are not numbers, and [`SolveError::NotAnEllipse`] names the turn whose
-    /// samples lie on another conic.
+    /// [`SolveError::NotFinite`] for non-finite fields, [`SolveError::NotAnEllipse`] for another conic.
     pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
         let samples = Samples { left: samples, ..Samples::default() };
-        let Some(plane) = Plane::through(&samples, rotation) else { return Err(SolveError::NotFinite) };
-        // Points scaled to about 1, or the equations would mix units of 1 and uT^4.
-        let scale = plane.spread_ut;
-        let points = samples.iter().map(|s| plane.flat(&(rotation * s.field.ut)) / scale);
-        let (centre, form) = conic(points).ok_or(SolveError::NotAnEllipse(Part::Turns(side)))?;
+        let Some(plane) = PrincipalPlane::fit(&samples, rotation) else { return Err(SolveError::NotFinite) };
+        // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
+        let scale = plane.rms_distance_ut;
+        let points = samples.iter().map(|s| plane.plane_coordinates(&(rotation * s.field.ut)) / scale);
+        let (centre, form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
         Ok(Self {
             centre_ut: plane.origin_ut + (plane.axes[0] * centre.x + plane.axes[1] * centre.y) * scale,
             normal: plane.normal,
             axes: plane.axes,
-            form: form / (scale * scale),
+            quadratic_form: form / (scale * scale),
         })
     }
 
-    /// Coordinates in the plane of a direction in space.
-    fn flat(&self, direction: &Vector3<f32>) -> Vector2<f32> {
+    fn plane_coordinates(&self, direction: &Vector3<f32>) -> Vector2<f32> {
         Vector2::from(self.axes.map(|axis| axis.dot(direction)))
     }
 
-    /// From the centre to the ellipse along a direction of the plane, microtesla.
+    /// Distance from the centre to the ellipse along a direction of the plane, microtesla.
     pub fn radius_ut(&self, direction: &Vector3<f32>) -> f32 {
-        let flat = self.flat(direction);
-        1.0 / libm::sqrtf(flat.dot(&(self.form * flat)))
+        let flat = self.plane_coordinates(direction);
+        1.0 / sqrt(flat.dot(&(self.quadratic_form * flat)))
     }
 
-    /// The semi-axis conjugate to a direction of the plane: parallel to the tangents where the direction meets the
-    /// ellipse. Either of its two signs.
+    /// Semi-axis conjugate to a direction of the plane: parallel to the tangent where that meets the ellipse; arbitrary
+    /// sign.
     pub fn conjugate_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
-        let along = self.form * self.flat(direction);
+        let along = self.quadratic_form * self.plane_coordinates(direction);
         let across = Vector2::new(-along.y, along.x);
-        let flat = across / libm::sqrtf(across.dot(&(self.form * across)));
+        let flat = across / sqrt(across.dot(&(self.quadratic_form * across)));
         self.axes[0] * flat.x + self.axes[1] * flat.y
     }
 
-    /// The phase of a field when the ellipse is `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`.
+    /// Phase of a field on the ellipse `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`, radians.
     pub fn phase_rad(&self, field_ut: &Vector3<f32>, u_ut: &Vector3<f32>, v_ut: &Vector3<f32>) -> f32 {
-        let weighted = self.form * self.flat(&(field_ut - self.centre_ut));
-        libm::atan2f(self.flat(v_ut).dot(&weighted), self.flat(u_ut).dot(&weighted))
+        let weighted = self.quadratic_form * self.plane_coordinates(&(field_ut - self.centre_ut));
+        libm::atan2f(self.plane_coordinates(v_ut).dot(&weighted), self.plane_coordinates(u_ut).dot(&weighted))
     }
 }
 
-/// Centre and form of the conic through points of a size of about one, `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by
-/// linear least squares (Liu 2007 eq. 6); `None` if it is not an ellipse.
-pub(super) fn conic(points: impl Iterator<Item = Vector2<f32>>) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+/// Centre and form of the conic `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear least squares (Liu 2007 eq. 6),
+/// through points of magnitude about 1; `None` if it is not an ellipse.
+pub(super) fn fit_conic(points: impl Iterator<Item = Vector2<f32>>) -> Option<(Vector2<f32>, Matrix2<f32>)> {
     let mut system = LeastSquares::<5, 1>::new();
     for p in points {
         system.add(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
@@ -96,7 +92,7 @@ mod tests {
     const V_UT: Vector3<f32> = Vector3::new(6.0, -20.0, 9.0);
     const CENTRE_UT: Vector3<f32> = Vector3::new(100.0, -40.0, 15.0);
 
-    fn at(phase_rad: f32) -> Vector3<f32> {
+    fn ellipse_point(phase_rad: f32) -> Vector3<f32> {
         CENTRE_UT + U_UT * phase_rad.cos() + V_UT * phase_rad.sin()
     }
 
@@ -109,10 +105,9 @@ mod tests {
             .collect()
     }
 
-    /// u and v are conjugate but at no right angle. Fields of 100 uT leave 1e-4 of one in f32.
     #[test]
     fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
-        let ellipse = Ellipse::fit(&samples(at), &Matrix3::identity(), Side::Left).unwrap();
+        let ellipse = Ellipse::fit(&samples(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
         assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
         assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
@@ -122,34 +117,36 @@ mod tests {
             assert!((found - conjugate).norm().min((found + conjugate).norm()) < 2e-3, "{found} {conjugate}");
         }
         for phase_rad in [-3.0_f32, -1.2, 0.0, 0.4, 2.0] {
-            assert!((ellipse.phase_rad(&at(phase_rad), &U_UT, &V_UT) - phase_rad).abs() < 1e-4, "{phase_rad}");
+            assert!(
+                (ellipse.phase_rad(&ellipse_point(phase_rad), &U_UT, &V_UT) - phase_rad).abs() < 1e-4,
+                "{phase_rad}"
+            );
         }
     }
 
     #[test]
     fn fields_are_rotated_before_they_are_fitted() {
         let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let ellipse = Ellipse::fit(&samples(at), &rotation, Side::Left).unwrap();
+        let ellipse = Ellipse::fit(&samples(ellipse_point), &rotation, Side::Left).unwrap();
         assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
     }
 
     #[test]
-    fn an_arc_of_a_hyperbola_names_its_turn() {
+    fn a_hyperbola_is_rejected_with_its_turn() {
         let hyperbola =
             samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
         for side in [Side::Left, Side::Right] {
             let refused = Ellipse::fit(&hyperbola, &Matrix3::identity(), side).map(|_| ());
-            assert_eq!(refused, Err(SolveError::NotAnEllipse(Part::Turns(side))));
+            assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Turns(side))));
         }
         let nothing = samples(|_| Vector3::repeat(f32::NAN));
         assert_eq!(Ellipse::fit(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()), Err(SolveError::NotFinite));
     }
 
     fn points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
-        conic((0..24_u8).map(|i| point(f32::from(i) / 24.0 * TAU).into()))
+        fit_conic((0..24_u8).map(|i| point(f32::from(i) / 24.0 * TAU).into()))
     }
 
-    /// An ellipse with semi-axes 2 and 1 and a turned one, round the origin and beside it.
     #[test]
     fn the_form_of_an_ellipse_is_found_wherever_it_lies() {
         for (x, y) in [(0.0, 0.0), (0.3, -0.4), (3.0, 0.0), (-2.0, 4.0)] {
@@ -171,6 +168,6 @@ mod tests {
         assert!(points(|t| [2.0 * hyperbola(t).1, 0.5 * hyperbola(t).0 - 1.0]).is_none());
         assert!(points(|t| [t - 3.0, 2.0 * t]).is_none(), "a line");
         assert!(points(|_| [1.0, 0.5]).is_none(), "a point");
-        assert!(conic([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().map(Vector2::from)).is_none());
+        assert!(fit_conic([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().map(Vector2::from)).is_none());
     }
 }

@@ -1,24 +1,22 @@
-//! Ellipsoid: nine coefficients from tumbling on a bench, without any attitude (Liu 2007 section 2).
+//! Ellipsoid: nine coefficients from tumbling without attitude (Liu 2007 section 2).
 //!
-//! Turned through all attitudes, an ideal sensor's measurements lie on a sphere, those of a real one on an ellipsoid
-//! round `b`. Its shape gives `W` up to a rotation, which is chosen so that `W` is symmetric in the axes of the mount:
-//! the mounting cannot be seen without attitude. The fit is that of [maximum likelihood](super::maximum_likelihood)
-//! with the norm's residuals alone, started from a sphere.
+//! The measurements of an ideal sensor at all attitudes form a sphere, those of a real one an ellipsoid around `b`. Its
+//! shape determines `W` up to a rotation; the symmetric `W` in mount axes is chosen, because the mounting is
+//! unobservable without attitude. The fit is that of [maximum likelihood](super::maximum_likelihood) with norm
+//! residuals only, started from a sphere.
 //!
-//! The samples of left and right turns lie on two ellipses only, and many ellipsoids go through those (wandering bank
-//! and noise may single one out, but not the right one); so whoever solves must ask [`is_determined`].
+//! Turns alone lie on two ellipses, through which many ellipsoids pass. So a solve must check [`is_determined`].
 
 use nalgebra::Vector3;
 
 use super::information::Information;
-use super::likelihood::{Likelihood, Quantity, Vector13};
+use super::likelihood::{Likelihood, PriorQuantity, Vector13};
 use super::{Calibration, Samples};
 
-/// Of the 24 directions that the six faces of a cube, cut in four, divide space into, so many must have been seen. Left
-/// and right turns see up to 20, a sensor turned in the hands all of them.
+/// Minimum number of covered directions of 24: the six faces of a cube with four quadrants each. Left and right turns
+/// cover up to 20, tumbling all.
 const MIN_DIRECTIONS: u32 = 22;
 
-/// Whether the samples, and not the priors, determine shape and centre.
 pub(super) fn is_determined(
     samples: Samples<'_>,
     calibration: &Calibration,
@@ -26,20 +24,19 @@ pub(super) fn is_determined(
     likelihood: &Likelihood,
     unknowns: &Vector13,
 ) -> bool {
-    directions(samples, calibration) >= MIN_DIRECTIONS
-        && information
-            .left_to_priors(likelihood, unknowns)
-            .is_some_and(|mut left| !left.any(|quantity| matches!(quantity, Quantity::SoftIron | Quantity::HardIron)))
+    count_directions(samples, calibration) >= MIN_DIRECTIONS
+        && information.unobservable_quantities(likelihood, unknowns).is_some_and(|mut left| {
+            !left.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
+        })
 }
 
-/// How many of the 24 directions the corrected fields have.
-fn directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
-    let seen = samples.all().fold(0_u32, |seen, s| seen | 1 << direction(&calibration.apply(s.field).ut));
+fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
+    let seen = samples.all().fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.apply(s.field).ut));
     seen.count_ones()
 }
 
-/// Which of the 24: the face that the largest component points to, and the signs of the other two.
-fn direction(field: &Vector3<f32>) -> usize {
+/// Direction of a field: axis of the largest component, and the signs of all three.
+fn direction_index(field: &Vector3<f32>) -> usize {
     let axis = field.iamax();
     let sign = |i: usize| usize::from(field[(axis + i) % 3] < 0.0);
     axis * 8 + sign(0) * 4 + sign(1) * 2 + sign(2)
@@ -50,7 +47,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{Method, Part, Prior, Quality, Rates, Sample, SolveError, solve};
+    use crate::calibration::{Method, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
     use crate::frames::{Attitude, Field};
     use crate::time::WrappingMillis;
 
@@ -63,7 +60,7 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let mut field = Vector3::zeros();
                 (field[axis], field[(axis + 1) % 3], field[(axis + 2) % 3]) = (sign, u, v);
-                let direction = direction(&(field * 40.0));
+                let direction = direction_index(&(field * 40.0));
                 assert!(!seen[direction], "{field} is direction {direction} again");
                 seen[direction] = true;
             }
@@ -71,13 +68,12 @@ mod tests {
         assert!(seen.iter().all(|&seen| seen));
     }
 
-    /// A sensor turned in the hands, but never to these directions.
     fn tumbled(missing: usize) -> Result<Quality, SolveError> {
         let mut random = Random(5);
         let mut noise = move || Vector3::from_fn(|_, _| random.normal());
         let samples: Vec<Sample> = core::iter::repeat_with(&mut noise)
             .map(|v| v.normalize() * 50.0)
-            .filter(|field| direction(field) >= missing)
+            .filter(|field| direction_index(field) >= missing)
             .take(300)
             .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
             .map(|ut| Sample {
@@ -95,6 +91,6 @@ mod tests {
     fn twenty_two_directions_are_enough_and_twenty_one_are_not() {
         assert!(tumbled(0).is_ok());
         assert!(tumbled(2).is_ok(), "{:?}", tumbled(2));
-        assert_eq!(tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(Part::All)));
+        assert_eq!(tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
     }
 }

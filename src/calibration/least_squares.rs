@@ -1,41 +1,38 @@
-//! Linear least squares, one equation at a time, in `f32`.
+//! Linear least squares in `f32`, one equation at a time.
 //!
-//! Normal equations square the range of what they sum up: where the samples say a million times more of one direction
-//! than the priors do of another, `f32` loses the weaker one, and a chip without `f64` in hardware pays a hundred
-//! instructions for each product in it. Here each equation is rotated into a triangle instead (square-root-free Givens
-//! rotations, W. M. Gentleman, "Least squares computations by Givens transformations without square roots", J. Inst.
-//! Maths Applics 12, 1973), which keeps the digits that the equations have. nalgebra factorises whole matrices only.
-//! Where digits do not matter, a triangle can be made of normal equations as well.
+//! Normal equations square the range of magnitudes: where the samples have a million times more information in one
+//! direction than the priors in another, `f32` loses the weaker one, and a product in `f64` takes a hundred
+//! instructions without hardware support. So equations are rotated into a triangle by square-root-free Givens rotations
+//! (W. M. Gentleman, "Least squares computations by Givens transformations without square roots", J. Inst. Maths
+//! Applics 12, 1973). nalgebra factorises complete matrices only. Where digits do not matter, the triangle can be made
+//! from normal equations.
 
 use nalgebra::{SMatrix, SVector};
 
-/// The triangle `D (U x - t)` of all equations so far, for `N` unknowns and `M` right-hand sides: `D` diagonal, `U`
-/// upper triangular with a unit diagonal.
+/// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` diagonal, `U` unit upper triangular.
 #[derive(Clone, Debug)]
 pub(crate) struct LeastSquares<const N: usize, const M: usize> {
     d: [f32; N],
-    /// What is not above the diagonal is not used.
+    /// Only elements above the diagonal are used.
     u: [[f32; N]; N],
     t: [[f32; M]; N],
 }
 
 impl<const N: usize, const M: usize> LeastSquares<N, M> {
-    /// No equations.
     pub const fn new() -> Self {
         Self { d: [0.0; N], u: [[0.0; N]; N], t: [[0.0; M]; N] }
     }
 
-    /// Of normal equations: the upper triangle of their information, whose rows begin on the diagonal, and the right-hand
-    /// sides. A direction of which they say no more than `f32` can tell from nothing is left open, for what is added
-    /// thereafter.
-    pub fn of_normal_equations(information: [[f32; N]; N], right: [[f32; M]; N]) -> Self {
-        /// Of an element of the diagonal, what rounding leaves of nothing: some units of its last digit.
-        const DIGITS: f32 = 2e-6;
+    /// Factorises normal equations: the upper triangle of the information, and the right-hand sides. A direction below
+    /// `f32` resolution stays undetermined until further equations are added.
+    pub fn from_normal_equations(information: [[f32; N]; N], right: [[f32; M]; N]) -> Self {
+        /// Relative rounding error of a diagonal element: a few units in the last place.
+        const RELATIVE_ROUNDING: f32 = 2e-6;
         let mut system = Self { d: [0.0; N], u: information, t: right };
         for k in 0..N {
             let pivot = system.u[k][k];
-            // What came before has been taken out, so that the pivot is what is known of this one beyond that.
-            if pivot.is_nan() || pivot <= DIGITS * information[k][k] {
+            // The rows before have been eliminated: the pivot is the remaining information.
+            if pivot.is_nan() || pivot <= RELATIVE_ROUNDING * information[k][k] {
                 system.u[k] = [0.0; N];
                 system.t[k] = [0.0; M];
                 continue;
@@ -61,8 +58,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         system
     }
 
-    /// Of equations of weight one with the same value, each written as its row.
-    pub fn of_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M]) -> Self {
+    pub fn from_rows(rows: impl Iterator<Item = SVector<f32, N>>, value: [f32; M]) -> Self {
         let mut information = [[0.0; N]; N];
         let mut right = [[0.0; M]; N];
         for row in rows {
@@ -75,16 +71,16 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
                 }
             }
         }
-        Self::of_normal_equations(information, right)
+        Self::from_normal_equations(information, right)
     }
 
-    /// Adds the equation `row . x = value` with a weight, the inverse of its variance.
+    /// Adds the equation `row . x = value`; the weight is the inverse variance.
     pub fn add(&mut self, row: &SVector<f32, N>, mut values: [f32; M], mut weight: f32) {
         let mut row: [f32; N] = (*row).into();
         for k in 0..N {
             let x = row[k];
-            let Some(shares) = self.shares_of(k, x, &mut weight) else { continue };
-            // Two slices of one length, which the compiler turns into straight runs.
+            let Some(shares) = self.rotation_coefficients(k, x, &mut weight) else { continue };
+            // Slices of equal length, so that the loop has no bounds checks.
             for (r, u) in row[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
                 rotate(r, u, x, shares);
             }
@@ -94,9 +90,9 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         }
     }
 
-    /// The shares of what it was and of an equation in the `k`-th row of the triangle from now on; `None` if the equation
-    /// has none. What has no weight left, or is nothing in this column, changes nothing.
-    fn shares_of(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<[f32; 2]> {
+    /// Rotation coefficients of row `k` and the equation; `None` if the equation has no weight or a zero in this
+    /// column.
+    fn rotation_coefficients(&mut self, k: usize, x: f32, weight: &mut f32) -> Option<[f32; 2]> {
         let part = *weight * x;
         if part == 0.0 {
             return None;
@@ -109,7 +105,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         Some([kept, part / after])
     }
 
-    /// The solution; `None` if the equations leave an unknown open or are not finite.
+    /// Solution; `None` if an unknown is undetermined or not finite.
     pub fn solve(&self) -> Option<SMatrix<f32, N, M>> {
         let mut solution = SMatrix::<f32, N, M>::zeros();
         for k in (0..N).rev() {
@@ -124,8 +120,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         solution.iter().all(|x| x.is_finite()).then_some(solution)
     }
 
-    /// The inverse of the information `U^T D U`, the covariance of the unknowns, times a vector. The matrix itself
-    /// would take ten times the memory.
+    /// Covariance of the unknowns `(U^T D U)^-1` times a vector. The matrix would take ten times the memory.
     pub fn covariance_times(&self, vector: &SVector<f32, N>) -> Option<SVector<f32, N>> {
         let mut x = *vector;
         for k in 0..N {
@@ -140,7 +135,7 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         x.iter().all(|x| x.is_finite()).then_some(x)
     }
 
-    /// The variance of `vector . x`, `v^T (U^T D U)^-1 v`: infinite where the equations leave that open.
+    /// Variance of `vector . x`, `v^T (U^T D U)^-1 v`; infinite if undetermined.
     pub fn variance(&self, vector: &SVector<f32, N>) -> f32 {
         let mut x: [f32; N] = (*vector).into();
         let mut variance = 0.0;
@@ -157,13 +152,11 @@ impl<const N: usize, const M: usize> LeastSquares<N, M> {
         variance
     }
 
-    /// The diagonal of the information.
     pub fn diagonal(&self) -> SVector<f32, N> {
         SVector::from_fn(|i, _| self.d[i] + (0..i).map(|k| self.d[k] * self.u[k][i] * self.u[k][i]).sum::<f32>())
     }
 }
 
-/// Rotates one column of an equation and of the triangle.
 #[inline]
 fn rotate(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
     let before = *r;
@@ -171,42 +164,41 @@ fn rotate(r: &mut f32, u: &mut f32, x: f32, [kept, taken]: [f32; 2]) {
     *u = kept * *u + taken * before;
 }
 
-/// The same, shorter. It loses the equation's digits where the row before was nearly nothing in its own column, and so is
-/// a multiple of something large.
+/// Faster rotation, for rows with prior information. Loses digits of the equation when the row's diagonal element is
+/// nearly zero.
 #[inline]
-fn rotate_known(r: &mut f32, u: &mut f32, x: f32, taken: f32) {
+fn rotate_fast(r: &mut f32, u: &mut f32, x: f32, taken: f32) {
     *r -= x * *u;
     *u += taken * *r;
 }
 
 impl<const N: usize> LeastSquares<N, 1> {
-    /// Adds two equations in one pass over the triangle, which takes two thirds of the time of two passes. Something must be
-    /// known of every unknown already, as priors say it.
-    #[inline(never)]
-    pub fn add_two(&mut self, rows: [&SVector<f32, N>; 2], mut values: [f32; 2], mut weights: [f32; 2]) {
-        // Side by side, so that one pass of the inner loop has one place in both.
+    /// Adds two equations in one pass, in two thirds of the time. Every unknown must already have information, such as
+    /// a prior.
+    pub fn add_pair(&mut self, rows: [&SVector<f32, N>; 2], mut values: [f32; 2], mut weights: [f32; 2]) {
+        // Interleaved, so that the inner loop has one address for both.
         let mut pairs: [[f32; 2]; N] = core::array::from_fn(|i| [rows[0][i], rows[1][i]]);
         for k in 0..N {
             let [x, y] = pairs[k];
-            let [_, taken_x] = self.shares_of(k, x, &mut weights[0]).unwrap_or_default();
-            let [_, taken_y] = self.shares_of(k, y, &mut weights[1]).unwrap_or_default();
+            let [_, taken_x] = self.rotation_coefficients(k, x, &mut weights[0]).unwrap_or_default();
+            let [_, taken_y] = self.rotation_coefficients(k, y, &mut weights[1]).unwrap_or_default();
             for ([r, s], u) in pairs[k + 1..].iter_mut().zip(&mut self.u[k][k + 1..]) {
-                rotate_known(r, u, x, taken_x);
-                rotate_known(s, u, y, taken_y);
+                rotate_fast(r, u, x, taken_x);
+                rotate_fast(s, u, y, taken_y);
             }
             let [r, s] = &mut values;
-            rotate_known(r, &mut self.t[k][0], x, taken_x);
-            rotate_known(s, &mut self.t[k][0], y, taken_y);
+            rotate_fast(r, &mut self.t[k][0], x, taken_x);
+            rotate_fast(s, &mut self.t[k][0], y, taken_y);
         }
     }
 
-    /// As if the unknowns were counted from the solution: nothing is left to change.
-    pub const fn settle(&mut self) {
+    /// Moves the origin to the solution: the remaining step is zero.
+    pub const fn reset_origin(&mut self) {
         self.t = [[0.0; 1]; N];
     }
 
-    /// By how much a change of the unknowns from nothing would lower half the sum of weighted squares, to first order.
-    pub fn gain(&self, change: &SVector<f32, N>) -> f32 {
+    /// Reduction of half the weighted sum of squares by a step from the origin, to first order.
+    pub fn promised_reduction(&self, change: &SVector<f32, N>) -> f32 {
         let of = |k: usize| {
             let moved = change[k] + (k + 1..N).map(|j| self.u[k][j] * change[j]).sum::<f32>();
             self.d[k] * self.t[k][0] * moved
@@ -221,9 +213,6 @@ mod tests {
 
     use super::*;
 
-    /// Two directions that differ by a part in a thousand: the information's condition is 10^7, which the normal
-    /// equations in f32 would lose; the solution here is good to a part in 10^3.
-    /// `v . (U^T D U)^-1 v`, by the way that gives the whole vector; of what is open it is without bound.
     #[test]
     fn a_variance_is_the_covariance_between_a_vector_and_itself() {
         let mut system = LeastSquares::<3, 1>::new();
@@ -240,22 +229,22 @@ mod tests {
         assert!(open.variance(&SVector::from([0.0, 1.0, 0.0])).is_infinite());
     }
 
+    /// The condition of the information is 10^7, too large for normal equations in `f32`.
     #[test]
     fn nearly_parallel_equations_keep_their_digits() {
         let truth = Vector3::new(2.0, -3.0, 0.5);
         let rows = [[1.0, 1.0, 0.2], [1.0, 1.001, -0.4], [1.001, 1.0, 0.9], [0.3, 0.3, 1.0], [1.0, 1.0, -1.0]];
         let mut system = LeastSquares::<3, 1>::new();
         for row in rows.map(Vector3::from) {
-            // In f64, so that the equations are consistent to f32's last digit.
+            // In `f64`, so that the equations are consistent to the last digit of `f32`.
             system.add(&row, [row.cast::<f64>().dot(&truth.cast()) as f32], 1e6);
         }
         let error = (system.solve().unwrap() - truth).norm();
         assert!(error < 5e-3, "{error}");
     }
 
-    /// A first equation that is nearly nothing in the first column, by as much as a coordinate on an axis is in `f32`.
     #[test]
-    fn a_first_equation_that_is_nearly_nothing_costs_no_digits() {
+    fn a_tiny_first_pivot_costs_no_digits() {
         let truth = Vector3::new(2.0, -3.0, 0.5);
         for tiny in [1e-15, 1e-8, 1e-4, 0.1] {
             let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);
@@ -288,11 +277,10 @@ mod tests {
         }
         assert!((system.diagonal() - information.diagonal()).norm() < 1e-5);
         let change = Vector3::new(0.1, -0.2, 0.3);
-        assert!((system.gain(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
+        assert!((system.promised_reduction(&change) - 0.5 * change.dot(&right)).abs() < 1e-5);
     }
 
-    /// Summed up or rotated, the triangle is the same; a column that is a multiple of another is left open until
-    /// something else is said of it.
+    /// A third column parallel to the first is undetermined until another equation is added.
     #[test]
     fn normal_equations_make_the_same_triangle() {
         let rows = [[1.0, 0.5, 0.2], [0.0, 2.0, -1.0], [0.3, 0.1, 1.5], [1.0, 0.0, 1.0]].map(Vector3::from);
@@ -309,33 +297,33 @@ mod tests {
                     }
                 }
             }
-            let mut summed = LeastSquares::of_normal_equations(information, right);
+            let mut summed = LeastSquares::from_normal_equations(information, right);
             assert_eq!(summed.solve().is_none(), is_open);
             let last = Vector3::new(0.0, 0.0, 1.0);
             rotated.add(&last, [2.0], 0.1);
             summed.add(&last, [2.0], 0.1);
             let (found, expected) = (summed.solve().unwrap(), rotated.solve().unwrap());
             assert!((found - expected).norm() < 1e-4, "{found} {expected}");
-            summed.settle();
+            summed.reset_origin();
             assert_eq!(summed.solve().unwrap(), Vector3::zeros());
         }
     }
 
     #[test]
-    fn together_is_as_one_by_one() {
+    fn adding_pairs_equals_adding_singly() {
         let rows = [[1.0, 0.5, 0.2], [0.0, 2.0, -1.0], [0.3, 0.1, 1.5], [1.0, 0.0, 1.0]].map(Vector3::from);
         let [mut alone, mut together] = [LeastSquares::<3, 1>::new(), LeastSquares::new()];
         for pair in rows.as_chunks::<2>().0 {
             alone.add(&pair[0], [1.0], 3.0);
             alone.add(&pair[1], [-2.0], 0.5);
-            together.add_two([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
+            together.add_pair([&pair[0], &pair[1]], [1.0, -2.0], [3.0, 0.5]);
         }
         let [alone, together] = [alone, together].map(|system| system.solve().unwrap());
         assert!((alone - together).norm() < 1e-5, "{alone} {together}");
     }
 
     #[test]
-    fn what_is_left_open_is_no_solution() {
+    fn undetermined_system_has_no_solution() {
         let mut system = LeastSquares::<3, 1>::new();
         assert!(system.solve().is_none());
         system.add(&Vector3::new(1.0, 0.0, 0.0), [1.0], 1.0);

@@ -1,9 +1,9 @@
-//! Calibration: pure mathematics from samples to the twelve deviation coefficients. No I/O, no clock, no allocation.
+//! Calibration: pure functions from samples to the twelve deviation coefficients. No I/O, no clock, no allocation.
 //!
 //! # From samples to a calibration
 //!
-//! [`Samples`] of a left and a right turn go in, and a [`Solution`] comes out, or a [`SolveError`] that says what to
-//! do: its [`Calibration`] corrects a measured field, its [`Quality`] says how far the headings may be off.
+//! Input: [`Samples`] of a left and a right turn. Output: a [`Solution`], whose [`Calibration`] corrects a measured
+//! field and whose [`Quality`] holds the expected heading error, or a [`SolveError`].
 //!
 //! ```
 //! use std::f32::consts::TAU;
@@ -48,118 +48,97 @@
 //! # Ok::<(), autoswing::calibration::SolveError>(())
 //! ```
 //!
-//! [`ladder::choose`] says which method samples of another kind support. On a device that has other things to do, a
-//! [`Solver`] takes one pass over the samples at a time.
+//! The method-selection module chooses the method that the samples support. On a device with other work to do, a
+//! [`Solver`] makes one pass over the samples at a time.
 //!
 //! # Files
 //!
-//! | file | holds |
-//! |---|---|
-//! | `ladder.rs` | which method the samples support |
-//! | `solver.rs` | any method, in steps, from samples to a judged calibration |
-//! | `level.rs` | level flight: one ellipse, six coefficients |
-//! | `four_ellipse.rs` | the method of Liu 2007 |
-//! | `two_plane.rs` | closed form from two planes: the start of the refinement |
-//! | `compass_swing.rs` | headings given by a person |
-//! | `ellipsoid.rs` | tumbling without attitude |
-//! | `maximum_likelihood.rs` | refinement with per-sample attitude: the method in use |
-//! | `likelihood/` | how likely samples are with a set of coefficients |
-//! | `least_squares.rs` | linear least squares in `f32` |
-//! | `turns.rs` | what the two closed forms from turns have in common |
-//! | `response.rs`, `conic.rs`, `plane.rs` | what the closed forms give and are made of |
-//! | `information.rs`, `uncertainty.rs` | what the samples leave unknown, and what that means for a heading |
-//! | `correlation.rs` | how alike the errors of neighbouring samples are |
-//! | `unevenness.rs` | how much more dips scatter where they tell most |
-//! | `roughness.rs` | how much of the norms' scatter is white |
-//! | `constancy.rs` | whether the iron stayed what it was: `time_order.rs` merges the parts of a flight for it |
-//! | `bank_scale.rs` | whether the attitude source reads all of the bank |
-//! | `latency.rs` | how old the attitude is |
-//! | `current_iron.rs` | iron that goes with the current |
-//! | `rates.rs` | how fast a sample's attitude changes, and its current |
-//! | `judgement.rs` | what a result is worth, by all of these |
-//! | `expected_error.rs` | the heading error to expect, in degrees |
-//! | `advice.rs` | what to fly to make it smaller |
-//! | `verification.rs` | a candidate against the incumbent on held-back samples |
-//! | `orientation.rs` | the 24 right-angle mountings |
+//! - samples: `rates` (attitude rates, current), `time_order`, `orientation` (the 24 right-angle mountings)
+//! - closed forms, starting points: `level`, `four_ellipse`, `two_plane`, `compass_swing`, `response`; shared: `turns`,
+//!   `conic`, `plane`
+//! - statistical model, refinement: `likelihood/`, `maximum_likelihood`, `ellipsoid`, `least_squares`
+//! - sandwich covariance: `information`, `correlation` (lag-1), `unevenness` (heteroscedasticity), `roughness` (white
+//!   noise), `uncertainty` (of headings)
+//! - systematic errors: `constancy` (hard-iron change), `bank_scale`, `latency`, `current_iron` (motor current)
+//! - control, results: `ladder` (choice of method), `solver`, `judgement`, `expected_error`, `advice`, `verification`,
+//!   `error`
 
 mod advice;
+mod attitude_latency;
+mod autocorrelation;
 mod bank_scale;
 mod compass_swing;
 mod conic;
-mod constancy;
-mod correlation;
-mod current_iron;
 mod ellipsoid;
 mod error;
 mod expected_error;
 mod four_ellipse;
+mod hard_iron_change;
+mod heteroscedasticity;
 mod information;
-mod judgement;
-pub mod ladder;
-mod latency;
 mod least_squares;
-mod level;
+mod level_ellipse;
 mod likelihood;
 mod maximum_likelihood;
+pub mod method_selection;
+mod motor_current;
 mod orientation;
-mod plane;
+mod principal_plane;
 mod rates;
-mod response;
-mod roughness;
+mod solution;
 mod solver;
+mod starting_point;
 mod time_order;
 mod turns;
 mod two_plane;
 mod uncertainty;
-mod unevenness;
 pub mod verification;
+mod white_noise_fraction;
 
-pub use advice::{Advice, Assumed, Manoeuvre, Quarter, Towards};
-pub use bank_scale::BankError;
-pub use constancy::{Course, IronChange};
-pub use current_iron::CurrentIron;
-pub(crate) use current_iron::IS_LOOKED_FOR as CURRENT_IS_LOOKED_FOR;
+pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, TiltDirection, UnobservableQuantities};
+pub use bank_scale::BankScaleFinding;
 pub use error::SolveError;
 pub use expected_error::{Deviation, Envelope};
-pub use information::Consider;
-pub use judgement::{Doubt, Solution};
+pub use hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
+pub use information::ConsiderSigmas;
 pub use likelihood::Prior;
+pub use motor_current::MotorCurrentInterference;
 pub use orientation::Orientation;
 pub use rates::Rates;
-pub use solver::{Progress, Solver, solve};
-pub use uncertainty::{HeadingVariance, Uncertainty};
-pub(crate) use {advice::NOTICEABLE, least_squares::LeastSquares, plane::Plane};
+pub use solution::{Finding, Solution};
+pub use solver::{SolveProgress, Solver, solve};
+pub use uncertainty::{HeadingUncertainty, HeadingVariance};
+pub(crate) use {least_squares::LeastSquares, principal_plane::PrincipalPlane};
 pub(crate) use {
-    likelihood::{Prediction, Row, Squares},
-    response::centre,
+    likelihood::{FieldPrediction, InformationMatrix, JacobianRow},
+    starting_point::fit_sphere,
 };
 
 use core::fmt::Debug;
 
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::frames::{Attitude, Body, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-/// One measurement paired with the attitude at its instant: what calibration works on. 28 bytes.
+/// A field measurement with the attitude at its time: the input of calibration. 28 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Raw field in the chip's axes, microtesla.
+    /// Raw field, chip axes, microtesla.
     pub field: Field<Sensor>,
-    /// Attitude interpolated to the instant of the measurement.
+    /// Attitude interpolated to the time of the measurement.
     pub attitude: Attitude,
-    /// How fast that changes, and the current that flowed.
+    /// Attitude rates and motor current.
     pub rates: Rates,
-    /// When it was measured. Only the order and differences within one turn are used.
+    /// Time of the measurement. Only order and differences within one turn are used.
     pub time: WrappingMillis,
 }
 
 impl Sample {
-    /// The attitude so many seconds later: that at the instant of the measurement, if the source's is so much older than
-    /// it was taken for.
+    /// Attitude extrapolated by `latency_s` seconds along its rates: compensates an attitude source that lags by that
+    /// time.
     #[must_use]
-    pub fn attitude_after(&self, latency_s: f32) -> Attitude {
+    pub fn latency_compensated_attitude(&self, latency_s: f32) -> Attitude {
         let Attitude { roll_rad, pitch_rad } = self.attitude;
         Attitude {
             roll_rad: wrap_pi(roll_rad + latency_s * self.rates.roll_rad_s()),
@@ -168,8 +147,9 @@ impl Sample {
     }
 }
 
-/// Which way a turn goes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Direction of a turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
     /// Left wing down, heading decreasing.
     Left,
@@ -178,7 +158,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// The word for it.
+    /// Lower-case English name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -188,22 +168,22 @@ impl Side {
     }
 }
 
-/// Samples of a flight, each part in the order of time. A part may be empty.
+/// Samples of a flight. Each part is ordered by time and may be empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Samples<'a> {
     /// Samples of left turns.
     pub left: &'a [Sample],
     /// Samples of right turns.
     pub right: &'a [Sample],
-    /// Samples at little bank, at whatever headings.
+    /// Samples at small bank, all headings.
     pub level: &'a [Sample],
-    /// Samples of whatever attitudes, that no turn or side is known of, in any number of pieces.
-    pub any: [&'a [Sample]; 3],
-    /// Samples whose heading was given.
+    /// Samples of arbitrary attitude, not assigned to a turn; up to three slices.
+    pub unassigned: [&'a [Sample]; 3],
+    /// Samples with a given heading.
     pub marks: &'a [Mark],
 }
 
-/// A sample at a heading that somebody knows (compass swing). 32 bytes.
+/// A sample with a known heading (compass swing). 32 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// The sample.
@@ -214,19 +194,19 @@ pub struct Mark {
 
 /// A part of the [`Samples`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum SamplePart {
     /// Turns of a side.
     Turns(Side),
     /// Level flight.
     Level,
-    /// Headings given by a person.
+    /// Samples with given headings.
     Marks,
-    /// All of them.
+    /// All parts.
     All,
 }
 
-impl Part {
-    /// What it is a part of, in the plural.
+impl SamplePart {
+    /// English name, plural.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -237,53 +217,47 @@ impl Part {
             Self::All => "all attitudes",
         }
     }
-
-    /// What is done for more of it.
-    const fn verb(self) -> &'static str {
-        if matches!(self, Self::Turns(_)) { "fly" } else { "take" }
-    }
 }
 
 impl<'a> Samples<'a> {
-    /// The samples without a given heading: left turns, right turns, level flight, any.
+    /// Iterates over the samples without a given heading: left turns, right turns, level flight, arbitrary attitudes.
     pub fn iter(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
-        let [first, second, third] = self.any;
-        Pieces { now: self.left.iter(), others: [self.right, self.level, first, second, third], begun: 0 }
+        let [first, second, third] = self.unassigned;
+        SliceChain {
+            current_slice: self.left.iter(),
+            next_slices: [self.right, self.level, first, second, third],
+            started_slices: 0,
+        }
     }
 
-    /// All samples: those without a given heading, then those of the marks.
+    /// Iterates over all samples, those with given headings last.
     pub fn all(&self) -> impl Iterator<Item = &'a Sample> + Clone + Debug + use<'a> {
         self.iter().chain(self.marks.iter().map(|mark| &mark.sample))
     }
 
-    /// How many are of whatever was flown.
-    pub(crate) fn number_of_any(&self) -> usize {
-        self.any.iter().map(|piece| piece.len()).sum()
+    pub(crate) fn unassigned_count(&self) -> usize {
+        self.unassigned.iter().map(|piece| piece.len()).sum()
     }
 
-    /// Whether any are of whatever was flown.
-    pub(crate) fn has_any(&self) -> bool {
-        self.number_of_any() > 0
+    pub(crate) fn has_unassigned(&self) -> bool {
+        self.unassigned_count() > 0
     }
 }
 
-/// Samples of several pieces, one after the other. A chain of iterators would be as many tests for every sample, and
-/// be written out wherever samples are gone through.
+/// Iterator over six slices. `Iterator::chain` would test each level of nesting for every sample.
 #[derive(Clone, Debug)]
-struct Pieces<'a> {
-    now: core::slice::Iter<'a, Sample>,
-    others: [&'a [Sample]; 5],
-    /// How many of the others have been begun.
-    begun: usize,
+struct SliceChain<'a> {
+    current_slice: core::slice::Iter<'a, Sample>,
+    next_slices: [&'a [Sample]; 5],
+    started_slices: usize,
 }
 
-impl<'a> Pieces<'a> {
-    #[inline(never)]
-    fn begin_next(&mut self) -> Option<&'a Sample> {
-        while let Some(piece) = self.others.get(self.begun) {
-            self.begun += 1;
-            self.now = piece.iter();
-            if let Some(sample) = self.now.next() {
+impl<'a> SliceChain<'a> {
+    fn start_next_slice(&mut self) -> Option<&'a Sample> {
+        while let Some(piece) = self.next_slices.get(self.started_slices) {
+            self.started_slices += 1;
+            self.current_slice = piece.iter();
+            if let Some(sample) = self.current_slice.next() {
                 return Some(sample);
             }
         }
@@ -291,52 +265,50 @@ impl<'a> Pieces<'a> {
     }
 }
 
-impl<'a> Iterator for Pieces<'a> {
+impl<'a> Iterator for SliceChain<'a> {
     type Item = &'a Sample;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.now.next() {
+        match self.current_slice.next() {
             Some(sample) => Some(sample),
-            None => self.begin_next(),
+            None => self.start_next_slice(),
         }
     }
 }
 
-/// The twelve deviation coefficients, with the Earth field they were found in.
+/// The twelve deviation coefficients and the Earth field of the fit.
 ///
 /// Liu 2007 eq. 8 solved for the field: `h_body = W (m - b)`, `W = A^-1`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Calibration {
-    /// `W`, row-major, dimensionless, normalised to determinant 1: takes the field less hard iron from the chip's axes
-    /// to the body frame. Holds soft iron, scale, non-orthogonality and mounting.
+    /// `W`, row-major, dimensionless, determinant 1: maps the field minus hard iron from chip axes to the body frame.
+    /// Contains soft iron, scale, non-orthogonality and mounting.
     pub w: [[f32; 3]; 3],
-    /// `b`, microtesla, chip axes: hard iron and zero offset, where no current flows.
+    /// `b`, microtesla, chip axes: hard iron and zero offset at zero motor current.
     pub b_ut: [f32; 3],
-    /// Inclination of the Earth field the calibration was found in, radians, positive down.
+    /// Inclination of the Earth field of the fit, radians, positive down.
     pub inclination_rad: f32,
-    /// Total intensity of the corrected field in the scale of `w`, microtesla.
+    /// Strength of the corrected field in the scale of `w`, microtesla.
     pub total_ut: f32,
-    /// How much older the attitude is than the attitude source's own latency says, seconds, as far as it is used: the
-    /// attitude of a field is that of so much later. Nothing where it is not used.
+    /// Attitude latency beyond the nominal latency of the attitude source, seconds; 0 if not applied.
     pub latency_s: f32,
-    /// What a current adds to the field as it is measured. The store has it behind the calibrations, which have been there
-    /// longer.
-    #[serde(skip)]
-    pub current: CurrentIron,
+    /// Motor-current interference in the measured field.
+    pub motor_current: MotorCurrentInterference,
 }
 
 impl Calibration {
-    /// No iron at all, only a mounting: what an uncalibrated module would show.
+    /// Calibration with the mounting only: no hard iron, no soft iron.
     #[must_use]
     pub fn uncalibrated(mount: Orientation) -> Self {
         let rotation = mount.body_from_sensor();
         Self {
-            w: rows(&rotation),
+            w: matrix_rows(&rotation),
             b_ut: [0.0; 3],
             inclination_rad: 0.0,
             total_ut: 0.0,
             latency_s: 0.0,
-            current: CurrentIron::NONE,
+            motor_current: MotorCurrentInterference::NONE,
         }
     }
 
@@ -352,38 +324,37 @@ impl Calibration {
         Vector3::from(self.b_ut)
     }
 
-    /// The corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla, where no current flows: see
-    /// [`without_current`](Self::without_current).
+    /// Corrected field in the body frame, `W (m - b)` (Liu 2007 eq. 8), microtesla. The motor-current interference must
+    /// already be removed.
     #[must_use]
     pub fn apply(&self, sensor: Field<Sensor>) -> Field<Body> {
         let from_b = sensor.ut - self.b_vector_ut();
-        // Row by row, which a small processor's compiler makes straight code of.
+        // Scalar expressions: on a Cortex-M4 they compile to straight-line code.
         let [x, y, z] = self.w.map(|[wx, wy, wz]| wx * from_b.x + wy * from_b.y + wz * from_b.z);
         Field::from_ut(x, y, z)
     }
 
-    /// The corrected field of a sample in the level frame, microtesla: by its attitude as it is with this calibration's
-    /// latency, without what its current added.
+    /// Corrected field of a sample in the level frame, microtesla, with attitude latency and motor current compensated.
     #[must_use]
-    pub fn level(&self, sample: &Sample) -> Field<Level> {
-        sample.attitude_after(self.latency_s).level(self.body(sample))
+    pub fn corrected_level_field(&self, sample: &Sample) -> Field<Level> {
+        sample.latency_compensated_attitude(self.latency_s).level(self.corrected_body_field(sample))
     }
 
-    /// Whether the inclination is known: tumbling without one that was told leaves it at nothing, which is what a solver
-    /// assumes before any sample.
+    /// Whether the inclination is known. The ellipsoid method without a configured inclination leaves it at the start
+    /// value of 0.
     #[must_use]
     pub fn knows_inclination(&self, method: Method) -> bool {
-        /// What rounding leaves of nothing, and less than any inclination that is told.
-        const NOTHING_RAD: f32 = 1e-6;
-        method != Method::Ellipsoid || self.inclination_rad.abs() > NOTHING_RAD
+        /// Bound on the rounding error of an inclination of 0; smaller than any configured inclination.
+        const ZERO_TOLERANCE_RAD: f32 = 1e-6;
+        method != Method::Ellipsoid || self.inclination_rad.abs() > ZERO_TOLERANCE_RAD
     }
 
-    /// Whether every coefficient is a finite number: asked of whatever comes out of flash or of a solver.
+    /// Whether all coefficients are finite: check for data from flash or from a solver.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.w.as_flattened().iter().chain(&self.b_ut).all(|c| c.is_finite())
             && [self.inclination_rad, self.total_ut, self.latency_s].iter().all(|number| number.is_finite())
-            && self.current.is_finite()
+            && self.motor_current.is_finite()
     }
 }
 
@@ -399,7 +370,7 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// Its letter.
+    /// Lower-case letter of the axis.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -410,29 +381,30 @@ impl Axis {
     }
 }
 
-/// How a calibration was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Calibration method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Method {
-    /// One ellipse, from level flight.
+    /// One ellipse from level flight.
     Level,
-    /// The method of Liu 2007, from a left and a right turn.
+    /// The method of Liu 2007 from a left and a right turn.
     FourEllipse,
     /// Closed form from the planes of a left and a right turn.
     TwoPlane,
     /// Maximum likelihood with per-sample attitude.
     MaximumLikelihood,
-    /// Headings given by a person.
+    /// Regression on given headings.
     CompassSwing,
     /// Tumbling without attitude.
     Ellipsoid,
 }
 
 impl Method {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 6] =
         [Self::Level, Self::FourEllipse, Self::TwoPlane, Self::MaximumLikelihood, Self::CompassSwing, Self::Ellipsoid];
 
-    /// The name shown to people and in JSON, and typed after `cal solve`.
+    /// Name shown to users, in JSON and in `cal solve`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -445,65 +417,65 @@ impl Method {
         }
     }
 
-    /// The method of this name.
+    /// Parses a method name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|method| method.name() == name)
     }
 
-    /// Whether its closed form, if it has one, only starts a refinement.
+    /// Whether an iterative refinement follows the closed form.
     const fn is_refined(self) -> bool {
         matches!(self, Self::MaximumLikelihood | Self::CompassSwing | Self::Ellipsoid)
     }
 }
 
-/// How good a calibration is expected to be.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Expected quality of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Quality {
-    /// How it was found.
+    /// Method of the solution.
     pub method: Method,
-    /// Where it is meant to be used, and its error expected.
+    /// Attitudes for which the error is expected.
     pub envelope: Envelope,
-    /// Expected heading error, RMS over the envelope, degrees (1 sigma).
+    /// Expected heading error (1 sigma), RMS over the envelope, degrees.
     pub expected_rms_deg: f32,
     /// Expected heading error (1 sigma) at the worst heading and bank of the envelope, degrees.
     pub expected_worst_deg: f32,
-    /// Robust scale of `|h| / F - 1` over the samples of the fit, dimensionless.
+    /// Robust scale of the norm residual `|h| / F - 1`, dimensionless.
     pub norm_residual: f32,
-    /// Robust scale of the inclination residual over the samples of the fit, degrees.
-    pub dip_residual_deg: f32,
-    /// Samples of the fit.
+    /// Robust scale of the inclination residual, degrees.
+    pub inclination_residual_deg: f32,
+    /// Number of samples in the fit.
     pub samples: u16,
-    /// How old the samples show the attitude to be; none where they say nothing of it.
-    pub latency: Option<Latency>,
+    /// Estimated attitude latency; `None` if unobservable.
+    pub latency: Option<AttitudeLatency>,
 }
 
-/// How much older the attitude is than the attitude source's own latency says, as samples show it. Negative: it is
-/// younger, or the field older.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Latency {
-    /// The most likely one, seconds.
-    pub found_s: f32,
-    /// Its standard deviation, seconds.
+/// Estimated attitude latency beyond the nominal latency of the attitude source. Negative: the attitude is newer than
+/// assumed, or the field older.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct AttitudeLatency {
+    /// Maximum-likelihood estimate, seconds.
+    pub estimate_s: f32,
+    /// Standard deviation, seconds.
     pub sigma_s: f32,
 }
 
 impl Quality {
-    /// Whether all twelve coefficients were found, mounting included, and not only what shows at some attitudes.
+    /// Whether all twelve coefficients, mounting included, were determined.
     #[must_use]
-    pub fn is_of_everything(&self) -> bool {
+    pub fn determines_all_coefficients(&self) -> bool {
         self.envelope == Envelope::Banked && self.method != Method::Ellipsoid
     }
 }
 
-/// The inverse of a matrix, if it has one. One place for all of them: each of its own would be half a kilobyte of flash.
-#[inline(never)]
+/// Inverse of a 3x3 matrix, if it is regular.
 pub(crate) fn inverse(m: &Matrix3<f32>) -> Option<Matrix3<f32>> {
     m.try_inverse()
 }
 
-/// A matrix as an array of rows.
-pub(crate) fn rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
+pub(crate) fn matrix_rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
     core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
 }
 

@@ -1,16 +1,16 @@
 //! The 24 right-angle mountings of a sensor.
 
 use nalgebra::Matrix3;
-use serde::{Deserialize, Serialize};
 
-/// How the chip sits in the aircraft: one of the 24 right-angle rotations from chip to body axes.
+/// Mounting of the chip: one of the 24 right-angle rotations from chip to body axes.
 ///
-/// Names and meaning are those of MAVLink's `MAV_SENSOR_ORIENTATION`: the chip is turned from the body axes by yaw,
-/// then pitch, then roll (Euler ZYX). Where MAVLink has two names for one rotation, the lower number is used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+/// Names and meaning as in MAVLink's `MAV_SENSOR_ORIENTATION`: yaw, then pitch, then roll (Euler ZYX). Of two MAVLink
+/// names for one rotation the lower number is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Orientation(u8);
 
-/// Name and roll, pitch, yaw in quarter turns.
+/// Name, and roll, pitch, yaw in quarter turns.
 const TABLE: [(&str, [u8; 3]); 24] = [
     ("none", [0, 0, 0]),
     ("yaw90", [0, 0, 1]),
@@ -42,12 +42,12 @@ impl Orientation {
     /// Chip axes equal to body axes.
     pub const NONE: Self = Self(0);
 
-    /// All 24, in the order of MAVLink's numbers.
+    /// All 24, in MAVLink order.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..24).map(Self)
     }
 
-    /// The orientation of this name, as [`name`](Self::name) prints it.
+    /// Parses the output of [`name`](Self::name).
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::all().find(|orientation| orientation.name() == name)
@@ -59,7 +59,7 @@ impl Orientation {
         self.entry().0
     }
 
-    /// The rotation that takes components in chip axes to body axes.
+    /// Rotation from chip to body axes.
     #[must_use]
     pub fn body_from_sensor(self) -> Matrix3<f32> {
         let [roll, pitch, yaw] = self.entry().1.map(quarter_turn);
@@ -69,27 +69,26 @@ impl Orientation {
         about_z * about_y * about_x
     }
 
-    /// The orientation nearest to a matrix `W` that takes chip axes to body axes: the rotation with the largest
-    /// `trace(R^T W)`.
+    /// Orientation nearest to a matrix `W` from chip to body axes: the largest `trace(R^T W)`.
     #[must_use]
     pub fn nearest(w: &Matrix3<f32>) -> Self {
-        let likeness = |orientation: &Self| orientation.body_from_sensor().component_mul(w).sum();
-        Self::all().max_by(|a, b| likeness(a).total_cmp(&likeness(b))).unwrap_or(Self::NONE)
+        let similarity = |orientation: &Self| orientation.body_from_sensor().component_mul(w).sum();
+        Self::all().max_by(|a, b| similarity(a).total_cmp(&similarity(b))).unwrap_or(Self::NONE)
     }
 
     fn entry(self) -> (&'static str, [u8; 3]) {
-        // A record in flash can hold any number; those past the end read as the last one and are refused by `is_valid`.
+        // Data from flash may hold any number; `is_valid` rejects those past the end, which read as the last entry.
         TABLE[usize::from(self.0).min(TABLE.len() - 1)]
     }
 
-    /// Whether the number is one of the 24: asked of what comes out of flash.
+    /// Whether the number is one of the 24: check for data from flash.
     #[must_use]
     pub fn is_valid(self) -> bool {
         usize::from(self.0) < TABLE.len()
     }
 }
 
-/// Sine and cosine of so many quarter turns, exact.
+/// Sine and cosine of quarter turns, exact.
 fn quarter_turn(turns: u8) -> (f32, f32) {
     match turns % 4 {
         0 => (0.0, 1.0),
@@ -103,8 +102,7 @@ fn quarter_turn(turns: u8) -> (f32, f32) {
 mod tests {
     use super::*;
 
-    /// The table must hold each of the 24 proper right-angle rotations exactly once: an entry that repeats another
-    /// would make one mounting impossible to configure.
+    /// A repeated entry would make another mounting impossible to configure.
     #[test]
     fn all_24_rotations_are_proper_and_distinct() {
         for a in Orientation::all() {
@@ -125,9 +123,9 @@ mod tests {
         assert_eq!(Orientation::from_name("upside-down"), None);
     }
 
-    /// MAVLink's names say the rotation: here it is built from the name, and by nalgebra's ZYX angles.
+    /// Compared with nalgebra's ZYX angles.
     #[test]
-    fn names_say_the_rotation() {
+    fn names_describe_the_rotation() {
         for orientation in Orientation::all() {
             let turned_deg = |axis: &str| -> f32 {
                 let part = orientation.name().split('-').find_map(|part| part.strip_prefix(axis));
@@ -140,7 +138,6 @@ mod tests {
         }
     }
 
-    /// A mounting error of 20 deg about any axis, the largest that a calibration finds, is still of that mounting.
     #[test]
     fn a_mounting_20_deg_off_is_the_nearest_still() {
         for orientation in Orientation::all() {
@@ -151,7 +148,6 @@ mod tests {
         }
     }
 
-    /// What flash holds may be any number.
     #[test]
     fn numbers_past_the_end_are_not_valid() {
         assert_eq!(Orientation::all().filter(|o| o.is_valid()).count(), 24);

@@ -1,101 +1,92 @@
-//! How fast the attitude of a sample changes, and the current that flowed.
-
-/// Rates of roll, pitch and heading, as a sample keeps them: 8 bits each of roll and pitch, in steps of 1/50 rad/s, and
-/// 6 bits of heading, in steps of 1/20 rad/s. Roll and pitch tell how late the attitude is, heading only which way the
-/// vehicle turns. In the other 10 bits is the current, for it would be four more bytes of every sample. 4 bytes.
+/// Rates of roll and pitch (8 bits, 1/50 rad/s) and heading (6 bits, 1/20 rad/s), and the motor current (10 bits),
+/// packed into 4 bytes to keep samples small. Roll and pitch rates determine the attitude latency; the heading rate
+/// only gives the direction of turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rates(u32);
 
-/// A rate in some bits of the word.
-struct Bits {
-    first: u32,
-    number: u32,
-    /// Steps in a radian a second.
-    steps: f32,
+use crate::trig::sqrt;
+struct RateBits {
+    shift: u32,
+    width: u32,
+    steps_per_rad_s: f32,
 }
 
-/// A step turns the attitude by 0.1 deg in a tenth of a second, and what is off by chance is a third of it.
-const ROLL: Bits = Bits { first: 24, number: 8, steps: 50.0 };
-const PITCH: Bits = Bits { first: 16, number: 8, steps: 50.0 };
-/// Half a step turns the heading by 1.4 deg in a second.
-const HEADING: Bits = Bits { first: 10, number: 6, steps: 20.0 };
+/// A step changes the attitude by 0.1 deg in 0.1 s; the rounding error is a third of that.
+const ROLL: RateBits = RateBits { shift: 24, width: 8, steps_per_rad_s: 50.0 };
+const PITCH: RateBits = RateBits { shift: 16, width: 8, steps_per_rad_s: 50.0 };
+/// Half a step changes the heading by 1.4 deg in 1 s.
+const HEADING: RateBits = RateBits { shift: 10, width: 6, steps_per_rad_s: 20.0 };
 
-/// The bits of the current: nothing is none, one is no current, and from there on it grows with the square, for motors
-/// make currents of five and of two hundred amperes.
-const CURRENT: u32 = 0x3FF;
-/// Steps in the root of an ampere: a step is 0.1 A at 10 A, 0.2 A at 50 A.
-const ROOT_STEPS: f32 = 64.0;
+/// Mask of the current: 0 is unknown, larger values encode the square root of the current, for currents of 5 to 200 A.
+const CURRENT_MASK: u32 = 0x3FF;
+/// Steps per root ampere: 0.1 A at 10 A, 0.2 A at 50 A.
+const STEPS_PER_ROOT_AMPERE: f32 = 64.0;
 
-impl Bits {
-    /// The nearest to a rate; the largest or least there is for one beyond, nothing for what is not a number.
-    fn of(&self, rad_s: f32) -> u32 {
-        let most = (1 << (self.number - 1)) - 1;
-        // The cast saturates, and takes what is no number to nothing.
-        let steps = (libm::roundf(rad_s * self.steps) as i32).clamp(-most, most);
-        (steps as u32 & ((1 << self.number) - 1)) << self.first
+impl RateBits {
+    fn encode(&self, rad_s: f32) -> u32 {
+        let most = (1 << (self.width - 1)) - 1;
+        // The cast saturates and maps NaN to 0.
+        let steps = (libm::roundf(rad_s * self.steps_per_rad_s) as i32).clamp(-most, most);
+        (steps as u32 & ((1 << self.width) - 1)) << self.shift
     }
 
-    fn rad_s(&self, word: u32) -> f32 {
-        // Up to the sign's bit, and down again with it.
-        let steps = (word << (32 - self.number - self.first)).cast_signed() >> (32 - self.number);
-        steps as f32 / self.steps
+    fn decode_rad_s(&self, word: u32) -> f32 {
+        // Sign extension.
+        let steps = (word << (32 - self.width - self.shift)).cast_signed() >> (32 - self.width);
+        steps as f32 / self.steps_per_rad_s
     }
 }
 
 impl Rates {
-    /// Of a source that gives none: nothing changes, as far as is known, and no current is.
+    /// Zero rates and unknown current, for sources without rates.
     pub const NONE: Self = Self(0);
 
-    /// The nearest to these of roll, pitch and heading, radians a second: 2.54 at the most, 1.55 of heading. What is not a
-    /// number is none.
+    /// Encodes rates of roll, pitch and heading, rad/s, saturated at 2.54 (heading 1.55). NaN is 0.
     #[must_use]
     pub fn from_rad_s([roll, pitch, heading]: [f32; 3]) -> Self {
-        Self(ROLL.of(roll) | PITCH.of(pitch) | HEADING.of(heading))
+        Self(ROLL.encode(roll) | PITCH.encode(pitch) | HEADING.encode(heading))
     }
 
-    /// The same with a current, amperes: the nearest to it up to 255 A, none for one that is charged with, and unknown if
-    /// there is none or it is not a number.
+    /// Encodes a current, amperes: 0 if negative (charging), at most 255, unknown if `None` or NaN.
     #[must_use]
     pub fn with_current(self, current_a: Option<f32>) -> Self {
-        let root = |amperes: f32| libm::roundf(libm::sqrtf(amperes.max(0.0)) * ROOT_STEPS) as u32;
+        let root = |amperes: f32| libm::roundf(sqrt(amperes.max(0.0)) * STEPS_PER_ROOT_AMPERE) as u32;
         let bits =
-            current_a.filter(|amperes| !amperes.is_nan()).map_or(0, |amperes| root(amperes).min(CURRENT - 1) + 1);
-        Self(self.0 & !CURRENT | bits)
+            current_a.filter(|amperes| !amperes.is_nan()).map_or(0, |amperes| root(amperes).min(CURRENT_MASK - 1) + 1);
+        Self(self.0 & !CURRENT_MASK | bits)
     }
 
-    /// The current, amperes, if it is known.
+    /// Current, amperes, if known.
     #[must_use]
     pub fn current_a(&self) -> Option<f32> {
-        let root = (self.0 & CURRENT).checked_sub(1)? as f32 / ROOT_STEPS;
+        let root = (self.0 & CURRENT_MASK).checked_sub(1)? as f32 / STEPS_PER_ROOT_AMPERE;
         Some(root * root)
     }
 
-    /// All of them in one word.
-    pub(crate) const fn word(self) -> u32 {
+    pub(crate) const fn to_bits(self) -> u32 {
         self.0
     }
 
-    /// Those of a word, whatever it is.
-    pub(crate) const fn from_word(word: u32) -> Self {
+    pub(crate) const fn from_bits(word: u32) -> Self {
         Self(word)
     }
 
-    /// Of roll, radians a second.
+    /// Roll rate, rad/s.
     #[must_use]
     pub fn roll_rad_s(&self) -> f32 {
-        ROLL.rad_s(self.0)
+        ROLL.decode_rad_s(self.0)
     }
 
-    /// Of pitch, radians a second.
+    /// Pitch rate, rad/s.
     #[must_use]
     pub fn pitch_rad_s(&self) -> f32 {
-        PITCH.rad_s(self.0)
+        PITCH.decode_rad_s(self.0)
     }
 
-    /// Of heading, radians a second.
+    /// Heading rate, rad/s.
     #[must_use]
     pub fn heading_rad_s(&self) -> f32 {
-        HEADING.rad_s(self.0)
+        HEADING.decode_rad_s(self.0)
     }
 }
 
@@ -108,9 +99,8 @@ mod tests {
         [rates.roll_rad_s(), rates.pitch_rad_s(), rates.heading_rad_s()]
     }
 
-    /// Half a step; each by itself, whatever the others are.
     #[test]
-    fn rates_are_kept_to_half_a_step() {
+    fn rates_round_trip_within_half_a_step() {
         for rad_s in [
             [0.0; 3],
             [0.1234, -0.5678, 0.3],
@@ -138,9 +128,9 @@ mod tests {
         assert_eq!(Rates::from_rad_s([f32::NAN; 3]), Rates::NONE);
     }
 
-    /// Half a step of its root, beside whatever rates, which it leaves alone; unknown is not none, and what charges is none.
+    /// Rounding error: half a step of the square root. An unknown current differs from 0 A.
     #[test]
-    fn a_current_is_kept_to_half_a_step_of_its_root() {
+    fn currents_round_trip_within_half_a_root_step() {
         let rates = Rates::from_rad_s([-1.0, 2.54, -1.55]);
         assert_eq!(rates.current_a(), None);
         for given in [0.0, 0.01, 0.5, 1.0, 10.0, 47.0, 200.0, 255.0] {

@@ -1,123 +1,120 @@
-//! Collection: which samples a calibration is made of.
+//! Selection and storage of the samples for a calibration.
 //!
-//! Samples come ten a second from the [`instrument`](crate::instrument). How they are collected is the
-//! [`Procedure`]: in flight a detector that looks at bank alone says when the aircraft is in a sustained left or right
-//! turn, and level flight between turns is collected as well; level vehicles and compass swings collect samples of
-//! little bank, and a module that is tumbled by hand whatever it sees. Whatever is flown is collected by what each sample
-//! tells of the coefficients. A dataset of fixed capacity keeps samples evenly
-//! spread over heading, a part of them held back for verification ([`dataset`]). A compass swing adds marks: samples at
-//! headings that a person knows. What is collected lies in memory that is lent, and outlives a restart with it ([`Kept`]).
+//! The [`Procedure`] decides which samples are stored: turns and level flight, separated by a detector of sustained
+//! bank; samples at small tilt, for a compass swing with marks at known headings; all attitudes of a module turned by
+//! hand; or free flight, where samples are chosen by their information about the coefficients. The buffers cover all
+//! headings, hold every fourth sample back for verification, and survive a reset.
 
 mod buffer;
 mod circle;
+mod d_optimal_selection;
 pub mod dataset;
-mod detector;
-mod flown;
-mod kept;
+mod flight_statistics;
 mod part;
-mod recent;
-mod spread;
+mod recent_samples;
+mod retained_samples;
 #[cfg(test)]
-mod testing;
+mod test_samples;
+mod turn_detector;
 
-pub use flown::Lack;
-pub use kept::Kept;
-pub use recent::Recent;
+pub use flight_statistics::CollectionProblem;
+pub use recent_samples::RecentSamples;
+pub use retained_samples::RetainedSamples;
 
-use crate::calibration::ladder::Procedure;
+use crate::calibration::method_selection::Procedure;
 use crate::calibration::{Mark, Method, Sample, Samples, Side, Solution};
 use crate::time::WrappingMillis;
-use buffer::Buffer;
+use buffer::BorrowedBuffer;
 use dataset::{Coverage, Dataset};
-use detector::Detector;
-use flown::Flown;
-use kept::Header;
+use flight_statistics::FlightStatistics;
+use retained_samples::MemoryHeader;
+use turn_detector::TurnDetector;
 
-/// Marks of a compass swing: one every 10 deg. 1 KB.
+/// Capacity for compass-swing marks: one every 10 deg. 1 KB.
 pub const MARKS_CAPACITY: usize = 36;
 
-/// Fixed numbers of the collection.
+/// Limits of level attitude.
 #[derive(Clone, Copy, Debug)]
-pub struct Config {
-    /// Level is a bank of at most this, radians: the one below which turns end.
+pub struct LevelLimits {
+    /// Largest absolute roll of a level sample, radians; equal to the bank at which a turn ends.
     pub level_roll_rad: f32,
-    /// Level is a pitch of at most this, radians.
+    /// Largest absolute pitch of a level sample, radians.
     pub level_pitch_rad: f32,
 }
 
-impl Config {
-    /// Numbers for all vehicles.
-    pub const DEFAULT: Self =
-        Self { level_roll_rad: detector::Config::DEFAULT.leave_roll_rad, level_pitch_rad: 12_f32.to_radians() };
+impl LevelLimits {
+    /// Limits for all vehicles.
+    pub const DEFAULT: Self = Self {
+        level_roll_rad: turn_detector::TurnDetectorConfig::DEFAULT.leave_roll_rad,
+        level_pitch_rad: 12_f32.to_radians(),
+    };
 }
 
-/// How a collection stands.
+/// State of a collection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Course {
-    /// There is none: it has ended, or none was begun.
-    Over,
-    /// It is stopped, and its samples wait to be solved.
+pub enum CollectionState {
+    /// None active: finished, or never started.
+    Inactive,
+    /// Stopped; the samples wait for the solver.
     Stopped,
-    /// It goes on.
-    GoesOn,
+    /// Running.
+    Running,
 }
 
-/// What is kept with a collection, for whoever made it.
+/// Caller's data stored together with a collection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Context {
-    /// Whether the module began it.
-    pub by_itself: bool,
-    /// Number of the calibration that was there then.
-    pub serial: u32,
+pub struct CollectionContext {
+    /// Whether the module started the collection automatically.
+    pub is_automatic: bool,
+    /// Serial number of the active calibration at that time.
+    pub calibration_serial: u32,
 }
 
-/// A loss of fewer samples to fit to, four seconds of flying, is none.
-const FEW_SAMPLES: usize = 10;
+/// Fit samples (4 s of flight) below which a loss is not reported.
+const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
 
-/// After a restart the clock of a collection goes on so much later, milliseconds: no two of its samples are of one time.
-const AWAY_MS: u32 = 1000;
+/// Clock advance over a restart, milliseconds: keeps time stamps distinct.
+const RESTART_GAP_MS: u32 = 1000;
 
-/// Detector, dataset and marks together: the collection of one calibration.
+/// Sample collector of one calibration: turn detector, dataset and marks.
 #[derive(Debug)]
 pub struct Collector<'a> {
-    header: &'a mut Header,
-    course: Course,
-    /// What was found with the memory, if it is a collection's.
-    found: Option<Context>,
-    /// Whether the header is of other samples.
+    header: &'a mut MemoryHeader,
+    state: CollectionState,
+    restored_context: Option<CollectionContext>,
+    /// Whether data changed since the header's checksum.
     has_changed: bool,
-    /// Its clock is so much ahead of that of the samples, milliseconds.
-    ahead_ms: u32,
+    /// Offset from sample times to the collection's clock, milliseconds.
+    clock_offset_ms: u32,
     procedure: Procedure,
-    detector: Detector,
+    detector: TurnDetector,
     dataset: Dataset<'a>,
-    marks: Buffer<'a, Mark>,
-    /// Whether a turn has been flown since the collection began.
-    turned: bool,
-    flown: Flown,
-    /// Measurements of whatever was flown that were another than the last.
-    news: u32,
+    marks: BorrowedBuffer<'a, Mark>,
+    has_turned: bool,
+    statistics: FlightStatistics,
+    distinct_samples: u32,
 }
 
 /// Progress of a collection, by part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Progress {
-    /// How samples are collected.
+pub struct CollectionProgress {
+    /// Collection procedure.
     pub procedure: Procedure,
-    /// Left turns; all attitudes when tumbling, and of whatever is flown.
+    /// Left turns; all samples of `Tumble` and `Flight`.
     pub left: Coverage,
     /// Right turns.
     pub right: Coverage,
     /// Level flight.
     pub level: Coverage,
-    /// Headings given.
+    /// Number of compass-swing marks.
     pub marks: u16,
-    /// The turn the aircraft is in now.
-    pub turning: Option<Side>,
+    /// Side of the turn in progress.
+    pub turn_in_progress: Option<Side>,
 }
 
-impl Progress {
-    /// There are all the samples that can be asked for. Only a person knows when a swing or a tumbling is over.
+impl CollectionProgress {
+    /// Whether all required samples are stored. Always false for `Swing`, `Tumble` and `Flight`, which only the user
+    /// can end.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         match self.procedure {
@@ -129,234 +126,243 @@ impl Progress {
 }
 
 impl<'a> Collector<'a> {
-    /// With what was collected in this memory before, or with nothing: [`found`](Self::found) tells.
+    /// Creates a collector, and resumes the collection in a valid memory.
     #[must_use]
     #[inline(never)]
-    pub fn new(kept: &'a mut Kept) -> Self {
-        let Kept { header, left, right, level, marks } = kept;
+    pub fn new(memory: &'a mut RetainedSamples) -> Self {
+        let RetainedSamples { header, left, right, level, marks } = memory;
         let [tag, serial, clock_ms, dataset @ .., news, _, _, _, _, _, _] = *header.words();
         let [.., a, b, c, d, e, f] = *header.words();
         let [course, procedure, flags, number_of_marks] = tag.to_le_bytes();
-        let [goes_on, stopped] = [Course::GoesOn, Course::Stopped].map(|it| it as u8 == course);
+        let [goes_on, stopped] = [CollectionState::Running, CollectionState::Stopped].map(|it| it as u8 == course);
         let mut collector = Self {
             header,
-            course: if goes_on { Course::GoesOn } else { Course::Stopped },
-            found: None,
+            state: if goes_on { CollectionState::Running } else { CollectionState::Stopped },
+            restored_context: None,
             has_changed: false,
-            ahead_ms: clock_ms.wrapping_add(AWAY_MS),
+            clock_offset_ms: clock_ms.wrapping_add(RESTART_GAP_MS),
             procedure: Procedure::ALL.get(usize::from(procedure)).copied().unwrap_or_default(),
-            detector: Detector::new(detector::Config::DEFAULT),
+            detector: TurnDetector::new(turn_detector::TurnDetectorConfig::DEFAULT),
             dataset: Dataset::new(left, right, level, dataset),
-            marks: Buffer::new(marks, number_of_marks.into()),
-            turned: flags & TURNED != 0,
-            flown: Flown::from_words([a, b, c, d, e, f]),
-            news,
+            marks: BorrowedBuffer::new(marks, number_of_marks.into()),
+            has_turned: flags & FLAG_TURNED != 0,
+            statistics: FlightStatistics::decode([a, b, c, d, e, f]),
+            distinct_samples: news,
         };
-        let is_whole = collector.header.is_of(collector.dataset.all(), collector.marks.as_slice());
+        let is_whole = collector.header.matches(collector.dataset.all_buffers(), collector.marks.as_slice());
         if is_whole {
-            collector.found = Some(Context { by_itself: flags & BY_ITSELF != 0, serial });
+            collector.restored_context =
+                Some(CollectionContext { is_automatic: flags & FLAG_AUTOMATIC != 0, calibration_serial: serial });
         }
         if is_whole && (goes_on || stopped) {
-            collector.header.count_restart();
+            collector.header.count_unexpected_restart();
         } else {
-            collector.forget();
-            collector.keep(Context::default());
+            collector.discard();
+            collector.save(CollectionContext::default());
         }
         collector
     }
 
-    /// What was found in the memory: of a collection, or of one that has ended. None where it was neither: it held anything.
+    /// Context of the resumed collection; `None` if the memory was invalid.
     #[must_use]
-    pub fn found(&self) -> Option<Context> {
-        self.found
+    pub fn restored_context(&self) -> Option<CollectionContext> {
+        self.restored_context
     }
 
-    /// How it stands.
+    /// State of the collection.
     #[must_use]
-    pub fn course(&self) -> Course {
-        self.course
+    pub fn state(&self) -> CollectionState {
+        self.state
     }
 
-    /// Whether its loss is worth a word.
+    /// Whether losing this collection is worth reporting.
     #[must_use]
-    pub fn is_worth_something(&self) -> bool {
-        let [left, _, right, _, level, _] = self.dataset.all().map(<[_]>::len);
-        self.course != Course::Over && left + right + level >= FEW_SAMPLES
+    pub fn is_loss_reportable(&self) -> bool {
+        let [left, _, right, _, level, _] = self.dataset.all_buffers().map(<[_]>::len);
+        self.state != CollectionState::Inactive && left + right + level >= MIN_REPORTED_LOSS_SAMPLES
     }
 
-    /// Has the memory tell what is collected by now: to be called after each change, before anything that may take long.
-    pub fn keep(&mut self, context: Context) {
-        let Context { by_itself, serial } = context;
-        let flags = if by_itself { BY_ITSELF } else { 0 } | if self.turned { TURNED } else { 0 };
+    /// Updates the header and its checksum after changes. Call it before long operations.
+    pub fn save(&mut self, context: CollectionContext) {
+        let CollectionContext { is_automatic: by_itself, calibration_serial: serial } = context;
+        let flags = if by_itself { FLAG_AUTOMATIC } else { 0 } | if self.has_turned { FLAG_TURNED } else { 0 };
         let number_of_marks = self.marks.as_slice().len() as u8;
-        let tag = u32::from_le_bytes([self.course as u8, self.procedure as u8, flags, number_of_marks]);
+        let tag = u32::from_le_bytes([self.state as u8, self.procedure as u8, flags, number_of_marks]);
         let [before, serial_before, ..] = *self.header.words();
-        let is_over = self.course == Course::Over;
+        let is_over = self.state == CollectionState::Inactive;
         if !self.has_changed && (is_over || [tag, serial] == [before, serial_before]) {
             return;
         }
         self.has_changed = false;
         if is_over {
-            self.forgive_restarts();
+            self.reset_restart_count();
             self.header.seal([0; _], [&[]; 6], &[]);
             return;
         }
-        let clock_ms = self.flown.last().map_or(self.ahead_ms, WrappingMillis::count);
-        let ([l, m, n, o, p, q, r], [a, b, c, d, e, f]) = (self.dataset.words(), self.flown.words());
-        let words = [tag, serial, clock_ms, l, m, n, o, p, q, r, self.news, a, b, c, d, e, f];
-        self.header.seal(words, self.dataset.all(), self.marks.as_slice());
+        let clock_ms = self.statistics.last_sample_at().map_or(self.clock_offset_ms, WrappingMillis::as_ms);
+        let ([l, m, n, o, p, q, r], [a, b, c, d, e, f]) = (self.dataset.encode(), self.statistics.encode());
+        let words = [tag, serial, clock_ms, l, m, n, o, p, q, r, self.distinct_samples, a, b, c, d, e, f];
+        self.header.seal(words, self.dataset.all_buffers(), self.marks.as_slice());
     }
 
-    /// Restarts so far are no sign that the samples are the cause of them.
-    pub fn forgive_restarts(&mut self) {
-        self.header.forgive_restarts();
+    /// Resets the count of unexpected restarts.
+    pub fn reset_restart_count(&mut self) {
+        self.header.reset_restart_count();
     }
 
-    /// Takes the next averaged sample.
+    /// Adds the next averaged sample.
     pub fn push(&mut self, mut sample: Sample) {
-        sample.time = sample.time.plus_ms(self.ahead_ms);
-        let before = self.dataset.taken();
-        self.flown.push(&sample);
-        self.collect(sample);
-        self.has_changed |= self.dataset.taken() != before;
+        sample.time = sample.time.plus_ms(self.clock_offset_ms);
+        let before = self.dataset.taken_count();
+        self.statistics.update(&sample);
+        self.store_by_procedure(sample);
+        self.has_changed |= self.dataset.taken_count() != before;
     }
 
-    fn collect(&mut self, sample: Sample) {
+    fn store_by_procedure(&mut self, sample: Sample) {
         match self.procedure {
-            Procedure::Turns => self.push_flown(sample),
+            Procedure::Turns => self.push_turn_or_level(sample),
             Procedure::Level | Procedure::Swing if is_level(&sample) => self.dataset.push_level(sample),
             Procedure::Level | Procedure::Swing => {}
-            Procedure::Tumble => self.dataset.push_any(sample),
-            Procedure::Flight => self.news = self.news.saturating_add(self.dataset.push_spread(sample).into()),
+            Procedure::Tumble => self.dataset.push_tumbled(sample),
+            Procedure::Flight => {
+                self.distinct_samples =
+                    self.distinct_samples.saturating_add(self.dataset.push_free_flight(sample).into());
+            }
         }
     }
 
-    fn push_flown(&mut self, sample: Sample) {
-        if let Some(side) = self.detector.push(&sample) {
-            self.turned = true;
+    fn push_turn_or_level(&mut self, sample: Sample) {
+        if let Some(side) = self.detector.update(&sample) {
+            self.has_turned = true;
             self.dataset.push_turn(side, sample);
-        } else if self.turned && is_level(&sample) {
-            // Not before the first turn: until then the aircraft may stand beside a hangar.
+        } else if self.has_turned && is_level(&sample) {
+            // Before the first turn the aircraft may be parked near the iron of a hangar.
             self.dataset.push_level(sample);
         }
     }
 
-    /// Takes what a trial solve found: samples of whatever is flown are told apart by it from now on. What is not of all
-    /// coefficients tells nothing.
-    pub fn learn(&mut self, found: &Solution) {
+    /// Rates free-flight samples with the result of a trial solve that estimates all coefficients.
+    pub fn use_trial_solution(&mut self, found: &Solution) {
         if found.quality.method == Method::MaximumLikelihood {
-            self.dataset.learn(&found.calibration, &found.quality);
+            self.dataset.use_trial_solution(&found.calibration, &found.quality);
         }
     }
 
-    /// Whether anything was found that tells samples apart.
-    #[cfg(test)]
-    pub(crate) fn has_learnt(&self) -> bool {
-        self.dataset.has_learnt()
+    /// Whether the selection uses the coefficients of a trial solve.
+    #[must_use]
+    pub fn uses_trial_solution(&self) -> bool {
+        self.dataset.uses_trial_solution()
     }
 
-    /// Takes a sample at a given heading; whether there was room for it.
-    pub fn mark(&mut self, mut mark: Mark) -> bool {
-        mark.sample.time = mark.sample.time.plus_ms(self.ahead_ms);
+    /// Stores a sample at a known heading; returns false if the buffer is full.
+    pub fn add_mark(&mut self, mut mark: Mark) -> bool {
+        mark.sample.time = mark.sample.time.plus_ms(self.clock_offset_ms);
         self.has_changed = true;
         self.marks.push(mark)
     }
 
-    /// Forgets everything collected, to begin again in a procedure.
+    /// Discards all samples and starts a procedure.
     pub fn begin(&mut self, procedure: Procedure) {
         self.procedure = procedure;
-        self.detector = Detector::new(detector::Config::DEFAULT);
+        self.detector = TurnDetector::new(turn_detector::TurnDetectorConfig::DEFAULT);
         self.dataset.clear();
         self.marks.clear();
-        self.turned = false;
-        self.flown = Flown::NOTHING;
-        self.news = 0;
-        self.ahead_ms = 0;
-        self.forgive_restarts();
-        self.go_on(Course::GoesOn);
+        self.has_turned = false;
+        self.statistics = FlightStatistics::EMPTY;
+        self.distinct_samples = 0;
+        self.clock_offset_ms = 0;
+        self.reset_restart_count();
+        self.set_state(CollectionState::Running);
     }
 
-    /// Forgets everything collected.
-    pub fn forget(&mut self) {
+    /// Discards all samples and ends the collection.
+    pub fn discard(&mut self) {
         self.begin(Procedure::default());
-        self.go_on(Course::Over);
+        self.set_state(CollectionState::Inactive);
     }
 
-    /// It stands like this from now on. Samples stay, also when it is over, until another begins.
-    pub fn go_on(&mut self, course: Course) {
-        self.course = course;
+    /// Sets the state. Samples stay stored until the next collection begins.
+    pub fn set_state(&mut self, course: CollectionState) {
+        self.state = course;
         self.has_changed = true;
     }
 
-    /// Why samples are missing or show too little, as far as what was flown says it.
+    /// Most likely reason for missing or uninformative samples, if known.
     #[must_use]
-    pub fn lack(&self) -> Option<Lack> {
+    pub fn problem(&self) -> Option<CollectionProblem> {
         match self.procedure {
-            Procedure::Turns => self.flown.lack(&self.progress()),
-            Procedure::Flight => self.flown.no_tilt(),
+            Procedure::Turns => self.statistics.diagnose(&self.progress()),
+            Procedure::Flight => self.statistics.check_tilt(),
             Procedure::Level | Procedure::Swing | Procedure::Tumble => None,
         }
     }
 
-    /// How many measurements of whatever was flown were another than the last, kept or not.
+    /// Number of distinct free-flight samples, stored or not.
     #[must_use]
-    pub fn news(&self) -> u32 {
-        self.news
+    pub fn distinct_samples(&self) -> u32 {
+        self.distinct_samples
     }
 
-    /// How many of them were kept, at first or in place of others; wraps.
-    pub(crate) fn kept(&self) -> u16 {
-        self.dataset.kept()
+    /// Number of free-flight samples stored, including replacements; wraps.
+    #[must_use]
+    /// Number of free-flight samples stored, including replacements; wraps.
+    pub fn stored_count(&self) -> u16 {
+        self.dataset.stored_free_flight()
     }
 
-    /// How samples are collected.
+    /// Collection procedure.
     #[must_use]
     pub fn procedure(&self) -> Procedure {
         self.procedure
     }
 
-    /// How far the collection is.
+    /// Progress by part.
     #[must_use]
-    pub fn progress(&self) -> Progress {
+    pub fn progress(&self) -> CollectionProgress {
         let [left, right, level] = match self.procedure {
-            Procedure::Flight => [self.dataset.spread_coverage(), Coverage::default(), Coverage::default()],
-            _ => [self.dataset.turns(Side::Left), self.dataset.turns(Side::Right), self.dataset.level()],
+            Procedure::Flight => [self.dataset.free_flight_coverage(), Coverage::default(), Coverage::default()],
+            _ => [
+                self.dataset.turn_coverage(Side::Left),
+                self.dataset.turn_coverage(Side::Right),
+                self.dataset.level_coverage(),
+            ],
         };
-        Progress {
+        CollectionProgress {
             procedure: self.procedure,
             left,
             right,
             level,
             marks: self.marks.as_slice().len() as u16,
-            turning: self.detector.turning(),
+            turn_in_progress: self.detector.turn_side(),
         }
     }
 
-    /// Samples to solve with.
+    /// Fit samples.
     #[must_use]
     pub fn fit(&self) -> Samples<'_> {
         match self.procedure {
-            Procedure::Flight => self.dataset.spread(),
+            Procedure::Flight => self.dataset.free_flight_fit(),
             _ => Samples { marks: self.marks.as_slice(), ..self.dataset.fit() },
         }
     }
 
-    /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
+    /// Verification samples, not in the fit.
     #[must_use]
     pub fn held_back(&self) -> Samples<'_> {
         match self.procedure {
-            Procedure::Flight => self.dataset.spread_held_back(),
+            Procedure::Flight => self.dataset.free_flight_held_back(),
             _ => self.dataset.held_back(),
         }
     }
 }
 
-/// Flags of a collection.
-const BY_ITSELF: u8 = 1;
-const TURNED: u8 = 2;
+/// Bits of the stored flag byte.
+const FLAG_AUTOMATIC: u8 = 1;
+const FLAG_TURNED: u8 = 2;
 
 fn is_level(sample: &Sample) -> bool {
-    let Config { level_roll_rad, level_pitch_rad } = Config::DEFAULT;
+    let LevelLimits { level_roll_rad, level_pitch_rad } = LevelLimits::DEFAULT;
     sample.attitude.roll_rad.abs() <= level_roll_rad && sample.attitude.pitch_rad.abs() <= level_pitch_rad
 }
 

@@ -1,185 +1,176 @@
-//! The one state machine of the module: uncalibrated -> collecting -> solving -> verifying -> calibrated. A collection of
-//! turns ends when there are enough; one of whatever is flown is solved on trial while it goes on (`trials.rs`), and ends
-//! when it is good.
+//! State machine of the module: uncalibrated, collecting, solving, verifying, calibrated. A collection of turns ends
+//! when complete; a collection in flight runs trial solves and ends when accurate enough.
 //!
-//! [`Compass::step`] takes an [`Event`] and says what is to be done ([`Effect`]); it waits for nothing and touches no
-//! hardware. A solve is cut into [`Event::Advance`] steps, so that whoever drives the machine can do other work between
-//! them. The calibration in use is replaced only by one that [`acceptance`] lets through and that is
-//! completely written.
+//! [`Compass::step`] takes an [`Event`] and returns an [`Effect`], without blocking or hardware access. A solve is
+//! divided into [`Event::Advance`] steps, so that its driver can do other work in between. A candidate calibration
+//! becomes active after passing [`acceptance`] and being completely saved.
 
-mod auto;
-mod glance;
-mod messages;
-mod refusal;
-mod remember;
+mod automatic;
+mod events;
+mod indicator;
+mod persistence;
 #[cfg(test)]
 mod tests;
-mod trials;
+mod trial_solves;
 
-pub use glance::Glance;
-pub use messages::{Command, Effect, Event, Outcome, Reply, Report, State, Summary, Verdict};
-pub use refusal::Refusal;
-pub use trials::{Pace, Prospect};
+pub use events::{CalibrationSummary, Command, Effect, Event, ModuleState, Reply, StatusReport};
+pub use indicator::IndicatorState;
+pub use trial_solves::{TrialResult, TrialSchedule};
 
-use crate::acceptance::{self, Grounds, Incumbent, Policy};
-use crate::calibration::ladder::{self, Procedure, Selection};
+use crate::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
+use crate::calibration::method_selection::{self, Procedure, SelectedParts};
 use crate::calibration::{
-    Advice, Mark, Method, Prior, Progress as Solving, Sample, Samples, Solution, SolveError, Solver,
+    Advice, Mark, Method, Prior, Sample, Samples, Solution, SolveError, SolveProgress as Solving, Solver,
 };
-use crate::collection::dataset::HELD_BACK_WHEN_COMPLETE;
-use crate::collection::{Collector, Course, Kept, Lack, Recent};
-use crate::earth::Here;
+use crate::collection::dataset::MIN_HELD_BACK_WHEN_COMPLETE;
+use crate::collection::{CollectionProblem, CollectionState, Collector, RecentSamples, RetainedSamples};
+use crate::earth::LocalField;
 use crate::frames::wrap_pi;
 use crate::instrument::{Correction, SampleAttitude};
-use crate::magnetometer::Identity;
-use crate::settings::{OutOfRange, Setting, Settings};
-use crate::store::{Change, Generations, Record, Remembered, StoreError, Stored};
+use crate::messages::{ExpectedAccuracy, Message, Refusal, SolveOutcome};
+use crate::reading::Identity;
+use crate::settings::{OutOfRange, SettingChange, Settings};
+use crate::store::{CalibrationRecord, Generations, StartupValues, StoreChange, StoreError, StoredValues};
 use crate::time::WrappingMillis;
-use auto::Auto;
-use remember::Memory;
-use trials::Trials;
+use automatic::AutomaticCollection;
+use persistence::PersistentState;
+use trial_solves::TrialSolves;
 
-// A complete part has as many held-back samples as verification asks for.
-const _: () = assert!(Policy::DEFAULT.min_held_back <= HELD_BACK_WHEN_COMPLETE);
+const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_WHEN_COMPLETE);
 
-/// A mounting within its right angle is off by at most this, degrees: more is likely to be a mistake.
-const MAX_ALIGN_DEG: f32 = 20.0;
+/// Largest alignment without confirmation, degrees: mountings are within 20 deg of a right angle.
+const MAX_UNCONFIRMED_ALIGNMENT_DEG: f32 = 20.0;
 
-/// What runs now.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
-enum Phase {
+enum Activity {
     Idle,
     Collecting,
     Solving(Solver),
     Verifying(Solution),
 }
 
-/// What is being written.
+/// Data of the save in progress.
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
-enum Saving {
-    /// The calibration that was accepted.
-    Calibration(Record),
-    /// What `cal undo` swaps.
+enum PendingSave {
+    /// Accepted calibration.
+    Calibration(CalibrationRecord),
+    /// Swap of current and previous calibration.
     Undo,
-    /// Nothing: `cal clear`.
+    /// Removal of both calibrations.
     Clear,
-    /// Changed settings.
     Settings(Settings),
-    /// What nobody asked for.
-    Remembered(Remembered),
+    /// Values for the next start.
+    Remembered(StartupValues),
 }
 
-/// The magnetometer that answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct FoundSensor {
+struct DetectedSensor {
     identity: Identity,
     readings_per_sample: u16,
 }
 
-/// The state machine. About 3 KB, and the samples in memory that is lent.
+/// State machine. About 3 KB; samples are in borrowed memory.
 #[derive(Debug)]
 pub struct Compass<'a> {
-    policy: Policy,
+    policy: AcceptancePolicy,
     settings: Settings,
     generations: Generations,
-    sensor: Option<FoundSensor>,
-    /// Whether the autopilot is armed, if that is known.
+    sensor: Option<DetectedSensor>,
     is_armed: Option<bool>,
-    here: Here,
+    here: LocalField,
     collector: Collector<'a>,
-    recent: Recent,
-    phase: Phase,
-    saving: Option<Saving>,
-    last: Option<Outcome>,
+    recent: RecentSamples,
+    phase: Activity,
+    saving: Option<PendingSave>,
+    last_outcome: Option<Message>,
     advice: Option<Advice>,
-    trials: Trials,
-    auto: Auto,
-    memory: Memory,
+    trials: TrialSolves,
+    automatic: AutomaticCollection,
+    persistent: PersistentState,
 }
 
 impl<'a> Compass<'a> {
-    /// The machine at start, with what flash held, and a collection that the memory held. Not inlined: what it is made of
-    /// would lie on the stack beside all that follows.
+    /// Creates the initial state from flash and from samples retained in RAM. Not inlined, to limit the stack.
     #[must_use]
     #[inline(never)]
-    pub fn new(policy: Policy, stored: &Stored, kept: &'a mut Kept) -> Self {
-        let Stored { settings, generations, remembered } = *stored;
+    pub fn new(policy: AcceptancePolicy, stored: &StoredValues, kept: &'a mut RetainedSamples) -> Self {
+        let StoredValues { settings, generations, remembered } = *stored;
         let mut compass = Self {
             policy,
             settings,
             generations,
             sensor: None,
             is_armed: None,
-            here: Here::NOWHERE,
+            here: LocalField::UNKNOWN,
             collector: Collector::new(kept),
-            recent: Recent::new(),
-            phase: Phase::Idle,
+            recent: RecentSamples::new(),
+            phase: Activity::Idle,
             saving: None,
-            last: None,
+            last_outcome: None,
             advice: None,
-            trials: Trials::NONE,
-            auto: Auto::NEW,
-            memory: Memory::new(remembered),
+            trials: TrialSolves::NONE,
+            automatic: AutomaticCollection::NEW,
+            persistent: PersistentState::new(remembered),
         };
-        compass.resume();
+        compass.restore_collection();
         compass
     }
 
-    /// How the last solve ended; at the start, that a collection was lost.
+    /// Result of the last solve; at start-up, the loss of a collection.
     #[must_use]
-    pub fn last(&self) -> Option<&Outcome> {
-        self.last.as_ref()
+    pub fn last_outcome(&self) -> Option<&Message> {
+        self.last_outcome.as_ref()
     }
 
-    /// What is collected, or was until the last collection ended: for who replays a flight on a host.
+    /// Samples of the last collection, for replay on a host.
     #[cfg(not(target_os = "none"))]
     #[must_use]
-    pub const fn collected(&self) -> &Collector<'a> {
+    pub const fn collector(&self) -> &Collector<'a> {
         &self.collector
     }
 
-    /// Whether [`Event::Advance`] is wanted.
+    /// Whether [`Event::Advance`] is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
-        matches!(self.phase, Phase::Solving(_) | Phase::Verifying(_))
+        matches!(self.phase, Activity::Solving(_) | Activity::Verifying(_))
     }
 
-    /// What headings are to be corrected with now, and what samples are wanted.
+    /// Configuration of the instrument.
     #[must_use]
     pub fn correction(&self) -> Correction {
-        let tumbles = matches!(self.phase, Phase::Collecting) && self.collector.procedure() == Procedure::Tumble;
+        let tumbles = matches!(self.phase, Activity::Collecting) && self.collector.procedure() == Procedure::Tumble;
         Correction {
-            calibration: self.in_use().map(|record| (record.calibration, record.uncertainty)),
-            knows_inclination: self
-                .in_use()
+            calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
+            has_valid_inclination: self
+                .active_record()
                 .is_none_or(|record| record.calibration.knows_inclination(record.quality.method)),
             align_deg: self.settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
             mount: self.sensor.map(|_| self.settings.mount),
-            total_ut: self.total_ut(),
+            total_ut: self.model_field_strength_ut(),
             is_armed: self.is_armed,
         }
     }
 
-    /// The record in use: the stored one, if it is for this sensor and mounting.
+    /// Stored calibration, if valid for sensor and mounting.
     #[must_use]
-    pub fn in_use(&self) -> Option<&Record> {
+    pub fn active_record(&self) -> Option<&CalibrationRecord> {
         let record = self.generations.current.as_ref()?;
         let fits = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
         (fits && record.mount == self.settings.mount).then_some(record)
     }
 
-    /// What the user has chosen.
+    /// Settings as stored.
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// Settings in force: declination and inclination that were not entered are the field model's, where there is one.
+    /// Effective settings: declination and inclination default to the field model's.
     #[must_use]
-    pub fn settings_in_force(&self) -> Settings {
+    pub fn effective_settings(&self) -> Settings {
         let Settings { declination_deg, inclination_deg, .. } = self.settings;
         let field = self.here.field();
         Settings {
@@ -189,232 +180,237 @@ impl<'a> Compass<'a> {
         }
     }
 
-    /// Total intensity of the Earth's field here by the field model, microtesla, where it is known.
+    /// Field strength of the field model, microtesla.
     #[must_use]
-    pub fn total_ut(&self) -> Option<f32> {
+    pub fn model_field_strength_ut(&self) -> Option<f32> {
         self.here.field().map(|field| field.total_ut)
     }
 
-    /// The state, as people see it.
+    /// State for users.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> ModuleState {
         match self.phase {
-            Phase::Collecting => State::Collecting,
-            _ if self.trials.runs => State::Collecting,
-            Phase::Solving(_) => State::Solving,
-            Phase::Verifying(_) => State::Verifying,
-            Phase::Idle if matches!(self.saving, Some(Saving::Calibration(_))) => State::Verifying,
-            Phase::Idle if self.in_use().is_some() => State::Calibrated,
-            Phase::Idle => State::Uncalibrated,
+            Activity::Collecting => ModuleState::Collecting,
+            _ if self.trials.is_running => ModuleState::Collecting,
+            Activity::Solving(_) => ModuleState::Solving,
+            Activity::Verifying(_) => ModuleState::Verifying,
+            Activity::Idle if matches!(self.saving, Some(PendingSave::Calibration(_))) => ModuleState::Verifying,
+            Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
+            Activity::Idle => ModuleState::Uncalibrated,
         }
     }
 
-    /// What is to be written; none unless [`Effect::Save`] was the last effect.
+    /// Data to write after [`Effect::Save`].
     #[must_use]
-    pub fn to_save(&self) -> Option<Change<'_>> {
+    pub fn to_save(&self) -> Option<StoreChange<'_>> {
         let Generations { current, previous } = &self.generations;
         Some(match self.saving.as_ref()? {
-            Saving::Settings(settings) => Change::Settings(settings),
-            Saving::Remembered(remembered) => Change::Remembered(*remembered),
-            Saving::Undo => Change::Generations { current: previous.as_ref(), previous: current.as_ref() },
-            Saving::Clear => Change::Clear,
-            Saving::Calibration(record) => Change::Generations { current: Some(record), previous: current.as_ref() },
+            PendingSave::Settings(settings) => StoreChange::Settings(settings),
+            PendingSave::Remembered(remembered) => StoreChange::Remembered(*remembered),
+            PendingSave::Undo => StoreChange::Generations { current: previous.as_ref(), previous: current.as_ref() },
+            PendingSave::Clear => StoreChange::Clear,
+            PendingSave::Calibration(record) => {
+                StoreChange::Generations { current: Some(record), previous: current.as_ref() }
+            }
         })
     }
 
-    /// Takes an event; says what is to be done.
+    /// Processes an event.
     ///
-    /// The paths below are never inlined: each has large values of its own, and in one frame they would all lie on the
-    /// board's stack at once, beside the solver's.
+    /// Large methods are not inlined, so that their locals do not add to the solver's stack.
     pub fn step(&mut self, event: Event) -> Effect {
-        let effect = self.react(event);
-        self.keep();
+        let effect = self.dispatch(event);
+        self.update_retained();
         effect
     }
 
-    fn react(&mut self, event: Event) -> Effect {
+    fn dispatch(&mut self, event: Event) -> Effect {
         match event {
-            Event::SensorFound(identity, readings_per_sample) => {
-                self.sensor = Some(FoundSensor { identity, readings_per_sample });
+            Event::SensorDetected(identity, readings_per_sample) => {
+                self.sensor = Some(DetectedSensor { identity, readings_per_sample });
                 Effect::None
             }
             Event::Armed(is_armed) => {
                 self.is_armed = is_armed;
                 Effect::None
             }
-            Event::Place(place) => {
-                self.here.is_at(place);
+            Event::Position(place) => {
+                self.here.set_position(place);
                 Effect::None
             }
-            Event::Day(day) => {
-                self.here.is_on(day);
+            Event::Date(day) => {
+                self.here.set_date(day);
                 Effect::None
             }
-            Event::Sample(sample) => self.sample(sample),
-            Event::Command(command, now) => match self.command(command, now) {
+            Event::Sample(sample) => self.on_sample(sample),
+            Event::Command(command, now) => match self.on_command(command, now) {
                 Ok(effect) => effect,
                 Err(refusal) => Effect::Reply(Err(refusal)),
             },
-            Event::Advance => self.advance(),
-            Event::Saved(result) => self.saved(result),
-            Event::Spoken(spoken, now) => self.remember(spoken, now),
+            Event::Advance => self.advance_solve(),
+            Event::Saved(result) => self.on_saved(result),
+            Event::ProtocolsDetected(spoken, now) => self.save_persistent(spoken, now),
         }
     }
 
     #[inline(never)]
-    fn sample(&mut self, sample: Sample) -> Effect {
+    fn on_sample(&mut self, sample: Sample) -> Effect {
         self.recent.push(sample);
-        self.begin_by_itself();
-        if !self.collects() {
+        self.start_automatic_collection();
+        if !self.accepts_samples() {
             return Effect::None;
         }
         self.collector.push(sample);
-        self.keep();
+        self.update_retained();
         let is_complete = self.collector.progress().is_complete();
-        self.trials.runs = !is_complete
+        self.trials.is_running = !is_complete
             && self.collector.procedure() == Procedure::Flight
             && self.trials.is_due(&self.collector, sample.time);
-        if !(is_complete || self.trials.runs) {
+        if !(is_complete || self.trials.is_running) {
             return Effect::None;
         }
         match self.start_solving(None) {
             Ok(()) => Effect::None,
-            Err(refusal) => self.end(Err(refusal)),
+            Err(refusal) => self.end_solve(Err(refusal)),
         }
     }
 
     #[inline(never)]
-    fn command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swings = command == Command::CalStartAgain(None) && self.collector.procedure() == Procedure::Swing;
-        if self.is_armed == Some(true) && (command.is_for_the_ground() || swings) {
+    fn on_command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
+        let swings = command == Command::CalStartNew(None) && self.collector.procedure() == Procedure::Swing;
+        if self.is_armed == Some(true) && (command.requires_disarmed() || swings) {
             return Err(Refusal::Armed);
         }
-        if self.must_wait(command) {
-            if !self.trials.runs {
+        if self.is_blocked(command) {
+            if !self.trials.is_running {
                 return Err(Refusal::Busy);
             }
-            // Nobody asked for a trial, and nobody waits for it.
-            self.go_on();
+            // Commands take precedence over trial solves.
+            self.resume_collection();
         }
         match command {
-            Command::CalStart(procedure) => self.start(procedure, false)?,
-            Command::CalStartAgain(procedure) => self.start(procedure.unwrap_or(self.collector.procedure()), true)?,
-            Command::CalMark(heading_deg) => return self.mark(heading_deg, now),
+            Command::CalStart(procedure) => self.start_by_command(procedure, false)?,
+            Command::CalStartNew(procedure) => {
+                self.start_by_command(procedure.unwrap_or(self.collector.procedure()), true)?;
+            }
+            Command::CalMark(heading_deg) => return self.mark_heading(heading_deg, now),
             Command::CalStop => match self.phase {
-                Phase::Collecting => {
-                    self.phase = Phase::Idle;
-                    self.collector.go_on(Course::Stopped);
-                    self.hold();
+                Activity::Collecting => {
+                    self.phase = Activity::Idle;
+                    self.collector.set_state(CollectionState::Stopped);
+                    self.give_control_to_user();
                 }
                 _ => return Err(Refusal::NotCollecting),
             },
             Command::CalSolve(method) => {
-                self.start_solving(method).map_err(|refusal| refusal.because(self.lack()))?;
+                self.start_solving(method).map_err(|refusal| refusal.with_cause(self.sample_deficiency()))?;
             }
             Command::CalAdvise => {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
             Command::CalAbort => {
-                self.forget();
-                self.hold();
+                self.discard_collection();
+                self.give_control_to_user();
             }
-            Command::CalClear => return Ok(self.save(Saving::Clear)),
-            Command::CalUndo => return self.undo(),
+            Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
+            Command::CalUndo => return self.restore_previous(),
             Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
             Command::Set(setting) => {
-                let settings = self.settings.with(setting).map_err(Refusal::OutOfRange)?;
-                if let Setting::Auto(true) = setting {
-                    self.release(true);
+                let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
+                if let SettingChange::Auto(true) = setting {
+                    self.return_control(true);
                 }
-                return Ok(self.save(Saving::Settings(settings)));
+                return Ok(self.request_save(PendingSave::Settings(settings)));
             }
-            Command::Align(heading_deg) => return self.align(heading_deg, false, now),
-            Command::AlignSurely(heading_deg) => return self.align(Some(heading_deg), true, now),
-            // Whoever asks does it.
-            Command::Restart => self.collector.forgive_restarts(),
+            Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
+            Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
+            Command::PrepareRestart => self.collector.reset_restart_count(),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
 
-    /// Begins to collect, or takes over what the module collects by itself, unless that is to be forgotten.
-    fn start(&mut self, procedure: Procedure, forgets: bool) -> Result<(), Refusal> {
+    /// Starts a collection, or takes over an automatic one unless `forgets`.
+    fn start_by_command(&mut self, procedure: Procedure, forgets: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
-        let collects = matches!(self.phase, Phase::Collecting) && !forgets;
-        if collects && !self.auto.began {
-            return Err(Refusal::Collecting { by: self.collector.procedure(), wanted: procedure });
+        let collects = matches!(self.phase, Activity::Collecting) && !forgets;
+        if collects && !self.automatic.is_active {
+            return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
         }
         if !(collects && procedure == self.collector.procedure()) {
-            self.begin(procedure);
+            self.start_collection(procedure);
         }
-        self.hold();
+        self.give_control_to_user();
         Ok(())
     }
 
-    /// Collects from nothing.
-    fn begin(&mut self, procedure: Procedure) {
+    fn start_collection(&mut self, procedure: Procedure) {
         self.collector.begin(procedure);
-        self.recent = Recent::new();
-        self.trials = Trials::NONE;
-        self.phase = Phase::Collecting;
+        self.recent = RecentSamples::new();
+        self.trials = TrialSolves::NONE;
+        self.phase = Activity::Collecting;
     }
 
-    /// Stops whatever runs and forgets the samples.
+    /// Aborts all activity and discards the samples.
     #[inline(never)]
-    fn forget(&mut self) {
-        self.collector.forget();
-        self.trials = Trials::NONE;
-        self.auto.began = false;
-        self.phase = Phase::Idle;
+    fn discard_collection(&mut self) {
+        self.collector.discard();
+        self.trials = TrialSolves::NONE;
+        self.automatic.is_active = false;
+        self.phase = Activity::Idle;
     }
 
-    /// Whether a command has to wait for what runs. A save that has begun is finished: half a save is nobody's wish.
-    fn must_wait(&self, command: Command) -> bool {
+    /// Whether a command is rejected during the present activity. A save is always completed.
+    fn is_blocked(&self, command: Command) -> bool {
         match command {
             Command::Report | Command::CalAdvise => false,
-            Command::CalAbort | Command::Restart => self.saving.is_some(),
+            Command::CalAbort | Command::PrepareRestart => self.saving.is_some(),
             Command::Set(setting) if !setting.is_used_by_solves() => self.saving.is_some(),
             _ => self.is_busy() || self.saving.is_some(),
         }
     }
 
-    /// Takes the last second of samples as those of a heading.
-    fn mark(&mut self, heading_deg: f32, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swinging = matches!(self.phase, Phase::Collecting) && self.collector.procedure() == Procedure::Swing;
+    /// Marks a heading with the mean sample of the last second.
+    fn mark_heading(&mut self, heading_deg: f32, now: WrappingMillis) -> Result<Effect, Refusal> {
+        let swinging = matches!(self.phase, Activity::Collecting) && self.collector.procedure() == Procedure::Swing;
         if !swinging {
             return Err(Refusal::NotSwinging);
         }
-        in_circle(heading_deg)?;
-        let sample = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
-        if !self.collector.mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
+        check_heading_range(heading_deg)?;
+        let sample = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
+        if !self.collector.add_mark(Mark { sample, heading_rad: heading_deg.to_radians() }) {
             return Err(Refusal::TooManyMarks);
         }
-        // The next mark has samples of its own.
-        self.recent = Recent::new();
+        self.recent = RecentSamples::new();
         Ok(Effect::Reply(Ok(Reply::Marked(self.collector.progress().marks))))
     }
 
-    /// What is added to every heading, so that the one of now is the given one.
-    fn align(&mut self, heading_deg: Option<f32>, is_sure: bool, now: WrappingMillis) -> Result<Effect, Refusal> {
+    /// Sets the alignment from the present and the given heading.
+    fn set_alignment(
+        &mut self,
+        heading_deg: Option<f32>,
+        is_sure: bool,
+        now: WrappingMillis,
+    ) -> Result<Effect, Refusal> {
         let mut align_deg = 0.0;
         if let Some(heading_deg) = heading_deg {
-            in_circle(heading_deg)?;
-            let calibration = &self.in_use().ok_or(Refusal::NoCalibration)?.calibration;
-            let steady = self.recent.steady(now).ok_or(Refusal::NotSteady)?;
-            let shown_rad = steady.attitude.level(calibration.body(&steady)).heading_rad();
+            check_heading_range(heading_deg)?;
+            let calibration = &self.active_record().ok_or(Refusal::NoCalibration)?.calibration;
+            let steady = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
+            let shown_rad = steady.attitude.level(calibration.corrected_body_field(&steady)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
-            if align_deg.abs() > MAX_ALIGN_DEG && !is_sure {
+            if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_sure {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });
             }
         }
-        Ok(self.save(Saving::Settings(Settings { align_deg, ..self.settings })))
+        Ok(self.request_save(PendingSave::Settings(Settings { align_deg, ..self.settings })))
     }
 
-    fn undo(&mut self) -> Result<Effect, Refusal> {
-        self.generations.previous.as_ref().ok_or(Refusal::NothingToUndo)?;
-        Ok(self.save(Saving::Undo))
+    fn restore_previous(&mut self) -> Result<Effect, Refusal> {
+        self.generations.previous.as_ref().ok_or(Refusal::NoPreviousCalibration)?;
+        Ok(self.request_save(PendingSave::Undo))
     }
 
-    fn save(&mut self, what: Saving) -> Effect {
+    fn request_save(&mut self, what: PendingSave) -> Effect {
         self.saving = Some(what);
         Effect::Save
     }
@@ -424,15 +420,14 @@ impl<'a> Compass<'a> {
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
-        let supported = || ladder::choose(self.collector.fit(), self.collector.procedure());
+        let supported = || method_selection::select_method(self.collector.fit(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
-        self.begin_solve(sensor, method, self.settings_in_force().inclination_deg)
+        self.start_solve_with_inclination(sensor, method, self.effective_settings().inclination_deg)
     }
 
-    /// Begins a solve with what is told of the inclination, degrees: by the user, or else by the field model.
-    fn begin_solve(
+    fn start_solve_with_inclination(
         &mut self,
-        sensor: FoundSensor,
+        sensor: DetectedSensor,
         method: Method,
         inclination_deg: Option<f32>,
     ) -> Result<(), Refusal> {
@@ -441,79 +436,78 @@ impl<'a> Compass<'a> {
             inclination_rad: inclination_deg.map(f32::to_radians),
             readings_per_sample: sensor.readings_per_sample,
         };
-        let consider = self.settings.attitude_error.consider();
-        let solver =
-            Solver::with_consider(method, to_fit(&self.collector), &prior, consider).map_err(Refusal::Solve)?;
-        self.phase = Phase::Solving(solver);
+        let consider = self.settings.attitude_error.to_consider_sigmas();
+        let solver = Solver::with_consider_sigmas(method, samples_to_fit(&self.collector), &prior, consider)
+            .map_err(Refusal::Solve)?;
+        self.phase = Activity::Solving(solver);
         Ok(())
     }
 
-    /// A solve has failed. Where the samples contradict an inclination that nobody entered, the ground differs from the field
-    /// model there, or the attitude source is worse than allowed for: it is solved as if there were no model.
-    fn failed(&mut self, error: SolveError) -> Effect {
+    /// Handles a failed solve. If the samples contradict the field model's inclination (local anomaly, attitude
+    /// errors), solves again without it; an inclination set by the user is never ignored.
+    fn on_solve_failed(&mut self, error: SolveError) -> Effect {
         if let (SolveError::InclinationContradicted { .. }, None, Some(sensor)) =
             (error, self.settings.inclination_deg, self.sensor)
-            && self.begin_solve(sensor, Method::MaximumLikelihood, None).is_ok()
+            && self.start_solve_with_inclination(sensor, Method::MaximumLikelihood, None).is_ok()
         {
             return Effect::None;
         }
-        self.end(Err(Refusal::Solve(error)))
+        self.end_solve(Err(Refusal::Solve(error)))
     }
 
-    /// One step of a solve or the verification.
     #[inline(never)]
-    fn advance(&mut self) -> Effect {
+    fn advance_solve(&mut self) -> Effect {
         match &mut self.phase {
-            Phase::Solving(solver) => match solver.step(to_fit(&self.collector)) {
+            Activity::Solving(solver) => match solver.step(samples_to_fit(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
-                    self.phase = Phase::Verifying(solution);
+                    self.phase = Activity::Verifying(solution);
                     Effect::None
                 }
-                Solving::Finished(Err(error)) => self.failed(error),
+                Solving::Finished(Err(error)) => self.on_solve_failed(error),
             },
-            Phase::Verifying(_) => self.verify(),
-            Phase::Idle | Phase::Collecting => Effect::None,
+            Activity::Verifying(_) => self.verify_candidate(),
+            Activity::Idle | Activity::Collecting => Effect::None,
         }
     }
 
     #[inline(never)]
-    fn verify(&mut self) -> Effect {
-        let Phase::Verifying(candidate) = &self.phase else { return Effect::None };
-        let accepted = self.accepted(candidate);
-        if self.trials.runs {
+    fn verify_candidate(&mut self) -> Effect {
+        let Activity::Verifying(candidate) = &self.phase else { return Effect::None };
+        let accepted = self.accept_candidate(candidate);
+        if self.trials.is_running {
             let refusal = accepted.as_ref().err().cloned();
-            self.collector.learn(candidate);
-            if !self.trials.end(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
-                self.go_on();
+            self.collector.use_trial_solution(candidate);
+            if !self.trials.record_result(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
+                self.resume_collection();
                 return Effect::None;
             }
-            // What the module began is over with it, whatever comes of it.
-            self.auto.began = false;
+            // Ends the automatic collection, whether or not the save succeeds.
+            self.automatic.is_active = false;
         }
         match accepted {
             Ok(record) => {
-                self.phase = Phase::Idle;
-                self.save(Saving::Calibration(record))
+                self.phase = Activity::Idle;
+                self.request_save(PendingSave::Calibration(record))
             }
-            Err(refusal) => self.end(Err(refusal)),
+            Err(refusal) => self.end_solve(Err(refusal)),
         }
     }
 
-    /// The record of a candidate that may replace the calibration in use.
     #[inline(never)]
-    fn accepted(&self, candidate: &Solution) -> Result<Record, Refusal> {
+    fn accept_candidate(&self, candidate: &Solution) -> Result<CalibrationRecord, Refusal> {
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?.identity;
-        let selection = Selection::of(self.collector.fit(), self.collector.procedure());
-        let grounds = Grounds {
-            fitted: selection.from(self.collector.fit()),
-            held_back: selection.from(self.collector.held_back()),
-            knows_attitude: self.collector.procedure() != Procedure::Tumble,
+        let selection = SelectedParts::new(self.collector.fit(), self.collector.procedure());
+        let grounds = AcceptanceSamples {
+            fit: selection.select(self.collector.fit()),
+            held_back: selection.select(self.collector.held_back()),
+            is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
-        acceptance::judge(&self.policy, candidate, grounds, &self.incumbent()).map_err(Refusal::Rejected)?;
+        acceptance::evaluate_candidate(&self.policy, candidate, grounds, &self.incumbent())
+            .map_err(Refusal::Rejected)?;
         let current = self.generations.current.as_ref();
-        Ok(Record {
+        Ok(CalibrationRecord {
             calibration: candidate.calibration,
             quality: candidate.quality,
             uncertainty: candidate.uncertainty,
@@ -524,102 +518,104 @@ impl<'a> Compass<'a> {
     }
 
     fn incumbent(&self) -> Incumbent {
-        self.in_use().map_or_else(
-            || Incumbent::none(self.settings.mount),
-            |record| Incumbent::in_use(record.calibration, record.quality),
+        self.active_record().map_or_else(
+            || Incumbent::uncalibrated(self.settings.mount),
+            |record| Incumbent::active(record.calibration, record.quality),
         )
     }
 
     #[inline(never)]
-    fn saved(&mut self, result: Result<(), StoreError>) -> Effect {
+    fn on_saved(&mut self, result: Result<(), StoreError>) -> Effect {
         let Some(saving) = self.saving.take() else { return Effect::None };
-        self.memory.is_written_with(&saving, result);
+        self.persistent.update_after_save(&saving, result);
         match (saving, result) {
-            // Asked for by nobody, and not tried again until it is another.
-            (Saving::Remembered(_), _) => Effect::None,
-            (Saving::Calibration(record), Ok(())) => {
+            // Not requested by a user: no reply, no retry.
+            (PendingSave::Remembered(_), _) => Effect::None,
+            (PendingSave::Calibration(record), Ok(())) => {
                 self.generations.push(&record);
-                self.end(Ok(Verdict::new(record.quality, &record.calibration)))
+                self.end_solve(Ok(ExpectedAccuracy::new(record.quality, &record.calibration)))
             }
-            (Saving::Calibration(_), Err(error)) => self.end(Err(Refusal::Store(error))),
+            (PendingSave::Calibration(_), Err(error)) => self.end_solve(Err(Refusal::Store(error))),
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
-            (Saving::Undo, Ok(())) => {
+            (PendingSave::Undo, Ok(())) => {
                 self.generations.undo();
-                self.done()
+                self.reply_done()
             }
-            (Saving::Clear, Ok(())) => {
+            (PendingSave::Clear, Ok(())) => {
                 self.generations.clear();
-                self.release(self.settings.auto_on);
-                self.done()
+                self.return_control(self.settings.auto_on);
+                self.reply_done()
             }
-            (Saving::Settings(settings), Ok(())) => {
+            (PendingSave::Settings(settings), Ok(())) => {
                 if !settings.auto_on && self.settings.auto_on {
-                    self.release(false);
+                    self.return_control(false);
                 }
                 self.settings = settings;
-                self.done()
+                self.reply_done()
             }
         }
     }
 
-    fn done(&self) -> Effect {
+    fn reply_done(&self) -> Effect {
         Effect::Reply(Ok(Reply::Done(self.state())))
     }
 
-    /// Goes on collecting after a trial, or instead of it.
-    fn go_on(&mut self) {
-        self.trials.runs = false;
-        self.phase = Phase::Collecting;
-        self.collector.forgive_restarts();
+    /// Continues collecting after or instead of a trial solve.
+    fn resume_collection(&mut self) {
+        self.trials.is_running = false;
+        self.phase = Activity::Collecting;
+        self.collector.reset_restart_count();
     }
 
-    /// Why samples are missing, or show too little.
-    fn lack(&self) -> Option<Lack> {
-        self.collector.lack().or_else(|| self.trials.prospect.as_ref().and_then(Prospect::lack))
+    /// Known reason for missing or insufficient samples.
+    fn sample_deficiency(&self) -> Option<CollectionProblem> {
+        self.collector
+            .problem()
+            .or_else(|| self.trials.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
     }
 
-    /// A solve has ended; the samples stay for another with other settings.
-    fn end(&mut self, outcome: Outcome) -> Effect {
-        let outcome = outcome.map_err(|refusal| refusal.because(self.lack()));
-        if let (true, Err(refusal)) = (self.trials.runs, &outcome) {
-            self.trials.prospect = Some(Prospect::none(refusal.clone()));
-            self.go_on();
+    /// Ends a solve; keeps the samples.
+    fn end_solve(&mut self, outcome: SolveOutcome) -> Effect {
+        let outcome = outcome.map_err(|refusal| refusal.with_cause(self.sample_deficiency()));
+        if let (true, Err(refusal)) = (self.trials.is_running, &outcome) {
+            self.trials.last_result = Some(TrialResult::from_failure(refusal.clone()));
+            self.resume_collection();
             return Effect::None;
         }
-        // What the module collects by itself goes on when somebody has asked in vain what there is by now.
-        self.auto.began &= outcome.is_err();
-        self.collector.forgive_restarts();
-        if !self.auto.began {
-            self.collector.go_on(Course::Over);
+        // A failed solve by command does not end an automatic collection.
+        self.automatic.is_active &= outcome.is_err();
+        self.collector.reset_restart_count();
+        if !self.automatic.is_active {
+            self.collector.set_state(CollectionState::Inactive);
         }
-        self.phase = if self.auto.began { Phase::Collecting } else { Phase::Idle };
-        self.last = Some(outcome.clone());
-        Effect::Notify(outcome)
+        self.phase = if self.automatic.is_active { Activity::Collecting } else { Activity::Idle };
+        let message = Message::Solved(outcome);
+        self.last_outcome = Some(message.clone());
+        Effect::Notify(message)
     }
 
-    fn report(&self) -> Report {
-        Report {
+    fn report(&self) -> StatusReport {
+        StatusReport {
             state: self.state(),
             is_armed: self.is_armed,
-            is_auto: self.auto.began,
+            is_automatic: self.automatic.is_active,
             awaits_arming: self.awaits_arming(),
             progress: self.collector.progress(),
-            prospect: self.trials.prospect.clone(),
+            last_trial: self.trials.last_result.clone(),
             settings: self.settings,
-            here: self.here,
-            current: self.generations.current.as_ref().map(Summary::from),
-            has_previous: self.generations.previous.is_some(),
-            last: self.last.clone(),
+            local_field: self.here,
+            stored_calibration: self.generations.current.as_ref().map(CalibrationSummary::from),
+            can_undo: self.generations.previous.is_some(),
+            last_outcome: self.last_outcome.clone(),
         }
     }
 }
 
-/// The samples that a solve uses.
-fn to_fit<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
-    Selection::of(collector.fit(), collector.procedure()).from(collector.fit())
+fn samples_to_fit<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
+    SelectedParts::new(collector.fit(), collector.procedure()).select(collector.fit())
 }
 
-fn in_circle(heading_deg: f32) -> Result<(), Refusal> {
+fn check_heading_range(heading_deg: f32) -> Result<(), Refusal> {
     if (0.0..=360.0).contains(&heading_deg) {
         Ok(())
     } else {

@@ -1,7 +1,7 @@
-//! A line editor: bytes of a terminal to lines.
+//! A line editor for terminals.
 //!
-//! What is typed at the end of a line is echoed; any other change draws the line anew, which needs nothing of a
-//! terminal but carriage return and `ESC [ 2 K`.
+//! A character typed at the end of a line is echoed; any other change redraws the line, for which a terminal needs only
+//! carriage return and `ESC [ 2 K`.
 
 use core::fmt;
 
@@ -9,63 +9,61 @@ use heapless::Vec;
 
 use super::LINE_CAPACITY;
 
-/// What stands before a line.
+/// Text before a line.
 pub const PROMPT: &str = "> ";
 
-/// What a byte, or several, mean.
+/// Key, decoded from one or more bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
-    /// A character to be typed.
+    /// Printable character.
     Character(u8),
-    /// The line is complete.
+    /// Enters the line.
     Enter,
-    /// The word is to be completed.
+    /// Completes the word.
     Tab,
-    /// The character before the cursor goes.
+    /// Deletes the character before the cursor.
     Backspace,
-    /// The character under the cursor goes.
+    /// Deletes the character under the cursor.
     Delete,
-    /// One to the left.
+    /// Moves the cursor left.
     Left,
-    /// One to the right.
+    /// Moves the cursor right.
     Right,
-    /// To the beginning.
+    /// Moves the cursor to the beginning.
     Home,
-    /// To the end.
+    /// Moves the cursor to the end.
     End,
-    /// The line before in history.
+    /// Recalls the previous line of history.
     Up,
-    /// The line after in history.
+    /// Recalls the next line of history.
     Down,
-    /// All before the cursor goes.
+    /// Deletes all characters before the cursor.
     Erase,
-    /// The line is given up.
+    /// Discards the line.
     Cancel,
 }
 
-/// Tells keys from bytes.
+/// Decoder from bytes to keys.
 #[derive(Debug, Default)]
-pub struct Keys {
+pub struct KeyDecoder {
     sequence: Sequence,
-    /// The last byte was a carriage return: a line feed after it ends no other line.
+    /// The last byte was a carriage return: a line feed after it belongs to the same line end.
     returned: bool,
 }
 
-/// How far an escape sequence has come.
 #[derive(Clone, Copy, Debug, Default)]
 enum Sequence {
     #[default]
     None,
-    /// After the escape.
+    /// After ESC.
     Escape,
-    /// After the bracket (or O), with the first number and whether that is complete.
+    /// After `ESC [` or `ESC O`: the first number, and whether it is complete.
     Control(u8, bool),
 }
 
-impl Keys {
-    /// The key of which this is the last byte. Bytes that no key sends are passed over; what cannot be in a sequence
-    /// ends it.
-    pub fn byte(&mut self, byte: u8) -> Option<Key> {
+impl KeyDecoder {
+    /// Returns the key that this byte completes. Unknown bytes are ignored; an invalid byte ends a sequence.
+    pub fn push_byte(&mut self, byte: u8) -> Option<Key> {
         let after_return = core::mem::replace(&mut self.returned, byte == b'\r');
         match (core::mem::take(&mut self.sequence), byte) {
             (Sequence::Escape, b'[' | b'O') => self.sequence = Sequence::Control(0, false),
@@ -86,7 +84,6 @@ impl Keys {
     }
 }
 
-/// What a byte by itself means.
 const fn plain(byte: u8) -> Option<Key> {
     const fn ctrl(letter: u8) -> u8 {
         letter & 0x1F
@@ -108,8 +105,7 @@ const fn plain(byte: u8) -> Option<Key> {
     })
 }
 
-/// What a control sequence means: by its last byte and, of a tilde, its first number (ECMA-48, and what xterm, VT220 and
-/// the Linux console send).
+/// Decodes a control sequence from its last byte and, for `~`, its first number (ECMA-48; xterm, VT220, Linux console).
 const fn sequence(number: u8, last: u8) -> Option<Key> {
     Some(match (last, number) {
         (b'A', _) => Key::Up,
@@ -123,41 +119,41 @@ const fn sequence(number: u8, last: u8) -> Option<Key> {
     })
 }
 
-/// The line that is being typed, and those before. Only characters from space to tilde are in them.
+/// The line being typed, and previous lines; printable ASCII only.
 #[derive(Debug, Default)]
 pub struct Editor {
     line: Vec<u8, LINE_CAPACITY>,
     cursor: usize,
-    /// Characters that did not fit.
-    beyond: usize,
-    /// Lines before, the newest last, each with a line feed at its end.
+    /// Number of characters beyond the capacity.
+    excess_characters: usize,
+    /// Previous lines, the newest last, each with a line feed at its end.
     history: Vec<u8, 256>,
-    /// Which line of history is shown, counted from the newest; none for that which was typed.
-    recalled: Option<usize>,
+    /// Index of the recalled line from the newest; none for a typed line.
+    history_index: Option<usize>,
 }
 
 impl Editor {
-    /// The line.
+    /// Text of the line.
     pub fn line(&self) -> &str {
         text(&self.line)
     }
 
-    /// What of the line is before the cursor.
+    /// Text before the cursor.
     pub fn before_cursor(&self) -> &str {
         self.line().get(..self.cursor).unwrap_or_default()
     }
 
-    /// Whether there were more characters than fit.
+    /// Whether more characters were typed than fit.
     pub const fn is_too_long(&self) -> bool {
-        self.beyond > 0
+        self.excess_characters > 0
     }
 
-    /// Takes a key that changes the line, and shows what has changed.
+    /// Applies a key to the line and updates the terminal.
     pub fn key(&mut self, key: Key, out: &mut dyn fmt::Write) {
         let end = self.line.len();
         match key {
             Key::Character(byte) => return self.insert(byte, out),
-            Key::Backspace if self.beyond > 0 => self.beyond -= 1,
+            Key::Backspace if self.excess_characters > 0 => self.excess_characters -= 1,
             Key::Backspace if self.cursor == 0 => {}
             Key::Backspace => {
                 self.cursor -= 1;
@@ -168,31 +164,31 @@ impl Editor {
             Key::Right => self.cursor = end.min(self.cursor + 1),
             Key::Home => self.cursor = 0,
             Key::End => self.cursor = end,
-            Key::Up => self.recall(self.recalled.map_or(0, |back| back + 1)),
-            Key::Down => match self.recalled {
+            Key::Up => self.recall(self.history_index.map_or(0, |back| back + 1)),
+            Key::Down => match self.history_index {
                 Some(back) if back > 0 => self.recall(back - 1),
                 _ => self.clear(),
             },
             Key::Erase => {
                 self.line.rotate_left(self.cursor);
                 self.line.truncate(end - self.cursor);
-                (self.cursor, self.beyond, self.recalled) = (0, 0, None);
+                (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
             }
             Key::Enter | Key::Tab | Key::Cancel => return,
         }
         self.draw(out);
     }
 
-    /// Shows the line anew, whatever stands in the terminal's.
+    /// Redraws the line.
     pub fn draw(&self, out: &mut dyn fmt::Write) {
-        // What does not fit into the output is cut.
+        // Output beyond its capacity is cut.
         let _ = write!(out, "\r\x1b[2K{PROMPT}{}", self.line());
         for _ in self.cursor..self.line.len() {
             let _ = out.write_str("\x08");
         }
     }
 
-    /// Begins a line; the one before goes into history.
+    /// Stores the line in history and clears it.
     pub fn enter(&mut self) {
         let newest = self.past(0);
         if !self.is_too_long() && !self.line.is_empty() && newest != self.line.as_slice() {
@@ -202,22 +198,22 @@ impl Editor {
                 self.history.rotate_left(oldest);
                 self.history.truncate(self.history.len() - oldest);
             }
-            // There is room now.
+            // The loop has made room.
             let _ = self.history.extend_from_slice(&self.line);
             let _ = self.history.push(b'\n');
         }
         self.clear();
     }
 
-    /// Empties the line.
+    /// Clears the line.
     pub fn clear(&mut self) {
         self.line.clear();
-        (self.cursor, self.beyond, self.recalled) = (0, 0, None);
+        (self.cursor, self.excess_characters, self.history_index) = (0, 0, None);
     }
 
     fn insert(&mut self, byte: u8, out: &mut dyn fmt::Write) {
         if self.is_too_long() || self.line.insert(self.cursor, byte).is_err() {
-            self.beyond += 1;
+            self.excess_characters += 1;
             return;
         }
         self.cursor += 1;
@@ -242,18 +238,17 @@ impl Editor {
         self.clear();
         self.cursor = line.len();
         self.line = line;
-        self.recalled = Some(back);
+        self.history_index = Some(back);
     }
 
-    /// A line of history, counted from the newest; empty before the oldest.
+    /// Line of history, counted from the newest; empty beyond the oldest.
     fn past(&self, back: usize) -> &[u8] {
-        // After the last line feed there is nothing.
         self.history.rsplit(|&byte| byte == b'\n').nth(back + 1).unwrap_or_default()
     }
 }
 
 fn text(line: &[u8]) -> &str {
-    // Plain characters always are UTF-8.
+    // Printable ASCII is always UTF-8.
     core::str::from_utf8(line).unwrap_or_default()
 }
 
@@ -262,9 +257,9 @@ mod tests {
     use super::*;
 
     fn keys(bytes: &[u8]) -> std::vec::Vec<Key> {
-        let mut keys = Keys::default();
-        // A byte at a time: that is how sequences are split across reads.
-        bytes.iter().filter_map(|&byte| keys.byte(byte)).collect()
+        let mut keys = KeyDecoder::default();
+        // One byte at a time: a sequence may be split across reads.
+        bytes.iter().filter_map(|&byte| keys.push_byte(byte)).collect()
     }
 
     #[test]
@@ -310,7 +305,7 @@ mod tests {
         assert_eq!(keys(b"\r\0\n"), [Key::Enter; 2]);
     }
 
-    /// What cannot be in a sequence ends it and counts itself: a line end always is one.
+    /// An invalid byte ends a sequence and counts as a key, a line end in particular.
     #[test]
     fn a_broken_sequence_swallows_nothing_else() {
         let x = Key::Character(b'x');
@@ -327,7 +322,6 @@ mod tests {
         }
     }
 
-    /// A terminal of one line, with what every terminal knows.
     #[derive(Default)]
     struct Screen {
         cells: std::vec::Vec<char>,
@@ -353,10 +347,10 @@ mod tests {
         }
     }
 
-    /// Types; looks that the screen shows the line with the cursor where it is.
+    /// Types bytes, and checks after each key that the screen shows the line and the cursor.
     fn typed(editor: &mut Editor, screen: &mut Screen, bytes: &[u8]) {
-        let mut keys = Keys::default();
-        for key in bytes.iter().filter_map(|&byte| keys.byte(byte)) {
+        let mut keys = KeyDecoder::default();
+        for key in bytes.iter().filter_map(|&byte| keys.push_byte(byte)) {
             if key == Key::Enter {
                 editor.enter();
                 editor.draw(screen);
@@ -417,12 +411,12 @@ mod tests {
             typed(&mut editor, &mut screen, key);
             assert_eq!((editor.line(), editor.before_cursor()), (line, line), "{key:?}");
         }
-        // What was recalled and entered is the newest again.
+        // A recalled line that is entered is the newest again.
         typed(&mut editor, &mut screen, b"\x15\x1b[A\x1b[A\r\x1b[A");
         assert_eq!(editor.line(), "two");
     }
 
-    /// 256 characters, a line feed after each line among them: of the longest three; the oldest go.
+    /// 256 characters, line feeds included, hold three lines of full length; the oldest are dropped.
     #[test]
     fn history_holds_three_long_lines() {
         let (mut editor, mut screen) = fresh();
@@ -436,7 +430,8 @@ mod tests {
         }
     }
 
-    /// What does not fit is counted, so that deleting it makes the line whole again; it never becomes part of it.
+    /// Characters beyond the capacity are counted, so that deleting them makes the line valid again; they are never
+    /// inserted.
     #[test]
     fn what_does_not_fit_is_not_forgotten() {
         let (mut editor, mut screen) = fresh();
@@ -446,7 +441,7 @@ mod tests {
         assert!(editor.is_too_long());
         typed(&mut editor, &mut screen, b"\x7f");
         assert!(!editor.is_too_long() && editor.line() == "a".repeat(LINE_CAPACITY));
-        // In the middle, too; and room that is made afterwards does not make it fit.
+        // Also in the middle of the line, and after room was made.
         typed(&mut editor, &mut screen, b"\x1b[Dx\x1b[3~y");
         assert!(editor.is_too_long() && !editor.line().contains('y'));
         typed(&mut editor, &mut screen, b"\r\x1b[A");
@@ -456,7 +451,7 @@ mod tests {
         assert!(!editor.is_too_long() && editor.line().is_empty());
     }
 
-    /// Any byte in any order: the screen shows the line, the cursor is in it, and only plain characters are.
+    /// Random bytes: the screen shows the line, the cursor stays within it, and only printable characters are stored.
     #[test]
     fn no_bytes_stop_it() {
         let mut random = testkit::random::Random(3);

@@ -1,46 +1,37 @@
-//! The console's language: what a person types and what it means.
+//! The console's language: table of commands, parser with completion and help, line editor, [`session`] of a terminal,
+//! texts of the replies ([`report`]).
 //!
-//! | file | holds |
-//! |---|---|
-//! | `words.rs` | every command, in one table |
-//! | `language.rs` | what a line means, how a word goes on, help and complaints, all by that table |
-//! | `editor.rs` | keys to a line: cursor, history |
-//! | [`session`] | one terminal: the two above, and what waits to be sent |
-//! | [`report`] | the replies' texts |
-//!
-//! Editor and parser are our own: `embedded-cli`, which did this, generates a parser for each command (10 KB of flash
-//! more than the table), knows no choices and completes only the first word; crates that edit a line and no more would
-//! leave most of it to do. Every complaint is an `error <code>: what to do`, so that scripts can rely on the codes.
+//! Editor and parser are written here: `embedded-cli` generates a parser for each command (10 KB of flash more than the
+//! table), has no choices and completes only the first word; crates for line editing alone save little. Every error is
+//! an `error <code>: what to do`, so that scripts can rely on the codes.
 
+mod command_table;
 mod editor;
-mod language;
-#[cfg(test)]
-mod left_out;
+mod parser;
 pub mod report;
 pub mod session;
-mod words;
 
-pub use language::{LineError, help, parse};
-pub use words::Row;
+pub use command_table::CommandSpec;
+pub use parser::{LineError, help, parse};
 
 use crate::compass;
 
-/// What a line asks for.
+/// Request of a line.
 #[derive(Clone, Copy, Debug)]
 pub enum Request {
-    /// What can be typed; about one command, if it is given.
-    Help(Option<&'static Row>),
-    /// The firmware's version.
+    /// List the commands, or explain one.
+    Help(Option<&'static CommandSpec>),
+    /// Show the firmware's version.
     Version,
-    /// Everything there is to know.
+    /// Show state, settings and counters.
     Status,
-    /// The calibration in use.
+    /// Show the active calibration.
     CalShow,
-    /// Restart.
+    /// Restart the module.
     Reboot,
-    /// Something for the state machine.
+    /// Command for the state machine.
     Compass(compass::Command),
 }
 
-/// Characters in a line.
+/// Capacity of a line, characters.
 pub const LINE_CAPACITY: usize = 64;

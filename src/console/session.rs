@@ -1,18 +1,18 @@
-//! A console session: bytes in, requests out, echo and replies gathered for sending.
+//! A console session: received bytes in, requests out, echo and replies buffered for sending.
 
 use core::fmt::{self, Write};
 
-use super::editor::{Editor, Key, Keys, PROMPT};
-use super::language::{self, LineError};
+use super::editor::{Editor, Key, KeyDecoder, PROMPT};
+use super::parser::{self, LineError};
 use super::{Request, parse};
 
-/// What waits to be sent. The longest, `status` after a whole line of echo, takes half of it. What does not fit is cut:
-/// a terminal that takes nothing must not stop the module.
+/// Output buffer. The longest reply, `status` after a full line of echo, takes half of it. Output beyond the capacity
+/// is cut: a terminal that accepts no bytes must not stop the module.
 #[derive(Debug, Default)]
-pub struct Output(heapless::Vec<u8, 2048>);
+pub struct ConsoleOutput(heapless::Vec<u8, 2048>);
 
-/// Line ends become those of terminals.
-impl Write for Output {
+/// Writes carriage return and line feed for a line end.
+impl Write for ConsoleOutput {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
             if byte == b'\n' {
@@ -24,37 +24,38 @@ impl Write for Output {
     }
 }
 
-/// One terminal.
+/// Session of one terminal.
 #[derive(Debug)]
 pub struct Session {
-    keys: Keys,
+    keys: KeyDecoder,
     editor: Editor,
-    output: Output,
+    output: ConsoleOutput,
 }
 
 impl Session {
-    /// A session that has written its greeting and the prompt.
-    pub fn new(greeting: impl FnOnce(&mut Output) -> fmt::Result) -> Self {
-        let mut session = Self { keys: Keys::default(), editor: Editor::default(), output: Output::default() };
+    /// Creates a session with greeting and prompt in the output.
+    pub fn new(greeting: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) -> Self {
+        let mut session =
+            Self { keys: KeyDecoder::default(), editor: Editor::default(), output: ConsoleOutput::default() };
         session.reply(greeting);
         session
     }
 
-    /// What waits to be sent.
+    /// Pending output.
     #[must_use]
     pub fn output(&self) -> &[u8] {
         &self.output.0
     }
 
-    /// It has been sent.
+    /// Clears the output after it was sent.
     pub fn sent(&mut self) {
         self.output.0.clear();
     }
 
-    /// Takes a byte from the terminal; gives a request, or what is wrong with it, when it ends a line that holds one.
-    /// Then [`reply`](Self::reply) is awaited. Bytes that no key sends are passed over.
+    /// Processes a received byte; returns a request or an error at the end of a line that is not empty. The caller then
+    /// has to call [`reply`](Self::reply).
     pub fn byte(&mut self, byte: u8) -> Option<Result<Request, LineError>> {
-        match self.keys.byte(byte)? {
+        match self.keys.push_byte(byte)? {
             Key::Enter => return self.enter(),
             Key::Tab => self.complete(),
             Key::Cancel => {
@@ -67,15 +68,15 @@ impl Session {
         None
     }
 
-    /// Writes the reply to the line just entered, then the prompt.
-    pub fn reply(&mut self, write: impl FnOnce(&mut Output) -> fmt::Result) {
-        // The output never fails.
+    /// Writes the reply to the last line, then the prompt.
+    pub fn reply(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
+        // Writing to this output never fails.
         let _ = write(&mut self.output);
         self.print(PROMPT);
     }
 
-    /// Writes a line between what the person is typing.
-    pub fn notice(&mut self, write: impl FnOnce(&mut Output) -> fmt::Result) {
+    /// Writes an unsolicited message, and redraws the line being typed.
+    pub fn write_notice(&mut self, write: impl FnOnce(&mut ConsoleOutput) -> fmt::Result) {
         self.print("\r\x1b[2K");
         let _ = write(&mut self.output);
         self.editor.draw(&mut self.output);
@@ -95,16 +96,16 @@ impl Session {
         entered
     }
 
-    /// Adds what the words that fit have in common; if that is nothing, shows them.
+    /// Inserts the common continuation of all matching words, or lists them if there is none.
     fn complete(&mut self) {
         let Self { editor, output, .. } = self;
-        let found = language::complete(editor.before_cursor(), &mut |_| {});
+        let found = parser::complete(editor.before_cursor(), &mut |_| {});
         for byte in found.rest.bytes().chain((found.fit == 1).then_some(b' ')) {
             editor.key(Key::Character(byte), output);
         }
         if found.rest.is_empty() && found.fit > 1 {
             let _ = output.write_str("\n");
-            language::complete(editor.before_cursor(), &mut |word| {
+            parser::complete(editor.before_cursor(), &mut |word| {
                 let _ = write!(output, "{word}  ");
             });
             let _ = output.write_str("\n");

@@ -1,14 +1,14 @@
-//! Where on Earth, and on which day: what the Earth's field depends on; and what it is there.
+//! Position, date, and the Earth's magnetic field there.
 
-mod here;
+mod local_field;
 mod model;
 
-pub use here::Here;
-pub use model::{EarthField, MODEL, Validity};
+pub use local_field::LocalField;
+pub use model::{EarthField, MODEL_NAME, ModelValidity};
 
-/// A place, as an autopilot tells it.
+/// Position reported by an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct Position {
     /// Latitude, degrees, north positive.
     pub latitude_deg: f32,
     /// Longitude, degrees, east positive.
@@ -17,9 +17,9 @@ pub struct Place {
     pub height_m: f32,
 }
 
-impl Place {
-    /// A place, if there is one there: latitude -90..=90, longitude -180..=180 deg, height -1,000..=100,000 m. What a
-    /// receiver without a fix sends, latitude and longitude of exactly nothing, is none.
+impl Position {
+    /// Creates a position. `None` outside latitude -90..=90 deg, longitude -180..=180 deg, height -1,000..=100,000 m,
+    /// and for latitude and longitude of exactly zero, which receivers send without a fix.
     #[must_use]
     pub fn new(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Option<Self> {
         let exists = latitude_deg.abs() <= 90.0
@@ -30,36 +30,36 @@ impl Place {
     }
 }
 
-/// A day: so many since 1970-01-01, UTC. Good until 2149.
+/// Date as days since 1970-01-01, UTC; until 2149.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Day(u16);
+pub struct Date(u16);
 
-impl Day {
-    /// 2020-01-01: what a clock says that was never set is earlier.
-    const FIRST: u64 = 18_262;
+impl Date {
+    /// 2020-01-01; an unset clock is earlier.
+    const MIN_DAYS: u64 = 18_262;
 
-    /// The day of a Unix time, seconds; none before 2020, which is a clock that was never set, and none after 2149.
+    /// Date of a Unix time, seconds; `None` before 2020 (unset clock) and after 2149.
     #[must_use]
     pub fn from_unix_s(seconds: u64) -> Option<Self> {
         let days = seconds / 86_400;
-        (days >= Self::FIRST).then(|| u16::try_from(days).ok().map(Self))?
+        (days >= Self::MIN_DAYS).then(|| u16::try_from(days).ok().map(Self))?
     }
 
     /// Days since 1970-01-01.
     #[must_use]
-    pub const fn since_1970(self) -> u16 {
+    pub const fn days_since_1970(self) -> u16 {
         self.0
     }
 
-    /// Year, month and day of the month, until 2100-02-28; one too early after that.
+    /// Year, month and day; valid until 2100-02-28.
     #[must_use]
-    pub fn date(self) -> (u16, u8, u8) {
-        // Counted from 1 March 1968, so that the leap day is the last of four years; none is left out before 2100.
+    pub fn year_month_day(self) -> (u16, u8, u8) {
+        // Days since 1968-03-01: the leap day is the last of four years, without exception before 2100.
         let days = u32::from(self.0) + 671;
         let (four_years, day) = (days / 1_461, days % 1_461);
         let year = (day / 365).min(3);
         let day = day - 365 * year;
-        // Months from March on are 31, 30, 31, 30, 31 days, again and again.
+        // Month lengths from March repeat 31, 30, 31, 30, 31.
         let month = (5 * day + 2) / 153;
         let day = day - (153 * month + 2) / 5 + 1;
         let year = 1968 + 4 * four_years + year + u32::from(month >= 10);
@@ -72,13 +72,12 @@ impl Day {
 mod tests {
     use super::*;
 
-    /// Each limit from both sides.
     #[test]
-    fn a_place_is_on_earth() {
+    fn a_position_must_be_on_earth() {
         for (latitude_deg, longitude_deg, height_m) in
             [(90.0, 180.0, 0.0), (-90.0, -180.0, -1_000.0), (0.0, 1e-7, 100_000.0), (1e-7, 0.0, 0.0)]
         {
-            assert!(Place::new(latitude_deg, longitude_deg, height_m).is_some(), "{latitude_deg} {longitude_deg}");
+            assert!(Position::new(latitude_deg, longitude_deg, height_m).is_some(), "{latitude_deg} {longitude_deg}");
         }
         let nan = f32::NAN;
         for (latitude_deg, longitude_deg, height_m) in [
@@ -93,14 +92,14 @@ mod tests {
             (1.0, nan, 1.0),
             (1.0, 1.0, nan),
         ] {
-            assert!(Place::new(latitude_deg, longitude_deg, height_m).is_none(), "{latitude_deg} {longitude_deg}");
+            assert!(Position::new(latitude_deg, longitude_deg, height_m).is_none(), "{latitude_deg} {longitude_deg}");
         }
     }
 
-    /// From 2020-01-01 (`date -d 2020-01-01 +%s`) until the number ends, from both sides.
+    /// Limits: 2020-01-01 (`date -d 2020-01-01 +%s`) and the range of `u16`.
     #[test]
-    fn a_day_is_of_a_clock_that_was_set() {
-        let day = |seconds| Day::from_unix_s(seconds).map(Day::since_1970);
+    fn an_unset_clock_has_no_date() {
+        let day = |seconds| Date::from_unix_s(seconds).map(Date::days_since_1970);
         assert_eq!(day(1_577_836_800), Some(18_262));
         assert_eq!(day(1_577_836_799), None);
         assert_eq!(day(0), None);
@@ -109,9 +108,9 @@ mod tests {
         assert_eq!(day(u64::MAX), None);
     }
 
-    /// As `date -d` has them; the ends of months, of years, and of leap years.
+    /// Reference: `date -d`. Ends of months, years and leap years.
     #[test]
-    fn a_day_has_a_date() {
+    fn dates_match_the_calendar() {
         for (days, date) in [
             (18_262, (2020, 1, 1)),
             (18_320, (2020, 2, 28)),
@@ -126,13 +125,13 @@ mod tests {
             (21_914, (2029, 12, 31)),
             (47_540, (2100, 2, 28)),
         ] {
-            let day = Day::from_unix_s(days * 86_400).unwrap();
-            assert_eq!(day.date(), date);
+            let day = Date::from_unix_s(days * 86_400).unwrap();
+            assert_eq!(day.year_month_day(), date);
         }
         let lengths = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
         let all = (1..).zip(lengths).flat_map(|(month, length)| (1..=length).map(move |day| (2026, month, day)));
         for (days, date) in (20_454..).zip(all) {
-            assert_eq!(Day::from_unix_s(days * 86_400).unwrap().date(), date);
+            assert_eq!(Date::from_unix_s(days * 86_400).unwrap().year_month_day(), date);
         }
     }
 }

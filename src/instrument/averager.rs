@@ -1,90 +1,91 @@
-//! Averages a few consecutive readings into one sample.
+//! Averages consecutive readings to one sample.
 
 use nalgebra::Vector3;
 
-use crate::attitude::Motion;
+use crate::attitude::EulerRates;
 use crate::calibration::{Rates, Sample};
 use crate::frames::{Attitude, Field, Sensor, wrap_pi};
 use crate::time::Timestamp;
 
-/// Averages runs of readings without gaps. Attitude is averaged with the field, so both keep the same mean instant.
+/// Averages gapless runs of readings, and their attitudes, so that both refer to the same time.
 #[derive(Debug)]
 pub(super) struct Averager {
-    /// Readings in one sample.
-    readings: u16,
-    /// A larger step between readings is a gap, not to be averaged over, microseconds.
+    readings_per_sample: u16,
+    /// Longest step between readings, microseconds.
     max_step_us: u64,
-    run: Option<Run>,
+    run: Option<AveragingRun>,
 }
 
-/// Sums since the first reading of a run.
 #[derive(Debug)]
-struct Run {
+struct AveragingRun {
     count: u16,
-    first: Timestamp,
-    last: Timestamp,
+    first_at: Timestamp,
+    last_at: Timestamp,
     field_ut: Vector3<f32>,
     first_roll_rad: f32,
-    /// Roll less the first one's, so that a roll through 180 deg averages right.
-    roll_rad: f32,
+    /// Relative to the first roll, so that a roll through 180 deg averages correctly.
+    relative_roll_rad: f32,
     pitch_rad: f32,
     rates_rad_s: [f32; 3],
 }
 
 impl Averager {
-    /// Nothing taken yet.
     pub const fn new(readings: u16, max_step_us: u64) -> Self {
-        Self { readings, max_step_us, run: None }
+        Self { readings_per_sample: readings, max_step_us, run: None }
     }
 
-    /// Forgets the run under way.
     pub fn reset(&mut self) {
         self.run = None;
     }
 
-    /// Takes a reading with the attitude at its instant and how fast that changes; gives a sample when it is the last of
-    /// a run.
-    pub fn push(&mut self, at: Timestamp, field: Field<Sensor>, attitude: Attitude, motion: Motion) -> Option<Sample> {
-        let fits = |run: &Run| at >= run.last && at.us_since(run.last) <= self.max_step_us;
-        let mut run = self.run.take().filter(fits).unwrap_or_else(|| Run::starting(at, attitude));
+    /// Adds a reading with the attitude and Euler-angle rates at its time; returns a sample at the end of a run.
+    pub fn push(
+        &mut self,
+        at: Timestamp,
+        field: Field<Sensor>,
+        attitude: Attitude,
+        motion: EulerRates,
+    ) -> Option<Sample> {
+        let fits = |run: &AveragingRun| at >= run.last_at && at.us_since(run.last_at) <= self.max_step_us;
+        let mut run = self.run.take().filter(fits).unwrap_or_else(|| AveragingRun::new_at(at, attitude));
         run.count += 1;
-        run.last = at;
+        run.last_at = at;
         run.field_ut += field.ut;
-        run.roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
+        run.relative_roll_rad += wrap_pi(attitude.roll_rad - run.first_roll_rad);
         run.pitch_rad += attitude.pitch_rad;
         let rates_rad_s = [motion.roll_rad_s, motion.pitch_rad_s, motion.heading_rad_s];
         for (sum, rate_rad_s) in run.rates_rad_s.iter_mut().zip(rates_rad_s) {
             *sum += rate_rad_s;
         }
-        if run.count >= self.readings {
-            return Some(run.mean());
+        if run.count >= self.readings_per_sample {
+            return Some(run.mean_sample());
         }
         self.run = Some(run);
         None
     }
 }
 
-impl Run {
-    fn starting(at: Timestamp, attitude: Attitude) -> Self {
+impl AveragingRun {
+    fn new_at(at: Timestamp, attitude: Attitude) -> Self {
         Self {
             count: 0,
-            first: at,
-            last: at,
+            first_at: at,
+            last_at: at,
             field_ut: Vector3::zeros(),
             first_roll_rad: attitude.roll_rad,
-            roll_rad: 0.0,
+            relative_roll_rad: 0.0,
             pitch_rad: 0.0,
             rates_rad_s: [0.0; 3],
         }
     }
 
-    fn mean(&self) -> Sample {
+    fn mean_sample(&self) -> Sample {
         let count = f32::from(self.count);
-        let middle = self.first.plus_us(self.last.us_since(self.first) / 2);
+        let middle = self.first_at.plus_us(self.last_at.us_since(self.first_at) / 2);
         Sample {
             field: Field::new(self.field_ut / count),
             attitude: Attitude {
-                roll_rad: wrap_pi(self.first_roll_rad + self.roll_rad / count),
+                roll_rad: wrap_pi(self.first_roll_rad + self.relative_roll_rad / count),
                 pitch_rad: self.pitch_rad / count,
             },
             rates: Rates::from_rad_s(self.rates_rad_s.map(|sum| sum / count)),
@@ -98,7 +99,7 @@ mod tests {
     use super::*;
     use crate::time::WrappingMillis;
 
-    /// 80 Hz: eight readings a sample, and three periods and a bit are a gap.
+    /// 80 Hz: eight readings per sample; the longest step is 3.2 periods.
     const PERIOD_US: u64 = 12_500;
 
     fn averager() -> Averager {
@@ -112,7 +113,7 @@ mod tests {
             .filter_map(|i| {
                 let x = f32::from(i);
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                let motion = Motion { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
+                let motion = EulerRates { roll_rad_s: x / 10.0, pitch_rad_s: -x / 5.0, heading_rad_s: 2.0 };
                 averager.push(at, Field::from_ut(x, 0.0, -x), Attitude::from_deg(x, -x), motion)
             })
             .collect();
@@ -124,7 +125,6 @@ mod tests {
         assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 
-    /// 178, -178, 178, -178 deg lie about 180, not about 0.
     #[test]
     fn a_roll_through_180_deg_averages_to_180() {
         let mut averager = averager();
@@ -132,17 +132,21 @@ mod tests {
             .find_map(|i| {
                 let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
                 let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push(at, Field::from_ut(1.0, 0.0, 0.0), Attitude::from_deg(roll_deg, 0.0), Motion::default())
+                averager.push(
+                    at,
+                    Field::from_ut(1.0, 0.0, 0.0),
+                    Attitude::from_deg(roll_deg, 0.0),
+                    EulerRates::default(),
+                )
             })
             .unwrap();
         assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
     }
 
-    /// How many samples readings at these instants make.
     fn samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);
-        let mut push = |us| averager.push(Timestamp::from_us(us), field, Attitude::default(), Motion::default());
+        let mut push = |us| averager.push(Timestamp::from_us(us), field, Attitude::default(), EulerRates::default());
         instants_us.into_iter().filter_map(&mut push).collect()
     }
 

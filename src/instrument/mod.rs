@@ -1,8 +1,9 @@
-//! The instrument: readings and attitude in, headings and samples out. A pure value without I/O, clock or executor.
+//! The instrument: readings and attitude reports in, headings and samples out. A pure value without I/O, clock or
+//! executor.
 //!
-//! It owns everything between the wires and a heading: the attitude track, the correction in force, the pairing of
-//! readings with the attitude at their instants, and the averaging to samples. Whoever drives it - a task, a recording
-//! that is replayed, a test - says what arrived and when, and passes on what comes out:
+//! It owns the processing between sensor and heading: attitude track, active correction, time alignment of readings
+//! with attitudes, averaging to samples. Its driver (a task, a replayed recording, a test) passes in timestamped events
+//! and handles the results:
 //!
 //! ```text
 //! on_attitude(at, Report) ---> track ---+
@@ -11,30 +12,31 @@
 //!                                       +---> pairing ---> averager ---> next_sample()
 //! ```
 //!
-//! An estimate is made at once, with the attitude carried on to the reading's instant if need be. A sample is not in a
-//! hurry: it waits for the report after it, so that its attitude is interpolated.
+//! An estimate is computed at once, with the attitude extrapolated to the reading if necessary. A sample waits for the
+//! next report, so that its attitude is interpolated.
 //!
 //! ```
-//! use autoswing::attitude::{Report, Source};
-//! use autoswing::calibration::{Calibration, Orientation, Uncertainty};
+//! use autoswing::attitude::{AttitudeReport, SenderId};
+//! use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
 //! use autoswing::frames::{Attitude, Field};
-//! use autoswing::instrument::{Config, Correction, Instrument};
-//! use autoswing::magnetometer::Reading;
+//! use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
+//! use autoswing::reading::Reading;
 //! use autoswing::time::{Timestamp, WrappingMillis};
 //!
 //! // A magnetometer of 100 Hz, and an attitude source whose reports are 20 ms old when they arrive.
-//! let mut instrument = Instrument::new(Config::new(10_000));
-//! // What a solve found: here an aircraft without iron, in a field of 50 uT that dips by 60 deg.
+//! let mut instrument = Instrument::new(InstrumentConfig::new(10_000));
+//! // Result of a solve: here an aircraft without iron, in a field of 50 uT at an inclination of 60 deg.
 //! let calibration = Calibration {
 //!     inclination_rad: 60_f32.to_radians(),
 //!     total_ut: 50.0,
 //!     ..Calibration::uncalibrated(Orientation::NONE)
 //! };
-//! instrument.correct_with(Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE });
+//! let calibration = Some((calibration, HeadingUncertainty::NONE));
+//! instrument.set_correction(Correction { calibration, ..Correction::NONE });
 //!
 //! let attitude = Attitude::from_deg(20.0, 3.0);
 //! let sender_time = WrappingMillis::new(0);
-//! let report = Report { source: Source::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
+//! let report = AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s: [0.0; 3] };
 //! instrument.on_attitude(Timestamp::from_us(1_000_000), report);
 //! let field = Field::new(attitude.body(Field::earth(50.0, 60_f32.to_radians(), 1.2)).ut);
 //! let reading = Reading { field, saturated: false, overrun: false };
@@ -44,69 +46,70 @@
 
 mod averager;
 mod compass_field;
+mod monitor;
 mod pairing;
-mod sensor;
+mod sensor_check;
 mod smoother;
 #[cfg(test)]
 mod tests;
-mod watch;
 
-use crate::attitude::{self, Doubted, Lookup, Motion, Report, Track, Turning};
-use crate::calibration::{CURRENT_IS_LOOKED_FOR, Calibration, Orientation, Sample, Uncertainty};
+use crate::attitude::{
+    self, AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading, RejectedReports,
+};
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Sample};
 use crate::frames::{Attitude, Body, Field, Sensor};
 use crate::heading::{self, Heading, NoHeading};
-use crate::magnetometer::Reading;
+use crate::reading::Reading;
 use crate::time::Timestamp;
 use compass_field::CompassField;
-use pairing::Pairing;
-use sensor::{Fault, SensorCheck};
-use smoother::Smoother;
-pub use watch::{Iron, IronNews};
-use watch::{Watch, Watched};
+pub use monitor::{HardIronChange, HardIronChangeReporter};
+use monitor::{Monitor, MonitoredCalibration};
+use pairing::PairingQueue;
+use sensor_check::{ReadingFault, SensorCheck};
+use smoother::HeadingSmoother;
 
-/// Fixed numbers of an instrument.
+/// Parameters of an instrument.
 #[derive(Clone, Copy, Debug)]
-pub struct Config {
-    /// Time between two readings, microseconds.
+pub struct InstrumentConfig {
+    /// Sensor period, microseconds.
     pub reading_period_us: u32,
-    /// After so many equal readings an axis of the sensor is stuck; none: its readings may repeat.
+    /// Equal consecutive readings of an axis that indicate a stuck sensor; `None` disables the test.
     pub stuck_after: Option<u16>,
-    /// Numbers for the attitude source, its latency among them.
-    pub attitude: attitude::Config,
-    /// When a heading is not believed.
-    pub heading: heading::Config,
+    /// Parameters of the attitude track, including its latency.
+    pub attitude: attitude::AttitudeConfig,
+    /// Acceptance limits of a heading.
+    pub heading: heading::HeadingLimits,
 }
 
-/// Time that a sample spans, microseconds. A tenth of a second leaves a third of a reading's noise at 80 Hz, and a turn
-/// of 30 deg/s moves by 3 deg within it, which bends the mean by less than 0.02 % of the field.
+/// Duration of a sample, microseconds. At 80 Hz, averaging over 0.1 s leaves a third of a reading's noise; a turn of
+/// 30 deg/s covers 3 deg, which shortens the mean field by less than 0.02 %.
 const SAMPLE_SPAN_US: u32 = 100_000;
 
-/// Readings in the time without a reading after which the sensor counts as silent.
+/// Sensor periods without a reading until the sensor counts as silent.
 const SILENT_PERIODS: u32 = 8;
 
-/// Fifths of a period that a step between two averaged readings may take: three periods, and a fifth for the clock.
+/// Longest step between two averaged readings, in fifths of the sensor period: three periods plus clock tolerance.
 const MAX_STEP_FIFTHS: u64 = 16;
 
-impl Config {
-    /// For a magnetometer with this time between two readings, which may repeat, and an ordinary attitude source.
+impl InstrumentConfig {
+    /// Default parameters for a magnetometer of this period.
     #[must_use]
     pub const fn new(reading_period_us: u32) -> Self {
         Self {
             reading_period_us,
             stuck_after: None,
-            attitude: attitude::Config::DEFAULT,
-            heading: heading::Config::DEFAULT,
+            attitude: attitude::AttitudeConfig::DEFAULT,
+            heading: heading::HeadingLimits::DEFAULT,
         }
     }
 
-    /// How many readings are averaged to one sample: ten samples a second, or each reading a sample where those are
-    /// slower.
+    /// Readings averaged to one sample: 10 samples per second, or one per reading of a slower sensor.
     #[must_use]
     pub const fn readings_per_sample(&self) -> u16 {
         readings_per_sample(self.reading_period_us)
     }
 
-    /// Without a reading for so long the sensor is silent, microseconds.
+    /// Time without a reading until the sensor counts as silent, microseconds.
     #[must_use]
     pub const fn silence_us(&self) -> u64 {
         self.reading_period_us as u64 * SILENT_PERIODS as u64
@@ -117,10 +120,9 @@ impl Config {
     }
 }
 
-/// How many readings with this time between them, microseconds, are averaged to one sample; one at least.
+/// Readings averaged to one sample at this sensor period, microseconds; at least one.
 #[must_use]
 pub const fn readings_per_sample(reading_period_us: u32) -> u16 {
-    // A period of zero is no sensor's.
     let period_us = if reading_period_us == 0 { 1 } else { reading_period_us };
     let readings = (SAMPLE_SPAN_US + period_us / 2) / period_us;
     if readings == 0 {
@@ -132,31 +134,31 @@ pub const fn readings_per_sample(reading_period_us: u32) -> u16 {
     }
 }
 
-/// What the instrument corrects with. Replaced as a whole, so that a heading never mixes two calibrations.
+/// Corrections to apply, replaced as a whole so that a heading never mixes two calibrations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Correction {
-    /// The calibration in use, and how wrong a heading by it may be.
-    pub calibration: Option<(Calibration, Uncertainty)>,
-    /// Whether the inclination it was found in is known, so that a field of another can be told.
-    pub knows_inclination: bool,
-    /// Added to every heading, degrees.
+    /// Active calibration and its uncertainty.
+    pub calibration: Option<(Calibration, HeadingUncertainty)>,
+    /// Whether the calibration's inclination is valid; without it inclination is not monitored.
+    pub has_valid_inclination: bool,
+    /// Heading offset, degrees.
     pub align_deg: f32,
-    /// Where the attitude of samples comes from.
+    /// Source of the samples' attitude.
     pub sample_attitude: SampleAttitude,
-    /// How the chip sits, once it is known which chip it is: by this the field is told as it is read, as long as no
-    /// calibration has been in use.
+    /// Mounting rotation, once the chip is known. Before the first calibration the compass field is the rotated raw
+    /// field.
     pub mount: Option<Orientation>,
-    /// Total intensity of the Earth's field here and now, microtesla, if it is known.
+    /// Strength of the Earth's field, microtesla, if known.
     pub total_ut: Option<f32>,
-    /// Whether the autopilot is armed, if it has said so.
+    /// Whether the autopilot is armed, if reported.
     pub is_armed: Option<bool>,
 }
 
 impl Correction {
-    /// Of a module without a calibration.
+    /// No calibration.
     pub const NONE: Self = Self {
         calibration: None,
-        knows_inclination: true,
+        has_valid_inclination: true,
         align_deg: 0.0,
         sample_attitude: SampleAttitude::Interpolated,
         mount: None,
@@ -164,393 +166,403 @@ impl Correction {
         is_armed: None,
     };
 
-    /// Whether headings by the other one are the same.
-    fn is_alike(&self, other: &Self) -> bool {
+    /// Whether both produce the same headings.
+    fn gives_same_headings(&self, other: &Self) -> bool {
         self.calibration == other.calibration
-            && self.knows_inclination == other.knows_inclination
+            && self.has_valid_inclination == other.has_valid_inclination
             && self.align_deg.to_bits() == other.align_deg.to_bits()
     }
 }
 
-/// Where the attitude of samples comes from.
+/// Source of the samples' attitude.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleAttitude {
-    /// From the attitude source, interpolated to the instant of the reading.
+    /// Attitude reports, interpolated to the time of each reading.
     Interpolated,
-    /// Nowhere: samples are of the field alone, and their attitude is level.
+    /// None: samples contain the field only, with level attitude.
     Unknown,
 }
 
-/// What the instrument knows at an instant.
+/// Results at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The instant of the reading, or of the silence.
+    /// Time of the reading, or of the silence.
     pub at: Timestamp,
-    /// The corrected field in body axes, in the sensor's own microtesla. None without a calibration, and when the
-    /// sensor is silent or saturated. It needs no attitude, and alignment is not in it.
-    pub body: Option<Field<Body>>,
-    /// What an autopilot's compass is to read, microtesla: the field corrected by the calibration as the watch has adjusted
-    /// it, alignment included, in the true strength where that is known. None while it is not to be trusted; it needs no
-    /// attitude. A module that has not had a calibration yet tells the field as it is read.
-    pub compass: Option<Field<Body>>,
-    /// The heading, alignment included, or why there is none.
+    /// Corrected field in body axes, in the sensor's microtesla, without alignment. `None` without a calibration, and
+    /// if the sensor is silent or faulty. Needs no attitude.
+    pub body_field: Option<Field<Body>>,
+    /// Field for an autopilot's compass, body axes, microtesla: corrected by calibration and monitor, with alignment,
+    /// scaled to the true field strength if known. `None` while not trusted. Needs no attitude. Before the first
+    /// calibration it is the raw field.
+    pub compass_field: Option<Field<Body>>,
+    /// Heading with alignment, or the reason for its absence.
     pub heading: Result<Heading, NoHeading>,
-    /// The same smoothed by the attitude source's body rates; none without a heading, and while the rates are not there,
-    /// have not been for long, or contradict it.
-    pub smooth: Option<Heading>,
-    /// The attitude at that instant, if the source's reports reach it.
+    /// Heading smoothed with the body rates; `None` without a heading, and while the rates are missing, new or
+    /// inconsistent with it.
+    pub smoothed_heading: Option<Heading>,
+    /// Attitude at that time, if reports are recent.
     pub attitude: Option<Attitude>,
-    /// Hard iron that has moved since the calibration, once it is sure.
-    pub iron: Option<Iron>,
-    /// The current that the motors draw, amperes, if it has been told lately.
+    /// Change of hard iron since the calibration, once significant.
+    pub hard_iron_change: Option<HardIronChange>,
+    /// Motor current, amperes, if reported recently.
     pub current_a: Option<f32>,
 }
 
 impl Estimate {
-    /// Before the first reading.
-    pub const NOTHING: Self = Self {
+    /// State before the first reading.
+    pub const EMPTY: Self = Self {
         at: Timestamp::START,
-        body: None,
-        compass: None,
+        body_field: None,
+        compass_field: None,
         heading: Err(NoHeading::SensorSilent),
-        smooth: None,
+        smoothed_heading: None,
         attitude: None,
-        iron: None,
+        hard_iron_change: None,
         current_a: None,
     };
 }
 
-/// What was not believed so far, and why; each wraps.
+/// Rejected inputs by reason; each counter wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Readings for which no attitude came.
+pub struct RejectionCounts {
+    /// Readings without an attitude.
     pub unpaired: u32,
-    /// Readings at the end of the chip's range.
+    /// Readings at the chip's range limit.
     pub saturated: u32,
-    /// Readings of an axis that ends before its range does.
+    /// Readings with an axis limited below the chip's range.
     pub clipped: u32,
-    /// Readings of an axis that repeats itself.
+    /// Readings with an axis that repeats.
     pub stuck: u32,
-    /// Readings too far from the one before.
+    /// Readings too far from the previous one.
     pub spikes: u32,
-    /// Attitude reports.
-    pub attitude: Doubted,
+    /// Rejected attitude reports.
+    pub attitude: RejectedReports,
 }
 
-impl Counts {
-    /// All was believed.
-    pub const NONE: Self = Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: Doubted::NONE };
+impl RejectionCounts {
+    /// No rejections.
+    pub const NONE: Self =
+        Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: RejectedReports::NONE };
 }
 
-/// The instrument. About 4 KB. What it does is not inlined into the task that drives it, whose stack would be that of all
-/// of it at once.
+/// Instrument state, about 4 KB. Larger methods are not inlined, to limit the stack.
 #[derive(Debug)]
 pub struct Instrument {
-    config: Config,
+    config: InstrumentConfig,
     correction: Correction,
-    track: Track,
-    sensor: SensorCheck,
-    pairing: Pairing,
-    smoother: Smoother,
-    counts: Counts,
-    watch: Watch,
-    /// What the watch has not seen yet: a sample with the instant of its last reading.
-    unwatched: Option<(Timestamp, Sample)>,
-    /// The calibration in use as the watch has adjusted it.
-    in_force: Option<(Calibration, Uncertainty)>,
+    track: AttitudeHistory,
+    sensor_check: SensorCheck,
+    pairing: PairingQueue,
+    smoother: HeadingSmoother,
+    rejections: RejectionCounts,
+    monitor: Monitor,
+    pending_sample: Option<(Timestamp, Sample)>,
+    monitored_calibration: Option<(Calibration, HeadingUncertainty)>,
     compass_field: CompassField,
-    /// Whether that has not seen the correction yet: how it goes over to another one takes longer than a heading does.
-    is_compass_due: bool,
-    /// When the watch last saw a sample.
-    watched_at: Timestamp,
-    /// Reports in a row whose rates were not believed.
-    doubted_rates: u8,
-    /// The last current that was told, amperes, and when.
-    current: Option<(Timestamp, f32)>,
+    /// Whether the compass field has yet to switch to the present correction.
+    is_compass_update_pending: bool,
+    monitored_at: Timestamp,
+    consecutive_rejected_rates: u8,
+    /// Last reported motor current, amperes, and its time.
+    motor_current: Option<(Timestamp, f32)>,
 }
 
-/// After so many reports in a row whose rates contradict them, a fifth of a second, the rates are wrong.
-const RATES_ARE_WRONG: u8 = 10;
+/// Consecutive reports with inconsistent body rates that restart the monitor: 0.2 s at 50 Hz.
+const MAX_REJECTED_RATES: u8 = 10;
 
-/// What was told of the current holds for so long, microseconds: autopilots that tell it do so once a second at least.
-const CURRENT_HOLDS_US: u64 = 3_000_000;
+/// Validity of a reported current, microseconds. Autopilots report it at 1 Hz or faster.
+const CURRENT_VALIDITY_US: u64 = 3_000_000;
 
-/// Without an attitude the watch sees nothing: that it last saw a disturbed field counts for so long, microseconds.
-const DISTURBED_US: u64 = 10_000_000;
+/// Without an attitude the monitor is not updated; time for which its last verdict of a disturbed field holds,
+/// microseconds.
+const DISTURBANCE_HOLD_US: u64 = 10_000_000;
 
 impl Instrument {
-    /// An instrument without a calibration. In a function of its own, for what it is put together from lies on the stack
-    /// meanwhile.
+    /// An instrument without a calibration.
     #[must_use]
     #[inline(never)]
-    pub fn new(config: Config) -> Self {
+    pub fn new(config: InstrumentConfig) -> Self {
         Self {
             config,
             correction: Correction::NONE,
-            track: Track::new(config.attitude),
-            sensor: SensorCheck::new(&config),
-            pairing: Pairing::new(config.readings_per_sample(), config.max_step_us()),
-            smoother: Smoother::new(),
-            counts: Counts::NONE,
-            watch: Watch::new(watch::Config::DEFAULT),
-            unwatched: None,
-            in_force: None,
-            compass_field: CompassField::NEW,
-            is_compass_due: false,
-            watched_at: Timestamp::START,
-            doubted_rates: 0,
-            current: None,
+            track: AttitudeHistory::new(config.attitude),
+            sensor_check: SensorCheck::new(&config),
+            pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
+            smoother: HeadingSmoother::new(),
+            rejections: RejectionCounts::NONE,
+            monitor: Monitor::new(monitor::MonitorConfig::DEFAULT),
+            pending_sample: None,
+            monitored_calibration: None,
+            compass_field: CompassField::INITIAL,
+            is_compass_update_pending: false,
+            monitored_at: Timestamp::START,
+            consecutive_rejected_rates: 0,
+            motor_current: None,
         }
     }
 
-    /// Corrects with this from now on.
+    /// Replaces the corrections.
     #[inline(never)]
-    pub fn correct_with(&mut self, correction: Correction) {
+    pub fn set_correction(&mut self, correction: Correction) {
         if correction.sample_attitude != self.correction.sample_attitude {
-            // A sample is made of readings of one kind.
+            // A sample must not mix readings with and without attitude.
             self.pairing.reset();
         }
         let is_another = correction.calibration != self.correction.calibration;
-        if !correction.is_alike(&self.correction) {
+        if !correction.gives_same_headings(&self.correction) {
             self.smoother.reset();
         }
         self.correction = correction;
         if is_another {
-            self.watch_anew();
+            self.restart_monitor();
         } else {
-            self.is_compass_due = true;
+            self.is_compass_update_pending = true;
         }
     }
 
-    /// Forgets what was learnt beyond the calibration: it is another one, or what was learnt was learnt with a gyro that
-    /// says what is not so.
+    /// Restarts the monitor after a change of calibration or wrong body rates.
     #[inline(never)]
-    fn watch_anew(&mut self) {
-        self.watch = Watch::new(watch::Config::DEFAULT);
-        self.unwatched = None;
-        self.in_force = self.correction.calibration;
-        self.is_compass_due = true;
+    fn restart_monitor(&mut self) {
+        self.monitor = Monitor::new(monitor::MonitorConfig::DEFAULT);
+        self.pending_sample = None;
+        self.monitored_calibration = self.correction.calibration;
+        self.is_compass_update_pending = true;
     }
 
-    /// The sensor is another one, with this time between two readings, microseconds; after so many equal ones an axis of
-    /// it is stuck.
+    /// Replaces the sensor parameters: period in microseconds, and equal consecutive readings that indicate a stuck
+    /// axis.
     pub fn set_sensor(&mut self, period_us: u32, stuck_after: Option<u16>) {
         self.config.reading_period_us = period_us;
         self.config.stuck_after = stuck_after;
-        self.sensor = SensorCheck::new(&self.config);
-        self.pairing.restart(self.config.readings_per_sample(), self.config.max_step_us());
+        self.sensor_check = SensorCheck::new(&self.config);
+        self.pairing.set_sensor_parameters(self.config.readings_per_sample(), self.config.max_step_us());
     }
 
-    /// Takes an attitude report whose last byte arrived at `at`. It may complete samples.
+    /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
-    pub fn on_attitude(&mut self, at: Timestamp, report: Report) {
-        let before = self.track.doubted().rates;
+    pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
+        let before = self.track.rejected().contradicting_rates;
         self.track.push(at, report);
-        self.compass_field.see_attitude(at, report.attitude);
-        let is_doubted = self.track.doubted().rates != before;
-        self.doubted_rates = if is_doubted { self.doubted_rates.saturating_add(1) } else { 0 };
-        if self.doubted_rates == RATES_ARE_WRONG {
-            self.watch_anew();
+        self.compass_field.update_attitude(at, report.attitude);
+        let is_doubted = self.track.rejected().contradicting_rates != before;
+        self.consecutive_rejected_rates =
+            if is_doubted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
+        if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
+            self.restart_monitor();
         }
     }
 
-    /// Takes the current that the motors draw, amperes, as it was told at `at`.
+    /// Stores the motor current, amperes, reported at `at`.
     pub const fn on_current(&mut self, at: Timestamp, amperes: f32) {
-        self.current = Some((at, amperes));
+        self.motor_current = Some((at, amperes));
     }
 
-    /// The current at an instant, amperes; none if it has not been told for long.
     fn current_a(&self, at: Timestamp) -> Option<f32> {
-        let told = self.current.filter(|_| CURRENT_IS_LOOKED_FOR);
-        told.filter(|&(told, _)| at.us_since(told) <= CURRENT_HOLDS_US).map(|(_, amperes)| amperes)
+        self.motor_current.filter(|&(told, _)| at.us_since(told) <= CURRENT_VALIDITY_US).map(|(_, amperes)| amperes)
     }
 
-    /// Takes a reading that was ready at `at`. It may complete a sample.
+    /// Processes a reading taken at `at`. It may complete a sample.
     #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
-        let fault = self.sensor.see(at, &reading, self.track.turning_rad_s());
+        let fault = self.sensor_check.check(at, &reading, self.track.body_rate_rad_s());
         if let Some(fault) = fault {
-            self.count(fault);
-            // What waits for its attitude waits no longer than it would have.
-            self.pairing.pass(at);
+            self.count_rejection(fault);
+            // Earlier readings still time out while waiting for an attitude.
+            self.pairing.advance_time(at);
         } else {
             self.pairing.push(at, reading.field);
-            self.track.see_raw_field(reading.field);
+            self.track.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
         let calibration = self.correction.calibration.as_ref().map(|(calibration, _)| calibration);
-        let field = calibration.map_or(reading.field, |in_use| in_use.without_current(reading.field, current_a));
+        let field = calibration.map_or(reading.field, |in_use| in_use.remove_motor_current(reading.field, current_a));
         let body = calibration.filter(|_| fault.is_none()).map(|calibration| calibration.apply(field));
         if let Some(body) = body {
-            self.track.see_field(body);
+            self.track.update_field(body);
         }
         let attitude = self.attitude_at(at);
-        let turning = self.track.turning_at(self.told_at(at));
-        let heading =
-            fault.map_or_else(|| self.heading(field, current_a, attitude, turning.as_ref()), |fault| Err(fault.into()));
-        let smooth = self.smoother.smooth(at, heading.as_ref().ok(), turning);
-        let compass = self.compass_field.tell(at, field).filter(|_| self.is_trusted(at, field, &heading));
-        Estimate { at, body, compass, heading, smooth, attitude: attitude.ok(), iron: self.iron(), current_a }
+        let turning = self.track.gyro_heading_at(self.attitude_lookup_time(at));
+        let heading = fault.map_or_else(
+            || self.compute_heading(field, current_a, attitude, turning.as_ref()),
+            |fault| Err(fault.into()),
+        );
+        let smooth = self.smoother.smooth_heading(at, heading.as_ref().ok(), turning);
+        let compass =
+            self.compass_field.output_field(at, field).filter(|_| self.is_compass_field_valid(at, field, &heading));
+        Estimate {
+            at,
+            body_field: body,
+            compass_field: compass,
+            heading,
+            smoothed_heading: smooth,
+            attitude: attitude.ok(),
+            hard_iron_change: self.hard_iron_change(),
+            current_a,
+        }
     }
 
-    /// No reading has come for [`Config::silence_us`] or longer.
+    /// Estimate for a silent sensor, once the time without a reading exceeds the configured limit.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
         let (attitude, current_a) = (self.attitude_at(at).ok(), self.current_a(at));
-        Estimate { at, attitude, iron: self.iron(), current_a, ..Estimate::NOTHING }
+        Estimate { at, attitude, hard_iron_change: self.hard_iron_change(), current_a, ..Estimate::EMPTY }
     }
 
-    /// The next averaged sample with the attitude at its instant, if one is complete. To be asked until there is none
-    /// after every reading and every report, for one report can complete several.
+    /// The next complete sample. Call until `None` after each reading and report; one report can complete several
+    /// samples.
     #[inline(never)]
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let motion_at = |at| self.track.turning_at(at).map_or_else(Motion::default, |turning| turning.motion);
-                let (at, mut sample) = self.pairing.next(|at| self.track.at(at), motion_at)?;
+                let motion_at =
+                    |at| self.track.gyro_heading_at(at).map_or_else(EulerRates::default, |turning| turning.euler_rates);
+                let (at, mut sample) = self.pairing.next_sample(|at| self.track.attitude_at(at), motion_at)?;
                 sample.rates = sample.rates.with_current(self.current_a(at));
-                self.unwatched = Some((at, sample));
+                self.pending_sample = Some((at, sample));
                 Some(sample)
             }
             SampleAttitude::Unknown => {
-                let at_rest = |_| Motion::default();
-                let (at, mut sample) = self.pairing.next(|_| Lookup::Interpolated(Attitude::default()), at_rest)?;
+                let at_rest = |_| EulerRates::default();
+                let (at, mut sample) =
+                    self.pairing.next_sample(|_| AttitudeLookup::Interpolated(Attitude::default()), at_rest)?;
                 sample.rates = sample.rates.with_current(self.current_a(at));
                 Some(sample)
             }
         }
     }
 
-    /// Whether there is something to [`watch`](Self::watch).
+    /// Whether a monitor update is due.
     #[must_use]
-    pub const fn has_to_watch(&self) -> bool {
-        self.unwatched.is_some() || self.is_compass_due
+    pub const fn is_monitor_update_due(&self) -> bool {
+        self.pending_sample.is_some() || self.is_compass_update_pending
     }
 
-    /// Holds the last sample's field, attitude and turn against each other, for the headings to come. It takes longer
-    /// than a heading does, and may wait until that is sent; of samples that come meanwhile, the last counts. Without an
-    /// inclination, or a calibration, nothing is watched. A correction that is new counts for [`Estimate::compass`] from here on.
+    /// Updates the monitor with the last sample, and the compass field with a new correction. Slow: call it after
+    /// sending the heading. The monitor needs a calibration with a valid inclination.
     #[inline(never)]
-    pub fn watch(&mut self) {
-        if core::mem::take(&mut self.is_compass_due) {
-            self.compass_field.correct_with(&self.correction, self.in_force.as_ref());
+    pub fn update_monitor(&mut self) {
+        if core::mem::take(&mut self.is_compass_update_pending) {
+            self.compass_field.set_correction(&self.correction, self.monitored_calibration.as_ref());
         }
-        let Some((at, sample)) = self.unwatched.take() else { return };
+        let Some((at, sample)) = self.pending_sample.take() else { return };
         let Some((calibration, uncertainty)) = &self.correction.calibration else { return };
-        if !self.correction.knows_inclination {
+        if !self.correction.has_valid_inclination {
             return;
         }
-        // The sample is of the middle between its readings.
-        let ahead_s = at.wrapping_millis().difference(sample.time) as f32 * 1e-3;
-        let turning = self.track.turning_at(self.told_at(at)).map(|turning| turning.before(ahead_s));
+        // A sample's time is the middle of its readings.
+        let ahead_s = at.wrapping_millis().signed_ms_since(sample.time) as f32 * 1e-3;
+        let turning =
+            self.track.gyro_heading_at(self.attitude_lookup_time(at)).map(|turning| turning.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
-        let watched = Watched { calibration, uncertainty, readings_per_sample };
-        self.watch.see(&watched, at, &sample, turning);
-        self.in_force = Some(self.watch.adjustment().in_force(&watched));
-        self.watched_at = at;
-        self.compass_field.follow(&self.correction, self.in_force.as_ref());
+        let watched = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
+        self.monitor.update(&watched, at, &sample, turning);
+        self.monitored_calibration = Some(self.monitor.output().correct_calibration(&watched));
+        self.monitored_at = at;
+        self.compass_field.apply_adjustment(&self.correction, self.monitored_calibration.as_ref());
     }
 
-    /// Hard iron that has moved since the calibration, once it is sure.
+    /// Change of hard iron since the calibration, once significant.
     #[must_use]
-    pub const fn iron(&self) -> Option<Iron> {
-        self.watch.adjustment().iron
+    pub const fn hard_iron_change(&self) -> Option<HardIronChange> {
+        self.monitor.output().hard_iron_change
     }
 
-    /// What was not believed so far, and why.
+    /// Rejected inputs so far.
     #[must_use]
-    pub const fn counts(&self) -> Counts {
-        Counts { unpaired: self.pairing.unpaired(), attitude: self.track.doubted(), ..self.counts }
+    pub const fn rejections(&self) -> RejectionCounts {
+        RejectionCounts { unpaired: self.pairing.unpaired(), attitude: self.track.rejected(), ..self.rejections }
     }
 
-    /// The fixed numbers.
+    /// The parameters.
     #[must_use]
-    pub const fn config(&self) -> &Config {
+    pub const fn config(&self) -> &InstrumentConfig {
         &self.config
     }
 
-    fn count(&mut self, fault: Fault) {
+    fn count_rejection(&mut self, fault: ReadingFault) {
         let counter = match fault {
-            Fault::Saturated => &mut self.counts.saturated,
-            Fault::Clipped => &mut self.counts.clipped,
-            Fault::Stuck => &mut self.counts.stuck,
-            Fault::Spike => &mut self.counts.spikes,
+            ReadingFault::Saturated => &mut self.rejections.saturated,
+            ReadingFault::Clipped => &mut self.rejections.clipped,
+            ReadingFault::Stuck => &mut self.rejections.stuck,
+            ReadingFault::Spike => &mut self.rejections.spikes,
         };
         *counter = counter.wrapping_add(1);
     }
 
-    /// When the attitude of an instant is told: later with a calibration whose samples showed the reports to be older
-    /// than they are taken for.
-    fn told_at(&self, at: Timestamp) -> Timestamp {
+    /// Lookup time of the attitude: `at` plus the calibration's attitude latency.
+    fn attitude_lookup_time(&self, at: Timestamp) -> Timestamp {
         let latency_s = self.correction.calibration.as_ref().map_or(0.0, |(calibration, _)| calibration.latency_s);
-        // The cast saturates, and takes what is no number to nothing.
-        at.shifted_us((latency_s * 1e6) as i32)
+        // The cast saturates and maps NaN to 0.
+        at.plus_signed_us((latency_s * 1e6) as i32)
     }
 
     fn attitude_at(&self, at: Timestamp) -> Result<Attitude, NoHeading> {
-        match self.track.at(self.told_at(at)) {
-            Lookup::Interpolated(attitude) | Lookup::Extrapolated(attitude) => Ok(attitude),
-            Lookup::Frozen => Err(NoHeading::AttitudeFrozen),
-            Lookup::Aligning => Err(NoHeading::AttitudeContradicted),
-            Lookup::Missing | Lookup::Stale => Err(NoHeading::AttitudeStale),
+        match self.track.attitude_at(self.attitude_lookup_time(at)) {
+            AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
+            AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
+            AttitudeLookup::Aligning => Err(NoHeading::AttitudeContradicted),
+            AttitudeLookup::Missing | AttitudeLookup::Stale => Err(NoHeading::AttitudeStale),
         }
     }
 
-    /// Whether the field of a reading can be told as that of a compass, by what became of its heading. What only an attitude
-    /// is missing for, or an attitude contradicts, is judged by its strength.
-    fn is_trusted(&self, at: Timestamp, field: Field<Sensor>, heading: &Result<Heading, NoHeading>) -> bool {
+    /// Whether to output a reading's compass field, given its heading. Without a usable attitude only the field
+    /// strength is checked.
+    fn is_compass_field_valid(
+        &self,
+        at: Timestamp,
+        field: Field<Sensor>,
+        heading: &Result<Heading, NoHeading>,
+    ) -> bool {
         match heading {
-            // The latter is told as it is read, or not at all: that is the field's own affair.
+            // Raw field while uncalibrated, but never after a calibrated field.
             Ok(_) | Err(NoHeading::Uncalibrated) => true,
             Err(NoHeading::AttitudeStale | NoHeading::AttitudeFrozen | NoHeading::AttitudeContradicted) => {
-                !self.is_field_blamed(at) && self.is_as_strong(field)
+                !self.is_field_error_detected(at) && self.has_calibrated_strength(field)
             }
             Err(_) => false,
         }
     }
 
-    /// Whether the watch has seen, while there was an attitude, that the field is not as calibrated.
-    fn is_field_blamed(&self, at: Timestamp) -> bool {
-        match self.watch.adjustment().verdict {
+    fn is_field_error_detected(&self, at: Timestamp) -> bool {
+        match self.monitor.output().validity {
             Err(NoHeading::FieldChanged) => true,
-            Err(NoHeading::FieldDisturbed) => at.us_since(self.watched_at) <= DISTURBED_US,
+            Err(NoHeading::FieldDisturbed) => at.us_since(self.monitored_at) <= DISTURBANCE_HOLD_US,
             _ => false,
         }
     }
 
-    /// Whether a field has the strength that it has by the calibration in force.
-    fn is_as_strong(&self, field: Field<Sensor>) -> bool {
-        let most = self.config.heading.max_total_deviation;
+    fn has_calibrated_strength(&self, field: Field<Sensor>) -> bool {
+        let most = self.config.heading.max_strength_deviation;
         let of_total = |calibration: &Calibration| calibration.apply(field).total_ut() / calibration.total_ut;
-        self.in_force.as_ref().is_some_and(|(calibration, _)| (of_total(calibration) - 1.0).abs() <= most)
+        self.monitored_calibration.as_ref().is_some_and(|(calibration, _)| (of_total(calibration) - 1.0).abs() <= most)
     }
 
     #[inline(never)]
-    fn heading(
+    fn compute_heading(
         &self,
         field: Field<Sensor>,
         current_a: Option<f32>,
         attitude: Result<Attitude, NoHeading>,
-        turning: Option<&Turning>,
+        turning: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
-        let mut in_force = self.in_force.as_ref();
-        let mut adjustment = self.watch.adjustment();
-        if self.config.heading.believes_all() && adjustment.verdict.is_err() {
-            // What is shown in any field is, in doubt, as it was calibrated.
-            (in_force, adjustment) = (self.correction.calibration.as_ref(), &watch::Adjustment::NONE);
+        let mut in_force = self.monitored_calibration.as_ref();
+        let mut adjustment = self.monitor.output();
+        if self.config.heading.accepts_any_field() && adjustment.validity.is_err() {
+            // Limits are disabled: ignore the monitor.
+            (in_force, adjustment) = (self.correction.calibration.as_ref(), &monitor::MonitorOutput::INITIAL);
         }
         let (calibration, uncertainty) = in_force.ok_or(NoHeading::Uncalibrated)?;
-        let motion = turning.map_or_else(Motion::default, |turning| turning.motion);
-        let attitude = adjustment.attitude(attitude?, &motion);
+        let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
+        let attitude = adjustment.correct_attitude(attitude?, &motion);
         let config = self.config.heading;
-        let believes_all = config.believes_all();
-        let config = if self.correction.knows_inclination { config } else { config.of_any_inclination() };
-        adjustment.verdict?;
-        let heading = heading::heading(config, calibration, uncertainty, field, attitude)?
-            .with_systematic(adjustment.variance_rad2)
-            .with_more(calibration.current_variance_rad2(current_a));
-        if believes_all || adjustment.agrees(self.watch.config(), heading, turning) {
-            Ok(heading.turned_by(self.correction.align_deg))
+        let believes_all = config.accepts_any_field();
+        let config = if self.correction.has_valid_inclination { config } else { config.without_inclination_limit() };
+        adjustment.validity?;
+        let heading = heading::compute_heading(config, calibration, uncertainty, field, attitude)?
+            .with_min_systematic_variance(adjustment.heading_variance_rad2)
+            .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
+        if believes_all || adjustment.passes_reading_gate(self.monitor.config(), heading, turning) {
+            Ok(heading.rotated_by_deg(self.correction.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)
         }

@@ -1,95 +1,94 @@
-//! What the drivers share: registers behind an I2C address, and asking for the next measurement in time.
+//! Common parts of the drivers: register access and polling.
 
 use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::I2c;
 
-use super::Error;
+use super::MagnetometerError;
 
-/// How often to ask once a measurement is due. It bounds the age of a measurement when it is read, whatever the chip's
-/// period.
-const POLL: Duration = Duration::from_micros(500);
+/// Polling interval once a measurement is due; bounds its age when read.
+const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
-/// A chip's registers.
+/// Chip registers at an I2C address.
 #[derive(Debug)]
-pub(super) struct Chip<B> {
+pub(super) struct ChipRegisters<B> {
     pub bus: B,
     address: u8,
 }
 
-impl<B: I2c> Chip<B> {
+impl<B: I2c> ChipRegisters<B> {
     pub const fn new(bus: B, address: u8) -> Self {
         Self { bus, address }
     }
 
-    /// So many registers from the first on.
-    pub async fn registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], Error<B::Error>> {
+    /// Reads `N` registers from `first` on.
+    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<B::Error>> {
         let mut values = [0; N];
-        self.bus.write_read(self.address, &[first], &mut values).await.map_err(Error::Bus)?;
+        self.bus.write_read(self.address, &[first], &mut values).await.map_err(MagnetometerError::Bus)?;
         Ok(values)
     }
 
-    /// A register's address and what is to be written there.
-    pub async fn write(&mut self, message: &[u8]) -> Result<(), Error<B::Error>> {
-        self.bus.write(self.address, message).await.map_err(Error::Bus)
+    /// Writes a register address and values.
+    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<B::Error>> {
+        self.bus.write(self.address, message).await.map_err(MagnetometerError::Bus)
     }
 }
 
-/// Whether what was written reads back.
-pub(super) fn same<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), Error<E>> {
+/// Compares written and read-back values.
+pub(super) fn check_readback<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), MagnetometerError<E>> {
     match written.into_iter().zip(read).find(|(written, read)| written != read) {
-        Some((written, read)) => Err(Error::Configuration { written, read }),
+        Some((written, read)) => Err(MagnetometerError::Configuration { written, read }),
         None => Ok(()),
     }
 }
 
-/// Sleeps through most of the time between two measurements, then asks until there is one.
+/// Sleeps most of the measurement period, then polls.
 #[derive(Debug)]
-pub(super) struct Polling {
-    /// From one measurement to the next, as the data sheet says.
+pub(super) struct PollingSchedule {
+    /// Nominal measurement period.
     period: Duration,
     wake_at: Instant,
 }
 
-impl Polling {
-    /// For a chip that measures so often.
+impl PollingSchedule {
+    /// Creates the schedule of a measurement period.
     pub const fn new(period_us: u32) -> Self {
         Self { period: Duration::from_micros(period_us as u64), wake_at: Instant::MIN }
     }
 
-    /// From a measurement until it is worth asking for the next: most of the period, and early enough for a chip that
-    /// runs 10 % fast (data sheets give no tolerance of the oscillator): that one's period is 91 % of this.
-    const fn sleep(&self) -> Duration {
+    /// Sleep after a measurement: short enough for an oscillator 10 % fast, whose period is 91 % of nominal (data
+    /// sheets give no tolerance).
+    const fn sleep_duration(&self) -> Duration {
         Duration::from_micros(self.period.as_micros() * 88 / 100)
     }
 
-    /// After four periods without a measurement the chip has stopped.
-    const fn timeout(&self) -> Duration {
+    /// Timeout of four periods.
+    const fn poll_timeout(&self) -> Duration {
         Duration::from_micros(4 * self.period.as_micros())
     }
 
-    /// A measurement was read, or the chip begins to measure.
-    pub fn restart(&mut self) {
-        self.wake_at = Instant::now() + self.sleep();
+    /// Starts the sleep, after a measurement or at the start of measuring.
+    pub fn start_sleep(&mut self) {
+        self.wake_at = Instant::now() + self.sleep_duration();
     }
 
-    /// Waits for a new measurement; returns the answer that announced it.
-    pub async fn next<T, E>(
+    /// Waits for a new measurement; returns the status that announced it.
+    pub async fn wait_for_next<T, E>(
         &mut self,
-        mut ask: impl AsyncFnMut() -> Result<T, Error<E>>,
+        mut ask: impl AsyncFnMut() -> Result<T, MagnetometerError<E>>,
         is_new: impl Fn(&T) -> bool,
-    ) -> Result<T, Error<E>> {
+    ) -> Result<T, MagnetometerError<E>> {
         Timer::at(self.wake_at).await;
-        let give_up_at = Instant::now() + self.timeout();
+        let give_up_at = Instant::now() + self.poll_timeout();
         loop {
             let answer = ask().await?;
             if is_new(&answer) {
-                self.restart();
+                self.start_sleep();
                 return Ok(answer);
             }
             if Instant::now() >= give_up_at {
-                return Err(Error::NoData);
+                return Err(MagnetometerError::NoData);
             }
-            Timer::after(POLL).await;
+            Timer::after(POLL_INTERVAL).await;
         }
     }
 }
@@ -103,21 +102,21 @@ mod tests {
 
     use super::*;
 
-    /// A bus's error.
+    /// Bus error.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    struct Broken;
+    struct BusFailure;
 
-    /// How long one question takes on the bus.
+    /// Duration of a status transfer.
     const TRANSFER: Duration = Duration::from_micros(90);
 
-    /// A chip that has measured at every multiple of its period, until it stops.
+    /// Simulated chip that measures at multiples of its period.
     #[derive(Clone)]
     struct FakeChip {
         period_us: u64,
         stops_after: Option<u64>,
-        /// The last measurement that was read.
+        /// Last measurement read.
         read: Rc<Cell<u64>>,
-        /// When it was asked.
+        /// Times of status requests.
         asked_at_us: Rc<RefCell<Vec<u64>>>,
     }
 
@@ -126,8 +125,8 @@ mod tests {
             Self { period_us, stops_after: None, read: Rc::default(), asked_at_us: Rc::default() }
         }
 
-        /// The number of a measurement that was not read yet.
-        async fn ask(&self) -> Result<Option<u64>, Error<Broken>> {
+        /// Number of an unread measurement.
+        async fn ask(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
             Timer::after(TRANSFER).await;
             let now_us = Instant::now().as_micros();
             self.asked_at_us.borrow_mut().push(now_us);
@@ -138,12 +137,12 @@ mod tests {
             }))
         }
 
-        async fn next(&self, polling: &mut Polling) -> Result<u64, Error<Broken>> {
-            polling.next(async || self.ask().await, Option::is_some).await.map(Option::unwrap)
+        async fn next(&self, polling: &mut PollingSchedule) -> Result<u64, MagnetometerError<BusFailure>> {
+            polling.wait_for_next(async || self.ask().await, Option::is_some).await.map(Option::unwrap)
         }
     }
 
-    /// Runs a script in virtual time to its end.
+    /// Runs a script in virtual time until it ends.
     fn simulate<F: Future<Output = ()> + 'static>(script: F) {
         let mut simulation = Simulation::new();
         simulation.spawn(Level::Interrupt, "script", script);
@@ -151,22 +150,21 @@ mod tests {
         assert_eq!(simulation.tasks(), 0, "the script did not end");
     }
 
-    /// At the rates of the drivers, at 155 and 200 Hz, and with an oscillator up to 10 % off either way: each
-    /// measurement once, none lost, none older than two looks (0.5 ms and a transfer), and the bus is left alone for
-    /// most of the time.
+    /// Driver rates, 155 and 200 Hz, oscillator 10 % off either way. Each measurement is read once within two polls
+    /// (0.5 ms and a transfer each), and the bus is mostly idle.
     #[test]
     fn every_measurement_is_found_whatever_the_period() {
         for period_us in [13_333, 12_500, 6_452, 5_000] {
             for actual_us in [period_us * 10 / 11, period_us, period_us * 11 / 10] {
                 simulate(async move {
                     let chip = FakeChip::new(actual_us);
-                    let mut polling = Polling::new(period_us as u32);
+                    let mut polling = PollingSchedule::new(period_us as u32);
                     for number in 1..=50 {
                         assert_eq!(chip.next(&mut polling).await, Ok(number), "{actual_us} for {period_us} us");
                         let age_us = Instant::now().as_micros() - number * actual_us;
                         assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
                     }
-                    // Of a slow chip a fifth of the period is spent asking; the first is asked for from the start.
+                    // With a slow chip a fifth of the period is polled; the first measurement is polled from the start.
                     let asked = chip.asked_at_us.borrow().len() as u64;
                     assert!(asked <= 50 * (2 + actual_us / 5 / 590) + actual_us / 590, "{asked} for {actual_us}");
                 });
@@ -174,19 +172,19 @@ mod tests {
         }
     }
 
-    /// 88 % of 12.5 ms are 11 ms; the first look is one transfer later. Then one every 0.5 ms and a transfer.
+    /// 88 % of 12.5 ms are 11 ms; each poll is 0.5 ms plus a transfer.
     #[test]
-    fn looks_begin_at_88_percent_of_the_period_and_are_half_a_millisecond_apart() {
+    fn polls_begin_at_88_percent_of_the_period_half_a_millisecond_apart() {
         for (period_us, first_us) in [(12_500, 11_000), (5_000, 4_400), (6_450, 5_676)] {
             simulate(async move {
                 let chip = FakeChip::new(u64::from(period_us));
-                let mut polling = Polling::new(period_us);
-                polling.restart();
+                let mut polling = PollingSchedule::new(period_us);
+                polling.start_sleep();
                 chip.next(&mut polling).await.unwrap();
                 let looks = chip.asked_at_us.borrow().clone();
                 assert_eq!(looks[0], first_us + 90);
                 assert!(looks.windows(2).all(|pair| pair[1] - pair[0] == 590), "{looks:?}");
-                // And from the measurement on as long again.
+                // The next sleep starts at the measurement.
                 let found_us = Instant::now().as_micros();
                 chip.next(&mut polling).await.unwrap();
                 assert_eq!(chip.asked_at_us.borrow()[looks.len()], found_us + first_us + 90);
@@ -194,28 +192,27 @@ mod tests {
         }
     }
 
-    /// Four periods from the first look; the look that finds the time over is at most 0.5 ms and a transfer late.
+    /// Four periods from the first poll, at most one poll late.
     #[test]
-    fn a_chip_that_stops_is_given_up_after_four_periods() {
+    fn a_stopped_chip_times_out_after_four_periods() {
         for period_us in [12_500, 6_452, 5_000] {
             simulate(async move {
                 let chip = FakeChip { stops_after: Some(1), ..FakeChip::new(period_us) };
-                let mut polling = Polling::new(period_us as u32);
+                let mut polling = PollingSchedule::new(period_us as u32);
                 chip.next(&mut polling).await.unwrap();
                 let from_us = Instant::now().as_micros() + period_us * 88 / 100;
-                assert_eq!(chip.next(&mut polling).await, Err(Error::NoData));
+                assert_eq!(chip.next(&mut polling).await, Err(MagnetometerError::NoData));
                 let waited_us = Instant::now().as_micros() - from_us;
                 assert!((4 * period_us..=4 * period_us + 590).contains(&waited_us), "{waited_us} us of {period_us}");
             });
         }
     }
 
-    /// A reader that comes late asks at once.
     #[test]
-    fn a_late_reader_does_not_sleep() {
+    fn a_late_reader_polls_at_once() {
         simulate(async {
             let chip = FakeChip::new(12_500);
-            let mut polling = Polling::new(12_500);
+            let mut polling = PollingSchedule::new(12_500);
             chip.next(&mut polling).await.unwrap();
             Timer::after_millis(100).await;
             let start = Instant::now();
@@ -227,42 +224,46 @@ mod tests {
     #[test]
     fn a_bus_that_fails_is_reported_at_once() {
         simulate(async {
-            let mut polling = Polling::new(12_500);
-            let answer = polling.next(async || Err::<u8, _>(Error::Bus(Broken)), |_| true).await;
-            assert_eq!(answer, Err(Error::Bus(Broken)));
+            let mut polling = PollingSchedule::new(12_500);
+            let answer =
+                polling.wait_for_next(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;
+            assert_eq!(answer, Err(MagnetometerError::Bus(BusFailure)));
             assert_eq!(Instant::now().as_micros(), 0);
         });
     }
 
     #[test]
     fn the_first_register_that_does_not_hold_is_named() {
-        assert_eq!(same::<Broken, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
-        assert_eq!(same::<Broken, 3>([1, 2, 3], [1, 9, 8]), Err(Error::Configuration { written: 2, read: 9 }));
+        assert_eq!(check_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
+        assert_eq!(
+            check_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),
+            Err(MagnetometerError::Configuration { written: 2, read: 9 })
+        );
     }
 }
 
-/// A chip that is nothing but registers, for the drivers' tests.
+/// Register-level chip model for driver tests.
 #[cfg(test)]
 pub(super) mod registers {
     use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, Operation};
-    // Brings the virtual clock.
+    // Links the virtual clock.
     use testkit as _;
 
-    use super::super::{Error, Magnetometer};
+    use super::super::{Magnetometer, MagnetometerError};
 
-    pub struct Registers {
+    pub struct SimulatedRegisters {
         pub values: [u8; 0x80],
-        /// A register that refuses to be written.
+        /// Register that ignores writes.
         pub broken: Option<u8>,
-        /// The chip's address; others are not answered.
+        /// Chip address; others are not acknowledged.
         pub address: u8,
-        /// Set at every register that was read.
+        /// Registers read so far.
         pub was_read: [bool; 0x40],
-        /// Bits of the register's address that are not its number.
+        /// Flag bits of a register address.
         flags: u8,
     }
 
-    impl Registers {
+    impl SimulatedRegisters {
         pub fn new(flags: u8, set: &[(u8, u8)]) -> Self {
             let mut values = [0; 0x80];
             for &(register, value) in set {
@@ -271,7 +272,7 @@ pub(super) mod registers {
             Self { values, broken: None, address: 0x1E, was_read: [false; 0x40], flags }
         }
 
-        /// Where a transfer of so many bytes begins: several need the flags that make the chip advance.
+        /// First register of a transfer; longer transfers need the auto-increment flags.
         fn first(&self, message: u8, length: usize) -> u8 {
             assert!(length == 1 || message & self.flags == self.flags, "the address does not advance");
             message & !self.flags
@@ -286,32 +287,34 @@ pub(super) mod registers {
         }
     }
 
-    /// Flips each bit of each of the registers of a chip that has been initialised: the driver finds it, and initialised
-    /// again, as its owner does, mends it.
+    /// Flips each bit of the registers of an initialised chip; the driver must detect it, and restore it by `init`.
     pub async fn assert_every_bit_is_verified<D: Magnetometer<BusError = ErrorKind>>(
         driver: &mut D,
-        bus: impl Fn(&mut D) -> &mut Registers,
+        bus: impl Fn(&mut D) -> &mut SimulatedRegisters,
         registers: core::ops::Range<usize>,
     ) {
         driver.init().await.unwrap();
-        assert_eq!(driver.verify().await, Ok(()));
+        assert_eq!(driver.verify_configuration().await, Ok(()));
         for register in registers {
             for bit in 0..8 {
                 let written = bus(driver).values[register];
                 bus(driver).values[register] ^= 1 << bit;
                 let read = bus(driver).values[register];
-                assert_eq!(driver.verify().await, Err(Error::Configuration { written, read }));
+                assert_eq!(
+                    driver.verify_configuration().await,
+                    Err(MagnetometerError::Configuration { written, read })
+                );
                 driver.init().await.unwrap();
                 assert_eq!(bus(driver).values[register], written);
             }
         }
     }
 
-    impl ErrorType for Registers {
+    impl ErrorType for SimulatedRegisters {
         type Error = ErrorKind;
     }
 
-    impl I2c for Registers {
+    impl I2c for SimulatedRegisters {
         async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), ErrorKind> {
             if address != self.address {
                 return Err(ErrorKind::Other);

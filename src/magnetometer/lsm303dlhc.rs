@@ -1,18 +1,17 @@
-//! ST LSM303DLHC, its magnetometer (data sheet DocID018771).
+//! ST LSM303DLHC magnetometer (data sheet DocID018771).
 //!
-//! The chip measures continuously at 75 Hz, the rate below 220 Hz, whose noise is larger. Its temperature sensor, which
-//! takes part in no compensation of the data, stays off. Twelve bits an axis, in the order x, z, y, most significant
-//! byte first.
+//! Continuous measurement at 75 Hz; the faster 220 Hz has more noise. The temperature sensor is off, since it
+//! compensates no data. Twelve bits per axis in the order x, z, y, big-endian.
 
 use embedded_hal_async::i2c::I2c;
 
-use super::chip::{self, Chip, Polling};
-use super::{Error, Identity, Magnetometer, Model, Reading};
+use super::chip::{self, ChipRegisters, PollingSchedule};
+use super::{Identity, Magnetometer, MagnetometerError, Model, Reading};
 use crate::frames::Field;
 
-/// The only address there is.
+/// Fixed address.
 const ADDRESS: u8 = 0x1E;
-/// Time between two measurements at 75 Hz.
+/// Measurement period at 75 Hz.
 const PERIOD_US: u32 = 13_333;
 
 const CRA_REG_M: u8 = 0x00;
@@ -20,32 +19,32 @@ const OUT_X_H_M: u8 = 0x03;
 const SR_REG_M: u8 = 0x09;
 const IRA_REG_M: u8 = 0x0A;
 const IDENTITY: [u8; 3] = *b"H43";
-/// `SR_REG_M`: a new measurement of all three axes is there.
+/// `SR_REG_M`: new measurement of all axes.
 const DRDY: u8 = 0x01;
-/// What an axis reads when its converter is at the end of its range (data sheet section 7.2).
+/// Value of an axis at the end of its range (data sheet section 7.2).
 const OVERFLOW: i16 = -4096;
 
-/// Measurement range of the chip, by the GN bits of `CRB_REG_M`.
+/// Measurement range, by the GN bits of `CRB_REG_M`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Range {
-    /// +-1.3 gauss = +-130 microtesla.
+pub enum Lsm303dlhcRange {
+    /// +-130 uT.
     Gauss1_3 = 1,
-    /// +-1.9 gauss = +-190 microtesla.
+    /// +-190 uT.
     Gauss1_9,
-    /// +-2.5 gauss = +-250 microtesla.
+    /// +-250 uT.
     Gauss2_5,
-    /// +-4.0 gauss = +-400 microtesla.
+    /// +-400 uT.
     Gauss4_0,
-    /// +-4.7 gauss = +-470 microtesla.
+    /// +-470 uT.
     Gauss4_7,
-    /// +-5.6 gauss = +-560 microtesla.
+    /// +-560 uT.
     Gauss5_6,
-    /// +-8.1 gauss = +-810 microtesla.
+    /// +-810 uT.
     Gauss8_1,
 }
 
-impl Range {
-    /// Sensitivity in counts per gauss of x and y, and of z (data sheet table 75).
+impl Lsm303dlhcRange {
+    /// Sensitivity of x and y, and of z, counts per gauss (data sheet table 75).
     const fn counts_per_gauss(self) -> [f32; 2] {
         match self {
             Self::Gauss1_3 => [1100.0, 980.0],
@@ -59,37 +58,37 @@ impl Range {
     }
 }
 
-/// What can be chosen; the rest is fixed by what a compass needs.
+/// Selectable settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Config {
+pub struct Lsm303dlhcConfig {
     /// Measurement range.
-    pub range: Range,
+    pub range: Lsm303dlhcRange,
 }
 
-impl Default for Config {
-    /// +-2.5 gauss: four times the strongest Earth field (66 microtesla), at a resolution (0.15 microtesla) below the
-    /// chip's noise (0.2 microtesla).
+impl Default for Lsm303dlhcConfig {
+    /// +-2.5 gauss: four times the strongest Earth field (66 uT), with a resolution (0.15 uT) below the chip's noise
+    /// (0.2 uT).
     fn default() -> Self {
-        Self { range: Range::Gauss2_5 }
+        Self { range: Lsm303dlhcRange::Gauss2_5 }
     }
 }
 
-/// An LSM303DLHC on an I2C bus.
+/// LSM303DLHC magnetometer on an I2C bus.
 #[derive(Debug)]
 pub struct Lsm303dlhc<B> {
-    chip: Chip<B>,
-    config: Config,
-    polling: Polling,
+    chip: ChipRegisters<B>,
+    config: Lsm303dlhcConfig,
+    polling: PollingSchedule,
 }
 
 impl<B: I2c> Lsm303dlhc<B> {
-    /// A driver for the chip on this bus; [`init`](Magnetometer::init) is the first access to it.
-    pub const fn new(bus: B, config: Config) -> Self {
-        Self { chip: Chip::new(bus, ADDRESS), config, polling: Polling::new(PERIOD_US) }
+    /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
+    pub const fn new(bus: B, config: Lsm303dlhcConfig) -> Self {
+        Self { chip: ChipRegisters::new(bus, ADDRESS), config, polling: PollingSchedule::new(PERIOD_US) }
     }
 
     /// `CRA_REG_M`, `CRB_REG_M` and `MR_REG_M`.
-    const fn control(&self) -> [u8; 3] {
+    const fn control_registers(&self) -> [u8; 3] {
         [
             0b0001_1000, // temperature sensor off, 75 Hz
             (self.config.range as u8) << 5,
@@ -101,37 +100,37 @@ impl<B: I2c> Lsm303dlhc<B> {
 impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
     type BusError = B::Error;
 
-    async fn init(&mut self) -> Result<Identity, Error<B::Error>> {
-        let identity: [u8; 3] = self.chip.registers(IRA_REG_M).await?;
+    async fn init(&mut self) -> Result<Identity, MagnetometerError<B::Error>> {
+        let identity: [u8; 3] = self.chip.read_registers(IRA_REG_M).await?;
         if let Some((_, &other)) = IDENTITY.iter().zip(&identity).find(|(expected, read)| expected != read) {
-            return Err(Error::WrongIdentity(other));
+            return Err(MagnetometerError::WrongIdentity(other));
         }
-        // The chip counts its address up when it is read, not when it is written.
-        for (register, value) in (CRA_REG_M..).zip(self.control()) {
-            self.chip.write(&[register, value]).await?;
+        // The address auto-increments in reads, not in writes.
+        for (register, value) in (CRA_REG_M..).zip(self.control_registers()) {
+            self.chip.write_registers(&[register, value]).await?;
         }
-        self.verify().await?;
-        // A measurement that was read in part locks the data until the rest is read; and the first one after a change
-        // of range may be of the old range.
-        let _old: [u8; 6] = self.chip.registers(OUT_X_H_M).await?;
-        self.polling.restart();
+        self.verify_configuration().await?;
+        // A partial read locks the data until the rest is read, and the first measurement after a range change may have
+        // the old range.
+        let _old: [u8; 6] = self.chip.read_registers(OUT_X_H_M).await?;
+        self.polling.start_sleep();
         Ok(Identity { model: Model::Lsm303dlhc, address: ADDRESS })
     }
 
-    async fn read(&mut self) -> Result<Reading, Error<B::Error>> {
+    async fn read(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
         let chip = &mut self.chip;
-        self.polling.next(async || chip.registers(SR_REG_M).await, |[status]| status & DRDY != 0).await?;
-        let data = self.chip.registers(OUT_X_H_M).await?;
+        self.polling.wait_for_next(async || chip.read_registers(SR_REG_M).await, |[status]| status & DRDY != 0).await?;
+        let data = self.chip.read_registers(OUT_X_H_M).await?;
         Ok(decode(data, self.config.range))
     }
 
-    async fn verify(&mut self) -> Result<(), Error<B::Error>> {
-        chip::same(self.control(), self.chip.registers(CRA_REG_M).await?)
+    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
+        chip::check_readback(self.control_registers(), self.chip.read_registers(CRA_REG_M).await?)
     }
 
-    /// Its noise is little more than a count: at rest every third reading of an axis is in the middle one, in a chip
-    /// with half the noise every second. 32 in a row are then a chance of once in a month.
-    fn stuck_after(&self) -> u16 {
+    /// Noise of about one count repeats the middle value in every third reading, at half the noise in every second. 32
+    /// in a row then occur about once a month.
+    fn stuck_reading_count(&self) -> u16 {
         32
     }
 
@@ -140,9 +139,9 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
     }
 }
 
-/// A reading from the six bytes from `OUT_X_H_M` on. The chip's axes are right-handed. It does not tell of measurements
-/// that were overwritten.
-fn decode(data: [u8; 6], range: Range) -> Reading {
+/// Decodes six bytes from `OUT_X_H_M` on. The chip's axes are right-handed; it does not report overwritten
+/// measurements.
+fn decode(data: [u8; 6], range: Lsm303dlhcRange) -> Reading {
     let [x_high, x_low, z_high, z_low, y_high, y_low] = data;
     let counts = [[x_high, x_low], [y_high, y_low], [z_high, z_low]].map(i16::from_be_bytes);
     let [xy, z] = range.counts_per_gauss().map(|counts_per_gauss| 100.0 / counts_per_gauss);
@@ -160,28 +159,27 @@ mod tests {
     use embassy_time::Instant;
     use testkit::simulation::{Level, Simulation};
 
-    use super::super::chip::registers::{Registers, assert_every_bit_is_verified};
+    use super::super::chip::registers::{SimulatedRegisters, assert_every_bit_is_verified};
     use super::*;
 
-    fn registers() -> Registers {
-        Registers::new(0, &[(0x0A, 0x48), (0x0B, 0x34), (0x0C, 0x33)])
+    fn registers() -> SimulatedRegisters {
+        SimulatedRegisters::new(0, &[(0x0A, 0x48), (0x0B, 0x34), (0x0C, 0x33)])
     }
 
-    /// Each bit of the three control registers.
     #[test]
-    fn every_bit_of_the_configuration_is_looked_at() {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+    fn every_configuration_bit_is_verified() {
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.bus, 0..3));
     }
 
     #[test]
-    fn thirty_two_equal_readings_are_no_noise() {
-        assert_eq!(Lsm303dlhc::new(registers(), Config::default()).stuck_after(), 32);
+    fn thirty_two_equal_readings_indicate_a_stuck_axis() {
+        assert_eq!(Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default()).stuck_reading_count(), 32);
     }
 
     #[test]
     fn init_writes_what_the_data_sheet_asks_for() {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         let identity = block_on(driver.init());
         assert_eq!(identity, Ok(Identity { model: Model::Lsm303dlhc, address: 0x1E }));
         // 75 Hz without temperature, 2.5 gauss, continuous: data sheet sections 7.2.1 to 7.2.3.
@@ -190,42 +188,41 @@ mod tests {
 
     #[test]
     fn another_chip_is_not_configured() {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         driver.chip.bus.values[0x0B] = 0x35;
-        assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0x35)));
+        assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x35)));
         assert_eq!(driver.chip.bus.values[..3], [0; 3]);
     }
 
     #[test]
     fn a_control_register_that_does_not_hold_is_reported() {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         driver.chip.bus.broken = Some(0x01);
-        assert_eq!(block_on(driver.init()), Err(Error::Configuration { written: 0x60, read: 0x00 }));
+        assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
     }
 
-    /// Each of the three identity registers counts.
     #[test]
-    fn every_identity_register_is_looked_at() {
+    fn every_identity_register_is_checked() {
         for register in 0x0A..0x0D {
-            let mut driver = Lsm303dlhc::new(registers(), Config::default());
+            let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
             driver.chip.bus.values[register] = 0xEE;
-            assert_eq!(block_on(driver.init()), Err(Error::WrongIdentity(0xEE)));
+            assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0xEE)));
         }
     }
 
-    /// The GN bits of data sheet table 75 and the counts of one gauss, of x and y and of z.
+    /// Data sheet table 75: GN bits, counts per gauss of x and y, and of z.
     #[test]
     fn every_range_has_its_bits_and_its_sensitivity() {
         for (range, bits, xy, z) in [
-            (Range::Gauss1_3, 0x20, 1100_i16, 980_i16),
-            (Range::Gauss1_9, 0x40, 855, 760),
-            (Range::Gauss2_5, 0x60, 670, 600),
-            (Range::Gauss4_0, 0x80, 450, 400),
-            (Range::Gauss4_7, 0xA0, 400, 355),
-            (Range::Gauss5_6, 0xC0, 330, 295),
-            (Range::Gauss8_1, 0xE0, 230, 205),
+            (Lsm303dlhcRange::Gauss1_3, 0x20, 1100_i16, 980_i16),
+            (Lsm303dlhcRange::Gauss1_9, 0x40, 855, 760),
+            (Lsm303dlhcRange::Gauss2_5, 0x60, 670, 600),
+            (Lsm303dlhcRange::Gauss4_0, 0x80, 450, 400),
+            (Lsm303dlhcRange::Gauss4_7, 0xA0, 400, 355),
+            (Lsm303dlhcRange::Gauss5_6, 0xC0, 330, 295),
+            (Lsm303dlhcRange::Gauss8_1, 0xE0, 230, 205),
         ] {
-            let mut driver = Lsm303dlhc::new(registers(), Config { range });
+            let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig { range });
             block_on(driver.init()).unwrap();
             assert_eq!(driver.chip.bus.values[1], bits, "{range:?}");
             let (xy, z) = (xy.to_be_bytes(), z.to_be_bytes());
@@ -236,21 +233,21 @@ mod tests {
 
     #[test]
     fn init_reads_the_data_once() {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         block_on(driver.init()).unwrap();
         assert!(driver.chip.bus.was_read[0x03..0x09].iter().all(|&was_read| was_read));
     }
 
     /// -0.25 gauss on y at 2.5 gauss: 167.5 counts, here 168.
-    fn with_measurement(status: u8) -> Lsm303dlhc<Registers> {
-        let mut driver = Lsm303dlhc::new(registers(), Config::default());
+    fn with_measurement(status: u8) -> Lsm303dlhc<SimulatedRegisters> {
+        let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         driver.chip.bus.values[0x09] = status;
         driver.chip.bus.values[0x07..0x09].copy_from_slice(&(-168_i16).to_be_bytes());
         driver
     }
 
     #[test]
-    fn a_measurement_is_read_when_the_status_tells_of_one() {
+    fn a_measurement_is_read_when_the_status_reports_it() {
         for status in [0x01, 0x03] {
             let reading = block_on(with_measurement(status).read()).unwrap();
             assert!((reading.field.ut.y + 25.07).abs() < 0.01 && !reading.saturated, "{reading:?}");
@@ -258,16 +255,15 @@ mod tests {
         assert_eq!(with_measurement(0).period_us(), 13_333, "75 Hz");
     }
 
-    /// The lock bit alone is no measurement. Asked from the end of the sleep (88 % of 13.333 ms) for four periods, to
-    /// the next look of those that are 0.5 ms apart.
+    /// The lock bit alone is no measurement. Polls from 88 % of 13.333 ms for four periods.
     #[test]
-    fn what_is_not_new_is_waited_for() {
+    fn old_measurements_are_not_returned() {
         for status in [0x00, 0x02, 0xFE] {
             let mut simulation = Simulation::new();
             simulation.spawn(Level::Interrupt, "script", async move {
                 let mut driver = with_measurement(status);
                 driver.init().await.unwrap();
-                assert_eq!(driver.read().await, Err(Error::NoData));
+                assert_eq!(driver.read().await, Err(MagnetometerError::NoData));
                 assert_eq!(Instant::now().as_micros(), 11_733 + 53_500);
             });
             simulation.run_for(1_000_000);
@@ -275,11 +271,11 @@ mod tests {
         }
     }
 
-    /// One gauss on x, -0.5 on y, 0.25 on z at a range of 1.3 gauss: 1100 and 980 counts per gauss, x, z, y.
+    /// 1 gauss on x, -0.5 on y, 0.25 on z at 1.3 gauss: 1100 and 980 counts per gauss, order x, z, y.
     #[test]
     fn counts_become_microtesla_on_the_chips_axes() {
         let [x, y, z] = [1100_i16, -550, 245].map(i16::to_be_bytes);
-        let reading = decode([x[0], x[1], z[0], z[1], y[0], y[1]], Range::Gauss1_3);
+        let reading = decode([x[0], x[1], z[0], z[1], y[0], y[1]], Lsm303dlhcRange::Gauss1_3);
         assert_eq!(reading.field, Field::from_ut(100.0, -50.0, 25.0));
         assert!(!reading.saturated && !reading.overrun);
     }
@@ -289,8 +285,11 @@ mod tests {
         for axis in 0..3 {
             let mut data = [0; 6];
             data[2 * axis..2 * axis + 2].copy_from_slice(&[0xF0, 0x00]);
-            assert!(decode(data, Range::Gauss2_5).saturated);
+            assert!(decode(data, Lsm303dlhcRange::Gauss2_5).saturated);
         }
-        assert!(!decode([0xF8, 0x00, 0x07, 0xFF, 0, 0], Range::Gauss2_5).saturated, "the ends of the range are data");
+        assert!(
+            !decode([0xF8, 0x00, 0x07, 0xFF, 0, 0], Lsm303dlhcRange::Gauss2_5).saturated,
+            "the ends of the range are data"
+        );
     }
 }

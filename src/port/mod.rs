@@ -1,131 +1,110 @@
-//! Ports: a line with an autopilot, or an instrument, at its far end, and what is said on it in which protocol.
+//! Ports: serial lines to an autopilot or an instrument, and their protocols.
 //!
-//! A [`Protocol`] is a pure value. One task for each port (`app::port`) gives it the bytes that come and what there is to
-//! tell, passes on what it has [`Heard`], and writes its [`Output`].
-//!
-//! Which protocols there are is chosen by the Cargo features `mavlink`, `msp` and `nmea`, here and in [`wire`](crate::wire);
-//! one that is left out is [`LeftOut`], and [`ProtocolKind::is_here`](crate::settings::ProtocolKind::is_here) knows of it.
+//! A [`Protocol`] performs no I/O. The task of a port (`app::port`) gives it received bytes and a snapshot of the
+//! module's state, distributes the decoded messages, and writes its output.
 
-mod left_out;
-mod line;
-#[cfg(feature = "mavlink")]
+mod detection;
 mod mavlink;
-#[cfg(feature = "msp")]
 mod msp;
-#[cfg(feature = "nmea")]
 mod nmea;
-mod pace;
+mod schedule;
 
-#[cfg(not(any(feature = "mavlink", feature = "msp", feature = "nmea")))]
-compile_error!("without a protocol nobody learns the heading: choose one of the features mavlink, msp and nmea");
-
-pub use left_out::LeftOut;
-#[cfg(not(feature = "mavlink"))]
-pub use left_out::LeftOut as Mavlink;
-#[cfg(not(feature = "msp"))]
-pub use left_out::LeftOut as Msp;
-#[cfg(not(feature = "nmea"))]
-pub use left_out::LeftOut as Nmea;
-pub use line::Port;
-#[cfg(feature = "mavlink")]
+pub use detection::Port;
 pub use mavlink::Mavlink;
-#[cfg(feature = "msp")]
 pub use msp::Msp;
-#[cfg(feature = "nmea")]
 pub use nmea::Nmea;
-pub use pace::Pace;
+pub use schedule::MessageSchedule;
 
-use crate::attitude::Report;
-use crate::calibration::{Calibration, Uncertainty};
-use crate::compass::{Glance, Refusal};
-use crate::earth::{Day, Place};
+use crate::attitude::AttitudeReport;
+use crate::calibration::{Calibration, HeadingUncertainty};
+use crate::compass::IndicatorState;
+use crate::earth::{Date, Position};
 use crate::instrument::Estimate;
+use crate::messages::{Message, Refusal};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 
-/// What has been heard on a port, in whatever protocol.
+/// Message received on a port, independent of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Heard {
-    /// Roll and pitch, and rates where the protocol has them, of the sender that is believed.
-    Attitude(Report),
-    /// The same of another sender: counted, and nothing else.
-    Foreign,
-    /// Where the aircraft is.
-    Place(Place),
-    /// Today.
-    Day(Day),
-    /// The current that the motors draw, amperes.
+pub enum ReceivedMessage {
+    /// Roll and pitch of the selected sender, with body rates if the protocol has them.
+    Attitude(AttitudeReport),
+    /// Attitude of another sender, which is only counted.
+    RejectedAttitude,
+    /// Position of the aircraft.
+    Position(Position),
+    /// Date.
+    Date(Date),
+    /// Motor current, amperes.
     Current(f32),
-    /// Somebody wants something, and waits for [`Protocol::answer`].
-    Asked(Order),
-    /// Anything else in this protocol: somebody is there.
-    Life,
+    /// Order, whose result is awaited.
+    Order(Order),
+    /// Any other message of the protocol, which shows that the protocol is in use.
+    Other,
 }
 
-/// What can be asked for on a port.
+/// Order received on a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Begin to collect: `cal start`.
+    /// Start a collection: `cal start`.
     Start,
-    /// Solve with what there is: `cal solve`.
+    /// Solve with the present samples: `cal solve`.
     Accept,
-    /// Stop and forget: `cal abort`.
+    /// Stop and discard: `cal abort`.
     Cancel,
     /// Restart the module.
     Reboot,
 }
 
-/// What there is to tell.
+/// Snapshot of the module's state, from which messages are made.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts<'a> {
-    /// This instant: that of the estimate, or later.
+pub struct Snapshot<'a> {
+    /// Current time, not before the estimate's.
     pub now: Timestamp,
-    /// The newest estimate.
+    /// Latest estimate.
     pub estimate: &'a Estimate,
-    /// Settings in force; a declination among them that was not entered is that of the field model, if it is known.
+    /// Effective settings; a declination that was not entered is the field model's, if known.
     pub settings: &'a Settings,
-    /// The state machine at a glance.
-    pub glance: Glance,
-    /// The calibration in use, and how wrong a heading by it may be; none also if it is the one that was told last
-    /// ([`Port::has_not_seen`]).
-    pub calibration: Option<&'a (Calibration, Uncertainty)>,
+    /// State of the state machine.
+    pub indicator: IndicatorState,
+    /// Active calibration with its heading uncertainty; may be none if it was already reported.
+    pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
 }
 
-/// Bytes to be written. A message that does not fit is left away whole.
+/// Bytes to write. A message that does not fit is dropped whole.
 #[derive(Debug)]
-pub struct Output {
+pub struct TransmitBuffer {
     bytes: [u8; OUTPUT],
-    /// Where those that wait begin and end.
     begin: usize,
     end: usize,
-    /// Messages since the start; wraps, as the others do.
-    pub told: u32,
-    /// Those among them that had no heading to tell.
+    /// Number of messages since the start; wraps, as the other counters do.
+    pub messages: u32,
+    /// Number of messages without a heading.
     pub empty: u32,
-    /// Those that were left away, or lost.
+    /// Number of dropped or lost messages.
     pub lost: u32,
 }
 
-/// The longest there is at once: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller ones; or three NMEA sentences
-/// after three.
+/// Capacity, bytes, for the longest simultaneous messages: a STATUSTEXT, a VISION_POSITION_ESTIMATE and some smaller
+/// ones; or twice three NMEA sentences.
 const OUTPUT: usize = 384;
 
-impl Default for Output {
+impl Default for TransmitBuffer {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Output {
-    /// Nothing to write.
+impl TransmitBuffer {
+    /// Creates an empty buffer.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: [0; OUTPUT], begin: 0, end: 0, told: 0, empty: 0, lost: 0 }
+        Self { bytes: [0; OUTPUT], begin: 0, end: 0, messages: 0, empty: 0, lost: 0 }
     }
 
-    /// Appends a message, of several parts; whether there was room for it.
-    pub fn message(&mut self, parts: &[&[u8]]) -> bool {
-        self.told = self.told.wrapping_add(1);
+    /// Appends a message given in parts; returns whether there was room.
+    pub fn append(&mut self, parts: &[&[u8]]) -> bool {
+        self.messages = self.messages.wrapping_add(1);
         let length: usize = parts.iter().map(|part| part.len()).sum();
         if self.end + length > OUTPUT {
             self.bytes.copy_within(self.begin..self.end, 0);
@@ -145,14 +124,14 @@ impl Output {
         true
     }
 
-    /// What is to be written.
+    /// Bytes to write.
     #[must_use]
     pub fn pending(&self) -> &[u8] {
         self.bytes.get(self.begin..self.end).unwrap_or_default()
     }
 
-    /// So many bytes of it have been written.
-    pub fn written(&mut self, number: usize) {
+    /// Removes bytes that were written.
+    pub fn consume(&mut self, number: usize) {
         self.begin += number.min(self.end - self.begin);
         if self.begin == self.end {
             self.clear();
@@ -163,71 +142,70 @@ impl Output {
         (self.begin, self.end) = (0, 0);
     }
 
-    /// The line has failed: what was to be written is lost.
+    /// Drops the pending bytes after a line error.
     pub fn fail(&mut self) {
         self.clear();
         self.lost = self.lost.wrapping_add(1);
     }
 }
 
-/// What is said on a line, and understood of it.
+/// Protocol of a port.
 pub trait Protocol {
-    /// Takes a byte that came at an instant: none while it completes no message that is looked for.
-    fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard>;
+    /// Processes a received byte; returns the message that it completes.
+    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage>;
 
-    /// Whether the autopilot at the far end is armed, if it has said so lately.
+    /// Whether the autopilot is armed, if it has reported that recently.
     fn is_armed(&self, now: Timestamp) -> Option<bool>;
 
-    /// Frames that were not taken because they were broken or impossible, since the start; wraps.
-    fn rejected(&self) -> u32;
+    /// Number of broken or impossible frames since the start; wraps.
+    fn rejected_frames(&self) -> u32;
 
-    /// Appends what is due. It is called for every estimate, so at least ten times a second.
-    fn poll(&mut self, facts: &Facts<'_>, out: &mut Output);
+    /// Appends due messages. Called for every estimate, at least ten times a second.
+    fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer);
 
-    /// What became of the last order.
-    fn answer(&mut self, _order: Order, _result: Result<(), &Refusal>) {}
+    /// Processes the result of the last order.
+    fn complete_order(&mut self, _order: Order, _result: Result<(), &Refusal>) {}
 
-    /// A line for whoever looks at a ground station, as the console shows it after `note `.
-    fn note(&mut self, _text: &str) {}
+    /// Queues a text message.
+    fn queue_text(&mut self, _message: &Message) {}
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// What there is to tell of an estimate.
-    pub(super) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Facts<'a> {
-        Facts { now: estimate.at, estimate, settings, glance: Glance::Calibrated, calibration: None }
+    pub(super) fn facts<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> {
+        Snapshot { now: estimate.at, estimate, settings, indicator: IndicatorState::Calibrated, calibration: None }
     }
 
     #[test]
     fn a_message_is_written_whole_or_not_at_all() {
-        let mut out = Output::new();
-        assert!(out.message(&[&[1; OUTPUT - 2], &[1]]));
-        assert!(!out.message(&[&[2], &[2]]));
+        let mut out = TransmitBuffer::new();
+        assert!(out.append(&[&[1; OUTPUT - 2], &[1]]));
+        assert!(!out.append(&[&[2], &[2]]));
         assert_eq!(out.pending(), [1; OUTPUT - 1]);
-        assert!(out.message(&[&[3]]));
-        assert_eq!((out.told, out.lost), (3, 1));
-        out.written(OUTPUT - 2);
+        assert!(out.append(&[&[3]]));
+        assert_eq!((out.messages, out.lost), (3, 1));
+        out.consume(OUTPUT - 2);
         assert_eq!(out.pending(), [1, 3]);
         out.fail();
         assert!(out.pending().is_empty());
         assert_eq!(out.lost, 2);
-        assert!(out.message(&[&[4; OUTPUT]]));
-        out.written(usize::MAX);
+        assert!(out.append(&[&[4; OUTPUT]]));
+        out.consume(usize::MAX);
         assert!(out.pending().is_empty());
     }
 
-    /// What has been written leaves its room to what comes, also when something is left.
+    /// Written bytes free their room also while others are pending.
     #[test]
     fn room_that_was_left_is_used() {
-        let mut out = Output::new();
-        assert!(out.message(&[&[1; OUTPUT]]));
-        out.written(100);
+        let mut out = TransmitBuffer::new();
+        assert!(out.append(&[&[1; OUTPUT]]));
+        out.consume(100);
         assert_eq!(out.pending(), [1; OUTPUT - 100]);
-        assert!(!out.message(&[&[2; 101]]));
+        assert!(!out.append(&[&[2; 101]]));
         assert_eq!(out.pending(), [1; OUTPUT - 100]);
-        assert!(out.message(&[&[2; 60], &[3; 40]]));
+        assert!(out.append(&[&[2; 60], &[3; 40]]));
         assert_eq!(out.pending(), [vec![1; OUTPUT - 100], vec![2; 60], vec![3; 40]].concat());
     }
 }

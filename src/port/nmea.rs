@@ -1,47 +1,47 @@
 //! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
 
-use super::{Facts, Output, Pace};
+use super::{MessageSchedule, Snapshot, TransmitBuffer};
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
 use crate::settings::HeadingKind;
 use crate::wire::nmea;
 
-/// `HCHDM`, `HCHDG`, `HCHDT` where the declination is known, and `PASWH`, at the rate of `stream rate`, with the heading of
-/// `stream heading`. It hears nothing: what an instrument says is not for a compass.
+/// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
+/// `stream rate` and the heading of `stream heading`. Received bytes are ignored.
 #[derive(Debug, Default)]
 pub struct Nmea {
-    pace: Pace,
+    pace: MessageSchedule,
 }
 
 impl Nmea {
-    /// The first sentences are due at once.
+    /// Creates the protocol with the first sentences due at once.
     #[must_use]
     pub const fn new() -> Self {
-        Self { pace: Pace::new() }
+        Self { pace: MessageSchedule::new() }
     }
 
-    /// Appends the sentences that are due.
-    pub fn poll(&mut self, facts: &Facts<'_>, out: &mut Output) {
-        let Facts { estimate, settings, .. } = facts;
+    /// Appends the due sentences.
+    pub fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let Snapshot { estimate, settings, .. } = facts;
         if !(settings.stream_on && self.pace.is_due(estimate.at, settings.stream_rate_hz)) {
             return;
         }
-        let (heading, kind) = told(estimate, settings.stream_heading);
+        let (heading, kind) = heading_to_send(estimate, settings.stream_heading);
         let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
         let [hdm, hdg, quality] =
             [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
         let hdt = settings.declination_deg.map(|declination_deg| nmea::hdt(heading_deg, declination_deg));
         let hdt = hdt.as_deref().unwrap_or_default();
-        out.message(&[&hdm, &hdg, hdt, &quality]);
+        out.append(&[&hdm, &hdg, hdt, &quality]);
         if heading.is_err() {
             out.empty = out.empty.wrapping_add(1);
         }
     }
 }
 
-/// The heading that is told where this one is wanted, and which it is.
-fn told(estimate: &Estimate, wanted: HeadingKind) -> (Result<Heading, NoHeading>, HeadingKind) {
-    match (wanted, estimate.smooth) {
+/// Heading to send, and its kind.
+fn heading_to_send(estimate: &Estimate, wanted: HeadingKind) -> (Result<Heading, NoHeading>, HeadingKind) {
+    match (wanted, estimate.smoothed_heading) {
         (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
         _ => (estimate.heading, HeadingKind::Raw),
     }
@@ -55,20 +55,20 @@ mod tests {
     use crate::time::Timestamp;
 
     fn text(estimate: &Estimate, settings: &Settings) -> String {
-        let mut out = Output::new();
+        let mut out = TransmitBuffer::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
-        assert_eq!(out.told, u32::from(!out.pending().is_empty()));
-        assert_eq!(out.empty, u32::from(told(estimate, settings.stream_heading).0.is_err()));
+        assert_eq!(out.messages, u32::from(!out.pending().is_empty()));
+        assert_eq!(out.empty, u32::from(heading_to_send(estimate, settings.stream_heading).0.is_err()));
         String::from_utf8(out.pending().to_vec()).unwrap()
     }
 
-    const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_rad2: 0.0 };
-    const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_rad2: 0.0 };
+    const RAW: Heading = Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 };
+    const SMOOTH: Heading = Heading { magnetic_rad: 1.784, sigma_rad: 0.005, systematic_variance_rad2: 0.0 };
 
-    /// Where the declination is not known, there are three.
+    /// Three without a declination.
     #[test]
     fn four_sentences_tell_a_heading() {
-        let estimate = Estimate { heading: Ok(RAW), ..Estimate::NOTHING };
+        let estimate = Estimate { heading: Ok(RAW), ..Estimate::EMPTY };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
         let lines: Vec<String> = text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
         assert!(lines[0].starts_with("$HCHDM,101.1,M*"), "{lines:?}");
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn without_a_heading_the_fields_are_empty_and_the_reason_is_told() {
-        let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::NOTHING };
+        let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY };
         let text = text(&estimate, &Settings::DEFAULT);
         assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
         assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
@@ -90,24 +90,24 @@ mod tests {
         assert!(self::text(&estimate, &told).contains("$HCHDT,,T*"));
     }
 
-    /// The longest heading, variation, sigma, code and kind.
+    /// Longest heading, variation, sigma, code and kind.
     #[test]
     fn the_longest_message_fits() {
         let settings = Settings { declination_deg: Some(-180.0), ..Settings::DEFAULT };
         let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH };
         for estimate in [
-            Estimate { smooth: Some(unsure), ..Estimate::NOTHING },
-            Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::NOTHING },
+            Estimate { smoothed_heading: Some(unsure), ..Estimate::EMPTY },
+            Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY },
         ] {
             assert_eq!(text(&estimate, &settings).matches("\r\n").count(), 4, "{estimate:?}");
         }
     }
 
-    /// All sentences tell the same one.
+    /// All sentences contain the same heading.
     #[test]
     fn the_smooth_heading_is_told_where_there_is_one_and_it_is_wanted() {
-        let both = Estimate { heading: Ok(RAW), smooth: Some(SMOOTH), ..Estimate::NOTHING };
-        let only_raw = Estimate { smooth: None, ..both };
+        let both = Estimate { heading: Ok(RAW), smoothed_heading: Some(SMOOTH), ..Estimate::EMPTY };
+        let only_raw = Estimate { smoothed_heading: None, ..both };
         for (estimate, stream_heading, degrees, end) in [
             (both, HeadingKind::Smooth, "102.2", "0.3,ok,smooth*"),
             (both, HeadingKind::Raw, "101.1", "0.6,ok,raw*"),
@@ -127,13 +127,13 @@ mod tests {
     fn the_rate_is_the_one_that_was_set_and_off_is_off() {
         for (stream_on, stream_rate_hz, sentences) in [(true, 25, 250), (true, 10, 100), (false, 25, 0)] {
             let settings = Settings { stream_on, stream_rate_hz, ..Settings::DEFAULT };
-            let (mut nmea, mut out) = (Nmea::new(), Output::new());
+            let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
             for reading in 0..800 {
-                let estimate = Estimate { at: Timestamp::from_us(reading * 12_500), ..Estimate::NOTHING };
+                let estimate = Estimate { at: Timestamp::from_us(reading * 12_500), ..Estimate::EMPTY };
                 nmea.poll(&facts(&estimate, &settings), &mut out);
-                out.written(usize::MAX);
+                out.consume(usize::MAX);
             }
-            assert_eq!(out.told, sentences);
+            assert_eq!(out.messages, sentences);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Settings: what the user has chosen.
+//! User settings.
 
 mod ports;
 
@@ -6,53 +6,53 @@ use core::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use crate::calibration::{Consider, Orientation};
-pub use ports::{Baud, PORTS, PortNumber, PortSettings, PortsSettings, ProtocolKind};
+use crate::calibration::{ConsiderSigmas, Orientation};
+pub use ports::{Baud, PORT_COUNT, PortNumber, PortSettings, PortsSettings, ProtocolKind};
 
-/// What the user has chosen.
+/// User settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Magnetic declination (variation), degrees, east positive; none if it was never entered.
+    /// Magnetic declination (variation), degrees, east positive, if entered.
     pub declination_deg: Option<f32>,
-    /// Inclination of the Earth field where the module is used, degrees, positive down; none if it was never entered.
+    /// Inclination of the local Earth field, degrees, positive down, if entered.
     pub inclination_deg: Option<f32>,
-    /// Added to every heading, degrees: by how much the attitude source, or the sensor where no attitude shows its
-    /// mounting, is turned from the vehicle's axis.
+    /// Heading offset, degrees: yaw mounting angle of the attitude source, or of the sensor where the mounting is
+    /// unobservable.
     pub align_deg: f32,
-    /// Whether heading is sent on the autopilot port.
+    /// Whether headings are sent on the autopilot port.
     pub stream_on: bool,
-    /// Headings a second on the autopilot port.
+    /// Heading rate on the autopilot port, Hz.
     pub stream_rate_hz: u8,
-    /// How the chip sits in the aircraft.
+    /// Mounting of the sensor.
     pub mount: Orientation,
-    /// What the attitude source is allowed to be off, alike in all samples of a flight.
+    /// Assumed constant errors of the attitude source.
     pub attitude_error: AttitudeError,
-    /// Which heading is sent.
+    /// Heading to send.
     pub stream_heading: HeadingKind,
-    /// The heading error to expect at which a collection in flight is over, degrees RMS.
+    /// Expected heading error that ends a collection in flight, degrees RMS.
     pub accuracy_deg: f32,
-    /// Whether an uncalibrated module begins to collect by itself when it flies.
+    /// Whether an uncalibrated module starts collecting in flight.
     pub auto_on: bool,
-    /// What is spoken on the ports, and how fast.
+    /// Protocol and baud rate of the ports.
     pub ports: PortsSettings,
-    /// Whether a true yaw is told to an autopilot that takes one instead of its own.
-    pub tells_vision: bool,
+    /// Whether true yaw is sent to an autopilot that can use an external yaw.
+    pub sends_vision_yaw: bool,
 }
 
-/// One of the two headings of an instant.
+/// Kind of heading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum HeadingKind {
-    /// By the field and the attitude of that instant alone: for an autopilot that has a filter of its own.
+    /// From field and attitude of one reading: for an autopilot with its own filter.
     Raw,
-    /// Smoothed by the attitude source's body rates; the raw one where there are none, or where they contradict it.
+    /// Smoothed with the attitude source's body rates; raw while they are missing or inconsistent.
     Smooth,
 }
 
 impl HeadingKind {
-    /// Both of them.
+    /// Both kinds.
     pub const ALL: [Self; 2] = [Self::Raw, Self::Smooth];
 
-    /// The word for it.
+    /// Name in commands.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -61,37 +61,37 @@ impl HeadingKind {
         }
     }
 
-    /// The one of this name.
+    /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// Errors of an attitude source that are alike in all samples of a flight, 1 sigma. No turn shows them; the expected
-/// error of a calibration allows for them.
+/// Errors of an attitude source that are constant over a flight, 1 sigma. Turns do not reveal them; the expected error
+/// of a calibration includes them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AttitudeError {
-    /// Constant error of roll, and of pitch, degrees.
+    /// Roll and pitch bias, degrees.
     pub bias_deg: f32,
-    /// Relative error of bank in turns, percent.
+    /// Bank-angle scale error in turns, percent.
     pub bank_percent: f32,
 }
 
 impl AttitudeError {
-    /// A good autopilot, levelled with care: 0.2 deg and 1 %, as [`Consider::DEFAULT`].
+    /// A good, carefully levelled autopilot: the solver's default.
     pub const DEFAULT: Self = Self { bias_deg: 0.2, bank_percent: 1.0 };
 
-    /// Constant errors that can be allowed for, degrees.
+    /// Range of the bias, degrees.
     pub const BIAS_DEG: RangeInclusive<f32> = 0.0..=5.0;
 
-    /// Errors of bank that can be allowed for, percent.
+    /// Range of the bank-angle scale error, percent.
     pub const BANK_PERCENT: RangeInclusive<f32> = 0.0..=20.0;
 
-    /// The same in the solver's units.
+    /// Converts to the solver's units.
     #[must_use]
-    pub fn consider(self) -> Consider {
-        Consider { bias_rad: self.bias_deg.to_radians(), bank_scale: self.bank_percent / 100.0 }
+    pub fn to_consider_sigmas(self) -> ConsiderSigmas {
+        ConsiderSigmas { bias_rad: self.bias_deg.to_radians(), bank_scale: self.bank_percent / 100.0 }
     }
 
     fn is_valid(self) -> bool {
@@ -106,9 +106,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// As delivered: ten sentences a second is what autopilots expect of a compass. The accuracy is one that a whole routine
-    /// gives: what is expected after its first pushes is not sure yet, and of copters that stopped at 0.7 deg one in six was
-    /// wrong by more than three times of it.
+    /// Factory settings. Autopilots expect a compass at 10 Hz. An accuracy of 0.5 deg requires a whole routine: of
+    /// copters that stopped at 0.7 deg, after the first tilts, one in six had more than three times the expected error.
     pub const DEFAULT: Self = Self {
         declination_deg: None,
         inclination_deg: None,
@@ -121,25 +120,22 @@ impl Settings {
         accuracy_deg: 0.5,
         auto_on: true,
         ports: PortsSettings::DEFAULT,
-        tells_vision: false,
+        sends_vision_yaw: false,
     };
 
-    /// Declinations, degrees.
+    /// Range of the declination, degrees.
     pub const DECLINATION_DEG: RangeInclusive<f32> = -180.0..=180.0;
 
-    /// Inclinations, degrees.
+    /// Range of the inclination, degrees.
     pub const INCLINATION_DEG: RangeInclusive<f32> = -90.0..=90.0;
 
-    /// Rates that can be chosen: up to one heading for every measurement.
+    /// Range of the heading rate, up to the measurement rate.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
-    /// Accuracies that can be wanted, degrees RMS: no compass is better than the first, and a calibration that is worse
-    /// than the last is not accepted.
+    /// Range of the accuracy, degrees RMS: from that of the best compasses to the largest accepted expected error.
     pub const ACCURACY_DEG: RangeInclusive<f32> = 0.2..=3.0;
 
-    /// Whether every setting is within its range: [`Self::DECLINATION_DEG`], [`Self::INCLINATION_DEG`], alignment
-    /// -180..180 deg, rate [`Self::STREAM_RATE_HZ`], the attitude's error [`AttitudeError::BIAS_DEG`] and
-    /// [`AttitudeError::BANK_PERCENT`], and the wanted accuracy [`Self::ACCURACY_DEG`].
+    /// Whether every setting is within its range; the alignment's is -180..180 deg.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.declination_deg.is_none_or(|declination_deg| Self::DECLINATION_DEG.contains(&declination_deg))
@@ -152,41 +148,41 @@ impl Settings {
     }
 }
 
-/// One setting, changed.
+/// Change of one setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Setting {
-    /// Heading sentences on or off.
+pub enum SettingChange {
+    /// Heading output on or off.
     StreamOn(bool),
-    /// Heading sentences a second.
+    /// Heading rate, Hz.
     StreamRateHz(u8),
-    /// Which heading they tell.
+    /// Heading to send.
     StreamHeading(HeadingKind),
-    /// Variation (declination) for the sentences, degrees, east positive; none: left out.
+    /// Declination (variation), degrees, east positive; `None` omits it from the sentences.
     Declination(Option<f32>),
-    /// Inclination of the Earth field here, degrees, positive down; none: found from the samples.
+    /// Inclination of the local Earth field, degrees, positive down; `None` estimates it from the samples.
     Inclination(Option<f32>),
-    /// How the sensor sits in the aircraft.
+    /// Mounting of the sensor.
     Mount(Orientation),
-    /// What the attitude source is allowed to be off.
+    /// Assumed constant errors of the attitude source.
     AttitudeError(AttitudeError),
-    /// The heading error to expect at which a collection in flight is over, degrees RMS.
+    /// Expected heading error that ends a collection in flight, degrees RMS.
     Accuracy(f32),
-    /// Whether an uncalibrated module begins to collect by itself.
+    /// Whether an uncalibrated module starts collecting in flight.
     Auto(bool),
-    /// What is spoken on a port.
+    /// Protocol of a port.
     Protocol(PortNumber, ProtocolKind),
-    /// How fast a port is.
+    /// Baud rate of a port.
     Baud(PortNumber, Baud),
-    /// Whether a true yaw is told to an autopilot.
+    /// Whether true yaw is sent to an autopilot.
     Vision(bool),
 }
 
-/// A value outside its range; what it must be.
+/// Description of the valid range, for a value outside of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutOfRange(pub &'static str);
 
-impl Setting {
-    /// Whether a solve under way rests on this setting, so that it must not change until that has ended.
+impl SettingChange {
+    /// Whether solves use this setting, so that it must not change during one.
     #[must_use]
     pub const fn is_used_by_solves(self) -> bool {
         match self {
@@ -203,7 +199,7 @@ impl Setting {
         }
     }
 
-    const fn range(self) -> &'static str {
+    const fn valid_range(self) -> &'static str {
         match self {
             Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
@@ -220,177 +216,30 @@ impl Setting {
 }
 
 impl Settings {
-    /// The settings with one of them changed.
+    /// Applies a change.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when they would not be [valid](Self::is_valid).
-    pub fn with(self, setting: Setting) -> Result<Self, OutOfRange> {
+    /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
+    pub fn with_setting(self, setting: SettingChange) -> Result<Self, OutOfRange> {
         let mut changed = self;
         match setting {
-            Setting::StreamOn(on) => changed.stream_on = on,
-            Setting::StreamRateHz(hz) => changed.stream_rate_hz = hz,
-            Setting::StreamHeading(kind) => changed.stream_heading = kind,
-            Setting::Declination(deg) => changed.declination_deg = deg,
-            Setting::Inclination(deg) => changed.inclination_deg = deg,
-            Setting::Mount(mount) => changed.mount = mount,
-            Setting::AttitudeError(error) => changed.attitude_error = error,
-            Setting::Accuracy(deg) => changed.accuracy_deg = deg,
-            Setting::Auto(on) => changed.auto_on = on,
-            Setting::Protocol(port, protocol) => changed.ports.of_mut(port).protocol = protocol,
-            Setting::Baud(port, baud) => changed.ports.of_mut(port).baud = baud,
-            Setting::Vision(on) => changed.tells_vision = on,
+            SettingChange::StreamOn(on) => changed.stream_on = on,
+            SettingChange::StreamRateHz(hz) => changed.stream_rate_hz = hz,
+            SettingChange::StreamHeading(kind) => changed.stream_heading = kind,
+            SettingChange::Declination(deg) => changed.declination_deg = deg,
+            SettingChange::Inclination(deg) => changed.inclination_deg = deg,
+            SettingChange::Mount(mount) => changed.mount = mount,
+            SettingChange::AttitudeError(error) => changed.attitude_error = error,
+            SettingChange::Accuracy(deg) => changed.accuracy_deg = deg,
+            SettingChange::Auto(on) => changed.auto_on = on,
+            SettingChange::Protocol(port, protocol) => changed.ports.port_mut(port).protocol = protocol,
+            SettingChange::Baud(port, baud) => changed.ports.port_mut(port).baud = baud,
+            SettingChange::Vision(on) => changed.sends_vision_yaw = on,
         }
-        if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.range())) }
+        if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const fn attitude_error(bias_deg: f32, bank_percent: f32) -> Setting {
-        Setting::AttitudeError(AttitudeError { bias_deg, bank_percent })
-    }
-
-    /// What the solver takes for a good autopilot is what is delivered: 0.2 deg and 1 %, to the digits it is given in.
-    #[test]
-    fn an_attitude_error_is_the_solver_s_in_other_units() {
-        for (error, of) in [
-            (AttitudeError::DEFAULT, Consider::DEFAULT),
-            (
-                AttitudeError { bias_deg: 2.0, bank_percent: 5.0 },
-                Consider { bias_rad: 0.034_906_585, bank_scale: 0.05 },
-            ),
-        ] {
-            let Consider { bias_rad, bank_scale } = error.consider();
-            assert!((bias_rad / of.bias_rad - 1.0).abs() < 0.003, "{error:?}");
-            assert!((bank_scale / of.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
-        }
-    }
-
-    /// Each range from both sides; what is refused names its range.
-    #[test]
-    fn every_setting_has_its_range() {
-        let nan = f32::NAN;
-        for (good, bad, words) in [
-            (
-                &[Setting::StreamRateHz(1), Setting::StreamRateHz(80)][..],
-                &[Setting::StreamRateHz(0), Setting::StreamRateHz(81)][..],
-                "a rate is 1 to 80",
-            ),
-            (
-                &[Setting::Declination(Some(-180.0)), Setting::Declination(Some(180.0)), Setting::Declination(None)],
-                &[
-                    Setting::Declination(Some(-180.1)),
-                    Setting::Declination(Some(180.1)),
-                    Setting::Declination(Some(nan)),
-                ],
-                "a declination is -180 to 180",
-            ),
-            (
-                &[Setting::Inclination(Some(-90.0)), Setting::Inclination(Some(90.0)), Setting::Inclination(None)],
-                &[Setting::Inclination(Some(-90.1)), Setting::Inclination(Some(90.1)), Setting::Inclination(Some(nan))],
-                "an inclination is -90 to 90",
-            ),
-            (
-                &[attitude_error(0.0, 0.0), attitude_error(5.0, 0.0), attitude_error(0.0, 20.0)],
-                &[
-                    attitude_error(-0.1, 1.0),
-                    attitude_error(5.1, 1.0),
-                    attitude_error(nan, 1.0),
-                    attitude_error(1.0, -0.1),
-                    attitude_error(1.0, 20.1),
-                    attitude_error(1.0, nan),
-                ],
-                "a constant error is 0 to 5 degrees",
-            ),
-        ] {
-            for &setting in good {
-                assert!(Settings::DEFAULT.with(setting).is_ok(), "{setting:?}");
-            }
-            for &setting in bad {
-                let OutOfRange(range) = Settings::DEFAULT.with(setting).unwrap_err();
-                assert!(range.starts_with(words), "{setting:?}: {range}");
-            }
-        }
-        for mount in Orientation::all() {
-            assert_eq!(Settings::DEFAULT.with(Setting::Mount(mount)).unwrap().mount, mount);
-        }
-    }
-
-    #[test]
-    fn a_heading_s_kind_has_a_word() {
-        for (kind, name) in [(HeadingKind::Raw, "raw"), (HeadingKind::Smooth, "smooth")] {
-            assert_eq!((kind.name(), HeadingKind::from_name(name)), (name, Some(kind)));
-        }
-        assert_eq!(HeadingKind::from_name("smoothed"), None);
-        assert_eq!(Settings::DEFAULT.stream_heading, HeadingKind::Smooth);
-    }
-
-    #[test]
-    fn a_setting_changes_itself_and_nothing_else() {
-        let before = Settings { align_deg: 3.0, ..Settings::DEFAULT };
-        let mount = Orientation::from_name("yaw90").unwrap();
-        for (setting, after) in [
-            (Setting::StreamOn(false), Settings { stream_on: false, ..before }),
-            (Setting::StreamRateHz(5), Settings { stream_rate_hz: 5, ..before }),
-            (Setting::StreamHeading(HeadingKind::Raw), Settings { stream_heading: HeadingKind::Raw, ..before }),
-            (Setting::Accuracy(1.5), Settings { accuracy_deg: 1.5, ..before }),
-            (Setting::Auto(false), Settings { auto_on: false, ..before }),
-            (Setting::Vision(true), Settings { tells_vision: true, ..before }),
-            (Setting::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
-            (Setting::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
-            (Setting::Mount(mount), Settings { mount, ..before }),
-            (
-                attitude_error(1.5, 3.0),
-                Settings { attitude_error: AttitudeError { bias_deg: 1.5, bank_percent: 3.0 }, ..before },
-            ),
-        ] {
-            assert_eq!(before.with(setting), Ok(after));
-        }
-    }
-
-    #[test]
-    fn a_port_s_setting_changes_that_port() {
-        for port in PortNumber::ALL {
-            let before = Settings::DEFAULT;
-            let mut ports = before.ports;
-            ports.of_mut(port).protocol = ProtocolKind::Msp;
-            assert_eq!(before.with(Setting::Protocol(port, ProtocolKind::Msp)), Ok(Settings { ports, ..before }));
-            ports.of_mut(port).baud = Baud::B230400;
-            let both = Settings { ports, ..before };
-            let changed = before.with(Setting::Protocol(port, ProtocolKind::Msp)).unwrap();
-            assert_eq!(changed.with(Setting::Baud(port, Baud::B230400)), Ok(both));
-        }
-    }
-
-    /// Alignment is set by standing at a heading, so it is checked where settings are loaded.
-    #[test]
-    fn an_alignment_is_half_a_circle_either_way() {
-        for (align_deg, valid) in [(180.0, true), (-180.0, true), (180.1, false), (-180.1, false), (f32::NAN, false)] {
-            assert_eq!(Settings { align_deg, ..Settings::DEFAULT }.is_valid(), valid, "{align_deg}");
-        }
-    }
-
-    #[test]
-    fn solves_use_mounting_inclination_and_the_attitude_s_error() {
-        let none = Orientation::NONE;
-        for (setting, used) in [
-            (Setting::Mount(none), true),
-            (Setting::Inclination(None), true),
-            (attitude_error(0.2, 1.0), true),
-            (Setting::Declination(None), false),
-            (Setting::StreamOn(true), false),
-            (Setting::StreamRateHz(1), false),
-            (Setting::StreamHeading(HeadingKind::Raw), false),
-            (Setting::Accuracy(1.0), false),
-            (Setting::Auto(false), false),
-            (Setting::Protocol(PortNumber::One, ProtocolKind::Msp), false),
-            (Setting::Baud(PortNumber::One, Baud::B57600), false),
-            (Setting::Vision(true), false),
-        ] {
-            assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
-        }
-    }
-}
+mod tests;

@@ -1,26 +1,26 @@
-//! What the user chooses of a port.
+//! Settings of the ports.
 
 use serde::{Deserialize, Serialize};
 
-/// So many ports there are beside the console's.
-pub const PORTS: usize = 2;
+/// Number of ports, without the console.
+pub const PORT_COUNT: usize = 2;
 
-/// One of the ports.
+/// Port number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PortNumber {
-    /// The autopilot's.
+    /// Port of the autopilot.
     One,
-    /// The other: an instrument's, or the autopilot's second.
+    /// Port of an instrument, or of a second link to the autopilot.
     Two,
 }
 
 impl PortNumber {
-    /// Both of them.
-    pub const ALL: [Self; PORTS] = [Self::One, Self::Two];
+    /// Both ports.
+    pub const ALL: [Self; PORT_COUNT] = [Self::One, Self::Two];
 
-    /// This port's of what there is one of for each.
+    /// Selects the port's element of an array.
     #[must_use]
-    pub const fn of<T>(self, each: &[T; PORTS]) -> &T {
+    pub const fn of<T>(self, each: &[T; PORT_COUNT]) -> &T {
         let [one, two] = each;
         match self {
             Self::One => one,
@@ -29,47 +29,24 @@ impl PortNumber {
     }
 }
 
-/// What is spoken on a port.
+/// Protocol of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ProtocolKind {
-    /// Whatever the far end speaks, as soon as it is heard to.
+    /// Detected from received bytes.
     Auto,
-    /// MAVLink 2, as a component beside the autopilot.
+    /// MAVLink 2, as a component of the autopilot's system.
     Mavlink,
-    /// MSP version 2: a compass, to an autopilot.
+    /// MSP version 2, as a compass.
     Msp,
-    /// NMEA 0183 sentences. Attitude is taken from MAVLink that comes in, if any does.
+    /// NMEA 0183 sentences; attitude from received MAVLink, if any.
     Nmea,
 }
 
 impl ProtocolKind {
-    /// All of them, whether this firmware has them or not.
+    /// All protocols.
     pub const ALL: [Self; 4] = [Self::Auto, Self::Mavlink, Self::Msp, Self::Nmea];
 
-    /// Whether this firmware has it: protocols are left out by Cargo features. To find out what an autopilot speaks takes
-    /// one that autopilots speak.
-    #[must_use]
-    pub const fn is_here(self) -> bool {
-        match self {
-            Self::Auto => cfg!(any(feature = "mavlink", feature = "msp")),
-            Self::Mavlink => cfg!(feature = "mavlink"),
-            Self::Msp => cfg!(feature = "msp"),
-            Self::Nmea => cfg!(feature = "nmea"),
-        }
-    }
-
-    /// What is spoken where this was chosen: itself, if this firmware has it, or else `auto`, which is all that an autopilot
-    /// can be told in; a firmware without that says sentences. The choice itself is kept, for a firmware that has it.
-    #[must_use]
-    pub const fn in_force(self) -> Self {
-        match self {
-            _ if self.is_here() => self,
-            _ if Self::Auto.is_here() => Self::Auto,
-            _ => Self::Nmea,
-        }
-    }
-
-    /// The word for it.
+    /// Name in commands.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -80,28 +57,28 @@ impl ProtocolKind {
         }
     }
 
-    /// The one of this name.
+    /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// How fast a port is.
+/// Baud rate of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Baud {
-    /// 57,600 baud.
+    /// 57,600 Bd.
     B57600,
-    /// 115,200 baud.
+    /// 115,200 Bd.
     B115200,
-    /// 230,400 baud.
+    /// 230,400 Bd.
     B230400,
-    /// 460,800 baud.
+    /// 460,800 Bd.
     B460800,
 }
 
 impl Baud {
-    /// All of them, the slowest first.
+    /// All rates, ascending.
     pub const ALL: [Self; 4] = [Self::B57600, Self::B115200, Self::B230400, Self::B460800];
 
     /// Bits per second.
@@ -115,7 +92,7 @@ impl Baud {
         }
     }
 
-    /// The same in letters.
+    /// Name in commands.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -126,48 +103,41 @@ impl Baud {
         }
     }
 
-    /// The one of this name.
+    /// Parses a name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|baud| baud.name() == name)
     }
 }
 
-/// What the user has chosen for a port.
+/// Settings of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PortSettings {
-    /// What is spoken.
+    /// Protocol.
     pub protocol: ProtocolKind,
-    /// How fast.
+    /// Baud rate.
     pub baud: Baud,
 }
 
-/// Those of all ports.
+/// Settings of all ports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PortsSettings([PortSettings; PORTS]);
+pub struct PortsSettings([PortSettings; PORT_COUNT]);
 
 impl PortsSettings {
-    /// As delivered: the first finds out what the autopilot speaks, the second tells instruments.
+    /// Factory settings: the first port detects the autopilot's protocol, the second sends NMEA to instruments.
     pub const DEFAULT: Self = Self([
-        PortSettings { protocol: ProtocolKind::Auto.in_force(), baud: Baud::B115200 },
-        PortSettings { protocol: ProtocolKind::Nmea.in_force(), baud: Baud::B115200 },
+        PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B115200 },
+        PortSettings { protocol: ProtocolKind::Nmea, baud: Baud::B115200 },
     ]);
 
-    /// Of a module that was set up when its firmware had one port, for sentences: whoever reads them there goes on.
-    pub const BEFORE_THERE_WERE_TWO: Self = {
-        let mut ports = Self::DEFAULT;
-        ports.of_mut(PortNumber::One).protocol = ProtocolKind::Nmea;
-        ports
-    };
-
-    /// Those of a port.
+    /// Settings of a port.
     #[must_use]
-    pub const fn of(&self, number: PortNumber) -> PortSettings {
+    pub const fn port(&self, number: PortNumber) -> PortSettings {
         *number.of(&self.0)
     }
 
-    /// Those of a port, to be changed.
-    pub const fn of_mut(&mut self, number: PortNumber) -> &mut PortSettings {
+    /// Mutable settings of a port.
+    pub const fn port_mut(&mut self, number: PortNumber) -> &mut PortSettings {
         let [one, two] = &mut self.0;
         match number {
             PortNumber::One => one,
@@ -181,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_chosen_has_a_word_of_its_own() {
+    fn protocol_and_baud_names_round_trip() {
         for kind in ProtocolKind::ALL {
             assert_eq!(ProtocolKind::from_name(kind.name()), Some(kind));
         }
@@ -193,11 +163,11 @@ mod tests {
     }
 
     #[test]
-    fn each_port_has_its_own() {
+    fn ports_have_separate_settings() {
         let mut ports = PortsSettings::DEFAULT;
-        ports.of_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
-        ports.of_mut(PortNumber::One).baud = Baud::B57600;
-        let [one, two] = PortNumber::ALL.map(|number| ports.of(number));
+        ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
+        ports.port_mut(PortNumber::One).baud = Baud::B57600;
+        let [one, two] = PortNumber::ALL.map(|number| ports.port(number));
         assert_eq!(one, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
         assert_eq!(two, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
     }

@@ -1,252 +1,314 @@
-//! What the module remembers without power: settings and two generations of calibration, in NOR flash.
+//! Non-volatile storage of settings and two generations of calibration in NOR flash.
 //!
-//! # What is promised
+//! # Guarantees
 //!
-//! - A save is atomic: when power fails at any instant of it, the next start finds what was stored before or what was
-//!   to be stored, complete. That holds for every save, also for one after a failure, and after a failure of that one.
-//! - Nothing that comes out of the flash is trusted: every value is checked by CRC, version and range. No content of
-//!   the region makes a load or a save panic.
-//! - A region that holds garbage does not brick the module: it is erased and written again.
-//! - An update keeps everything: what the versions before stored is read and converted. The first save afterwards writes
-//!   the present version; until then, and if power fails during that save, the firmware before finds its own.
-//! - A later firmware's copy is neither read nor written over, however many saves ago it was written: nothing is loaded
-//!   and every save is refused until [`Change::Clear`] forgets it on purpose.
+//! - A save is atomic: after a power failure at any flash operation, the next start loads the values from before the
+//!   save or those from after it, never a mixture. This also holds for a save after a failed one.
+//! - One damaged page never loses both calibrations.
+//! - Nothing that is read from flash is trusted: CRC, format and range of every item are checked. No content of the
+//!   region causes a panic, and garbage is overwritten by the next save.
+//! - Items of another format are reported and never overwritten, except by [`StoreChange::Clear`].
 //!
-//! # How
+//! # Method
 //!
-//! Settings and calibrations are one item of a log ([`sequential_storage`]). There are two such logs, one in each half
-//! of the region. A save appends to the one that does *not* hold the newest copy, so that whatever a power failure
-//! tears, and whatever the log makes of the torn words, the newest copy's half is not being written. If the log refuses,
-//! for a failure can tear the very word that the next item needs, its half is erased and begun anew. A count of saves in
-//! each copy says which one is newer.
+//! Each page holds one item (`page`), whose content is a list of tagged fields (`fields`). The first pages are slots
+//! for calibrations. The others hold states: settings, notes, and references to the slots of the current and the
+//! previous calibration. The state with the highest count of saves is valid.
 //!
-//! To replace a later firmware's copies, the new copy is written first and the half with the last of them erased then:
-//! as long as one is left, nothing else counts.
+//! A save writes a new calibration to a slot to which the valid state does not refer, and then a new state to the page
+//! after the valid one. The write of the state is the instant at which the save takes effect. Every write begins with an
+//! erase, because a word that a power failure has torn can be programmed only after an erase. If the page of the valid
+//! state is damaged, the state before it becomes valid; the slots to which that one refers are still complete, because
+//! only one save has followed it.
 
-mod contents;
+mod fields;
+mod items;
+mod page;
 #[cfg(test)]
 pub(crate) mod tests;
-mod v2;
-mod v3;
-mod v4;
-mod v5;
-mod v6;
-mod v7;
-mod v8;
 
 use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use sequential_storage::cache::{Cache, Uncached};
-use sequential_storage::map::{MapConfig, MapStorage};
 
-pub use contents::{Change, Generations, Record, Remembered, Stored};
-use contents::{Contents, VALUE_SIZE, VERSION};
+pub use items::{CalibrationRecord, Generations, StartupValues, StoreChange, StoredValues};
+use items::{SlotReference, StoredState};
+use page::{ITEM_SIZE, Item, PageContent, WORD_SIZE};
 
-/// The only key of the map.
-const KEY: u8 = 0;
-/// For any item of the map, one of a later firmware included: no item is longer than a page.
-const ITEM_SIZE: usize = 2048;
-const _: () = assert!(VALUE_SIZE < ITEM_SIZE, "the key takes a byte");
+/// Pages for calibrations: two that the valid state refers to, and two for the next state.
+const CALIBRATION_SLOTS: u8 = 4;
 
-/// Why something could not be loaded or stored.
+/// First page for states, after the slots.
+const FIRST_STATE_PAGE: u32 = CALIBRATION_SLOTS as u32;
+
+/// Minimum number of pages for states: a save leaves the valid one in place.
+const MIN_STATE_PAGES: u32 = 2;
+
+/// Error of a load or a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoreError {
-    /// The flash refused to read, write or erase.
+    /// The flash failed to read, write or erase.
     Flash,
-    /// What is stored cannot be understood.
+    /// Stored bytes are damaged.
     Corrupt,
-    /// What is stored was written by a firmware with this later (or much earlier) version of the format.
-    UnknownVersion(u8),
-    /// The value does not fit into the region.
+    /// The store has another format.
+    OtherFormat(u8),
+    /// The value does not fit into the store.
     Full,
-    /// What was written reads back differently.
+    /// The written bytes read back differently.
     Verify,
-    /// The value is out of its range (see [`Settings::is_valid`](crate::settings::Settings::is_valid),
-    /// [`Record::is_valid`]); nothing was written.
+    /// A value is out of its range. Nothing was written.
     Invalid,
 }
 
-impl StoreError {
-    /// A stable code for people and programs.
-    #[must_use]
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::Flash => "store-flash",
-            Self::Corrupt => "store-corrupt",
-            Self::UnknownVersion(_) => "store-version",
-            Self::Full => "store-full",
-            Self::Verify => "store-verify",
-            Self::Invalid => "store-invalid",
-        }
-    }
-
-    /// Whether it is of a later firmware's copy, which is not to be touched.
-    const fn is_later_version(self) -> bool {
-        matches!(self, Self::UnknownVersion(version) if version > VERSION)
-    }
-}
-
-/// What to do about it, in words.
 impl core::fmt::Display for StoreError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Flash => "the flash memory failed; try again, then replace the board",
-            Self::Corrupt => "what was stored is damaged; calibrate anew",
-            later if later.is_later_version() => {
-                "a later firmware stored it; load that firmware, or forget it: cal clear all"
-            }
-            Self::UnknownVersion(_) => "a firmware long ago stored it; calibrate anew",
-            Self::Full => "it does not fit; this is a fault of the firmware, please report it",
-            Self::Verify => "what was written reads back differently; try again, then replace the board",
-            Self::Invalid => "a value is out of its range; nothing was written",
+            Self::Flash => "the flash memory failed",
+            Self::Corrupt => "the stored data are damaged",
+            Self::OtherFormat(_) => "another firmware wrote the stored data",
+            Self::Full => "the data do not fit into the flash region",
+            Self::Verify => "the written data read back differently",
+            Self::Invalid => "a value is out of its range, and nothing was written",
         })
     }
 }
 
-impl<E> From<sequential_storage::Error<E>> for StoreError {
-    fn from(error: sequential_storage::Error<E>) -> Self {
-        use sequential_storage::Error;
-        match error {
-            Error::Storage { .. } => Self::Flash,
-            Error::FullStorage | Error::ItemTooBig => Self::Full,
-            // An item without a key, for example, is none that this module wrote.
-            _ => Self::Corrupt,
-        }
-    }
+impl core::error::Error for StoreError {}
+
+/// Result of a load: the readable values, and defaults for the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loaded {
+    /// The readable values.
+    pub stored: StoredValues,
+    /// Reason why a value, or all of them, could not be read.
+    pub error: Option<StoreError>,
 }
 
-/// The store: a region of a NOR flash.
+/// Store in a region of a NOR flash.
 pub struct Store<F: NorFlash> {
     flash: F,
-    halves: [Range<u32>; 2],
+    region: Range<u32>,
 }
 
-/// What a half holds: a copy; nothing; or why that is not known.
-type Found = Result<Option<Contents>, StoreError>;
+struct PageScan {
+    /// Page and content of the valid state.
+    valid_state: Option<(u32, StoredState)>,
+    /// Page and format of an item of another format.
+    other_format: Option<(u32, u8)>,
+    /// [`StoreError::Flash`] if a page could not be read; otherwise [`StoreError::Corrupt`] if a state is damaged.
+    error: Option<StoreError>,
+}
 
 impl<F: NorFlash> Store<F> {
-    /// A store in this region of the flash, as offsets from the flash's start. The flash is not touched yet.
+    const PAGE_SIZE: u32 = F::ERASE_SIZE as u32;
+
+    /// Creates a store in a region, in bytes from the start of the flash, without accessing it.
     ///
     /// # Panics
     ///
-    /// At the first load or save, if the region is not made of an even number of pages, four at least: a mistake in a
-    /// board's memory map, seen at its first start.
+    /// If the region is not a whole number of pages, at least six: an error in the board's memory map, detected at its
+    /// first start.
     #[must_use]
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        let middle = region.start.midpoint(region.end);
-        Self { flash, halves: [region.start..middle, middle..region.end] }
+        const { assert!(F::ERASE_SIZE >= ITEM_SIZE && WORD_SIZE.is_multiple_of(F::WRITE_SIZE)) };
+        assert!(region.start.is_multiple_of(Self::PAGE_SIZE) && region.end.is_multiple_of(Self::PAGE_SIZE));
+        assert!((region.end - region.start) / Self::PAGE_SIZE >= FIRST_STATE_PAGE + MIN_STATE_PAGES);
+        Self { flash, region }
     }
 
-    /// What is stored; the defaults when nothing ever was.
+    /// Loads everything readable; defaults if nothing was ever stored.
+    ///
+    /// The error is [`StoreError::OtherFormat`] if the store has another format (nothing is loaded), and
+    /// [`Corrupt`](StoreError::Corrupt) or [`Flash`](StoreError::Flash) if no state or one of the calibrations is
+    /// unreadable.
+    pub async fn load(&mut self) -> Loaded {
+        let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
+        let mut loaded = Loaded { stored: StoredValues::default(), error };
+        if let Some((_, format)) = other {
+            loaded.error = Some(StoreError::OtherFormat(format));
+        } else if let Some((_, StoredState { current, previous, settings, remembered, .. })) = valid {
+            loaded.error = None;
+            let StoredValues { generations, .. } = &mut loaded.stored;
+            for (reference, record) in [(current, &mut generations.current), (previous, &mut generations.previous)] {
+                match self.read_calibration(reference).await {
+                    Ok(stored) => *record = stored,
+                    Err(error) => loaded.error = Some(error),
+                }
+            }
+            loaded.stored.settings = settings;
+            loaded.stored.remembered = remembered;
+        }
+        loaded
+    }
+
+    /// Stores a change. Damaged values are replaced by their defaults. After an error the next load returns the values
+    /// from before the save, or the new ones if they were written.
     ///
     /// # Errors
     ///
-    /// [`StoreError::UnknownVersion`] where there is a copy of a later firmware. Otherwise only where no copy can be
-    /// read: [`Flash`](StoreError::Flash), [`Corrupt`](StoreError::Corrupt), or `UnknownVersion` of one long ago.
-    pub async fn load(&mut self) -> Result<Stored, StoreError> {
-        let found = self.survey().await;
-        let errors = || found.iter().filter_map(|half| half.as_ref().err());
-        if let Some(&later) = errors().find(|error| error.is_later_version()) {
-            return Err(later);
-        }
-        match (newest(&found), errors().next()) {
-            (Some((_, contents)), _) => Ok(contents.stored),
-            (None, Some(&error)) => Err(error),
-            (None, None) => Ok(Stored::default()),
-        }
-    }
-
-    /// Stores a change, leaving the rest as it is. What cannot be understood has no future: it is replaced by the
-    /// default. A flash that merely failed to read it is no reason to throw it away, nor is a later firmware's format.
-    ///
-    /// # Errors
-    ///
-    /// - [`StoreError::Flash`]: the flash refused. If it refused to read, nothing was written.
-    /// - [`StoreError::UnknownVersion`]: a later firmware's copy is there, and the change is not [`Change::Clear`].
-    ///   Nothing was written.
+    /// - [`StoreError::Flash`]: the flash failed. If a read failed, nothing was written, because the failure may be
+    ///   temporary.
+    /// - [`StoreError::OtherFormat`]: the store has another format, and the change is not [`StoreChange::Clear`]. Nothing
+    ///   was written.
     /// - [`StoreError::Invalid`]: a value is out of its range. Nothing was written.
-    /// - [`StoreError::Full`], [`StoreError::Verify`]: it does not fit, or reads back differently.
-    ///
-    /// After an error the next load finds what was stored before, or the change if it was written after all.
-    pub async fn save(&mut self, change: Change<'_>) -> Result<(), StoreError> {
-        let found = self.survey().await;
-        if found.contains(&Err(StoreError::Flash)) {
+    /// - [`StoreError::Full`], [`StoreError::Verify`]: the value does not fit, or reads back differently.
+    pub async fn save(&mut self, change: StoreChange<'_>) -> Result<(), StoreError> {
+        let PageScan { valid_state: valid, other_format: other, error } = self.scan_pages().await;
+        if error == Some(StoreError::Flash) {
             return Err(StoreError::Flash);
         }
-        let later = found.each_ref().map(|half| half.as_ref().err().filter(|error| error.is_later_version()));
-        match (later, change) {
-            ([None, None], _) => self.replace_older(&found, change).await,
-            (_, Change::Clear) => self.replace_later(later.map(|half| half.is_some())).await,
-            ([Some(&error), _] | [_, Some(&error)], _) => Err(error),
+        if let Some((page, format)) = other {
+            return match change {
+                StoreChange::Clear => self.replace_other_format(page).await,
+                _ => Err(StoreError::OtherFormat(format)),
+            };
         }
-    }
-
-    /// Writes the change into the half that does not hold the newest copy.
-    async fn replace_older(&mut self, found: &[Found; 2], change: Change<'_>) -> Result<(), StoreError> {
-        let newest = newest(found);
-        let contents = newest.map_or_else(Contents::default, |(_, contents)| *contents).changed(change);
-        let mut buffer = [0; VALUE_SIZE];
-        let value = contents.encode(&mut buffer)?;
-        let half = newest.map_or(0, |(half, _)| 1 - half);
-        if self.append(half, value).await.is_ok() {
-            return Ok(());
+        let (page, mut state) =
+            valid.map_or((FIRST_STATE_PAGE, StoredState::default()), |(page, state)| (self.page_after(page), state));
+        state.saves = state.saves.saturating_add(1);
+        // A new calibration ends its collection; a continued collection is flagged again later.
+        state.remembered.is_collecting &= matches!(change, StoreChange::Settings(_));
+        match change {
+            StoreChange::Settings(settings) => state.settings = *settings,
+            StoreChange::Remembered(remembered) => state.remembered = remembered,
+            StoreChange::Clear => (state.current, state.previous) = (None, None),
+            StoreChange::Generations { current, previous } => {
+                if ![current, previous].into_iter().flatten().all(CalibrationRecord::is_valid) {
+                    return Err(StoreError::Invalid);
+                }
+                let in_use = [state.current, state.previous];
+                state.current = self.place(current, &in_use).await?;
+                state.previous = self.place(previous, &[in_use[0], in_use[1], state.current]).await?;
+            }
         }
-        self.log(half).erase_all().await?;
-        self.append(half, value).await
+        self.write_state(page, &state).await
     }
 
-    /// Writes the defaults into one half and erases the other, which holds a later firmware's copy until then.
-    async fn replace_later(&mut self, is_later: [bool; 2]) -> Result<(), StoreError> {
-        let mut buffer = [0; VALUE_SIZE];
-        let value = Contents::default().changed(Change::Clear).encode(&mut buffer)?;
-        // If both do, the second half keeps its own.
-        let (first, last) = if is_later == [true, false] { (1, 0) } else { (0, 1) };
-        self.log(first).erase_all().await?;
-        self.append(first, value).await?;
-        Ok(self.log(last).erase_all().await?)
+    /// Replaces a store of another format by the default state. Erases the page with that format's item last, so that
+    /// it is still reported after a power failure.
+    async fn replace_other_format(&mut self, other: u32) -> Result<(), StoreError> {
+        let target = if other == FIRST_STATE_PAGE { FIRST_STATE_PAGE + 1 } else { FIRST_STATE_PAGE };
+        self.write_state(target, &StoredState::default()).await?;
+        for page in (0..self.page_count()).filter(|page| *page != target && *page != other).chain([other]) {
+            self.erase(page).await?;
+        }
+        Ok(())
     }
 
-    async fn survey(&mut self) -> [Found; 2] {
-        [self.read(0).await, self.read(1).await]
+    /// Reads every page and finds the valid state.
+    async fn scan_pages(&mut self) -> PageScan {
+        let mut survey = PageScan { valid_state: None, other_format: None, error: None };
+        for page in 0..self.page_count() {
+            let mut buffer = [0; ITEM_SIZE];
+            match self.read_page(page, &mut buffer).await {
+                Err(error) => survey.error = Some(error),
+                Ok(PageContent::OtherFormat(format)) => survey.other_format = Some((page, format)),
+                Ok(content) if page >= FIRST_STATE_PAGE => survey.add_state(page, &content),
+                Ok(_) => {}
+            }
+        }
+        survey
     }
 
-    fn log(&mut self, half: usize) -> MapStorage<u8, &mut F, Cache<Uncached, Uncached, Uncached, u8>> {
-        let [first, second] = &self.halves;
-        let region = if half == 0 { first } else { second };
-        MapStorage::new(&mut self.flash, MapConfig::new(region.clone()), Cache::new_uncached())
-    }
-
-    /// The copy in a half.
-    async fn read(&mut self, half: usize) -> Found {
+    async fn read_calibration(
+        &mut self,
+        reference: Option<SlotReference>,
+    ) -> Result<Option<CalibrationRecord>, StoreError> {
+        let Some(SlotReference { slot, crc }) = reference else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
-        let value = self.log(half).fetch_item::<&[u8]>(&mut buffer, &KEY).await?;
-        value.map(Contents::decode).transpose()
+        match self.read_page(u32::from(slot), &mut buffer).await? {
+            PageContent::Item(item) if item.crc == crc => fields::decode(item.fields).map(Some),
+            _ => Err(StoreError::Corrupt),
+        }
     }
 
-    /// Appends the value to a log and reads it back.
-    async fn append(&mut self, half: usize, value: &[u8]) -> Result<(), StoreError> {
+    /// Writes a calibration to a free slot, unless a slot already holds it. Slots in `kept` are not free.
+    async fn place(
+        &mut self,
+        record: Option<&CalibrationRecord>,
+        in_use: &[Option<SlotReference>],
+    ) -> Result<Option<SlotReference>, StoreError> {
+        let Some(record) = record else { return Ok(None) };
         let mut buffer = [0; ITEM_SIZE];
-        let mut log = self.log(half);
-        log.store_item(&mut buffer, &KEY, &value).await?;
-        match log.fetch_item::<&[u8]>(&mut buffer, &KEY).await? {
-            Some(stored) if stored == value => Ok(()),
-            _ => Err(StoreError::Verify),
+        let (item, crc) = page::encode(record, &mut buffer)?;
+        for slot in 0..CALIBRATION_SLOTS {
+            if self.holds(u32::from(slot), item).await? {
+                return Ok(Some(SlotReference { slot, crc }));
+            }
         }
+        // Starts after the current calibration's slot, for even wear.
+        let start = in_use.iter().flatten().next().map_or(0, |reference| reference.slot + 1);
+        let is_free = |slot: &u8| in_use.iter().flatten().all(|reference| reference.slot != *slot);
+        let slot = (0..CALIBRATION_SLOTS)
+            .map(|offset| (start + offset) % CALIBRATION_SLOTS)
+            .find(is_free)
+            .ok_or(StoreError::Full)?;
+        self.program(u32::from(slot), item).await?;
+        Ok(Some(SlotReference { slot, crc }))
+    }
+
+    /// Writes the state to a page.
+    async fn write_state(&mut self, page: u32, state: &StoredState) -> Result<(), StoreError> {
+        let mut buffer = [0; ITEM_SIZE];
+        let (item, _) = page::encode(state, &mut buffer)?;
+        self.program(page, item).await
+    }
+
+    /// Erases a page, programs an item and reads it back.
+    async fn program(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
+        self.erase(page).await?;
+        self.flash.write(self.start_of(page), item).await.map_err(|_| StoreError::Flash)?;
+        if self.holds(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
+    }
+
+    async fn erase(&mut self, page: u32) -> Result<(), StoreError> {
+        let start = self.start_of(page);
+        self.flash.erase(start, start + Self::PAGE_SIZE).await.map_err(|_| StoreError::Flash)
+    }
+
+    async fn holds(&mut self, page: u32, item: &[u8]) -> Result<bool, StoreError> {
+        let mut buffer = [0; ITEM_SIZE];
+        let found = &mut buffer[..item.len()];
+        self.flash.read(self.start_of(page), found).await.map_err(|_| StoreError::Flash)?;
+        Ok(found == item)
+    }
+
+    async fn read_page<'a>(
+        &mut self,
+        page: u32,
+        buffer: &'a mut [u8; ITEM_SIZE],
+    ) -> Result<PageContent<'a>, StoreError> {
+        self.flash.read(self.start_of(page), buffer).await.map_err(|_| StoreError::Flash)?;
+        Ok(page::parse(buffer))
+    }
+
+    const fn page_count(&self) -> u32 {
+        (self.region.end - self.region.start) / Self::PAGE_SIZE
+    }
+
+    const fn page_after(&self, page: u32) -> u32 {
+        if page + 1 < self.page_count() { page + 1 } else { FIRST_STATE_PAGE }
+    }
+
+    const fn start_of(&self, page: u32) -> u32 {
+        self.region.start + page * Self::PAGE_SIZE
     }
 }
 
-/// The half with the newest copy that can be read, and the copy.
-fn newest(found: &[Found; 2]) -> Option<(usize, &Contents)> {
-    match found {
-        [Ok(Some(first)), Ok(Some(second))] if is_newer(second.saves, first.saves) => Some((1, second)),
-        [Ok(Some(first)), _] => Some((0, first)),
-        [_, Ok(Some(second))] => Some((1, second)),
-        _ => None,
+impl PageScan {
+    fn add_state(&mut self, page: u32, content: &PageContent<'_>) {
+        let state = match content {
+            PageContent::Item(Item { fields, .. }) => fields::decode::<StoredState>(fields),
+            // Damaged by a power failure during the very first save; nothing was stored before.
+            PageContent::Damaged if page == FIRST_STATE_PAGE => return,
+            PageContent::Damaged => Err(StoreError::Corrupt),
+            PageContent::Erased | PageContent::OtherFormat(_) => return,
+        };
+        match (state, &self.valid_state) {
+            (Ok(state), Some((_, valid))) if state.saves < valid.saves => {}
+            (Ok(state), _) => self.valid_state = Some((page, state)),
+            (Err(error), _) => _ = self.error.get_or_insert(error),
+        }
     }
-}
-
-/// Of two counts of saves, which wrap; the copies are never more than a few saves apart.
-const fn is_newer(saves: u32, than: u32) -> bool {
-    saves.wrapping_sub(than).cast_signed() > 0
 }

@@ -1,9 +1,5 @@
-//! Bytes to meaning and back: what crosses a cable.
+//! Encoding and decoding of the protocols on serial lines.
 
-pub mod decimal;
-#[cfg(feature = "mavlink")]
 pub mod mavlink;
-#[cfg(feature = "msp")]
 pub mod msp;
-#[cfg(feature = "nmea")]
 pub mod nmea;

@@ -1,4 +1,4 @@
-//! The console: keys, lines, words.
+//! Fuzz test of the console.
 
 use autoswing::console::report;
 use autoswing::console::session::Session;
@@ -8,10 +8,10 @@ use proptest::prelude::*;
 
 use crate::{Promise, hold};
 
-/// What a session keeps to be sent.
+/// Output buffer of a session, bytes.
 const ROOM: usize = 2048;
 
-/// Words of the language, keys, and what begins or ends a sequence of bytes that is a key.
+/// Words of the command language, keys, and beginnings and ends of key sequences.
 const TYPED: &[&str] = &[
     "help",
     "version",
@@ -88,7 +88,7 @@ const TYPED: &[&str] = &[
     "\0",
 ];
 
-/// Something typed, and whether what the session has to say is sent then.
+/// Typed parts, and whether the output is sent after each.
 fn typed() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
     let word = proptest::sample::select(TYPED).prop_map(|word| word.as_bytes().to_vec());
     let upper = proptest::sample::select(TYPED).prop_map(|word| word.to_ascii_uppercase().into_bytes());
@@ -97,7 +97,7 @@ fn typed() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
     vec((part, any::<bool>()), 0..40)
 }
 
-/// Gives bytes to a session; the last request that came of them.
+/// Feeds bytes to a session and returns the last request.
 fn give(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
     let mut last = None;
     for &byte in bytes {
@@ -122,8 +122,8 @@ fn give(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
     Ok(last)
 }
 
-/// What is said is characters that a terminal shows, ends of lines, steps back and the erasure of a line, however the keys come; a byte makes
-/// at most one request; and after two Ctrl-C, the first of which may end a sequence of bytes, a line means what it says.
+/// Output consists of printable characters, line ends, backspaces and erase sequences. After two Ctrl-C, of which the
+/// first may end a key sequence, a command is understood.
 #[test]
 fn the_console_takes_whatever_is_typed() {
     hold(typed(), |parts| -> Promise {

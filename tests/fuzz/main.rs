@@ -1,15 +1,15 @@
-//! Any bytes on any wire: every decoder gets frames that are whole, damaged, cut and joined, and noise between them. Nothing
-//! panics, what a byte costs is bounded, nothing is believed whose CRC is wrong, and what is good is understood again.
+//! Fuzz tests of all decoders with intact, damaged, truncated and joined frames and noise. Decoders must not panic,
+//! must do bounded work per byte, must accept only frames with a correct CRC, and must recover.
 //!
-//! A million inputs each where this is built with optimisation, ten thousand in a debug build, where arithmetic that overflows
-//! panics, too; AUTOSWING_FUZZ_INPUTS is another number:
+//! An optimised build runs a million inputs per test, a debug build (with overflow checks) ten thousand;
+//! AUTOSWING_FUZZ_INPUTS sets another number:
 //!
 //! ```sh
 //! AUTOSWING_FUZZ_INPUTS=100000000 cargo test --release --test fuzz mavlink
 //! ```
 //!
-//! The same number gives the same inputs. One that fails is made smaller and printed; it is a value that a test can be made of.
-//! NMEA has no decoder: the module hears no sentences.
+//! Equal numbers give equal inputs. A failing input is reduced and printed. NMEA has no decoder, because the module
+//! receives no sentences.
 
 mod console;
 mod mavlink;
@@ -31,16 +31,15 @@ fn inputs() -> u32 {
     }
 }
 
-/// What an input must not break.
 type Promise = Result<(), TestCaseError>;
 
-/// So many inputs, of a seed: not of the system's entropy, which is what a runner begins with by itself.
+/// Runner with a fixed seed instead of the system's entropy.
 fn runner(cases: u32) -> TestRunner {
     let config = Config { cases, failure_persistence: None, ..Config::default() };
     TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[7; 32]))
 }
 
-/// Holds a promise against so many inputs of a kind.
+/// Checks a property for all inputs of a strategy.
 fn hold<S: Strategy<Value: Debug>>(kind: S, promise: impl Fn(S::Value) -> Promise) {
     let mut runner = runner(inputs());
     if let Err(failure) = runner.run(&kind, promise) {
@@ -48,7 +47,6 @@ fn hold<S: Strategy<Value: Debug>>(kind: S, promise: impl Fn(S::Value) -> Promis
     }
 }
 
-/// Another number of the same seed would be another input: what is found today is found tomorrow.
 #[test]
 fn one_seed_gives_the_same_inputs() {
     let all = || {

@@ -1,14 +1,13 @@
-//! The MAVLink receiver.
+//! Fuzz test of the MAVLink receiver.
 
-use autoswing::wire::mavlink::{Message, Receiver};
+use autoswing::wire::mavlink::{InboundMessage, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece, Wire};
 use crate::{Promise, hold};
 
-/// Numbers of the messages that are looked for, their extra bytes, and the longest of their payloads. By the protocol's
-/// definition (common.xml), not by the code.
+/// ID, CRC seed and longest payload of the decoded messages, from the protocol definition (common.xml).
 const MESSAGES: [(u8, u8, usize); 9] = [
     (30, 39, 28),
     (1, 124, 43),
@@ -21,10 +20,9 @@ const MESSAGES: [(u8, u8, usize); 9] = [
     (77, 143, 10),
 ];
 
-/// The longest frame: of version 2, signed, with the longest payload.
+/// Longest frame: version 2, signed, with the longest payload.
 const LONGEST: usize = 10 + 54 + 2 + 13;
 
-/// CRC-16/MCRF4XX, bit by bit.
 fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
     let mut crc = 0xFFFF_u16;
     for byte in bytes {
@@ -36,7 +34,7 @@ fn crc(bytes: impl IntoIterator<Item = u8>) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// A frame of a version with a right CRC. The length that it claims need not be that of its payload.
+/// Frame with a correct CRC; the length field `claims` may differ from the payload.
 fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, claims: u8, payload: &[u8]) -> Vec<u8> {
     let mut frame = if is_v2 {
         vec![0xFD, claims, u8::from(is_signed), 0, 0, system, component, id, 0, 0]
@@ -53,7 +51,7 @@ fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, cl
     frame
 }
 
-/// A frame of any message, most of those that are looked for, from one of a few senders.
+/// Frame of any message, mostly decoded ones, from one of a few senders.
 pub fn frame() -> impl Strategy<Value = Vec<u8>> {
     let message =
         prop_oneof![9 => proptest::sample::select(&MESSAGES[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
@@ -63,7 +61,7 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
         |((id, _, longest), [is_v2, is_signed, is_small, is_cut], sender, off, mut payload)| {
             payload.truncate(longest);
             if is_small {
-                // Angles that can be, of a payload with zeros at its end, which version 2 cuts off.
+                // Plausible angles and trailing zeros, which version 2 may truncate.
                 payload.iter_mut().skip(4).for_each(|byte| *byte = 0);
                 payload.truncate(if is_v2 && is_cut { 4 } else { longest });
             }
@@ -77,7 +75,7 @@ pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
     stream::of(frame(), &[0xFE, 0xFD])
 }
 
-/// A frame that is intact, found by trying every byte.
+/// Intact frame, found independently of the receiver by a search from every byte.
 pub struct Intact {
     end: usize,
     id: u8,
@@ -85,7 +83,7 @@ pub struct Intact {
     payload: [u8; 56],
 }
 
-/// All that are in some bytes, also those within others.
+/// All intact frames in the bytes, also nested ones.
 pub fn intact(bytes: &[u8]) -> Vec<Intact> {
     let mut found = Vec::new();
     for begin in 0..bytes.len() {
@@ -123,43 +121,45 @@ impl Intact {
     }
 }
 
-impl stream::Intact<Message> for Intact {
+impl stream::Intact<InboundMessage> for Intact {
     fn end(&self) -> usize {
         self.end
     }
 
-    fn says(&self, message: &Message) -> bool {
+    fn says(&self, message: &InboundMessage) -> bool {
         let (id, sender) = (self.id, self.sender);
         match message {
-            Message::Attitude(report) => {
+            InboundMessage::Attitude(report) => {
                 let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
-                // A rounding beyond half a circle, and a quarter; what is no number is not in it.
+                // Angles within half and quarter circle, allowing for rounding; NaN is excluded.
                 let can_be = roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58;
-                can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.source.number()
+                can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.sender.number()
             }
-            Message::Heartbeat(heartbeat) => {
+            InboundMessage::Heartbeat(heartbeat) => {
                 let is_armed = self.payload[6] & 128 != 0;
-                (id, sender, is_armed) == (0, heartbeat.source.number(), heartbeat.is_armed)
+                (id, sender, is_armed) == (0, heartbeat.sender.number(), heartbeat.is_armed)
             }
-            Message::Place(source, _) => (id, sender) == (33, source.number()),
-            Message::Current(source, current) => {
+            InboundMessage::Position(source, _) => (id, sender) == (33, source.number()),
+            InboundMessage::Current(source, current) => {
                 let at = if id == 1 { 16 } else { 30 };
                 let told = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
                 [1, 147].contains(&id)
                     && sender == source.number()
                     && current.is_none_or(|amperes| amperes.to_bits() == told.to_bits())
             }
-            Message::Day(source, _) => (id, sender) == (2, source.number()),
-            Message::Command(command) => {
+            InboundMessage::Date(source, _) => (id, sender) == (2, source.number()),
+            InboundMessage::Command(command) => {
                 let number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
                 [75, 76].contains(&id) && (sender, number) == (command.source.number(), command.command)
             }
-            Message::Acknowledgement(ack) => (id, sender, self.payload[2]) == (77, ack.source.number(), ack.result),
+            InboundMessage::Acknowledgement(ack) => {
+                (id, sender, self.payload[2]) == (77, ack.source.number(), ack.result)
+            }
         }
     }
 }
 
-/// ATTITUDE with a roll of 0.5 rad, without a byte that begins a frame.
+/// ATTITUDE with a roll of 0.5 rad, without start-of-frame bytes.
 fn good() -> Vec<u8> {
     let mut payload = [1; 28];
     payload[4..8].copy_from_slice(&0.5_f32.to_le_bytes());
@@ -177,6 +177,6 @@ fn mavlink_is_believed_when_its_crc_is_right() {
     });
 }
 
-fn is_good(message: &Message) -> bool {
-    matches!(message, Message::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6)
+fn is_good(message: &InboundMessage) -> bool {
+    matches!(message, InboundMessage::Attitude(report) if (report.attitude.roll_rad - 0.5).abs() < 1e-6)
 }

@@ -1,13 +1,12 @@
-//! The MSP receiver.
+//! Fuzz test of the MSP receiver.
 
-use autoswing::wire::msp::{Angles, Firmware, Message, Receiver};
+use autoswing::wire::msp::{Firmware, MspAngles, MspReply, Receiver};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
 use crate::stream::{self, Piece, Wire};
 use crate::{Promise, hold};
 
-/// Numbers of the functions that are asked for.
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
 const RAW_GPS: u16 = 106;
@@ -15,17 +14,16 @@ const ATTITUDE: u16 = 108;
 const ANALOG: u16 = 110;
 const RTC: u16 = 247;
 
-/// The longest frame that is taken: 64 bytes of payload.
+/// Longest accepted frame, with 64 bytes of payload.
 const LONGEST: usize = 8 + 64 + 1;
 
-/// CRC-8/DVB-S2, bit by bit.
 fn crc(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0xD5 })
     })
 }
 
-/// A frame with a right CRC. The length that it claims need not be that of its payload.
+/// Frame with a correct CRC; the length field `claims` may differ from the payload.
 fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> {
     let [f0, f1] = function.to_le_bytes();
     let [n0, n1] = claims.to_le_bytes();
@@ -33,7 +31,7 @@ fn framed(direction: u8, function: u16, claims: u16, payload: &[u8]) -> Vec<u8> 
     [&[b'$', b'X', direction], &checked[..], &[crc(&checked)]].concat()
 }
 
-/// A frame of any function, most of those that are asked for, with payloads that they can have.
+/// Frame of any function, mostly requested ones with plausible payloads.
 pub fn frame() -> impl Strategy<Value = Vec<u8>> {
     let functions =
         [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (ANALOG, 7), (RTC, 9), (RTC, 6)];
@@ -62,7 +60,7 @@ pub fn stream() -> impl Strategy<Value = Vec<Piece>> {
     stream::of(frame(), b"$X>!")
 }
 
-/// A frame that is intact, found by trying every byte.
+/// Intact frame, found independently of the receiver by a search from every byte.
 pub struct Intact<'a> {
     end: usize,
     function: u16,
@@ -70,7 +68,7 @@ pub struct Intact<'a> {
     payload: &'a [u8],
 }
 
-/// All that are in some bytes, also those within others.
+/// All intact frames in the bytes, also nested ones.
 pub fn intact(bytes: &[u8]) -> Vec<Intact<'_>> {
     let mut found = Vec::new();
     for begin in 0..bytes.len() {
@@ -90,7 +88,7 @@ impl Intact<'_> {
         Some(i16::from_le_bytes([*self.payload.get(at)?, *self.payload.get(at + 1)?]))
     }
 
-    /// Whether it is MSP_ATTITUDE with this roll, and this pitch of either sign.
+    /// Whether it is MSP_ATTITUDE with this roll and this pitch of either sign.
     pub fn has_angles(&self, roll_deg: f32, pitch_deg: f32) -> bool {
         let is = |at, deg: f32| {
             self.i16(at).is_some_and(|decideg| (f32::from(decideg).abs() * 0.1 - deg.abs()).abs() < 0.01)
@@ -99,21 +97,21 @@ impl Intact<'_> {
     }
 }
 
-impl stream::Intact<Message> for Intact<'_> {
+impl stream::Intact<MspReply> for Intact<'_> {
     fn end(&self) -> usize {
         self.end
     }
 
-    fn says(&self, message: &Message) -> bool {
-        if let Message::Refused(function) = message {
+    fn says(&self, message: &MspReply) -> bool {
+        if let MspReply::Refused(function) = message {
             return (self.is_error || self.payload.is_empty()) && self.function == *function as u16;
         }
         !self.is_error
             && match *message {
-                Message::Attitude(Angles { roll_decideg, pitch_decideg }) => {
+                MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg }) => {
                     self.function == ATTITUDE && [self.i16(0), self.i16(2)] == [Some(roll_decideg), Some(pitch_decideg)]
                 }
-                Message::FcVariant(firmware) => {
+                MspReply::FcVariant(firmware) => {
                     let is = |name: &[u8]| self.payload.starts_with(name);
                     self.function == FC_VARIANT
                         && match firmware {
@@ -123,26 +121,24 @@ impl stream::Intact<Message> for Intact<'_> {
                             Firmware::Other => true,
                         }
                 }
-                Message::Armed(is_armed) => {
+                MspReply::Armed(is_armed) => {
                     self.function == STATUS && self.payload.get(6).is_some_and(|flags| (flags & 1 == 1) == is_armed)
                 }
-                Message::RawGps(_) => self.function == RAW_GPS,
-                Message::Current(amperes) => {
+                MspReply::RawGps(_) => self.function == RAW_GPS,
+                MspReply::Current(amperes) => {
                     self.function == ANALOG
                         && self.i16(5).is_some_and(|told| (f32::from(told) * 0.01).to_bits() == amperes.to_bits())
                 }
-                Message::Rtc(_) => self.function == RTC,
-                Message::Refused(_) => false,
+                MspReply::Rtc(_) => self.function == RTC,
+                MspReply::Refused(_) => false,
             }
     }
 }
 
-/// MSP_ATTITUDE with a roll of 12.3 deg.
 fn good() -> Vec<u8> {
     framed(b'>', ATTITUDE, 6, &[123, 0, 1, 0, 1, 0])
 }
 
-/// A request of somebody else's is none of its frames.
 #[test]
 fn msp_is_believed_when_its_crc_is_right() {
     hold(stream(), |pieces| -> Promise {
@@ -153,6 +149,6 @@ fn msp_is_believed_when_its_crc_is_right() {
     });
 }
 
-fn is_good(message: &Message) -> bool {
-    matches!(message, Message::Attitude(angles) if angles.roll_decideg == 123)
+fn is_good(message: &MspReply) -> bool {
+    matches!(message, MspReply::Attitude(angles) if angles.roll_decideg == 123)
 }

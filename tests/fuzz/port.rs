@@ -1,9 +1,9 @@
-//! A port: both protocols, what it finds out, and what it says meanwhile.
+//! Fuzz test of a port with both protocols and protocol detection.
 
-use autoswing::compass::Glance;
+use autoswing::compass::IndicatorState;
 use autoswing::frames::Field;
 use autoswing::instrument::Estimate;
-use autoswing::port::{Facts, Heard, Port};
+use autoswing::port::{Port, ReceivedMessage, Snapshot};
 use autoswing::settings::{ProtocolKind, Settings};
 use autoswing::time::Timestamp;
 use proptest::prelude::*;
@@ -11,14 +11,14 @@ use proptest::prelude::*;
 use crate::stream::{self, Piece};
 use crate::{Promise, hold, mavlink, msp};
 
-/// A port forgets whom it has found after so long a silence, microseconds.
+/// Silence after which a port discards the detected protocol, microseconds.
 const SILENCE_US: u64 = 10_000_000;
 
-/// HEARTBEAT of an ArduPilot, and the answer of an INAV to MSP_FC_VARIANT.
+/// HEARTBEAT of ArduPilot, and INAV's answer to MSP_FC_VARIANT.
 const HEARTBEAT: &[u8] = &[0xFD, 9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 2, 3, 81, 4, 3, 0xE7, 0x1E];
 const VARIANT: &[u8] = b"$X>\x00\x02\x00\x04\x00INAV\x94";
 
-/// Pieces of both protocols with the time before each, milliseconds.
+/// Pieces of both protocols with the preceding time, milliseconds.
 fn stream() -> impl Strategy<Value = Vec<(u16, Piece)>> {
     let frames = prop_oneof![mavlink::frame().boxed(), msp::frame().boxed()];
     stream::of(frames, &[0xFE, 0xFD, b'$']).prop_flat_map(|pieces| {
@@ -27,16 +27,21 @@ fn stream() -> impl Strategy<Value = Vec<(u16, Piece)>> {
     })
 }
 
-/// What a port is told of an instant; the bytes that it then says are taken.
+/// Polls a port and returns the number of output bytes.
 fn poll(port: &mut Port, now: Timestamp) -> usize {
     let compass = Some(Field::from_ut(20.0, 0.0, 40.0));
-    let estimate = Estimate { at: now, compass, ..Estimate::NOTHING };
-    let settings = Settings { tells_vision: true, ..Settings::DEFAULT };
-    let facts =
-        Facts { now, estimate: &estimate, settings: &settings, glance: Glance::Collecting(7), calibration: None };
+    let estimate = Estimate { at: now, compass_field: compass, ..Estimate::EMPTY };
+    let settings = Settings { sends_vision_yaw: true, ..Settings::DEFAULT };
+    let facts = Snapshot {
+        now,
+        estimate: &estimate,
+        settings: &settings,
+        indicator: IndicatorState::Collecting(7),
+        calibration: None,
+    };
     port.poll(&facts);
     let said = port.output.pending().len();
-    port.output.written(usize::MAX);
+    port.output.consume(usize::MAX);
     said
 }
 
@@ -45,10 +50,9 @@ fn is_intact(bytes: &[u8], roll_rad: f32, pitch_rad: f32) -> bool {
         || msp::intact(bytes).iter().any(|frame| frame.has_angles(roll_rad.to_degrees(), pitch_rad.to_degrees()))
 }
 
-/// An attitude that is passed on was in an intact frame; what is said for a reading is at most what an output holds, which is
-/// asserted there, and without a far end that speaks MAVLink a compass and two requests; and whoever speaks after a silence is
-/// found by its first frame behind what the longest frame can take, or, where noise was taken for the other, after another
-/// silence.
+/// A reported attitude was in an intact frame. Without a MAVLink peer, output per sample is at most a compass sample
+/// and two requests. After a silence the protocol is detected from the first frame after at most one longest frame, or
+/// after another silence if noise was mistaken for the other protocol.
 #[test]
 fn a_port_finds_who_speaks() {
     hold((stream(), any::<bool>()), |(pieces, is_msp)| -> Promise {
@@ -58,12 +62,12 @@ fn a_port_finds_who_speaks() {
             for _ in 0..ms / 500 {
                 now_us += 500_000;
                 let said = poll(&mut port, Timestamp::from_us(now_us));
-                let is_mavlink = port.spoken(Timestamp::from_us(now_us)) == ProtocolKind::Mavlink;
+                let is_mavlink = port.active_protocol(Timestamp::from_us(now_us)) == ProtocolKind::Mavlink;
                 prop_assert!(said <= if is_mavlink { 384 } else { 20 + 2 * 9 }, "{said} bytes");
             }
             for byte in stream::bytes(std::slice::from_ref(piece)) {
                 bytes.push(byte);
-                if let Some(Heard::Attitude(report)) = port.byte(Timestamp::from_us(now_us), byte) {
+                if let Some(ReceivedMessage::Attitude(report)) = port.process_byte(Timestamp::from_us(now_us), byte) {
                     let (roll_rad, pitch_rad) = (report.attitude.roll_rad, report.attitude.pitch_rad);
                     prop_assert!(is_intact(&bytes, roll_rad, pitch_rad), "{report:?} is in no intact frame");
                 }
@@ -73,9 +77,9 @@ fn a_port_finds_who_speaks() {
         for _ in 0..2 {
             now_us += SILENCE_US + 1;
             for byte in std::iter::repeat_n(frame, 73_usize.div_ceil(frame.len()) + 1).flatten() {
-                let _ = port.byte(Timestamp::from_us(now_us), *byte);
+                let _ = port.process_byte(Timestamp::from_us(now_us), *byte);
             }
-            if port.spoken(Timestamp::from_us(now_us)) == kind {
+            if port.active_protocol(Timestamp::from_us(now_us)) == kind {
                 return Ok(());
             }
         }

@@ -1,9 +1,11 @@
-//! The store: a flash with anything in it.
+//! The store on flash with arbitrary contents.
 
 use std::sync::LazyLock;
 
+use autoswing::calibration::{Calibration, Envelope, HeadingUncertainty, Method, Orientation, Quality};
+use autoswing::reading::{Identity, Model};
 use autoswing::settings::Settings;
-use autoswing::store::{Change, Store, Stored};
+use autoswing::store::{CalibrationRecord, Generations, Loaded, Store, StoreChange, StoreError, StoredValues};
 use embassy_futures::block_on;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -12,58 +14,137 @@ use testkit::flash::RamFlash;
 use crate::{Promise, hold};
 
 const PAGE: usize = 2048;
-const PAGES: usize = 4;
+const PAGES: usize = 8;
 const SIZE: usize = PAGE * PAGES;
 
 type Flash = RamFlash<PAGE>;
 
-/// A flash in which settings were saved, some times.
+/// Flash after 0, 1, 2 and 30 rounds of accepting a calibration and changing a setting.
 static SAVED: LazyLock<[Flash; 4]> = LazyLock::new(|| {
     [0, 1, 2, 30].map(|times| {
         let mut flash = Flash::new(PAGES);
+        let mut generations = Generations::default();
         for time in 0..times {
-            let settings = Settings { stream_rate_hz: 1 + time, ..Settings::DEFAULT };
-            save(&mut flash, &settings).expect("a flash that is well");
+            generations.push(&record(time));
+            accept(&mut flash, &generations).expect("a sound flash");
+            save(&mut flash, &Settings { stream_rate_hz: 1 + time as u8, ..Settings::DEFAULT }).expect("a sound flash");
         }
         flash
     })
 });
 
-fn save(flash: &mut Flash, settings: &Settings) -> Result<(), autoswing::store::StoreError> {
-    block_on(Store::new(flash, 0..SIZE as u32).save(Change::Settings(settings)))
+fn record(serial: u32) -> CalibrationRecord {
+    let calibration = Calibration { b_ut: [serial as f32, 2.0, 3.0], ..Calibration::uncalibrated(Orientation::NONE) };
+    let quality = Quality {
+        method: Method::MaximumLikelihood,
+        envelope: Envelope::Banked,
+        expected_rms_deg: 0.3,
+        expected_worst_deg: 0.7,
+        norm_residual: 0.004,
+        inclination_residual_deg: 0.4,
+        samples: 300,
+        latency: None,
+    };
+    let sensor = Identity { model: Model::Lis3mdl, address: 0x1E };
+    CalibrationRecord {
+        calibration,
+        quality,
+        uncertainty: HeadingUncertainty::NONE,
+        sensor,
+        mount: Orientation::NONE,
+        serial,
+    }
 }
 
-fn load(flash: &mut Flash) -> Result<Stored, autoswing::store::StoreError> {
-    block_on(Store::new(flash, 0..SIZE as u32).load())
+fn store(flash: &mut Flash) -> Store<&mut Flash> {
+    Store::new(flash, 0..SIZE as u32)
 }
 
-/// Bytes that stand at a place in the flash instead of those that were saved; most places are near the beginning of a page.
+fn save(flash: &mut Flash, settings: &Settings) -> Result<(), StoreError> {
+    block_on(store(flash).save(StoreChange::Settings(settings)))
+}
+
+fn accept(flash: &mut Flash, generations: &Generations) -> Result<(), StoreError> {
+    let Generations { current, previous } = generations;
+    block_on(store(flash).save(StoreChange::Generations { current: current.as_ref(), previous: previous.as_ref() }))
+}
+
+/// Replacement bytes and their positions, mostly within items.
 fn damage() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
-    let near = (0..PAGES, 0..160_usize).prop_map(|(page, at)| page * PAGE + at);
+    let near = (0..PAGES, 0..480_usize).prop_map(|(page, at)| page * PAGE + at);
     let at = prop_oneof![2 => near, 1 => 0..SIZE];
     let few = vec(any::<u8>(), 1..12);
     let same = (proptest::sample::select(&[0x00, 0xFF, 0x55][..]), 1..PAGE).prop_map(|(byte, size)| vec![byte; size]);
     vec((at, prop_oneof![3 => few, 1 => same]), 0..4)
 }
 
-/// What is loaded is in its ranges, and what is saved then is loaded again: whatever was there. Only a copy of a later firmware
-/// is not written over, and that takes a right CRC, which one change of a few bytes in four billion gives.
+fn replace(flash: &mut Flash, at: usize, bytes: &[u8]) {
+    for (there, byte) in flash.bytes[at..].iter_mut().zip(bytes) {
+        *there = *byte;
+    }
+}
+
+/// Loaded values are in range, loaded calibrations were stored, and later saves are loaded again. Only an item of
+/// another format is preserved; it needs a correct CRC, which damage produces once in four billion cases.
 #[test]
-fn the_store_takes_whatever_is_in_the_flash() {
+fn arbitrary_flash_contents_are_handled() {
     hold((0..4_usize, damage()), |(times, damage)| -> Promise {
         let mut flash = SAVED[times].clone();
         for (at, bytes) in &damage {
-            for (there, byte) in flash.bytes[*at..].iter_mut().zip(bytes) {
-                *there = *byte;
-            }
+            replace(&mut flash, *at, bytes);
         }
-        if let Ok(Stored { settings, generations, .. }) = load(&mut flash) {
-            prop_assert!(settings.is_valid() && generations.current.is_none() && generations.previous.is_none());
+        let Loaded { stored: StoredValues { settings, generations, .. }, .. } = block_on(store(&mut flash).load());
+        prop_assert!(settings.is_valid());
+        for found in [generations.current, generations.previous].into_iter().flatten() {
+            prop_assert_eq!(found, record(found.serial));
         }
         let settings = Settings { stream_rate_hz: 77, ..Settings::DEFAULT };
-        let saved = save(&mut flash, &settings);
-        prop_assert_eq!(saved, Ok(()));
-        prop_assert_eq!(load(&mut flash).map(|stored| stored.settings), Ok(settings));
+        let generations = Generations { current: Some(record(99)), previous: generations.current };
+        prop_assert_eq!(save(&mut flash, &settings), Ok(()));
+        prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
+        let Loaded { stored, error } = block_on(store(&mut flash).load());
+        prop_assert_eq!((stored.settings, stored.generations, error), (settings, generations, None));
+        Ok(())
+    });
+}
+
+/// CRC-32 (ISO-HDLC).
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes
+        .iter()
+        .fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc: u32, _| (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))))
+}
+
+/// Items with a correct CRC: fields with headers like the store's, or arbitrary bytes.
+fn items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
+    let field = (1..30_u8, vec(any::<u8>(), 0..40)).prop_map(|(tag, value)| {
+        let mut field = vec![tag, value.len() as u8, 0];
+        field.extend(value);
+        field
+    });
+    let fields = prop_oneof![3 => vec(field, 0..25).prop_map(|fields| fields.concat()), 1 => vec(any::<u8>(), 0..300)];
+    vec((0..PAGES, fields), 1..6)
+}
+
+/// No panic, values in range, and a save succeeds.
+#[test]
+fn the_store_takes_any_fields() {
+    hold((0..4_usize, items()), |(times, items)| -> Promise {
+        let mut flash = SAVED[times].clone();
+        for (page, fields) in items {
+            let mut item = vec![1];
+            item.extend((fields.len() as u16).to_le_bytes());
+            item.extend(fields);
+            item.extend(crc(&item).to_le_bytes());
+            replace(&mut flash, page * PAGE, &item);
+        }
+        let Loaded { stored: StoredValues { settings, generations, .. }, .. } = block_on(store(&mut flash).load());
+        prop_assert!(settings.is_valid());
+        prop_assert!([generations.current, generations.previous].iter().flatten().all(CalibrationRecord::is_valid));
+        let generations = Generations { current: Some(record(99)), previous: None };
+        prop_assert_eq!(accept(&mut flash, &generations), Ok(()));
+        let Loaded { stored, error } = block_on(store(&mut flash).load());
+        prop_assert_eq!((stored.settings, stored.generations, error), (settings, generations, None));
         Ok(())
     });
 }

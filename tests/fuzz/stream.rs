@@ -1,4 +1,4 @@
-//! What comes on a wire: frames, damaged ones, and noise; and what a decoder of it promises.
+//! Random byte streams of frames, damaged frames and noise, and the properties of their decoders.
 
 use std::fmt::Debug;
 
@@ -7,23 +7,23 @@ use proptest::prelude::*;
 
 use crate::Promise;
 
-/// What has happened to a frame on its way.
+/// Damage to a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Damage {
-    /// Nothing.
+    /// None.
     None,
-    /// A bit has tipped: of which byte, counted around, and which.
+    /// A flipped bit: byte index modulo the length, bit index.
     Flip(usize, u8),
-    /// Only so many of its bytes have come, counted around.
+    /// Truncated end: remaining bytes modulo the length.
     Cut(usize),
-    /// So many of its last bytes have come, counted around.
+    /// Truncated beginning: missing bytes modulo the length.
     Torn(usize),
 }
 
-/// Something on a wire.
+/// Frame or noise with its damage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
-    /// As it was sent.
+    /// Bytes before damage.
     sent: Vec<u8>,
     damage: Damage,
 }
@@ -55,7 +55,7 @@ fn damage() -> impl Strategy<Value = Damage> {
     ]
 }
 
-/// Up to six pieces: frames of a kind, each with its damage, and noise, in which bytes that begin a frame are frequent.
+/// Up to six pieces: frames with random damage, and noise with frequent start-of-frame bytes.
 pub fn of(
     frames: impl Strategy<Value = Vec<u8>> + 'static,
     begins: &'static [u8],
@@ -66,7 +66,7 @@ pub fn of(
     vec(prop_oneof![5 => frame, 1 => noise], 0..6)
 }
 
-/// What comes of it.
+/// Bytes of all pieces after damage.
 pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for piece in pieces {
@@ -75,22 +75,19 @@ pub fn bytes(pieces: &[Piece]) -> Vec<u8> {
     bytes
 }
 
-/// A frame that has come whole, by another way than the decoder's.
+/// Intact frame found independently of the decoder.
 pub trait Intact<M> {
-    /// Where it ends.
     fn end(&self) -> usize;
 
-    /// Whether a message is what it says.
+    /// Whether a decoded message matches this frame.
     fn says(&self, message: &M) -> bool;
 }
 
-/// Each message that is understood of a wire is a frame that has come intact, each of them at most once and in order. A CRC,
-/// which is what costs time, is calculated at most once for each byte that has come, and for one byte at most as often as the
-/// longest frame has bytes. When good frames follow, one is understood by the end of the first that begins after what the
-/// longest frame can take of them.
+/// Decoder properties: each decoded message is an intact frame, at most once and in order; CRC calculations, which
+/// dominate the cost, number at most one per received byte in total and at most `longest` for one byte; after noise a
+/// good frame is decoded within the length of the longest frame.
 ///
-/// `push` is the decoder: of a byte, the message that it completes, and how many candidates for frames it has rejected since
-/// the start.
+/// `push` decodes a byte and returns a message and the number of rejected candidates since the start.
 pub fn holds<M: Debug, F: Intact<M>>(
     wire: &Wire<'_>,
     intact: &[F],
@@ -114,17 +111,17 @@ pub fn holds<M: Debug, F: Intact<M>>(
     Ok(())
 }
 
-/// What comes on a wire, and good frames behind it.
+/// Random bytes followed by good frames.
 pub struct Wire<'a> {
     pub bytes: &'a [u8],
-    /// So many bytes of it are whatever has come.
+    /// Number of random bytes.
     noise: usize,
-    /// Bytes of the longest frame.
+    /// Length of the longest frame, bytes.
     longest: usize,
 }
 
 impl<'a> Wire<'a> {
-    /// Puts good frames behind what has come: as many as the longest frame can take, and one.
+    /// Appends good frames: one more than the longest frame can contain.
     pub fn of(bytes: &'a mut Vec<u8>, good: &[u8], longest: usize) -> Self {
         let noise = bytes.len();
         (0..=longest.div_ceil(good.len())).for_each(|_| bytes.extend_from_slice(good));

@@ -1,6 +1,6 @@
-// Looks at report pages in a headless Chromium as people with different screens do: three widths, both colour schemes, keyboard
-// alone, on paper. Fails on the first thing that is wrong, after all of them were said. Takes pages; PAGE_MODULES holds
-// node_modules, PAGE_SHOTS is a folder for screenshots, CHROMIUM the browser.
+// Checks report pages in headless Chromium: three widths, both colour schemes, keyboard only, printed. Reports all findings, then
+// fails if there are any. Arguments: pages. Environment: PAGE_MODULES (directory of node_modules), PAGE_SHOTS (screenshot
+// directory), CHROMIUM (browser).
 "use strict";
 const fs = require("node:fs");
 const path = require("node:path");
@@ -37,7 +37,7 @@ async function looksRight({ page, say }) {
   for (const { id, nodes } of violations) say(`axe: ${id}: ${nodes.slice(0, 3).map((node) => node.target).join(", ")}`);
 }
 
-// Everything that can be used is reached by Tab, in the order of the page, and is seen to be.
+// Tab reaches all controls in page order with a visible focus.
 async function keyboardReaches({ page, say }) {
   const all = await page.evaluate(() => window.usable());
   const reached = [];
@@ -49,7 +49,7 @@ async function keyboardReaches({ page, say }) {
   }
   const missed = [...Array(all).keys()].filter((number) => !reached.includes(number));
   if (missed.length || reached.some((number, i) => number !== i)) say(`Tab reaches ${reached}, not ${missed}`);
-  // The skip link leads past the navigation.
+  // The skip link jumps past the navigation.
   await page.reload();
   await page.keyboard.press("Tab");
   await page.keyboard.press("Enter");

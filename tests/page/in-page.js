@@ -1,4 +1,4 @@
-// What is looked at from within the page.
+// Checks that run inside the page.
 (() => {
   "use strict";
   const CONTRAST = { text: 4.5, shape: 3 };
@@ -16,7 +16,7 @@
   const over = (front, back, opacity) => front.map((part, i) => opacity * part + (1 - opacity) * back[i]);
   const paper = () => colour(getComputedStyle(document.documentElement).backgroundColor);
 
-  // Nothing but what scrolls in its own box is wider than the page.
+  // Elements wider than the page, except in scrollable boxes.
   function overflows() {
     const width = document.documentElement.clientWidth;
     const found = document.documentElement.scrollWidth > width ? [`the page is ${document.documentElement.scrollWidth} wide`] : [];
@@ -32,7 +32,7 @@
   const inside = (a, b) => a.left >= b.left - 1 && a.right <= b.right + 1 && a.top >= b.top - 1 && a.bottom <= b.bottom + 1;
   const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2;
 
-  // Words of a picture lie within it, not on each other, and can be read; what is drawn can be seen.
+  // Figure labels outside the figure, overlapping or with low contrast, and invisible shapes.
   function pictures() {
     const found = [];
     for (const svg of document.querySelectorAll("svg")) {
@@ -65,7 +65,7 @@
     return found;
   }
 
-  // axe does not know pictures; everything else it looks at, too.
+  // axe does not check SVG figures.
   window.looked = () => [...overflows(), ...new Set(pictures())];
 
   const candidates = () =>

@@ -1,9 +1,8 @@
-"""pymavlink as the autopilot of somebody else's simulator, and as the ground station behind it: the module calibrates.
+"""Calibration with an external simulator, autopilot and ground station, implemented with pymavlink.
 
-The aircraft lies as this script says (--world), and roll, pitch and body rates come from this script, too, as ArduPilot
-would send them: ATTITUDE once a second until the module asks for more, and 50 a second are denied. The ground station
-begins a calibration, cancels it, begins it again, and reads what becomes of it; nobody types on the console. Leaves the
-calibration in FLASH.
+The script provides the attitude of the aircraft (--world) and sends roll, pitch and body rates as ArduPilot does: ATTITUDE
+at 1 Hz until requested, and 50 Hz is denied. The ground station starts, cancels and restarts a calibration and reads the
+result; the console is unused. The calibration is stored in FLASH.
 """
 
 import math
@@ -15,7 +14,7 @@ from collections import Counter
 
 import pynmea2
 
-# The dialect that has all of MAG_CAL_*.
+# This dialect contains all MAG_CAL_* messages.
 os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -28,16 +27,16 @@ SPEED = 5.0
 PERIOD_S = 0.02
 BANK_DEG = 25.0
 BANK_RATE_DEG_S = 20.0
-# Of an aeroplane of 22 m/s at that bank: 30 s for a circle.
+# Aeroplane at 22 m/s and this bank: 30 s per circle.
 TURN_RATE_DEG_S = math.degrees(9.81 * math.tan(math.radians(BANK_DEG)) / 22.0)
-# Attitude as good as an autopilot's, and never twice the same.
+# Typical attitude noise; values never repeat.
 NOISE_DEG = 0.1
-# Afterwards it flies straight on at this heading.
+# Heading of the straight flight afterwards.
 HEADING_DEG = 60.0
-# The module, and the ground station.
+# System and component IDs of module and ground station.
 MODULE = (1, 158)
 STATION = (255, 190)
-# The shortest interval between two messages that ArduPilot's aeroplanes agree to.
+# Shortest message interval that ArduPilot accepts for aeroplanes.
 LEAST_INTERVAL_US = 25_000
 
 
@@ -48,7 +47,7 @@ class Aircraft:
         self.roll_deg = self.roll_rate_deg_s = self.heading_deg = self.heading_rate_deg_s = 0.0
 
     def fly(self, bank_deg, seconds):
-        """Goes on towards a bank."""
+        """Advances by one step toward a bank."""
         step = BANK_RATE_DEG_S * seconds
         change = max(-step, min(step, bank_deg - self.roll_deg))
         self.roll_deg += change
@@ -57,19 +56,19 @@ class Aircraft:
         self.heading_deg = (self.heading_deg + self.heading_rate_deg_s * seconds) % 360.0
 
     def rates_rad_s(self):
-        """Body rates p, q, r at no pitch."""
+        """Body rates p, q, r at zero pitch."""
         roll, turn = math.radians(self.roll_deg), math.radians(self.heading_rate_deg_s)
         return math.radians(self.roll_rate_deg_s), turn * math.sin(roll), turn * math.cos(roll)
 
 
 def turning(seconds):
-    """Three circles and a little to the right, as many to the left, and again: a busy computer loses some of it."""
+    """Slightly more than three circles to each side, twice, because a busy computer loses part of them."""
     circles_s = 3.2 * 360.0 / TURN_RATE_DEG_S
     return BANK_DEG if int(seconds / circles_s) % 2 == 0 else -BANK_DEG
 
 
 class Flight:
-    """The aircraft, who sends of it, and what they hear of the module."""
+    """Aircraft, its MAVLink senders, and the messages received from the module."""
 
     def __init__(self, module):
         self.module = module
@@ -84,7 +83,7 @@ class Flight:
         self.last, self.asked_hz = {}, []
 
     def go_on(self, bank_deg):
-        """Flies on at a bank for a period, in the time that it takes."""
+        """Flies at a bank for one period of real time."""
         aircraft, mav = self.aircraft, self.link.mav
         aircraft.fly(bank_deg, PERIOD_S)
         self.flown_s += PERIOD_S
@@ -102,7 +101,7 @@ class Flight:
             self.hear(message)
 
     def hear(self, message):
-        """Takes a message of the module's; what is none is counted by its name, BAD_DATA."""
+        """Records a message of the module; invalid bytes count as BAD_DATA."""
         name = message.get_type()
         self.heard[name] += 1
         if name == "BAD_DATA":
@@ -120,7 +119,7 @@ class Flight:
             self.obey(message)
 
     def obey(self, command):
-        """What the module asks for: less than 50 attitudes a second, and nothing else."""
+        """Answers message requests: accepts attitude up to 40 Hz; other messages fail."""
         assert command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, command
         result = mavlink.MAV_RESULT_FAILED
         if command.param1 == mavlink.MAVLINK_MSG_ID_ATTITUDE:
@@ -131,7 +130,7 @@ class Flight:
         self.link.mav.command_ack_send(command.command, result, 0, 0, *MODULE)
 
     def order(self, command):
-        """The ground station asks the module for something, and is answered."""
+        """Sends a command from the ground station and waits for the answer."""
         self.answers.clear()
         self.station.command_long_send(*MODULE, command, 0, 0, 0, 0, 0, 0, 0, 0)
         until_s = self.flown_s + 20.0
@@ -142,21 +141,21 @@ class Flight:
 
 
 def calibrate(flight):
-    """Flies until the module reports what has become of its calibration."""
+    """Flies until the module reports the result of its calibration."""
     began_s = flight.flown_s
     while "MAG_CAL_REPORT" not in flight.last:
         flight.go_on(turning(flight.flown_s - began_s))
         assert flight.flown_s - began_s < 800.0, f"no calibration: {flight.heard} {flight.texts}"
     report = flight.last["MAG_CAL_REPORT"]
     assert (report.cal_status, report.autosaved) == (mavlink.MAG_CAL_SUCCESS, 1), report
-    # The airframe's hard iron, as an offset that is added: with signs, and tens of microtesla in milligauss.
+    # Hard iron of the airframe as additive offsets in milligauss: some tens of microtesla.
     assert 30.0 < math.hypot(report.ofs_x, report.ofs_y, report.ofs_z) < 1000.0, report
     assert 0.7 < report.diag_x < 1.4 and 0.7 < report.diag_y < 1.4 and 0.7 < report.diag_z < 1.4, report
     return report
 
 
 def check_headings(module, flight):
-    """Flies on: the headings are those that are flown."""
+    """Checks the reported headings in flight."""
     nmea = module.connect(module.tcp)
     nmea.settimeout(PATIENCE_S)
     read, good = b"", 0
@@ -194,7 +193,7 @@ with Served("--attitude", "peer", "--speed", str(SPEED)) as module:
     report = calibrate(flight)
     assert "attitude from who is attached" in module.status()
     check_headings(module, flight)
-    # Once the module knows who listens, it says nothing else: before, it asked in MSP.
+    # After detecting MAVLink the module sends no more MSP requests.
     assert flight.heard["BAD_DATA"] == broken, flight.heard
     for name in ("HEARTBEAT", "MAG_CAL_PROGRESS", "NAMED_VALUE_FLOAT", "STATUSTEXT"):
         assert flight.heard[name] > 5 or name == "STATUSTEXT", flight.heard

@@ -1,9 +1,9 @@
-// Reads NMEA from a TCP port of this computer as Signal K does: node boat.js PORT HEADING_DEG BOUND_DEG.
-// Exits with 0 when twenty magnetic headings of both sentences were right, with 1 at the first that is not.
+// Reads NMEA from a local TCP port with Signal K's parser: node boat.js PORT HEADING_DEG BOUND_DEG.
+// Exit code 0 after twenty correct magnetic headings of both sentences, 1 at the first wrong one.
 
 const net = require('net')
 const readline = require('readline')
-// The package is where scripts/peers has put it.
+// scripts/peers installs the package.
 const Parser = require(require.resolve('@signalk/nmea0183-signalk', { paths: [process.env.NODE_PEERS] }))
 
 const [port, headingDeg, boundDeg] = process.argv.slice(2).map(Number)
@@ -18,7 +18,7 @@ function fail (why) {
 
 readline.createInterface({ input: socket }).on('line', (line) => {
   const kind = line.slice(3, 6)
-  // The first line may have begun before it was listened to; what is proprietary Signal K does not know.
+  // The first line may be incomplete; Signal K ignores proprietary sentences.
   if (!line.startsWith('$HC') || !(kind in counts)) return
   const delta = parser.parse(line)
   if (!delta) fail(`not understood: ${line}`)

@@ -1,4 +1,4 @@
-"""@signalk/nmea0183-signalk as a boat's server: boat.js reads the module's port, this script serves it."""
+"""Signal K's NMEA parser (@signalk/nmea0183-signalk) in boat.js reads the port of a module served by this script."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""pynmea2 as an instrument at the pseudo-terminal: every sentence is one, and the headings are true."""
+"""pynmea2 as an instrument at the pseudo-terminal: all sentences are valid and headings correct."""
 
 import pynmea2
 
@@ -17,7 +17,7 @@ with Served() as module:
         while len(lines) < 80:
             *more, read = (read + serial.read(1024)).split(b"\r\n")
             lines += more
-    # The first may have begun before it was listened to.
+    # The first sentence may be incomplete.
     for line in lines[1:]:
         sentence = pynmea2.parse(line.decode(), check=True)
         kind = sentence.sentence_type if isinstance(sentence, pynmea2.TalkerSentence) else sentence.manufacturer

@@ -1,7 +1,6 @@
-"""An MSP autopilot by the book: takes the module for its compass, and answers what it asks. Frames are read and written here,
-byte by byte, with nothing of the module's.
+"""MSP autopilot that uses the module as its compass and answers its requests, with an independent frame codec.
 
-ArduPilot is nose up in MSP_ATTITUDE, INAV nose down: each is played for a while, with the aircraft on one heading.
+MSP_ATTITUDE has pitch nose up in ArduPilot, nose down in INAV: both are simulated, on a constant heading.
 """
 
 import math
@@ -14,13 +13,13 @@ from served import HEADING_BOUND_DEG, PATIENCE_S, Served, wrap_180
 
 COMPASS, FC_VARIANT, STATUS, RAW_GPS, ATTITUDE, RTC = 0x1F04, 2, 101, 106, 108, 247
 HEADING_DEG = 147.0
-# Xi'an, where WMM2025 has 526 mG in 2026.
+# Xi'an; WMM2025: 526 mG in 2026.
 LATITUDE_DEG, LONGITUDE_DEG, TOTAL_MG = 34.3416, 108.9398, 526.0
 READINGS = 150
 
 
 def crc8(data):
-    """DVB-S2."""
+    """CRC-8/DVB-S2."""
     crc = 0
     for byte in data:
         crc ^= byte
@@ -30,13 +29,13 @@ def crc8(data):
 
 
 def frame(function, payload):
-    """A reply."""
+    """Reply frame."""
     body = struct.pack("<BHH", 0, function, len(payload)) + payload
     return b"$X>" + body + bytes([crc8(body)])
 
 
 def frames(stream):
-    """Whole requests of a stream, and what is left of it; every byte of it belongs to one."""
+    """Complete requests of a stream without other bytes, and the rest of the stream."""
     found = []
     while len(stream) >= 9:
         assert stream[:3] == b"$X<", stream[:20]
@@ -50,7 +49,7 @@ def frames(stream):
 
 
 def answer(function, variant):
-    """What an autopilot that lies level and disarmed says; none to what it does not know."""
+    """Reply of a level, disarmed autopilot; None for an unknown function."""
     unix_s = int(time.time())
     return {
         FC_VARIANT: variant,
@@ -62,7 +61,7 @@ def answer(function, variant):
 
 
 def fly(variant):
-    """One autopilot, from power-up; what it reads of its compass."""
+    """Compass samples received by one autopilot from power-up."""
     with Served("--attitude", "peer") as module:
         module.hold(HEADING_DEG)
         line = socket.create_connection(("127.0.0.1", module.autopilot_tcp), timeout=PATIENCE_S)
@@ -73,7 +72,7 @@ def fly(variant):
                 continue
             stream += line.recv(4096)
             if not (asked or readings):
-                # What has begun before it was listened to.
+                # Drops an incomplete first frame.
                 stream = stream[max(0, stream.find(b"$X<")) :]
             found, stream = frames(stream)
             for function, payload in found:

@@ -1,7 +1,7 @@
-"""gpsd as a navigation program: it tells its clients the module's heading with the position.
+"""gpsd as a navigation program that reports the module's heading to its clients.
 
-gpsd tells a heading along with a position, so this script is also what joins the two on a boat, a multiplexer: it passes on
-the module's sentences and, once a second, those of a GPS that stands still.
+gpsd reports a heading only with a position, so this script is also an NMEA multiplexer: it forwards the module's sentences
+and adds those of a stationary GPS once a second.
 """
 
 import datetime
@@ -18,7 +18,7 @@ HEADING_DEG = 217.0
 
 
 def position():
-    """A GPS over Xi'an: the first sentence of an instant, and the last."""
+    """First and last sentence of a GPS cycle at Xi'an."""
     time, date = datetime.datetime.now(datetime.timezone.utc).strftime("%H%M%S.00 %d%m%y").split()
     rmc = (time, "A", "3415.00", "N", "10856.00", "E", "0.0", "", date, "", "", "A")
     gga = (time, "3415.00", "N", "10856.00", "E", "1", "10", "0.9", "400.0", "M", "-30.0", "M", "", "")
@@ -26,10 +26,10 @@ def position():
 
 
 def multiplex(module, listener):
-    """Joins the two for who connects."""
+    """Sends the combined sentences to the connecting client."""
     gpsd, _ = listener.accept()
     try:
-        # Three sentences, ten times a second. What belongs to an instant stands between the GPS's two.
+        # Three sentences at 10 Hz. gpsd treats sentences between the GPS's two as one cycle.
         for number, line in enumerate(module.connect(module.tcp).makefile("rb")):
             if number % 30 == 0:
                 first, last = position()
@@ -38,12 +38,12 @@ def multiplex(module, listener):
             if number % 30 == 3:
                 gpsd.sendall(last)
     except OSError:
-        # It has ended.
+        # gpsd has ended.
         pass
 
 
 def headings(client):
-    """Magnetic headings that gpsd tells: before version 3.23 with the position, since then as an attitude."""
+    """Magnetic headings reported by gpsd: with the position before version 3.23, as attitude since then."""
     for line in client:
         told = json.loads(line)
         heading = {"TPV": told.get("magtrack"), "ATT": told.get("mheading", told.get("heading"))}.get(told["class"])
@@ -52,7 +52,7 @@ def headings(client):
 
 
 def connected(port, gpsd):
-    """A client of a gpsd that has just been started."""
+    """Client of a newly started gpsd."""
     while True:
         assert gpsd.poll() is None, "gpsd has ended"
         try:
@@ -62,7 +62,7 @@ def connected(port, gpsd):
 
 
 with Served() as module, socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as free:
-    # Without HDT: gpsd 3.22 tells the true heading where it is asked for the magnetic one.
+    # Disables HDT, because gpsd 3.22 reports its true heading as the magnetic one.
     module.type("set declination none", "ok declination not set")
     module.hold(HEADING_DEG)
     threading.Thread(target=multiplex, args=(module, listener), daemon=True).start()

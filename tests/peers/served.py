@@ -1,7 +1,7 @@
-"""The simulated module for a peer: `host-sim serve` as a child, gone when the peer is.
+"""`host-sim serve` as a child process of a peer.
 
-HOST_SIM names the program, FLASH the file in which autopilot.py leaves its calibration for the others; scripts/peers sets
-both. A module that says nothing for two minutes fails the peer, whatever it waits for.
+HOST_SIM names the program, FLASH the file with the calibration by autopilot.py; scripts/peers sets both. Waiting for the
+module fails after two silent minutes.
 """
 
 import json
@@ -14,18 +14,18 @@ import time
 
 PATIENCE_S = 120.0
 
-# What a heading may be off, degrees: a calibration of this airframe by 1.0 (README), and attitude that is off by three of
-# its sigmas, 0.2 of bias and 0.3 of noise, for each of which the heading pays the tangent of 54 deg.
+# Bound of a heading error, degrees: calibration error of 1.0 (README), and three sigmas of attitude error (0.2 of bias, 0.3 of
+# noise) times the tangent of the inclination, 54 deg.
 HEADING_BOUND_DEG = 2.5
 
 
 def wrap_180(deg):
-    """The same angle in -180..180."""
+    """Wraps an angle to -180..180 degrees."""
     return (deg + 180.0) % 360.0 - 180.0
 
 
 class Served:
-    """A served module: `with Served("--speed", "2") as module:`."""
+    """Served module: `with Served("--speed", "2") as module:`."""
 
     def __init__(self, *arguments):
         command = [os.environ["HOST_SIM"], "serve", "--json", "--tcp", "0", "--world", "0"]
@@ -54,11 +54,11 @@ class Served:
         return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
     def lie(self, roll_deg, pitch_deg, yaw_deg):
-        """Brings the aircraft to an attitude."""
+        """Sends an attitude of the aircraft."""
         self.datagrams.sendto(f"{roll_deg:.4f} {pitch_deg:.4f} {yaw_deg:.4f}".encode(), self.world)
 
     def hold(self, yaw_deg):
-        """Keeps the aircraft level at a heading until the end, and waits until it has come there."""
+        """Holds the aircraft level at a heading until the end; waits until it is reached."""
 
         def tell():
             while not self.held.wait(0.05):
@@ -68,7 +68,7 @@ class Served:
         time.sleep(1.0)
 
     def type(self, line, answer):
-        """Types a line on the console, waits for its answer, and gives all that was printed until then."""
+        """Types a line on the console, waits for its answer and returns all output until then."""
         self.printed = ""
         self.console.sendall(line.encode() + b"\r")
         while answer not in self.printed:
@@ -76,13 +76,13 @@ class Served:
         return self.printed
 
     def listen(self):
-        """Takes what the console prints next."""
+        """Reads the next console output."""
         more = self.console.recv(4096)
         assert more, "the module has gone"
         self.printed += more.decode()
 
     def status(self):
-        """What the simulator says of the truth."""
+        """Status of the simulator with the true state."""
         self.process.stdin.write(b"status\n")
         self.process.stdin.flush()
         return self.process.stdout.readline().decode()

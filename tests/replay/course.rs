@@ -1,19 +1,19 @@
-//! What headings are compared with: GPS course, and what is better or worse than it.
+//! GPS course as a reference heading, and the ranking of references.
 
 use autoswing::frames::wrap_pi;
-use host_sim::log::write::{Instant, Recording, dataflash, tlog, ulog};
-use host_sim::log::{Flight, Iron};
-use host_sim::replay::course::{Course, NoCourse};
-use host_sim::replay::judge::{judge, scored};
-use host_sim::replay::{Reference, rows, told};
-use host_sim::world::aircraft::Kind;
+use host_sim::log::write::{FlightRecording, FlightSample, encode_dataflash, encode_tlog, encode_ulog};
+use host_sim::log::{FieldCorrection, Flight};
+use host_sim::replay::evaluation::{evaluate_flight, score_correction};
+use host_sim::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
+use host_sim::replay::{ReferenceHeading, build_rows, summary};
+use host_sim::world::aircraft::VehicleKind;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
 
 use crate::{ASKED, read};
 
-/// A circle each way, then half a minute in each of these directions, at 48 N, with what a receiver says of it.
-fn legs(world: &WorldConfig, headings_deg: &[f64]) -> Recording {
+/// A circle each way, then 30 s in each direction, at 48 N, with GPS.
+fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for heading_change_deg in [360.0, -360.0] {
@@ -22,9 +22,10 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> Recording {
     for &heading_deg in headings_deg {
         world.fly(Leg::Straight { heading_deg, seconds: 30.0 });
     }
-    let mut recording = Recording { place: Some([48.0, 11.3, 500.0]), ..Recording::aged(0.0) };
+    let mut recording =
+        FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..700 + headings_deg.len() as u64 * 300 {
-        recording.take(&world, &mut source, i * 100_000);
+        recording.record_sample(&world, &mut source, i * 100_000);
     }
     recording
 }
@@ -37,26 +38,29 @@ fn in_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
     world
 }
 
-/// With wind and without, in each format, of a receiver that is 0.3 s late: headings of straight flight by GPS course are true,
-/// each to a degree and those of each leg to 0.3 deg, where no gusts make a sideslip; a bank that wanders by 1.5 deg turns
-/// it by 0.7 deg/s, and over MAVLink it is told of once a second. The yaw of a recording is the truth. Of turns there are none.
+/// Receiver latency 0.3 s, no gusts and so no sideslip. A bank wandering by 1.5 deg turns the nose by 0.7 deg/s, logged
+/// at 1 Hz over MAVLink, hence limits of 1 deg for each heading and 0.3 deg for the mean of a leg. The recorded yaw is
+/// the truth.
 #[test]
 fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
-    for (seed, wind_m_s, write) in
-        [(1, 0.0, dataflash as fn(&Recording) -> Vec<u8>), (1, 8.0, dataflash), (2, 8.0, tlog), (3, 10.0, ulog)]
-    {
+    for (seed, wind_m_s, write) in [
+        (1, 0.0, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
+        (1, 8.0, encode_dataflash),
+        (2, 8.0, encode_tlog),
+        (3, 10.0, encode_ulog),
+    ] {
         let mut world = in_wind(seed, wind_m_s);
         world.weather.gust_m_s = 0.0;
         let flight = read(&write(&late(legs(&world, &ALL_ROUND_DEG))));
-        let course = Course::of(&flight).unwrap();
+        let course = GpsCourseHeading::from_flight(&flight).unwrap();
         let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
         let is_from = (course.wind_from_deg() - 250.0).abs() < 2.0;
         assert!((is_from || wind_m_s == 0.0) && (course.airspeed_m_s - 22.0).abs() < 0.2, "{name}");
         let mut by_leg: [Vec<f64>; 12] = Default::default();
         for row in flight.attitude.rows() {
-            let [roll_rad, _, yaw_rad] = row.of;
-            let Some(found_rad) = course.at_rad(row.t_s) else { continue };
+            let [roll_rad, _, yaw_rad] = row.values;
+            let Some(found_rad) = course.heading_rad(row.t_s) else { continue };
             assert!(roll_rad.abs() < 0.2, "{name}: banked by {roll_rad} at {}", row.t_s);
             let error_deg = f64::from(wrap_pi(found_rad - yaw_rad).to_degrees());
             assert!(error_deg.abs() < 1.0, "{name}: {error_deg} at {}", row.t_s);
@@ -70,30 +74,30 @@ fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
     }
 }
 
-/// What the receiver says is 0.3 s old.
-fn late(mut recording: Recording) -> Recording {
-    let velocities: Vec<[f64; 2]> = recording.instants.iter().map(|instant| instant.velocity_m_s).collect();
-    for (instant, velocity_m_s) in recording.instants.iter_mut().skip(3).zip(velocities) {
+/// Delays the GPS velocity by 0.3 s.
+fn late(mut recording: FlightRecording) -> FlightRecording {
+    let velocities: Vec<[f64; 2]> = recording.samples.iter().map(|instant| instant.velocity_m_s).collect();
+    for (instant, velocity_m_s) in recording.samples.iter_mut().skip(3).zip(velocities) {
         instant.velocity_m_s = velocity_m_s;
     }
     recording
 }
 
-/// What is told against GPS course is what is told against the truth in straight flight: iron makes one cycle of error a turn,
-/// and so would a wind that is solved from headings. Sideslip is more: of 100 s of gusts that last 1.5 s, a sixth of its sigma, and
-/// thrice that is the bound.
+/// Gusts last 1.5 s, so sideslip averages to a sixth of its sigma over 100 s; the bound is three times that. Hard iron
+/// has one cycle of error a turn, as a wind estimated from headings would.
 #[test]
 fn an_error_against_gps_course_is_that_against_the_truth() {
     for seed in 1..5 {
-        let flight = read(&dataflash(&legs(&in_wind(seed, 7.0), &ALL_ROUND_DEG)));
-        let course = Reference::best(&flight).unwrap();
+        let flight = read(&encode_dataflash(&legs(&in_wind(seed, 7.0), &ALL_ROUND_DEG)));
+        let course = ReferenceHeading::best(&flight).unwrap();
         assert!(course.is_accuracy() && course.name() == "GPS course in straight flight", "{course:?}");
-        let [by_course, mut by_truth] = [&course, &Reference::AutopilotYaw]
-            .map(|reference| rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
+        let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
+            .map(|reference| build_rows(&flight, &flight.compasses[0], 0.0, Some(reference)).0);
         for (truth, found) in by_truth.iter_mut().zip(&by_course) {
             truth.reference_deg = truth.reference_deg.filter(|_| found.reference_deg.is_some());
         }
-        let [found, truth] = [by_course, by_truth].map(|rows| scored(&rows, &Iron::none()).unwrap());
+        let [found, truth] =
+            [by_course, by_truth].map(|rows| score_correction(&rows, &FieldCorrection::identity()).unwrap());
         let sigma_deg = course.course().unwrap().sigma_deg();
         assert!(truth.rms_deg > 3.0, "seed {seed}: too good a compass to tell, {truth:?}");
         assert!((found.rms_deg - truth.rms_deg).abs() < sigma_deg / 2.0, "seed {seed}: {found:?} {truth:?}");
@@ -101,80 +105,82 @@ fn an_error_against_gps_course_is_that_against_the_truth() {
     }
 }
 
-/// Each is refused for what it is, and the note says so where there is only the autopilot's yaw.
 #[test]
 fn gps_course_is_refused_where_it_tells_no_heading() {
     let plane = legs(&in_wind(1, 5.0), &ALL_ROUND_DEG);
-    let changed = |change: &dyn Fn(&mut Instant, f64)| {
+    let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
-        let number = recording.instants.len() as f64;
-        for (i, instant) in recording.instants.iter_mut().enumerate() {
+        let number = recording.samples.len() as f64;
+        for (i, instant) in recording.samples.iter_mut().enumerate() {
             change(instant, i as f64 / number);
         }
         recording
     };
-    let add = |instant: &mut Instant, [north, east]: [f64; 2]| {
+    let add = |instant: &mut FlightSample, [north, east]: [f64; 2]| {
         instant.velocity_m_s[0] += north;
         instant.velocity_m_s[1] += east;
     };
     for (why, recording) in [
-        (NoCourse::FewDirections, legs(&in_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
-        (NoCourse::Windy, legs(&in_wind(1, 12.0), &ALL_ROUND_DEG)),
-        (NoCourse::Copter, Recording { is_copter: true, ..plane.clone() }),
+        (GpsCourseRejection::FewDirections, legs(&in_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
+        (GpsCourseRejection::StrongWind, legs(&in_wind(1, 12.0), &ALL_ROUND_DEG)),
+        (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
         // The wind turns.
-        (NoCourse::UncertainWind, changed(&|instant, part| add(instant, [6.0 * part, -6.0 * part]))),
-        // Airspeed comes and goes.
+        (GpsCourseRejection::UncertainWind, changed(&|instant, part| add(instant, [6.0 * part, -6.0 * part]))),
+        // Airspeed oscillates.
         (
-            NoCourse::NoCircle,
+            GpsCourseRejection::NoCircle,
             changed(&|instant, part| {
                 let by = 1.0 + 0.5 * (part * 200.0).sin();
                 instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * by);
             }),
         ),
-        (NoCourse::Slow, changed(&|instant, _| instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * 0.3))),
-        // It goes round, and its nose does not.
         (
-            NoCourse::NoseElsewhere,
+            GpsCourseRejection::TooSlow,
+            changed(&|instant, _| instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * 0.3)),
+        ),
+        // The course turns, but not the nose.
+        (
+            GpsCourseRejection::NoseMismatch,
             changed(&|instant, _| {
                 instant.rates_rad_s = [0.001, 0.0, 0.0];
                 instant.attitude_rad = [0.0, 0.0, 1.0];
             }),
         ),
     ] {
-        let flight = read(&dataflash(&recording));
-        assert_eq!(Course::of(&flight).unwrap_err(), why);
-        assert_eq!(Reference::best(&flight), Some(Reference::AutopilotYaw), "{why:?}");
-        let notes = told::notes(&flight, &judge(&flight, &ASKED)).join("; ");
-        assert!(notes.contains(why.words()), "{why:?}: {notes}");
+        let flight = read(&encode_dataflash(&recording));
+        assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), why);
+        assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{why:?}");
+        let notes = summary::notes(&flight, &evaluate_flight(&flight, &ASKED)).join("; ");
+        assert!(notes.contains(why.description()), "{why:?}: {notes}");
     }
 }
 
-/// A copter that is not known as one hovers, and is pushed about at one heading faster than a slow aeroplane.
+/// A rotorcraft not identified as such: it hovers and is pushed at a constant heading, faster than a slow aeroplane.
 #[test]
 fn a_copter_is_not_compared_with_its_course() {
     let mut config = in_wind(1, 2.0);
-    config.aircraft.kind = Kind::Copter;
+    config.aircraft.kind = VehicleKind::Copter;
     let world = World::new(config);
     let mut source = world.attitude_source();
     for i in 0..8 {
         world.fly(Leg::Push { toward_deg: f64::from(i) * 45.0, tilt_deg: 15.0, seconds: 20.0 });
         world.fly(Leg::Hover { seconds: 10.0 });
     }
-    let mut recording = Recording { place: Some([48.0, 11.3, 500.0]), ..Recording::aged(0.0) };
+    let mut recording =
+        FlightRecording { place: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
     for i in 10..2400 {
-        recording.take(&world, &mut source, i * 100_000);
+        recording.record_sample(&world, &mut source, i * 100_000);
     }
-    assert_eq!(Course::of(&read(&ulog(&recording))).unwrap_err(), NoCourse::Copter);
+    assert_eq!(GpsCourseHeading::from_flight(&read(&encode_ulog(&recording))).unwrap_err(), GpsCourseRejection::Copter);
     recording.is_copter = false;
-    assert!(Course::of(&read(&ulog(&recording))).is_err());
+    assert!(GpsCourseHeading::from_flight(&read(&encode_ulog(&recording))).is_err());
 }
 
-/// What a script reads of it is there and described.
 #[test]
 fn gps_course_is_told_with_its_limits() {
-    let flight = read(&tlog(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
-    let verdict = judge(&flight, &ASKED);
-    let told = told::json(&flight, &verdict, &|_| serde_json::Value::Null);
+    let flight = read(&encode_tlog(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let verdict = evaluate_flight(&flight, &ASKED);
+    let told = summary::json(&flight, &verdict, &|_| serde_json::Value::Null);
     let reference = &told["reference"];
     assert_eq!(reference["is_accuracy"], true);
     assert!((reference["course"]["wind_m_s"].as_f64().unwrap() - 5.0).abs() < 0.2, "{reference}");
@@ -186,14 +192,13 @@ fn gps_course_is_told_with_its_limits() {
     }
 }
 
-/// The best first: a simulator's truth, two antennas, course, the autopilot's yaw.
 #[test]
 fn references_are_ranked() {
-    let mut flight = read(&dataflash(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
-    let best = |flight: &Flight| Reference::best(flight).unwrap().name();
+    let mut flight = read(&encode_dataflash(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let best = |flight: &Flight| ReferenceHeading::best(flight).unwrap().name();
     let mut ranked = vec![best(&flight)];
     for row in flight.gps.rows_mut() {
-        row.of[5] = 90.0;
+        row.values[5] = 90.0;
     }
     ranked.push(best(&flight));
     flight.truth = flight.attitude.clone();

@@ -1,19 +1,21 @@
-//! The same flight as each autopilot logs it, and the parameters that are handed over.
+//! The same flight in each autopilot's format, and the exported parameters.
 
 use std::fmt::Write as _;
 
-use host_sim::log::csv::Unit;
-use host_sim::log::write::{Recording, csv, dataflash, tlog, turns, ulog};
-use host_sim::log::{self, Flight, Iron, Rotation};
-use host_sim::replay::judge::{Asked, By, Judged, judge, scored};
-use host_sim::replay::parameters::{self, Dialect, HandedOver};
-use host_sim::replay::{Score, told};
-use host_sim::world::{CRUISE_A, WorldConfig};
+use host_sim::log::csv::FieldUnit;
+use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog, record_turns};
+use host_sim::log::{self, FieldCorrection, Flight, NumberedRotation};
+use host_sim::replay::evaluation::{
+    CompassEvaluation, CorrectionSource, EvaluationOptions, evaluate_flight, score_correction,
+};
+use host_sim::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
+use host_sim::replay::{HeadingScore, summary};
+use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{ASKED, read};
 
-/// ArduPilot's parameters of a compass that is badly calibrated, and PX4's.
+/// ArduPilot's and PX4's parameters of a badly calibrated compass.
 const BAD: [(&str, f64); 16] = [
     ("COMPASS_OFS_X", 90.0),
     ("COMPASS_OFS_Y", -120.0),
@@ -33,204 +35,221 @@ const BAD: [(&str, f64); 16] = [
     ("CAL_MAG0_YODIAG", 0.04),
 ];
 
-/// Turns both ways, as an autopilot with bad parameters logs them whose field is so old.
-fn flown(world: &WorldConfig, age_s: f64) -> Recording {
+/// Turns both ways, logged with bad parameters and a field latency.
+fn flown(world: &WorldConfig, age_s: f64) -> FlightRecording {
     let parameters = BAD.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-    Recording { parameters, ..turns(world, age_s) }
+    FlightRecording { parameters, ..record_turns(world, age_s) }
 }
 
-fn judged(bytes: &[u8]) -> (Flight, Judged) {
+fn judged(bytes: &[u8]) -> (Flight, CompassEvaluation) {
     let flight = read(bytes);
-    let mut verdict = judge(&flight, &ASKED);
+    let mut verdict = evaluate_flight(&flight, &ASKED);
     (flight, verdict.compasses.remove(0))
 }
 
-/// The same flight in each format, whatever its autopilot had applied: the field's age is found to ten milliseconds or,
-/// where it rolls little, to what is told, and
-/// the module's answer is as good as the attitude noise of 0.3 deg lets it be. The autopilot's own parameters are bad, and
-/// shown to be.
+/// The latency is found within 10 ms, or 2.5 standard deviations in a flight with little rolling. The limit of the
+/// heading error is due to attitude noise of 0.3 deg.
 #[test]
 fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
     let world = WorldConfig::random(3);
     let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-    for (age_s, write) in [(0.05, dataflash as fn(&Recording) -> Vec<u8>), (0.09, tlog), (0.02, ulog), (0.0, csv)] {
+    for (age_s, write) in [
+        (0.05, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
+        (0.09, encode_tlog),
+        (0.02, encode_ulog),
+        (0.0, encode_csv),
+    ] {
         let recording = flown(&world, age_s);
         let (flight, compass) = judged(&write(&recording));
         let name = flight.format.name();
-        let most_s = 2.5 * compass.age.sigma_s.unwrap();
-        assert!((compass.age.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.age);
+        let most_s = 2.5 * compass.latency.sigma_s.unwrap();
+        assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
         assert_eq!(compass.module.accepted, Ok(()), "{name}");
-        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "{name}: {ours:?}");
-        assert_eq!(compass.without_current_deg, None, "{name}: nothing goes with the current");
-        if let Some(theirs) = compass.by(By::Autopilot) {
+        assert_eq!(compass.rms_without_current_deg, None, "{name}: nothing goes with the current");
+        if let Some(theirs) = compass.correction_from(CorrectionSource::Autopilot) {
             assert!(theirs.score.unwrap().rms_deg > 2.0 * ours.rms_deg, "{name}: {theirs:?}");
         }
         let used = compass.rows.iter().filter(|row| row.usable).count();
-        assert!(compass.counted.used == used && used > 2300, "{name}: {:?}", compass.counted);
+        assert!(compass.counts.used == used && used > 2300, "{name}: {:?}", compass.counts);
     }
 }
 
-/// Rows on the ground beside a steel hangar, disarmed: no calibrator is given them, and the strength is that of the flight. One
-/// compass of two that is asked for is judged, and no other.
+/// Disarmed rows near a steel hangar affect no calibrator. The second compass is evaluated alone when selected.
 #[test]
 fn what_is_not_flown_is_given_to_nobody() {
     let world = WorldConfig::table1(1);
-    let mut recording = turns(&world, 0.0);
-    for (i, instant) in recording.instants.iter_mut().enumerate() {
+    let mut recording = record_turns(&world, 0.0);
+    for (i, instant) in recording.samples.iter_mut().enumerate() {
         instant.is_armed = i >= 400;
         if !instant.is_armed {
             instant.field_ut[0] = [300.0, -200.0 + i as f64 / 10.0, 100.0];
         }
         instant.field_ut.push([1.0, 2.0, 3.0]);
     }
-    let (_, compass) = judged(&csv(&recording));
+    let (_, compass) = judged(&encode_csv(&recording));
     assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
-    for by in [By::Sphere, By::Ellipsoid] {
-        // Soft iron is what a sphere leaves.
-        assert!(compass.by(by).unwrap().score.unwrap().rms_deg < 10.0, "{by:?}: {:?}", compass.by(by));
+    for by in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
+        // A sphere fit leaves the soft iron's error.
+        assert!(
+            compass.correction_from(by).unwrap().score.unwrap().rms_deg < 10.0,
+            "{by:?}: {:?}",
+            compass.correction_from(by)
+        );
     }
-    let flight = read(&dataflash(&recording));
-    let verdict = judge(&flight, &Asked { compass: Some(2), ..ASKED });
+    let flight = read(&encode_dataflash(&recording));
+    let verdict = evaluate_flight(&flight, &EvaluationOptions { compass: Some(2), ..ASKED });
     assert_eq!((flight.compasses.len(), verdict.compasses.len(), verdict.compasses[0].number), (2, 1, 2));
 }
 
-/// The file that is handed over, loaded and applied to the raw field by the autopilot's own formula, gives the error that
-/// was told, and that is what the solution has but for what is told to be lost.
+/// The written file is parsed and applied by the autopilot's own formula.
 #[test]
 fn parameters_give_what_they_say_when_they_are_applied() {
     for (seed, write, dialect) in [
-        (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
-        (5, ulog, Dialect::Px4),
-        (7, tlog, Dialect::ArduPilot),
+        (3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>, ParameterFormat::ArduPilot),
+        (5, encode_ulog, ParameterFormat::Px4),
+        (7, encode_tlog, ParameterFormat::ArduPilot),
     ] {
         let (flight, compass) = judged(&write(&flown(&WorldConfig::random(seed), 0.05)));
-        let handed = parameters::handed_over(&flight, &compass, Some(50.0), dialect).unwrap();
+        let handed = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
         let score = score_of_file(&flight, &compass, &handed, dialect);
         assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
-        let ours = compass.by(By::Module).unwrap().score.unwrap();
-        let most = ours.rms_deg + handed.lost_deg[0] + 0.05;
-        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.lost_deg);
-        // As strong as the Earth's field was said to be.
-        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&handed.iron).norm()).collect();
+        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
+        let most = ours.rms_deg + handed.heading_loss_deg[0] + 0.05;
+        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.heading_loss_deg);
+        // Scaled to the given field strength.
+        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&handed.correction).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
     }
 }
 
-/// A compass that sits otherwise than its parameters say is given another number; ArduPilot asks an internal one for none, and
-/// turns it as the board.
+/// ArduPilot rotates an internal compass with the board.
 #[test]
 fn an_internal_compass_is_given_no_orientation() {
-    let (mut flight, compass) = judged(&dataflash(&flown(&WorldConfig::random(3), 0.05)));
-    let mut handed = parameters::handed_over(&flight, &compass, None, Dialect::ArduPilot).unwrap();
-    handed.turned = Rotation::new(2.0).unwrap();
+    let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
+    let mut handed = parameter_export::export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
+    handed.rotation = NumberedRotation::new(2.0).unwrap();
     for (external, line) in [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: COMPASS_EXTERNAL is 0")] {
         flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
-        let text = parameters::file(&flight, std::slice::from_ref(&handed), Dialect::ArduPilot);
+        let text =
+            parameter_export::format_parameter_file(&flight, std::slice::from_ref(&handed), ParameterFormat::ArduPilot);
         assert!(text.contains(line), "{external}: {text}");
     }
 }
 
-/// Iron of 8 uT in level flight, by a current of 15 to 30 A that follows the bank: half a microtesla per ampere. It is found
-/// with its sigma and used, headings are as good as they are without such iron, and who is not told the current errs by
-/// more than what is expected of him who is. An autopilot that loads the file has the same.
+/// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank.
 #[test]
 fn iron_by_current_is_found_and_handed_over() {
     for (seed, write, dialect) in [
-        (3, dataflash as fn(&Recording) -> Vec<u8>, Dialect::ArduPilot),
-        (5, ulog, Dialect::Px4),
-        (7, tlog, Dialect::ArduPilot),
-        (9, csv, Dialect::Px4),
+        (3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>, ParameterFormat::ArduPilot),
+        (5, encode_ulog, ParameterFormat::Px4),
+        (7, encode_tlog, ParameterFormat::ArduPilot),
+        (9, encode_csv, ParameterFormat::Px4),
     ] {
-        let world = WorldConfig::random(seed).with_current(8.0);
+        let world = WorldConfig::random(seed).with_current_interference(8.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         let (flight, compass) = judged(&write(&flown(&world, 0.05)));
         assert_eq!(compass.module.accepted, Ok(()), "seed {seed}");
-        let iron = compass.module.solution.as_ref().unwrap().calibration.current;
-        for (found, added_ut) in iron.ut_per_a.iter().zip(world.current_ut) {
-            let off = f64::from(*found) - added_ut / CRUISE_A;
+        let iron = compass.module.solution.as_ref().unwrap().calibration.motor_current;
+        for (found, added_ut) in iron.ut_per_a.iter().zip(world.current_interference_ut) {
+            let off = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
             assert!(
                 off.abs() < 4.0 * f64::from(iron.sigma_ut_per_a) + 0.01,
                 "seed {seed}: {iron:?} {:?}",
-                world.current_ut
+                world.current_interference_ut
             );
         }
-        let ours = compass.by(By::Module).unwrap().score.unwrap();
+        let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
         assert!(
-            compass.without_current_deg.unwrap() > 1.5 * ours.rms_deg,
+            compass.rms_without_current_deg.unwrap() > 1.5 * ours.rms_deg,
             "seed {seed}: {:?}",
-            compass.without_current_deg
+            compass.rms_without_current_deg
         );
-        let handed = parameters::handed_over(&flight, &compass, Some(50.0), dialect).unwrap();
+        let handed = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
         let score = score_of_file(&flight, &compass, &handed, dialect);
         assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
-        assert!(score.rms_deg < ours.rms_deg + handed.lost_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
-        // Of what takes no current, the mean of it is a part of the offsets, and the rest is lost.
-        let inav = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::Inav).unwrap();
+        assert!(score.rms_deg < ours.rms_deg + handed.heading_loss_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
+        // Without current compensation the mean interference goes into the offsets, and its variation is lost.
+        let inav = parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::Inav).unwrap();
         assert!(inav.warnings.iter().any(|words| words.contains("current")), "seed {seed}: {:?}", inav.warnings);
-        assert!(inav.lost_deg[0] > handed.lost_deg[0], "seed {seed}: {inav:?}");
-        // Half a microtesla per ampere of another 10 A or so in a bank is degrees.
+        assert!(inav.heading_loss_deg[0] > handed.heading_loss_deg[0], "seed {seed}: {inav:?}");
+        // 0.5 uT/A times 10 A in a bank is degrees of heading.
         let is_told = inav.warnings.iter().any(|words| words.contains("costs"));
-        assert!(is_told && inav.lost_deg[0] > 0.3, "seed {seed}: {inav:?}");
-        // To what is lost of the numbers, which are whole: half a milligauss, a gain of a thousandth.
-        let score =
-            scored(&compass.rows, &of_inav(&parameters::file(&flight, std::slice::from_ref(&inav), Dialect::Inav)))
-                .unwrap();
+        assert!(is_told && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
+        // The file has whole numbers: 0.5 mG, and gains of 1/1024.
+        let score = score_correction(
+            &compass.rows,
+            &of_inav(&parameter_export::format_parameter_file(
+                &flight,
+                std::slice::from_ref(&inav),
+                ParameterFormat::Inav,
+            )),
+        )
+        .unwrap();
         assert!((score.rms_deg - inav.score.unwrap().rms_deg).abs() < 0.1, "seed {seed}: {score:?} {inav:?}");
     }
 }
 
-/// What INAV makes of its zeros and gains: `(raw - zero) 1024 / gain`, raw in milligauss.
-fn of_inav(text: &str) -> Iron {
+/// Parses INAV's zeros and gains: `(raw - zero) 1024 / gain`, raw in milligauss.
+fn of_inav(text: &str) -> FieldCorrection {
     let of = |name: &str, axis: &str| {
         let line = text.lines().find_map(|line| line.strip_prefix(&format!("set {name}_{axis} = "))).unwrap();
         line.parse::<f64>().unwrap()
     };
     let each = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| of(name, axis)));
-    Iron::constant(Matrix3::from_diagonal(&each("maggain").map(|gain| 1024.0 / gain)), each("magzero") * 0.1)
+    FieldCorrection::without_current(
+        Matrix3::from_diagonal(&each("maggain").map(|gain| 1024.0 / gain)),
+        each("magzero") * 0.1,
+    )
 }
 
-/// ArduPilot takes no offset beyond a limit that can be set: whoever loads one is told before.
 #[test]
 fn offsets_that_are_not_taken_are_told() {
-    let (mut flight, compass) = judged(&dataflash(&flown(&WorldConfig::random(3), 0.05)));
-    let handed = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::ArduPilot).unwrap();
-    let largest_mg = handed.iron.centre_ut.amax() * 10.0;
+    let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
+    let handed =
+        parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::ArduPilot).unwrap();
+    let largest_mg = handed.correction.hard_iron_ut.amax() * 10.0;
     for (part, is_told) in [(0.95, true), (1.05, false)] {
         flight.parameters.set(f64::MAX, "COMPASS_OFFS_MAX", largest_mg * part);
-        let handed = parameters::handed_over(&flight, &compass, Some(50.0), Dialect::ArduPilot).unwrap();
+        let handed =
+            parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::ArduPilot).unwrap();
         assert_eq!(handed.warnings.iter().any(|words| words.contains("COMPASS_OFFS_MAX")), is_told, "{handed:?}");
     }
 }
 
-/// What the parameters of a file give, read as the autopilot would.
-fn score_of_file(flight: &Flight, compass: &Judged, handed: &HandedOver, dialect: Dialect) -> Score {
-    let text = parameters::file(flight, std::slice::from_ref(handed), dialect);
-    let loaded = parameters::read_back(&text, &flight.parameters);
-    assert_eq!(handed.turned.number(), 0, "mounted as the log says");
+/// Heading score of the exported parameters, parsed as by the autopilot.
+fn score_of_file(
+    flight: &Flight,
+    compass: &CompassEvaluation,
+    handed: &ExportedCorrection,
+    dialect: ParameterFormat,
+) -> HeadingScore {
+    let text = parameter_export::format_parameter_file(flight, std::slice::from_ref(handed), dialect);
+    let loaded = parameter_export::parse_parameter_file(&text, &flight.parameters);
+    assert_eq!(handed.rotation.number(), 0, "mounted as the log says");
     let iron = match dialect {
-        Dialect::Px4 => Iron::of_px4(&loaded, compass.number),
-        Dialect::ArduPilot | Dialect::Inav => Iron::of_ardupilot(&loaded, compass.number),
+        ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.number),
+        ParameterFormat::ArduPilot | ParameterFormat::Inav => FieldCorrection::from_ardupilot(&loaded, compass.number),
     };
-    scored(&compass.rows, &iron).unwrap()
+    score_correction(&compass.rows, &iron).unwrap()
 }
 
-/// A field in another unit and an attitude in radians are told by name; what is right is not doubted.
 #[test]
 fn units_that_cannot_be_are_told() {
     let world = WorldConfig::table1(1);
-    // Where the field model has about the strength of that world, 48 uT.
-    let text = csv(&Recording { place: Some([48.0, 11.3, 500.0]), ..flown(&world, 0.0) });
-    let notes = |bytes: &[u8], unit: Unit| {
+    // A place with about that world's field strength, 48 uT.
+    let text = encode_csv(&FlightRecording { place: Some([48.0, 11.3, 500.0]), ..flown(&world, 0.0) });
+    let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read(&mut source, unit).unwrap();
-        told::notes(&flight, &judge(&flight, &ASKED)).join("; ")
+        summary::notes(&flight, &evaluate_flight(&flight, &ASKED)).join("; ")
     };
-    assert_eq!(notes(&text, Unit::Milligauss), "");
-    let in_ut = notes(&text, Unit::Microtesla);
-    assert!(in_ut.contains("milligauss taken for microtesla"), "{in_ut}");
+    assert_eq!(notes(&text, FieldUnit::Milligauss), "");
+    let in_ut = notes(&text, FieldUnit::Microtesla);
+    assert!(in_ut.contains("milligauss read as microtesla"), "{in_ut}");
     let radians: String = String::from_utf8(text)
         .unwrap()
         .lines()
@@ -244,14 +263,14 @@ fn units_that_cannot_be_are_told() {
             values.join(",") + "\n"
         })
         .collect();
-    let told = notes(radians.as_bytes(), Unit::Milligauss);
+    let told = notes(radians.as_bytes(), FieldUnit::Milligauss);
     assert!(told.contains("radians"), "{told}");
 }
 
-/// Readings in pairs, out of order and twice: as many samples as of a tidy log.
+/// Pairs in reverse order, with duplicates.
 #[test]
 fn readings_in_pairs_and_out_of_order_are_rows() {
-    let text = String::from_utf8(csv(&flown(&WorldConfig::random(3), 0.0))).unwrap();
+    let text = String::from_utf8(encode_csv(&flown(&WorldConfig::random(3), 0.0))).unwrap();
     let mut lines = text.lines();
     let header = lines.next().unwrap();
     let mut untidy = format!("{header}\n");
@@ -266,62 +285,65 @@ fn readings_in_pairs_and_out_of_order_are_rows() {
     let (tidy, untidy) = (judged(text.as_bytes()).1, judged(untidy.as_bytes()).1);
     assert!(untidy.rows.len().abs_diff(tidy.rows.len()) < 20, "{} {}", untidy.rows.len(), tidy.rows.len());
     assert_eq!(untidy.module.accepted, Ok(()));
-    let [rms, before] = [&untidy, &tidy].map(|compass| compass.by(By::ModuleOfAll).unwrap().score.unwrap().rms_deg);
+    let [rms, before] = [&untidy, &tidy]
+        .map(|compass| compass.correction_from(CorrectionSource::ModuleAllRows).unwrap().score.unwrap().rms_deg);
     assert!((rms - before).abs() < 0.1, "{rms} {before}");
 }
 
-/// The field model's inclination is told to the module where the model holds on that day, and nowhere else: what it says of
-/// another decade is not what a flight is known by. Where the world is 12 deg off it, it gives way, as in the module: what is found
-/// is what is found without.
+/// The field model is valid on its own days only. If the world's inclination is 12 deg off, the model's is dropped.
 #[test]
 fn an_inclination_of_another_day_is_not_told() {
     for (inclination_deg, is_right) in [(64.0, true), (52.0, false)] {
         let mut world = WorldConfig::random(3);
         world.earth.inclination_deg = inclination_deg;
-        let recording = Recording { place: Some([48.0, 11.3, 500.0]), ..turns(&world, 0.0) };
-        let flight = read(&dataflash(&recording));
-        let of_that_day = judge(&flight, &ASKED);
-        let of_another = judge(&Flight { day: None, ..flight }, &ASKED);
+        let recording = FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
+        let flight = read(&encode_dataflash(&recording));
+        let of_that_day = evaluate_flight(&flight, &ASKED);
+        let of_another = evaluate_flight(&Flight { day: None, ..flight }, &ASKED);
         for (verdict, is_valid) in [(&of_that_day, true), (&of_another, false)] {
             let (earth, is) = verdict.earth.as_ref().unwrap();
             assert!(*is == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
             assert_eq!(verdict.compasses[0].module.accepted, Ok(()), "{inclination_deg} deg, {is_valid}");
         }
         let [told, untold] =
-            [of_that_day, of_another].map(|verdict| verdict.compasses[0].all.solution.unwrap().calibration);
+            [of_that_day, of_another].map(|verdict| verdict.compasses[0].all_rows.solution.unwrap().calibration);
         assert_eq!(told != untold, is_right, "{inclination_deg}: {told:?}");
     }
 }
 
-/// A flight whose iron moves by 8 uT at so many seconds, judged; its field is not old.
-fn moved(world: &WorldConfig, at_s: u64) -> Judged {
-    let mut recording = turns(world, 0.0);
-    for instant in recording.instants.iter_mut().filter(|instant| instant.at_us >= at_s * 1_000_000) {
+/// Evaluates a flight whose hard iron steps by 8 uT at a time in seconds.
+fn moved(world: &WorldConfig, at_s: u64) -> CompassEvaluation {
+    let mut recording = record_turns(world, 0.0);
+    for instant in recording.samples.iter_mut().filter(|instant| instant.time_us >= at_s * 1_000_000) {
         instant.field_ut[0][0] += 8.0;
     }
-    judged(&csv(&recording)).1
+    judged(&encode_csv(&recording)).1
 }
 
-/// Whenever it moves, and however far the iron that is looked from is off, all of the step is found: to 0.3 uT, as a sixth of
-/// the flight on one side tells it, at the row where it is. Rows begin two seconds after the clock.
+/// Limits: 0.3 uT with a sixth of the flight on one side, and 0.5 s. The first row is 2 s after the clock's start.
 #[test]
 fn the_whole_step_of_the_iron_is_found_whenever_it_is() {
     for world in [WorldConfig::table1(1), WorldConfig::random(3), WorldConfig::random(5)] {
         for at_s in [40, 120, 180] {
-            let change = moved(&world, at_s).change;
+            let change = moved(&world, at_s).hard_iron_step;
             let change = change.unwrap_or_else(|| panic!("{at_s} s, {} deg", world.earth.inclination_deg));
-            let off_ut = Vector3::from(change.ut) - Vector3::new(8.0, 0.0, 0.0);
+            let off_ut = Vector3::from(change.step_ut) - Vector3::new(8.0, 0.0, 0.0);
             assert!(off_ut.norm() < 0.3 && (change.at_s + 2.0 - at_s as f64).abs() < 0.5, "{at_s} s: {change:?}");
         }
     }
 }
 
-/// Iron that moves in the last circle: what the part before it gives alone is told first, and is much better than what the part
-/// after it gives, with one turn to one side.
+/// After a change in the last circle only one turn to one side remains.
 #[test]
 fn the_part_before_a_change_is_told_first() {
     let compass = moved(&WorldConfig::random(3), 180);
-    let &[before, after] = compass.parts.as_slice() else { panic!("{:?}", compass.parts) };
+    let &[before, after] = compass.expected_rms_by_part_deg.as_slice() else {
+        panic!("{:?}", compass.expected_rms_by_part_deg)
+    };
     let before_deg = before.unwrap();
-    assert!(before_deg < 1.0 && after.is_none_or(|deg| deg > 2.0 * before_deg), "{:?}", compass.parts);
+    assert!(
+        before_deg < 1.0 && after.is_none_or(|deg| deg > 2.0 * before_deg),
+        "{:?}",
+        compass.expected_rms_by_part_deg
+    );
 }

@@ -1,37 +1,40 @@
-//! Rows of one compass, with the true heading beside them: the answer is that of the module, whichever are used.
+//! Replays of rows with the true heading as reference.
 
 use std::fmt::Write as _;
 
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
-use autoswing::collection::Lack;
+use autoswing::collection::CollectionProblem;
 use autoswing::frames::Attitude;
-use host_sim::log::{Flight, Iron};
-use host_sim::replay::judge::refusal;
-use host_sim::replay::{Options, Reference, Refused, Row, Score, Selected, change, replay, rows};
-use host_sim::score::Errors;
+use host_sim::log::{FieldCorrection, Flight};
+use host_sim::replay::evaluation::refusal;
+use host_sim::replay::{
+    HeadingScore, ReferenceHeading, ReplayOptions, ReplayRefusal, ReplayRow, RowSelection, build_rows, hard_iron_step,
+    replay,
+};
+use host_sim::score::HeadingErrors;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
 use nalgebra::Vector3;
 
 use crate::read;
 
-const ALL: Options = Options::of(Selected::All);
-const TURNS: Options = Options { selected: Selected::Turns, ..ALL };
+const ALL: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
+const TURNS: ReplayOptions = ReplayOptions { selected: RowSelection::Turns, ..ALL };
 
-/// The rows of a flight's first compass, whose field is so old.
-fn rows_of(flight: &Flight, age_s: f64) -> Vec<Row> {
-    rows(flight, &flight.compasses[0], age_s, Reference::best(flight).as_ref()).0
+/// Rows of a flight's first compass, with a field latency in seconds.
+fn rows_of(flight: &Flight, age_s: f64) -> Vec<ReplayRow> {
+    build_rows(flight, &flight.compasses[0], age_s, ReferenceHeading::best(flight).as_ref()).0
 }
 
-/// Straight, two circles each way, straight; a row every 0.1 s as an autopilot logs: milligauss to one decimal, its own
-/// attitude. The reference is the true magnetic heading. The first ten seconds are not usable.
-fn recorded(world: &WorldConfig, circles: f64) -> Vec<Row> {
+/// Straight, circles each way, straight, at 10 Hz in milligauss with one decimal and reported attitude; the reference
+/// is the true magnetic heading. The first 10 s are not usable.
+fn recorded(world: &WorldConfig, circles: f64) -> Vec<ReplayRow> {
     recorded_with(world, circles, |_| [0.0; 3])
 }
 
-/// The same with so much more hard iron at so many seconds, microtesla.
-fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<Row> {
+/// The same with additional hard iron, microtesla, over time.
+fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f64; 3]) -> Vec<ReplayRow> {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     world.fly(Leg::Straight { heading_deg: 0.0, seconds: 15.0 });
@@ -43,14 +46,14 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
     let mut last = None;
     for i in 0..(35 + (60.0 * circles) as u64) * 10 {
         let at_us = i * 100_000;
-        world.disturb(iron_ut(at_us as f64 / 1e6));
+        world.set_disturbance_ut(iron_ut(at_us as f64 / 1e6));
         let truth = world.true_state(at_us);
         let field = world.sensor_field(at_us).ut * 10.0;
         let reported = source.report(&truth);
         let [roll_deg, pitch_deg] = [reported.roll_rad, reported.pitch_rad].map(f64::to_degrees);
         let (t_s, reference_deg, usable) = (at_us as f64 / 1e6, truth.heading_deg(), u8::from(i >= 100));
         let [x, y, z] = [field.x, field.y, field.z];
-        // The mean of a tenth of a second, near enough: of its ends.
+        // The mean rate since the last row, approximated by the mean of both ends.
         let now = truth.body_rates_rad_s().map(f64::to_degrees);
         let [p, q, r] = std::array::from_fn(|axis| now[axis].midpoint(last.unwrap_or(now)[axis]));
         last = Some(now);
@@ -60,8 +63,7 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
     rows_of(&read(text.as_bytes()), 0.0)
 }
 
-/// Attitude noise of 0.3 deg and a bank 1 % short make up to 1 deg of heading at these inclinations; the coefficients
-/// add what the module expects of them.
+/// Attitude noise of 0.3 deg and a bank-angle scale error of 1 % make up to 1 deg of heading at these inclinations.
 #[test]
 fn both_ways_of_choosing_rows_give_the_heading() {
     for seed in 0..10 {
@@ -71,54 +73,53 @@ fn both_ways_of_choosing_rows_give_the_heading() {
         for options in [ALL, TURNS] {
             let replayed = replay(&rows, &options);
             assert_eq!(replayed.accepted, Ok(()), "seed {seed} {options:?}");
-            let (score, before) = (replayed.score.unwrap(), replayed.uncorrected.unwrap());
+            let (score, before) = (replayed.score.unwrap(), replayed.uncorrected_score.unwrap());
             assert!(score.rms_deg < 0.5 + noise_deg, "seed {seed} {options:?}: {score:?}, before {before:?}");
             assert!(score.mean_deg.abs() < 0.5, "seed {seed} {options:?}: {score:?}");
             assert_eq!(score.rows, rows.len() - 100);
-            assert_eq!(replayed.shown.len(), rows.len());
+            assert_eq!(replayed.headings.len(), rows.len());
         }
     }
 }
 
-/// A recording with rates has a smooth heading once it has settled, which is better than the raw one: most of the noise of
-/// 0.3 deg that lasts for half a second is smoothed away. One without has none, and is scored by the raw one.
+/// The attitude noise of 0.3 deg is correlated over 0.5 s, so smoothing removes most of it.
 #[test]
 fn rates_make_the_heading_smooth() {
-    let rms = |score: Option<Score>| score.unwrap().rms_deg;
+    let rms = |score: Option<HeadingScore>| score.unwrap().rms_deg;
     let mut ratios = Vec::new();
     for seed in 0..5 {
         let mut rows = recorded(&WorldConfig::random(seed), 3.0);
         let with = replay(&rows, &ALL);
-        let number = with.shown.iter().filter(|shown| shown.smooth_deg.is_some()).count();
+        let number = with.headings.iter().filter(|shown| shown.smooth_deg.is_some()).count();
         assert!(number > rows.len() * 9 / 10, "seed {seed}: {number} of {}", rows.len());
-        assert!(with.shown.iter().take(20).all(|shown| shown.smooth_deg.is_none()), "seed {seed}");
-        ratios.push(rms(with.smooth) / rms(with.score));
+        assert!(with.headings.iter().take(20).all(|shown| shown.smooth_deg.is_none()), "seed {seed}");
+        ratios.push(rms(with.smoothed_score) / rms(with.score));
         for row in &mut rows {
             row.rates_rad_s = None;
         }
         let without = replay(&rows, &ALL);
-        assert!(without.shown.iter().all(|shown| shown.smooth_deg.is_none()), "seed {seed}");
-        assert_eq!(without.smooth, without.score, "seed {seed}");
+        assert!(without.headings.iter().all(|shown| shown.smooth_deg.is_none()), "seed {seed}");
+        assert_eq!(without.smoothed_score, without.score, "seed {seed}");
     }
-    // Where the field is level, an error of attitude makes none of heading, and there is little to smooth.
+    // Near the magnetic equator attitude errors hardly affect the heading.
     assert!(ratios.iter().all(|&ratio| ratio < 1.0), "{ratios:?}");
     assert!(ratios.iter().sum::<f64>() < 0.9 * ratios.len() as f64, "{ratios:?}");
 }
 
-/// What is asked for with `--fit-until` and `--inclination` is used.
+/// `--fit-until` and `--inclination`.
 #[test]
 fn a_part_of_the_flight_is_enough_or_refused() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
-    let early = replay(&rows, &Options { fit_until_s: Some(25.0), ..TURNS });
-    assert!(matches!(early.accepted, Err(Refused::Solve(_))), "{:?}", early.accepted);
-    assert!(early.shown.is_empty() && early.score.is_none());
-    let told = replay(&rows, &Options { inclination_deg: Some(54.0), ..TURNS }).solution.unwrap();
+    let early = replay(&rows, &ReplayOptions { fit_until_s: Some(25.0), ..TURNS });
+    assert!(matches!(early.accepted, Err(ReplayRefusal::Solve(_))), "{:?}", early.accepted);
+    assert!(early.headings.is_empty() && early.score.is_none());
+    let told = replay(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURNS }).solution.unwrap();
     assert!((told.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all = replay(&rows, &ALL);
-    assert!(all.samples > replay(&rows, &Options { fit_until_s: Some(35.0), ..ALL }).samples);
+    assert!(all.samples > replay(&rows, &ReplayOptions { fit_until_s: Some(35.0), ..ALL }).samples);
 }
 
-/// A steady course and a third of a circle: refused, or as good as it says.
+/// A straight leg and a third of a circle.
 #[test]
 fn little_is_refused_or_honest() {
     for seed in 0..10 {
@@ -144,13 +145,12 @@ fn a_steady_course_is_refused() {
     }
 }
 
-/// Of too little flown a log's reader is told what to fly, as the module tells its pilot; there is no console to ask.
 #[test]
 fn a_refusal_tells_what_to_fly() {
     let of = |seed| replay(&recorded(&WorldConfig::random(seed), 0.0), &ALL);
     let inaccurate: Vec<_> = (0..10)
         .map(of)
-        .filter(|replayed| matches!(replayed.accepted, Err(Refused::Rejected(Rejection::NotAccurate { .. }))))
+        .filter(|replayed| matches!(replayed.accepted, Err(ReplayRefusal::Rejected(Rejection::NotAccurate { .. }))))
         .collect();
     assert!(!inaccurate.is_empty());
     for replayed in inaccurate {
@@ -159,8 +159,8 @@ fn a_refusal_tells_what_to_fly() {
     }
 }
 
-/// A payload that moves between the sides or in a turn, and a zero that drifts: refused for that, or allowed for in
-/// what is expected of the iron of the end.
+/// Hard iron that steps between the sides or in a turn, or drifts: refused, or included in the expected error at the
+/// end.
 #[test]
 fn a_flight_of_two_airframes_is_refused_or_honest() {
     let mut refused = 0;
@@ -174,16 +174,19 @@ fn a_flight_of_two_airframes_is_refused_or_honest() {
             let rows = recorded_with(&world, 3.0, iron_ut);
             let replayed = replay(&rows, &TURNS);
             match replayed.accepted {
-                Err(Refused::Rejected(Rejection::IronChanged(_)) | Refused::Solve(SolveError::IronChanged(_))) => {
+                Err(
+                    ReplayRefusal::Rejected(Rejection::IronChanged(_))
+                    | ReplayRefusal::Solve(SolveError::HardIronChanged(_)),
+                ) => {
                     refused += 1;
                 }
                 accepted => {
                     assert_eq!(accepted, Ok(()), "seed {seed} {name}");
                     let solution = replayed.solution.unwrap();
-                    assert!(solution.iron.is_some(), "seed {seed} {name}");
+                    assert!(solution.hard_iron_change.is_some(), "seed {seed} {name}");
                     let mut at_the_end = world;
                     at_the_end.airframe.b_ut += Vector3::from(iron_ut(205.0));
-                    let error_deg = Errors::of(&solution.calibration, &at_the_end).figures().rms_deg;
+                    let error_deg = HeadingErrors::evaluate(&solution.calibration, &at_the_end).statistics().rms_deg;
                     let expected_deg = f64::from(solution.quality.expected_rms_deg);
                     assert!(error_deg < 2.0 * expected_deg, "seed {seed} {name}: {error_deg}, {expected_deg}");
                 }
@@ -193,7 +196,7 @@ fn a_flight_of_two_airframes_is_refused_or_honest() {
     assert!(refused >= 9, "{refused}");
 }
 
-/// The wrong hemisphere's sign, or a chart of another place: the flight's own inclination is named.
+/// Wrong sign, or an inclination of another place.
 #[test]
 fn a_wrong_inclination_is_named() {
     for seed in 0..6 {
@@ -201,8 +204,9 @@ fn a_wrong_inclination_is_named() {
         let rows = recorded(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for told_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
-            let refused = replay(&rows, &Options { inclination_deg: Some(told_deg), ..TURNS }).accepted.unwrap_err();
-            let Refused::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
+            let refused =
+                replay(&rows, &ReplayOptions { inclination_deg: Some(told_deg), ..TURNS }).accepted.unwrap_err();
+            let ReplayRefusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, told {told_deg}: {refused:?}");
             };
             assert!((f64::from(found_deg) - true_deg).abs() < 1.5, "seed {seed}, told {told_deg}: {found_deg}");
@@ -210,27 +214,34 @@ fn a_wrong_inclination_is_named() {
     }
 }
 
-/// Radians in the columns of degrees, and a row a second: the refusal says so.
+/// Radians instead of degrees, and a row rate of 1 Hz.
 #[test]
 fn what_is_wrong_with_a_recording_is_told() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
-    let in_radians: Vec<Row> = rows
+    let in_radians: Vec<ReplayRow> = rows
         .iter()
         .map(|&row| {
             let Attitude { roll_rad, pitch_rad } = row.attitude;
             let attitude = Attitude { roll_rad: roll_rad.to_radians(), pitch_rad: pitch_rad.to_radians() };
-            Row { attitude, ..row }
+            ReplayRow { attitude, ..row }
         })
         .collect();
     let replayed = replay(&in_radians, &TURNS);
-    assert!(replayed.accepted.is_err() && matches!(replayed.lack, Some(Lack::NoTilt { .. })), "{:?}", replayed.lack);
-    let slow: Vec<Row> = rows.iter().step_by(10).copied().collect();
+    assert!(
+        replayed.accepted.is_err() && matches!(replayed.missing, Some(CollectionProblem::NoTilt { .. })),
+        "{:?}",
+        replayed.missing
+    );
+    let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     let replayed = replay(&slow, &TURNS);
-    assert!(replayed.accepted.is_err() && matches!(replayed.lack, Some(Lack::TooSlow { .. })), "{:?}", replayed.lack);
-    assert_eq!(replay(&rows, &TURNS).lack, None);
+    assert!(
+        replayed.accepted.is_err() && matches!(replayed.missing, Some(CollectionProblem::SampleIntervalTooLong { .. })),
+        "{:?}",
+        replayed.missing
+    );
+    assert_eq!(replay(&rows, &TURNS).missing, None);
 }
 
-/// A payload that moves: when, by how much and on which axis; and nothing of iron that stays.
 #[test]
 fn iron_that_changed_is_found_with_its_time_size_and_axis() {
     let world = WorldConfig::table1(1);
@@ -238,19 +249,19 @@ fn iron_that_changed_is_found_with_its_time_size_and_axis() {
         let rows = recorded_with(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { moved });
         let solution = replay(&rows, &ALL).solution;
         let calibration = solution.map(|solution| solution.calibration);
-        let about = calibration.map_or_else(Iron::none, |calibration| Iron {
+        let about = calibration.map_or_else(FieldCorrection::identity, |calibration| FieldCorrection {
             matrix: calibration.w_matrix().map(f64::from),
-            by_current_ut: Vector3::zeros(),
-            centre_ut: calibration.b_vector_ut().map(f64::from),
+            motor_ut_per_a: Vector3::zeros(),
+            hard_iron_ut: calibration.b_vector_ut().map(f64::from),
         });
-        let change = change::found(&rows, &about);
+        let change = hard_iron_step::find_step(&rows, &about);
         if axis == ' ' {
             assert_eq!(change, None);
             continue;
         }
         let change = change.unwrap();
         assert!((change.at_s - 110.0).abs() < 2.0, "{change:?}");
-        let off = (Vector3::from(change.ut) - Vector3::from(moved)).norm();
+        let off = (Vector3::from(change.step_ut) - Vector3::from(moved)).norm();
         assert!(off < 2.0 && change.axis() == axis, "{change:?}");
     }
 }

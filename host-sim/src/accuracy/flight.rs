@@ -1,33 +1,34 @@
-//! Flights of a whole battery: some of it calibrates, whether it is meant to or not.
+//! Flights of one battery charge that include calibration manoeuvres.
 
 use autoswing::calibration::Rates;
 use autoswing::time::WrappingMillis;
 use serde::Serialize;
 
-use super::trial::{Instant, Ranges};
+use super::trial::{Ranges, TrueSample};
 use crate::random::{Purpose, Random};
-use crate::routine::{Plan, Routine};
-use crate::world::aircraft::{Aircraft, Config, Kind};
+use crate::routine::{Routine, TurnPlan};
+use crate::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
 use crate::world::autopilot::Leg;
 use crate::world::weather::Weather;
 
-/// What is flown.
+/// Flight pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Pattern {
-    /// The routine, after a third of the flight that is flown straight.
+pub enum FlightPattern {
+    /// Straight legs, with the routine after one third of the remaining time.
     Routine,
-    /// The routine from its end to its beginning, with right and left exchanged, after two thirds of it.
+    /// Straight legs, with the routine reversed in order and mirrored left to right after two thirds of the remaining
+    /// time.
     Mirrored,
-    /// No plan at all.
+    /// Random legs only.
     Wandering,
 }
 
-impl Pattern {
-    /// All of them.
+impl FlightPattern {
+    /// All patterns.
     pub const ALL: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
 
-    /// The word for it.
+    /// Name in reports and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -38,46 +39,50 @@ impl Pattern {
     }
 }
 
-/// A flight.
+/// Vehicle, pattern and duration of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
-    /// Of what.
-    pub kind: Kind,
-    /// What is flown.
-    pub pattern: Pattern,
-    /// For how long.
+    /// Vehicle kind.
+    pub kind: VehicleKind,
+    /// Flight pattern.
+    pub pattern: FlightPattern,
+    /// Duration, minutes.
     pub minutes: f64,
 }
 
-/// Ten samples a second.
 const SAMPLE_US: u64 = 100_000;
 
 impl Flight {
-    /// How the aircraft truly lay, ten times a second, in the weather of a seed.
+    /// True attitudes at 10 Hz, in weather drawn from the seed.
     #[must_use]
-    pub fn fly(&self, ranges: &Ranges, seed: u64) -> Vec<Instant> {
+    pub fn fly(&self, ranges: &Ranges, seed: u64) -> Vec<TrueSample> {
         let mut random = Random::new(seed, Purpose::Legs);
-        let config = Config { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..Config::default() };
+        let config =
+            VehicleConfig { kind: self.kind, heading_deg: random.uniform(0.0, 360.0), ..VehicleConfig::default() };
         let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
-        let plan = Plan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles: 3.0 };
+        let plan = TurnPlan { bank_deg: random.uniform(ranges.bank_deg[0], ranges.bank_deg[1]), circles: 3.0 };
         let routine = match self.pattern {
-            Pattern::Routine => Some((1.0 / 3.0, Routine::of(self.kind, plan, config.heading_deg).legs())),
-            Pattern::Mirrored => Some((2.0 / 3.0, mirrored(&Routine::of(self.kind, plan, config.heading_deg).legs()))),
-            Pattern::Wandering => None,
+            FlightPattern::Routine => {
+                Some((1.0 / 3.0, Routine::for_vehicle(self.kind, plan, config.heading_deg).legs()))
+            }
+            FlightPattern::Mirrored => {
+                Some((2.0 / 3.0, mirrored(&Routine::for_vehicle(self.kind, plan, config.heading_deg).legs())))
+            }
+            FlightPattern::Wandering => None,
         };
         let end_us = (self.minutes * 60e6) as u64;
         let mut instants = Vec::new();
-        // What is not the routine takes its time; how long that takes itself is known when it has been flown.
+        // Time left beside the routine, whose duration a separate simulation determines.
         let spare_us = routine.as_ref().map_or(0, |(_, legs)| end_us.saturating_sub(duration_us(config, seed, legs)));
         let mut routine = routine.map(|(share, legs)| ((spare_us as f64 * share) as u64, legs));
         while aircraft.state().time_us < end_us {
             if let Some((_, legs)) = routine.take_if(|(at_us, _)| aircraft.state().time_us >= *at_us) {
-                // What was flown straight ends where the routine begins.
-                aircraft.autopilot_mut().command(0.0, 0.0);
+                // Aborts the straight leg in progress.
+                aircraft.autopilot_mut().hold_bank_and_pitch(0.0, 0.0);
                 fly_all(&mut aircraft, &legs);
-            } else if aircraft.autopilot().legs_left() == 0 {
-                let leg = if self.pattern == Pattern::Wandering {
-                    wandering(self.kind, &mut random)
+            } else if aircraft.autopilot().unfinished_legs() == 0 {
+                let leg = if self.pattern == FlightPattern::Wandering {
+                    random_leg(self.kind, &mut random)
                 } else {
                     straight(&mut random)
                 };
@@ -92,11 +97,11 @@ impl Flight {
     }
 }
 
-fn instant(aircraft: &Aircraft) -> Instant {
+fn instant(aircraft: &Aircraft) -> TrueSample {
     let state = aircraft.state();
-    Instant {
+    TrueSample {
         euler: state.euler(),
-        push_m_s2: state.push_m_s2,
+        disturbing_acceleration_m_s2: state.disturbing_acceleration_m_s2,
         rates: Rates::from_rad_s(
             [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s].map(|rad_s| rad_s as f32),
         ),
@@ -110,17 +115,16 @@ fn fly_all(aircraft: &mut Aircraft, legs: &[Leg]) {
     }
 }
 
-/// How long the legs take.
-fn duration_us(config: Config, seed: u64, legs: &[Leg]) -> u64 {
+fn duration_us(config: VehicleConfig, seed: u64, legs: &[Leg]) -> u64 {
     let mut aircraft = Aircraft::new(config, Weather::default(), seed, 0);
     fly_all(&mut aircraft, legs);
-    while aircraft.autopilot().legs_left() > 0 {
+    while aircraft.autopilot().unfinished_legs() > 0 {
         aircraft.step();
     }
     aircraft.state().time_us
 }
 
-/// From its end to its beginning, with right and left exchanged. Where it comes to rest after a push is behind it still.
+/// Legs in reverse order, mirrored left to right.
 fn mirrored(legs: &[Leg]) -> Vec<Leg> {
     let mirror = |leg: Leg| match leg {
         Leg::Turn { bank_deg, heading_change_deg } => Leg::Turn { bank_deg, heading_change_deg: -heading_change_deg },
@@ -131,20 +135,19 @@ fn mirrored(legs: &[Leg]) -> Vec<Leg> {
     legs.iter().rev().map(|&leg| mirror(leg)).collect()
 }
 
-/// On the way to somewhere.
 fn straight(random: &mut Random) -> Leg {
     Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(20.0, 60.0) }
 }
 
-/// Anything that such a vehicle does.
-pub(crate) fn wandering(kind: Kind, random: &mut Random) -> Leg {
+/// A random leg suitable for this vehicle kind.
+pub(crate) fn random_leg(kind: VehicleKind, random: &mut Random) -> Leg {
     let side = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-    let choices = if kind.hovers() { 5.0 } else { 2.0 };
+    let choices = if kind.can_hover() { 5.0 } else { 2.0 };
     match random.uniform(0.0, choices) as u8 {
         0 => Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(8.0, 25.0) },
         1 => {
-            // A copter at 3 m/s turns by 33 deg/s at 10 deg of bank; at 35 deg an aeroplane does 18 deg/s.
-            let bank_deg = if kind == Kind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
+            // A copter at 3 m/s turns at 33 deg/s with 10 deg of bank; an aeroplane at 18 deg/s with 35 deg.
+            let bank_deg = if kind == VehicleKind::Copter { [5.0, 15.0] } else { [10.0, 35.0] };
             let heading_change_deg = side * random.uniform(60.0, 360.0);
             Leg::Turn { bank_deg: random.uniform(bank_deg[0], bank_deg[1]), heading_change_deg }
         }
@@ -164,28 +167,27 @@ pub(crate) fn wandering(kind: Kind, random: &mut Random) -> Leg {
 mod tests {
     use super::*;
 
-    fn flown(kind: Kind, pattern: Pattern, seed: u64) -> Vec<Instant> {
+    fn flown(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
         Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::HARSH, seed)
     }
 
     #[test]
     fn three_minutes_are_1800_instants_of_one_flight() {
-        for kind in [Kind::Plane, Kind::Copter, Kind::Vtol] {
-            for pattern in Pattern::ALL {
+        for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
+            for pattern in FlightPattern::ALL {
                 let instants = flown(kind, pattern, 4);
                 assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
-                assert!(instants.windows(2).all(|pair| pair[1].time.since(pair[0].time) == 100));
-                let rates = |instants: &[Instant]| instants.iter().map(|instant| instant.rates).collect::<Vec<_>>();
+                assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
+                let rates = |instants: &[TrueSample]| instants.iter().map(|instant| instant.rates).collect::<Vec<_>>();
                 assert_eq!(rates(&instants), rates(&flown(kind, pattern, 4)));
                 assert_ne!(rates(&instants), rates(&flown(kind, pattern, 5)));
             }
         }
     }
 
-    /// The yaw turns come last, of them still the right one first, which was the left one; pushes are to the other side.
     #[test]
     fn mirrored_is_the_other_way_round() {
-        let legs = Routine::of(Kind::Copter, Plan::default(), 0.0).legs();
+        let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
         let back = mirrored(&legs);
         assert_eq!(back.len(), legs.len());
         assert_eq!(
@@ -199,15 +201,16 @@ mod tests {
         assert!(back.contains(&Leg::Push { toward_deg: -90.0, tilt_deg: 18.0, seconds: 2.0 }));
     }
 
-    /// After a third of what the routine leaves of the flight; mirrored, after two thirds. Of 20 minutes that is 1094 s: it
-    /// begins at 365 s with the yaw turns, right before left, or at 729 s, and ends with them at 836 s.
+    /// Of 20 minutes the routine leaves 1094 s. It begins at 365 s with the yaw turns, right before left; mirrored, it
+    /// begins at 729 s and ends with the yaw turns at 836 s.
     #[test]
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
-            let flown = |pattern| Flight { kind: Kind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::HARSH, seed);
+            let flown =
+                |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::HARSH, seed);
             for (instants, right, left) in [
-                (flown(Pattern::Routine), [3670, 3775], [3790, 3900]),
-                (flown(Pattern::Mirrored), [8115, 8220], [8240, 8350]),
+                (flown(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
+                (flown(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
             ] {
                 assert_eq!(instants.len(), 12_000);
                 let turned_deg = |[from, to]: [usize; 2]| {

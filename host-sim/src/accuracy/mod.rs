@@ -1,104 +1,103 @@
-//! How accurate the methods are, against the bound of what is possible.
+//! Accuracy study: heading errors of the calibration methods relative to the Cramér-Rao bound.
 //!
-//! Random airframes, places, flights and instruments ([`trial`]); for each, many draws of the noise, solved by every
-//! method. What counts is the RMS heading error over that of the Cramer-Rao bound ([`bound`]), and whether the sigma of
-//! a heading is true.
+//! Random airframes, places, flights and instruments, each with many noise realisations, are solved by every method.
+//! Results are the RMS heading error over the Cramér-Rao bound and the coverage of the estimated heading sigma.
 //!
-//! That is of turns alone, all samples of which are solved. Of whole flights ([`flights`]) of an aircraft ([`flight`]) the
-//! module keeps some ([`collected`]), and the bound is that of the best it could have kept ([`greedy`]).
+//! This study uses all samples of turns. The study of whole flights uses the samples that the module retains; its
+//! reference is a D-optimal selection.
 
-pub mod bound;
-pub mod collected;
+pub mod cramer_rao;
+pub mod d_optimal;
 pub mod flight;
-pub mod flights;
-pub mod greedy;
+pub mod flight_study;
+pub mod retention;
 pub mod trial;
 
-use autoswing::acceptance::{self, Grounds, Incumbent, Policy};
-use autoswing::calibration::{Consider, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
+use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
+use autoswing::calibration::{ConsiderSigmas, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use trial::{Faults, Ranges, Recorded, Trial};
+use trial::{ConstantErrorSigmas, Ranges, Recording, Trial};
 
 use crate::score::within_percent;
 
-/// What to try.
+/// Extent of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
-    /// Airframes drawn.
+pub struct AccuracyPlan {
+    /// Number of airframes.
     pub airframes: u64,
-    /// Draws of the noise for each. The ratio to the bound scatters by about `0.3 / sqrt(draws)` of itself by chance.
+    /// Noise realisations per airframe. The ratio to the bound has a relative standard error of about `0.3 /
+    /// sqrt(draws)`.
     pub draws: u64,
     /// Seed of the first airframe.
     pub seed: u64,
 }
 
-/// How a method did.
+/// Results of a method.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Result {
-    /// Its name.
+pub struct MethodResult {
+    /// Method name.
     pub method: &'static str,
-    /// Solves that ended with coefficients, percent.
+    /// Solves that returned coefficients, percent.
     pub converged_percent: f64,
-    /// Solves that an uncalibrated module would accept, percent.
+    /// Solves that an uncalibrated module accepts, percent.
     pub accepted_percent: f64,
-    /// Accepted ones with a true RMS error of more than three times the expected one.
+    /// Accepted solves with a true RMS error above three times the estimated one.
     pub wrong: u32,
     /// RMS heading error, median over the airframes, degrees.
     pub rms_median_deg: f64,
-    /// RMS heading error over the bound's, median over the airframes.
+    /// RMS heading error over the bound, median over the airframes.
     pub ratio_median: f64,
-    /// RMS heading error over the bound's: the value that a tenth of the airframes exceed.
+    /// RMS heading error over the bound, 90th percentile over the airframes.
     pub ratio_worst_decile: f64,
 }
 
-/// How many errors lie within one and two sigma of their heading, percent.
+/// Fraction of heading errors within one and two sigma, percent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Within one; 68.3 would be perfect.
+    /// Within one sigma; ideally 68.3.
     pub one_sigma_percent: f64,
-    /// Within two; 95.4 would be perfect.
+    /// Within two sigma; ideally 95.4.
     pub two_sigma_percent: f64,
-    /// Headings looked at.
+    /// Number of headings.
     pub headings: usize,
 }
 
-/// What came out.
+/// Results of the study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outcome {
-    /// The bound, median over the airframes, degrees.
+pub struct AccuracyResult {
+    /// Cramér-Rao bound, median over the airframes, degrees.
     pub bound_median_deg: f64,
-    /// By method.
-    pub methods: Vec<Result>,
-    /// Of an attitude source with noise alone, which the solver was told.
+    /// Results by method.
+    pub methods: Vec<MethodResult>,
+    /// Coverage with attitude noise only, which the solver is given.
     pub coverage: Coverage,
-    /// Of a source with the constant errors that the module allows for ([`Consider::DEFAULT`]).
+    /// Coverage with the constant errors that the solver considers ([`ConsiderSigmas::DEFAULT`]).
     pub coverage_with_faults: Coverage,
 }
 
-/// The methods compared.
 const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse];
 
-/// Of every so many draws, the sigmas are looked at, too.
+/// Coverage is evaluated for every fifth noise realisation.
 const COVERAGE_EVERY: u64 = 5;
 
-/// Headings at which they are looked at.
 const HEADINGS: usize = 16;
 
-/// Runs the plan; `tick` is called once an airframe, from any thread.
+/// Runs the study. `tick` is called once per airframe, from any thread.
 #[must_use]
-pub fn run(plan: Plan, tick: &(dyn Fn() + Sync)) -> Outcome {
-    let trials: Vec<Tried> = (plan.seed..plan.seed + plan.airframes)
+pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
+    let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let tried = Tried::of(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
+            let tried = AirframeResult::evaluate(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
             tick();
             tried
         })
         .collect();
-    let all_of = |errors: fn(&Tried) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
-    Outcome {
+    let all_of =
+        |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
+    AccuracyResult {
         bound_median_deg: quantile(trials.iter().map(|t| t.bound_deg), 0.5),
         methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
         coverage: coverage(&all_of(|t| &t.normalised)),
@@ -106,63 +105,61 @@ pub fn run(plan: Plan, tick: &(dyn Fn() + Sync)) -> Outcome {
     }
 }
 
-/// One airframe.
-struct Tried {
+struct AirframeResult {
     bound_deg: f64,
-    methods: [Counts; METHODS.len()],
-    /// Errors over their sigmas.
+    methods: [SolveCounts; METHODS.len()],
+    /// Heading errors over their estimated sigmas.
     normalised: Vec<f64>,
     normalised_with_faults: Vec<f64>,
 }
 
-/// Errors over sigmas of headings after a flight with an attitude source that has what is considered, and nothing else.
-fn use_headings(trial: &Trial, draw: u64, consider: Consider) -> Vec<f64> {
-    let (recorded, mut used) = trial.record(draw, Faults::of(consider));
+/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers.
+fn use_headings(trial: &Trial, draw: u64, consider: ConsiderSigmas) -> Vec<f64> {
+    let (recorded, mut used) = trial.record(draw, ConstantErrorSigmas::considered_by(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.error_over_sigma(&solution, &mut used)).collect()
+    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut used)).collect()
 }
 
 #[derive(Clone, Copy, Default)]
-struct Counts {
+struct SolveCounts {
     solved: u32,
     refused: u32,
     accepted: u32,
     wrong: u32,
-    /// Sum of the mean squares of the solved ones, square degrees.
+    /// Sum of the mean squared heading errors of all solves, square degrees.
     squares: f64,
 }
 
-impl Counts {
+impl SolveCounts {
     fn rms_deg(&self) -> f64 {
         (self.squares / f64::from(self.solved)).sqrt()
     }
 }
 
-impl Tried {
-    /// `None` when the flight does not determine the coefficients at all.
-    fn of(trial: &Trial, draws: u64) -> Option<Self> {
+impl AirframeResult {
+    fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
         let mut tried = Self {
-            bound_deg: bound::rms_deg(trial)?,
-            methods: [Counts::default(); METHODS.len()],
+            bound_deg: cramer_rao::rms_deg(trial)?,
+            methods: [SolveCounts::default(); METHODS.len()],
             normalised: Vec::new(),
             normalised_with_faults: Vec::new(),
         };
         for draw in 0..draws {
-            let (recorded, _) = trial.record(draw, Faults::NONE);
+            let (recorded, _) = trial.record(draw, ConstantErrorSigmas::NONE);
             for (counts, method) in tried.methods.iter_mut().zip(METHODS) {
-                counts.add(trial, &recorded, solve(method, recorded.samples(), Consider::DEFAULT).ok().as_ref());
+                counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_EVERY == 0 {
-                tried.normalised.extend(use_headings(trial, draw, Consider::NOTHING));
-                tried.normalised_with_faults.extend(use_headings(trial, draw, Consider::DEFAULT));
+                tried.normalised.extend(use_headings(trial, draw, ConsiderSigmas::ZERO));
+                tried.normalised_with_faults.extend(use_headings(trial, draw, ConsiderSigmas::DEFAULT));
             }
         }
         Some(tried)
     }
 }
 
-impl Counts {
-    fn add(&mut self, trial: &Trial, recorded: &Recorded, solution: Option<&Solution>) {
+impl SolveCounts {
+    fn add(&mut self, trial: &Trial, recorded: &Recording, solution: Option<&Solution>) {
         let Some(solution) = solution else {
             self.refused += 1;
             return;
@@ -177,25 +174,32 @@ impl Counts {
     }
 }
 
-/// Whether an uncalibrated module would take it.
-fn is_accepted(recorded: &Recorded, solution: &Solution) -> bool {
-    let grounds = Grounds { fitted: recorded.samples(), held_back: recorded.held_back(), knows_attitude: true };
-    acceptance::judge(&Policy::DEFAULT, solution, grounds, &Incumbent::none(Orientation::NONE)).is_ok()
+/// Whether an uncalibrated module accepts the solution.
+fn is_accepted(recorded: &Recording, solution: &Solution) -> bool {
+    let grounds =
+        AcceptanceSamples { fit: recorded.samples(), held_back: recorded.held_back(), is_attitude_known: true };
+    acceptance::evaluate_candidate(
+        &AcceptancePolicy::DEFAULT,
+        solution,
+        grounds,
+        &Incumbent::uncalibrated(Orientation::NONE),
+    )
+    .is_ok()
 }
 
-fn solve(method: Method, samples: Samples<'_>, consider: Consider) -> std::result::Result<Solution, SolveError> {
-    // The samples are single readings here, as the headings are.
-    Solver::with_consider(method, samples, &Prior::default(), consider)?.run(samples)
+fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
+    // Samples are single measurements, as are the evaluated headings.
+    Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
 }
 
-fn summary(trials: &[Tried], index: usize, method: Method) -> Result {
+fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
     let each = || trials.iter().map(|t| (t, &t.methods[index]));
-    let sum = |of: fn(&Counts) -> u32| each().map(|(_, counts)| of(counts)).sum::<u32>();
+    let sum = |of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| of(counts)).sum::<u32>();
     let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
     let solved_ones = || each().filter(|(_, counts)| counts.solved > 0);
     let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
-    Result {
+    MethodResult {
         method: method.name(),
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
@@ -211,7 +215,6 @@ fn coverage(normalised: &[f64]) -> Coverage {
     Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
 }
 
-/// The value that a part of the values does not exceed; not a number without values.
 fn quantile(values: impl Iterator<Item = f64>, part: f64) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);

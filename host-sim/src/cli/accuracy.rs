@@ -3,30 +3,29 @@
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use host_sim::accuracy::flight::{Flight, Pattern};
-use host_sim::accuracy::flights::{self, Row};
-use host_sim::accuracy::{self, Coverage, Outcome, Plan};
-use host_sim::world::aircraft::Kind;
+use host_sim::accuracy::flight::{Flight, FlightPattern};
+use host_sim::accuracy::flight_study::{self, FlightStudyRow};
+use host_sim::accuracy::{self, AccuracyPlan, AccuracyResult, Coverage};
+use host_sim::world::aircraft::VehicleKind;
 use serde_json::json;
 
-use super::print::{self, narrow_table, right_aligned, say};
+use super::print::{self, append_wrapped, narrow_table, right_aligned};
 use super::{Accuracy, Failure, progress};
 
-/// How long a flight is if nobody says.
+/// Default duration of a flight, minutes.
 const FLIGHT_MINUTES: f64 = 3.0;
 
-/// Turns alone, or whole flights.
 pub fn run(options: &Accuracy) -> Result<ExitCode, Failure> {
-    let kind = Kind::from(options.aircraft);
-    let plan = Plan { airframes: options.airframes, draws: options.draws, seed: options.seed };
-    if kind == Kind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
+    let kind = VehicleKind::from(options.aircraft);
+    let plan = AccuracyPlan { airframes: options.airframes, draws: options.draws, seed: options.seed };
+    if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
         turns(options, plan)
     } else {
-        whole_flights(options, kind, plan)
+        run_whole_flights(options, kind, plan)
     }
 }
 
-fn turns(options: &Accuracy, plan: Plan) -> Result<ExitCode, Failure> {
+fn turns(options: &Accuracy, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
     let bar = progress("airframes", plan.airframes);
     let outcome = accuracy::run(plan, &|| bar.inc(1));
     bar.finish_and_clear();
@@ -35,18 +34,18 @@ fn turns(options: &Accuracy, plan: Plan) -> Result<ExitCode, Failure> {
         value["airframes"] = json!(plan.airframes);
         value["draws"] = json!(plan.draws);
         value["seed"] = json!(plan.seed);
-        print::json(value)?;
+        print::print_json(value)?;
     } else {
-        print::out(&shown(plan, &outcome));
+        print::print_text(&format_outcome(plan, &outcome));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn shown(plan: Plan, outcome: &Outcome) -> String {
-    let Plan { airframes, draws, .. } = plan;
+fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
+    let AccuracyPlan { airframes, draws, .. } = plan;
     let mut text = String::new();
     let bound_deg = outcome.bound_median_deg;
-    say(
+    append_wrapped(
         &mut text,
         "",
         &format!("{airframes} airframes, {draws} flights of each; bound {bound_deg:.3} deg rms, median"),
@@ -72,7 +71,7 @@ fn shown(plan: Plan, outcome: &Outcome) -> String {
         [("noise alone", outcome.coverage), ("noise, bias and bank scale", outcome.coverage_with_faults)]
     {
         let Coverage { one_sigma_percent: one, two_sigma_percent: two, headings, .. } = coverage;
-        say(
+        append_wrapped(
             &mut text,
             "",
             &format!(
@@ -83,30 +82,29 @@ fn shown(plan: Plan, outcome: &Outcome) -> String {
     text
 }
 
-fn whole_flights(options: &Accuracy, kind: Kind, plan: Plan) -> Result<ExitCode, Failure> {
-    let asked: Vec<Pattern> = options.patterns.iter().map(|&pattern| pattern.into()).collect();
-    let patterns = if asked.is_empty() { Pattern::ALL.to_vec() } else { asked };
+fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
+    let asked: Vec<FlightPattern> = options.patterns.iter().map(|&pattern| pattern.into()).collect();
+    let patterns = if asked.is_empty() { FlightPattern::ALL.to_vec() } else { asked };
     let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
     let bar = progress("airframes", plan.airframes * patterns.len() as u64);
-    let rows: Vec<Row> = patterns
+    let rows: Vec<FlightStudyRow> = patterns
         .into_iter()
-        .map(|pattern| flights::run(Flight { kind, pattern, minutes }, plan, &|| bar.inc(1)))
+        .map(|pattern| flight_study::run(Flight { kind, pattern, minutes }, plan, &|| bar.inc(1)))
         .collect();
     bar.finish_and_clear();
     if options.json {
         let flights = serde_json::to_value(&rows).map_err(|e| Failure(e.to_string()))?;
-        let Plan { airframes, draws, seed } = plan;
-        print::json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
+        let AccuracyPlan { airframes, draws, seed } = plan;
+        print::print_json(json!({ "flights": flights, "airframes": airframes, "draws": draws, "seed": seed }))?;
     } else {
-        print::out(&shown_flights(plan, &rows));
+        print::print_text(&format_flights(plan, &rows));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Two tables: a terminal has no room for one.
-fn shown_flights(plan: Plan, rows: &[Row]) -> String {
-    let Plan { airframes, draws, .. } = plan;
-    let name = |row: &Row| format!("{} {}", row.aircraft, row.pattern.name());
+fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
+    let AccuracyPlan { airframes, draws, .. } = plan;
+    let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.name());
     let mut errors =
         narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);
     let mut ratios =

@@ -4,71 +4,74 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use autoswing::calibration::{Method, Prior, Samples, solve};
-use host_sim::accuracy::trial::{Faults, Ranges, Trial};
+use host_sim::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
 use host_sim::world::WorldConfig;
 use serde_json::json;
 
-use super::interruption::{Interruption, Second};
-use super::print::{self, right_aligned, words_table};
+use super::print::{self, right_aligned, wrapped_table};
+use super::termination::{SecondSignal, TerminationSignals};
 use super::{Budget, Failure, Speed, waiting};
 
-/// `host-sim bench budget`.
 pub fn budget(options: &Budget) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_bench_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let interruption = Interruption::awaited(Second::Waits)?;
+    let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
     let bar = waiting("counting instructions, some two minutes");
     let budgets = Emulator::start_until(interruption.stop(), &image, WorldConfig::table1(1))
-        .and_then(|mut emulator| emulator::budget::count(&mut emulator));
+        .and_then(|mut emulator| emulator::budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
-    if let Some(code) = interruption.code() {
+    if let Some(code) = interruption.exit_code() {
         return Ok(code);
     }
     let budgets = budgets.map_err(failed)?;
     if options.json {
-        print::json(json!({ "budgets": budgets }))?;
+        print::print_json(json!({ "budgets": budgets }))?;
     } else {
-        let mut table = words_table(["instructions", "limit", "of"]);
+        let mut table = wrapped_table(["instructions", "limit", "of"]);
         for budget in &budgets {
             let counted = budget.counted.map_or_else(|| "not counted".to_owned(), |counted| counted.to_string());
             table.add_row([right_aligned(counted), right_aligned(budget.limit.to_string()), budget.of.into()]);
         }
-        print::line(table);
+        print::print_line(table);
     }
-    Ok(if budgets.iter().all(emulator::budget::Budget::is_kept) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if budgets.iter().all(emulator::budget::Budget::is_within_limit) {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
 }
 
-/// Wall clock: the one command that is not a function of its seed.
+/// Measures wall-clock time, so the result is not reproducible from a seed.
 pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
     const RUNS: usize = 21;
     let trial = Trial::draw(&Ranges { samples: 256, ..Ranges::HARSH }, 1);
-    let (recorded, _) = trial.record(0, Faults::NONE);
+    let (recorded, _) = trial.record(0, ConstantErrorSigmas::NONE);
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse].map(|method| {
         let mut times_ms: Vec<f64> = (0..RUNS).map(|_| time_ms(method, recorded.samples())).collect();
         times_ms.sort_by(f64::total_cmp);
         (method.name(), times_ms[RUNS / 2])
     });
     let start = Instant::now();
-    let flown = mission::fly(WorldConfig::table1(1), mission::Plan::default(), &mut |_, _| {});
+    let flown = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = flown.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =
             methods.iter().map(|(name, ms)| ((*name).to_owned(), json!(ms))).collect();
-        print::json(json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": simulated_per_real.round() }))?;
+        print::print_json(json!({ "solve_ms": solve_ms, "simulated_seconds_per_second": simulated_per_real.round() }))?;
     } else {
         for (name, ms) in methods {
-            print::line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {RUNS}"));
+            print::print_line(format_args!("{name}: {ms:.2} ms for 2 x 256 samples, median of {RUNS}"));
         }
-        print::line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
+        print::print_line(format_args!("{simulated_per_real:.0} simulated seconds a second"));
     }
     Ok(ExitCode::SUCCESS)
 }
 
 fn time_ms(method: Method, samples: Samples<'_>) -> f64 {
     let start = Instant::now();
-    // What counts is the time; closed forms may well refuse a flight that wanders.
+    // Only the time matters; closed-form methods may reject a wandering flight.
     let _ = std::hint::black_box(solve(method, samples, &Prior::default()));
     start.elapsed().as_secs_f64() * 1e3
 }

@@ -6,86 +6,81 @@ use std::process::ExitCode;
 
 use comfy_table::Table;
 use host_sim::emulator::{self, Emulator, EmulatorError};
-use host_sim::log::write::{self, Recorded, Recording};
-use host_sim::mission::{self, Flown, Plan, Stage, Streamed};
+use host_sim::log::write::{self, FlightRecording, RecordingModule};
+use host_sim::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
 use host_sim::module::Module;
-use host_sim::report::{self, Made};
+use host_sim::report::{self, ReportOrigin};
 use host_sim::rig::Rig;
-use host_sim::score::{Errors, Figures};
-use host_sim::transcript::Notice;
+use host_sim::score::{ErrorStatistics, HeadingErrors};
+use host_sim::transcript::SolveNotice;
 use host_sim::world::WorldConfig;
-use host_sim::world::aircraft::Kind;
+use host_sim::world::aircraft::VehicleKind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::interruption::{Interruption, Second};
-use super::print::{self, coefficients, command_line, right_aligned, say, table, write_report};
-use super::{Emulate, Failure, Fly, iron, iron_of};
+use super::print::{self, append_wrapped, coefficients_json, command_line, content_table, right_aligned, write_report};
+use super::termination::{SecondSignal, TerminationSignals};
+use super::{Emulate, Failure, Fly, airframe_json, named_world};
 
-/// Where the report goes when a person does not say.
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
     let (flown, recording) = recorded(&mut Rig::new(world(options)?), options);
-    keep(options, recording.as_ref())?;
-    tell(options, &flown)
+    write_log(options, recording.as_ref())?;
+    report_result(options, &flown)
 }
 
-/// `host-sim emulate`.
 pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
-    let interruption = Interruption::awaited(Second::Waits)?;
+    let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
     let flown = Emulator::start_until(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
         let flown = recorded(&mut emulator, &options.fly);
         emulator.take_failure().map_or(Ok(flown), Err)
     });
-    if let Some(code) = interruption.code() {
+    if let Some(code) = interruption.exit_code() {
         return Ok(code);
     }
     let (flown, recording) = flown.map_err(failed)?;
-    keep(&options.fly, recording.as_ref())?;
-    tell(&options.fly, &flown)
+    write_log(&options.fly, recording.as_ref())?;
+    report_result(&options.fly, &flown)
 }
 
-/// `--aircraft` names a kind; before there was more than one it named the iron, and still does.
+/// The world of the options. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {
-    let named = |name: &str| iron(name, options.seed);
-    let world = match (Kind::from_name(&options.aircraft), &options.airframe) {
-        (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.carried_by(kind),
+    let named = |name: &str| named_world(name, options.seed);
+    let world = match (VehicleKind::from_name(&options.aircraft), &options.airframe) {
+        (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
         (None, None) => named(&options.aircraft)?,
         (None, Some(_)) => {
-            let kinds = Kind::ALL.map(Kind::name).join(", ");
+            let kinds = VehicleKind::ALL.map(VehicleKind::name).join(", ");
             return Err(Failure(format!("--aircraft {}: with --airframe it is one of {kinds}", options.aircraft)));
         }
     };
-    let world = if options.current > 0.0 { world.with_current(options.current) } else { world };
-    Ok(WorldConfig { tells_current: options.tell_current, ..world })
+    let world = if options.current > 0.0 { world.with_current_interference(options.current) } else { world };
+    Ok(WorldConfig { reports_current: options.tell_current, ..world })
 }
 
 impl Fly {
-    /// Whether the iron is one that nobody has seen before.
     fn draws_the_airframe(&self) -> bool {
         self.airframe.as_deref().unwrap_or(&self.aircraft) == "random"
     }
 }
 
-/// Prints what came of it and writes the report.
-fn tell(options: &Fly, flown: &Flown) -> Result<ExitCode, Failure> {
+fn report_result(options: &Fly, flown: &MissionResult) -> Result<ExitCode, Failure> {
     if options.json {
-        print::json(summary(flown))?;
+        print::print_json(summary(flown))?;
     } else {
-        print::out(&shown(options, flown));
+        print::print_text(&format_result(options, flown));
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
     if let Some(path) = options.report.as_deref().or(default) {
-        write_report(&report::of_mission(flown, &made(options)), path)?;
+        write_report(&report::report_mission(flown, &made(options)), path)?;
     }
     Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// What the page says of how it was made.
-fn made(options: &Fly) -> Made {
+fn made(options: &Fly) -> ReportOrigin {
     let setting = |name: &str, value: String| [name.to_owned(), value];
     let mut settings = vec![
         setting("aircraft", options.aircraft.clone()),
@@ -97,31 +92,30 @@ fn made(options: &Fly) -> Made {
         settings.push(setting("iron by current", format!("{} uT{told}", options.current)));
     }
     settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
-    Made { command: command_line(), settings, ..Made::default() }
+    ReportOrigin { command: command_line(), settings, ..ReportOrigin::default() }
 }
 
-/// Flies, and takes down what the autopilot would have logged if that was asked for.
-fn recorded(module: &mut impl Module, options: &Fly) -> (Flown, Option<Recording>) {
+/// Flies, recording the flight if a log was requested.
+fn recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Option<FlightRecording>) {
     if options.record.is_none() {
         return (fly(module, options), None);
     }
-    let mut module = Recorded::new(module);
+    let mut module = RecordingModule::new(module);
     let flown = fly(&mut module, options);
     (flown, Some(module.recording))
 }
 
-/// Writes the log.
-fn keep(options: &Fly, recording: Option<&Recording>) -> Result<(), Failure> {
+fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), Failure> {
     let (Some(path), Some(recording)) = (&options.record, recording) else { return Ok(()) };
-    std::fs::write(path, write::named(path, recording))
+    std::fs::write(path, write::encode_for_path(path, recording))
         .map_err(|error| Failure(format!("cannot write {}: {error}; --record names another file", path.display())))
 }
 
-/// Flies with one progress bar for each stage. Bars go to the error output, and only to a terminal.
-fn fly(module: &mut impl Module, options: &Fly) -> Flown {
+/// Flies with a progress bar for each stage, on the error output if that is a terminal.
+fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
     const TICKS: u64 = 1000;
-    let mut current: Option<(Stage, ProgressBar)> = None;
-    let plan = Plan { bank_deg: options.bank, circles: options.circles };
+    let mut current: Option<(MissionStage, ProgressBar)> = None;
+    let plan = TurnPlan { bank_deg: options.bank, circles: options.circles };
     let flown = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish(current.take());
@@ -139,26 +133,25 @@ fn fly(module: &mut impl Module, options: &Fly) -> Flown {
     flown
 }
 
-fn finish(current: Option<(Stage, ProgressBar)>) {
+fn finish(current: Option<(MissionStage, ProgressBar)>) {
     if let Some((_, bar)) = current {
         bar.finish();
     }
 }
 
-/// The JSON object that scripts depend on.
-fn summary(flown: &Flown) -> Value {
-    let (before, after) = (flown.before.figures(), flown.after.figures());
+fn summary(flown: &MissionResult) -> Value {
+    let (before, after) = (flown.before.statistics(), flown.after.statistics());
     let shown = flown.result.as_ref().ok();
     let refusal = match &flown.result {
-        Err(Notice::Refused { code, words }) => json!({ "code": code, "words": words }),
-        Err(Notice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
+        Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
+        Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
         Ok(_) => Value::Null,
     };
     json!({
         "accepted": shown.is_some(),
         "refusal": refusal,
         "method": shown.map(|s| &s.method),
-        "coefficients": shown.map(|s| coefficients(&s.calibration)),
+        "coefficients": shown.map(|s| coefficients_json(&s.calibration)),
         "inclination_deg": shown.map(|s| s.calibration.inclination_rad.to_degrees()),
         "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
         "before": before,
@@ -166,22 +159,22 @@ fn summary(flown: &Flown) -> Value {
         "streamed": flown.streamed,
         "duration_s": flown.duration_s,
         "aircraft": flown.world.aircraft.kind.name(),
-        "airframe": iron_of(&flown.world),
+        "airframe": airframe_json(&flown.world),
         "seed": flown.world.seed,
     })
 }
 
-fn shown(options: &Fly, flown: &Flown) -> String {
+fn format_result(options: &Fly, flown: &MissionResult) -> String {
     let mut text = String::new();
     if options.console {
-        let session = flown.session.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
+        let session = flown.transcript.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
         let _ = writeln!(text, "{session}\n");
     }
     let _ =
         writeln!(text, "Heading error in degrees, indicated less true\n{}", errors_table(&flown.before, &flown.after));
     match &flown.result {
         Ok(shown) => {
-            say(
+            append_wrapped(
                 &mut text,
                 "",
                 &format!(
@@ -189,19 +182,21 @@ fn shown(options: &Fly, flown: &Flown) -> String {
                     shown.method,
                     shown.expected_rms_deg,
                     shown.expected_worst_deg,
-                    words(&flown.after.figures())
+                    words(&flown.after.statistics())
                 ),
             );
-            say(&mut text, "", &format!("uncalibrated: {}", words(&flown.before.figures())));
+            append_wrapped(&mut text, "", &format!("uncalibrated: {}", words(&flown.before.statistics())));
         }
-        Err(Notice::Refused { code, words }) => say(&mut text, "", &format!("the module refused: {code}: {words}")),
-        Err(Notice::Calibrated(words)) => {
-            say(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
+        Err(SolveNotice::Refused { code, words }) => {
+            append_wrapped(&mut text, "", &format!("the module refused: {code}: {words}"));
+        }
+        Err(SolveNotice::Calibrated(words)) => {
+            append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
         }
     }
     if let Some(streamed) = &flown.streamed {
-        let Streamed { headings, rms_deg, max_deg, within_percent: [one, two], .. } = streamed;
-        say(
+        let OutputStatistics { headings, rms_deg, max_deg, within_percent: [one, two], .. } = streamed;
+        append_wrapped(
             &mut text,
             "",
             &format!(
@@ -209,22 +204,33 @@ fn shown(options: &Fly, flown: &Flown) -> String {
                  and age included)"
             ),
         );
-        say(&mut text, "", &format!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %"));
+        append_wrapped(
+            &mut text,
+            "",
+            &format!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %"),
+        );
     }
     let _ = writeln!(text, "{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
     if options.draws_the_airframe() {
-        let _ = write!(text, "the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.iron_file());
+        let _ = write!(text, "the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.airframe_toml());
     }
     text
 }
 
-fn words(figures: &Figures) -> String {
+fn words(figures: &ErrorStatistics) -> String {
     format!("{:.2} rms, {:.2} at worst, {:.2} constant", figures.rms_deg, figures.max_deg, figures.mean_deg)
 }
 
-fn errors_table(before: &Errors, after: &Errors) -> Table {
-    let mut table =
-        table(["heading", "before:\nlevel", "\nright 25", "\nleft 25", "after:\nlevel", "\nright 25", "\nleft 25"]);
+fn errors_table(before: &HeadingErrors, after: &HeadingErrors) -> Table {
+    let mut table = content_table([
+        "heading",
+        "before:\nlevel",
+        "\nright 25",
+        "\nleft 25",
+        "after:\nlevel",
+        "\nright 25",
+        "\nleft 25",
+    ]);
     for step in 0..12 {
         let errors = before.0.iter().chain(&after.0).map(|bank| right_aligned(format!("{:.2}", bank[step])));
         table.add_row(std::iter::once(right_aligned(format!("{}", step * 30))).chain(errors));
@@ -249,13 +255,16 @@ mod tests {
         assert_eq!(asked(&[]), Ok(WorldConfig::table1(1)));
         assert_eq!(asked(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
         assert_eq!(asked(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
-        for kind in Kind::ALL {
-            assert_eq!(asked(&["--aircraft", kind.name()]), Ok(WorldConfig::table1(1).carried_by(kind)));
+        for kind in VehicleKind::ALL {
+            assert_eq!(asked(&["--aircraft", kind.name()]), Ok(WorldConfig::table1(1).with_vehicle_kind(kind)));
             let random = asked(&["--aircraft", kind.name(), "--airframe", "random", "--seed", "3"]);
-            assert_eq!(random, Ok(WorldConfig::random(3).carried_by(kind)));
+            assert_eq!(random, Ok(WorldConfig::random(3).with_vehicle_kind(kind)));
         }
         let current = asked(&["--aircraft", "copter", "--current", "12"]);
-        assert_eq!(current, Ok(WorldConfig::table1(1).carried_by(Kind::Copter).with_current(12.0)));
+        assert_eq!(
+            current,
+            Ok(WorldConfig::table1(1).with_vehicle_kind(VehicleKind::Copter).with_current_interference(12.0))
+        );
     }
 
     #[test]

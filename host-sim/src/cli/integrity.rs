@@ -3,32 +3,32 @@
 use std::process::ExitCode;
 
 use comfy_table::Table;
-use host_sim::integrity::{self, CASES, Case, Plan, Row, case};
-use host_sim::world::aircraft::Kind;
+use host_sim::integrity::{self, CASES, Case, IntegrityPlan, IntegrityRow, case};
+use host_sim::world::aircraft::VehicleKind;
 
-use super::print::{self, narrow_table, right_aligned, words_table};
+use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
-    let is_to_be_had = |case: &Case| case.is_for(aircraft) && case.is_of(source);
+    let is_to_be_had = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
         list(&is_to_be_had);
         return Ok(ExitCode::SUCCESS);
     }
     let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
-    let plan = Plan { flights: options.flights, seed: options.seed, heading, aircraft, source };
+    let plan = IntegrityPlan { flights: options.flights, seed: options.seed, heading, aircraft, source };
     let bar = progress("flights", integrity::flights(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
     if options.json {
-        print::json(&rows)?;
+        print::print_json(&rows)?;
     } else {
-        let [calibrations, headings] = shown(&rows);
-        print::line(format_args!("{calibrations}\n{headings}"));
-        print::line("true/expected: errors of accepted calibrations, median and worst");
-        print::line("iron: what is told of iron that moved less what did, of its size, median");
-        print::line("bad, worst, rms: headings that are sent as good, degrees");
+        let [calibrations, headings] = format_tables(&rows);
+        print::print_line(format_args!("{calibrations}\n{headings}"));
+        print::print_line("true/expected: errors of accepted calibrations, median and worst");
+        print::print_line("iron: error of the reported hard-iron change, as a part of its size, median");
+        print::print_line("bad, worst, rms: headings that are sent as good, degrees");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -36,30 +36,30 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
 fn chosen(
     names: &[String],
     is_to_be_had: &dyn Fn(&Case) -> bool,
-    aircraft: Kind,
+    aircraft: VehicleKind,
 ) -> Result<Vec<&'static Case>, Failure> {
     if names.is_empty() {
         return Ok(CASES.iter().filter(|case| is_to_be_had(case)).collect());
     }
     let of = |name: &String| {
-        let case = case::named(name).filter(|case| is_to_be_had(case));
+        let case = case::find_by_name(name).filter(|case| is_to_be_had(case));
         case.ok_or_else(|| {
-            Failure(format!("no case {name} of a {} by this source; --case list shows them", aircraft.name()))
+            Failure(format!("no case {name} for a {} with this source; --case list shows all", aircraft.name()))
         })
     };
     names.iter().map(of).collect()
 }
 
 fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
-    let mut table = words_table(["case", "what is wrong"]);
+    let mut table = wrapped_table(["case", "fault"]);
     for case in CASES.iter().filter(|case| is_to_be_had(case)) {
-        table.add_row([case.name, case.says]);
+        table.add_row([case.name, case.description]);
     }
-    print::line(table);
+    print::print_line(table);
 }
 
-/// Two tables, for a terminal has no room for one: of calibrations, and of headings.
-fn shown(rows: &[Row]) -> [Table; 2] {
+/// Formats a table of calibrations and one of headings, since one would be too wide for a terminal.
+fn format_tables(rows: &[IntegrityRow]) -> [Table; 2] {
     let mut calibrations =
         narrow_table(["case", "flights", "accepted,\n%", "wrong,\n%", "true/\nexpected", "iron,\n%", "alarms\nper h"]);
     let mut headings =

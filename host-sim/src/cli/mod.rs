@@ -1,37 +1,36 @@
-//! Commands, their options, and how they end.
+//! Commands, options and exit codes.
 
 mod accuracy;
 mod bench;
 mod fly;
 mod integrity;
-mod interruption;
 mod print;
 mod range;
 mod replay;
 mod serve;
 mod table1;
+mod termination;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use host_sim::integrity::Source;
+use host_sim::integrity::AttitudeProtocol;
 use host_sim::world::WorldConfig;
-use host_sim::world::airframe::Description;
+use host_sim::world::airframe::AirframeDescription;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use interruption::Interruption;
 use range::{
     age, airframes, any, bank, circles, compass, current, draws, flights, inclination, minutes, seconds, system,
 };
+use termination::TerminationSignals;
 
-/// Flies the firmware of the Autoswing heading module in a simulated aircraft.
+/// Fly the firmware of the Autoswing heading module in a simulated aircraft.
 ///
-/// Everything runs in virtual time and is a function of the seed: the same command prints the same bytes. Only `serve` and
-/// `console` go with the clock on the wall, and with what comes in.
-/// Exit codes: 0 calibrated, 1 the module refused, 2 the command was wrong; 130 ended by Ctrl-C, 141 nobody reads what is
-/// printed. What --json prints is described in docs/json.md.
+/// Everything runs in virtual time and depends on the seed only: the same command prints the same bytes. Only `serve`
+/// and `console` follow the wall clock and their inputs. Exit codes: 0 calibrated, 1 the module refused, 2 wrong
+/// command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of --json.
 #[derive(Parser)]
 #[command(version, about, long_about, args_conflicts_with_subcommands = true, term_width = print::WIDTH)]
 struct Cli {
@@ -41,7 +40,7 @@ struct Cli {
     fly: Fly,
 }
 
-// What each does is said where its options are: here it would hide all but the first line of that.
+// No doc comments on these variants: they would replace the commands' own long help.
 #[derive(Subcommand)]
 enum Command {
     Fly(Fly),
@@ -65,11 +64,11 @@ enum Bench {
 
 /// Compare the methods on the aircraft of Liu 2007 table 1.
 ///
-/// The airframe is the one fitted to the published errors. It stands at pitch zero, tilted 20 deg to either side, as in
-/// the paper's experiment: at twelve headings without noise, and at 256 with a LIS3MDL's.
+/// The airframe is fitted to the published errors. As in the paper's experiment it is tilted 20 deg to either side at
+/// zero pitch: at 12 headings without noise, and at 256 with the noise of a LIS3MDL.
 #[derive(Args)]
 struct Table1 {
-    /// Seed of the sensor's noise: 0 to 18446744073709551615
+    /// Seed of the sensor's noise, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// Print one JSON object instead of the tables
@@ -77,34 +76,34 @@ struct Table1 {
     json: bool,
 }
 
-/// Random airframes: heading error of each method over the Cramer-Rao bound, and whether sigma is true.
+/// Random airframes: heading error of each method relative to the Cramer-Rao bound, and accuracy of sigma.
 ///
 /// Soft iron to 30 %, hard iron to 3 times the horizontal field, mounting to 20 deg, inclination -70 to 75 deg, turns
 /// at 15 to 45 deg of bank that wander by 2 deg, 192 samples a side, sensor noise 0.3 to 1 %, attitude noise 0.2 to 1
-/// deg. The bound has heading, roll and pitch of every sample among its unknowns. 500 airframes take about two minutes.
+/// deg. Heading, roll and pitch of every sample are unknowns of the bound. 500 airframes take about two minutes.
 ///
-/// Of a copter or a VTOL, or with --pattern or --minutes, whole flights are flown, ten samples a second, of which the module
-/// keeps what it can; the attitude noise grows by 0.4 deg for each m/s^2 of acceleration. The bound is then that of as many
-/// readings, the best of the flight, chosen afterwards (greedy, D-optimal); the errors are those level and at 20 deg of
-/// tilt to eight sides, of an aeroplane level and at 30 deg of bank.
+/// For a copter or a VTOL, or with --pattern or --minutes, whole flights are flown at ten samples a second, from which
+/// the module selects; attitude noise grows by 0.4 deg for each m/s^2 of acceleration. The bound is that of equally
+/// many readings, the best of the flight, selected afterwards (greedy, D-optimal); errors are evaluated level and at 20
+/// deg of tilt to eight sides, for an aeroplane level and at 30 deg of bank.
 #[derive(Args)]
 struct Accuracy {
-    /// What flies
+    /// Kind of aircraft
     #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
     aircraft: AircraftArgument,
-    /// What is flown, or these, one row each [default: all three; of an aeroplane turns alone, all of them solved]
+    /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
     #[arg(long = "pattern", value_enum, value_name = "routine|mirrored|wandering")]
     patterns: Vec<PatternArgument>,
-    /// How long a flight is, minutes, 1 to 120 [default: 3]
+    /// Duration of a flight, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = minutes)]
     minutes: Option<f64>,
-    /// Airframes, 1 to 1000000
+    /// Number of airframes, 1 to 1000000
     #[arg(long, default_value_t = 500, value_name = "N", value_parser = airframes)]
     airframes: u64,
     /// Draws of the noise for each airframe, 1 to 100000
     #[arg(long, default_value_t = 60, value_name = "N", value_parser = draws)]
     draws: u64,
-    /// Seed of the first airframe; the others follow: 0 to 18446744073709551615
+    /// Seed of the first airframe, incremented for the others, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
     /// Print one JSON object instead of the table
@@ -112,7 +111,6 @@ struct Accuracy {
     json: bool,
 }
 
-/// What flies in a study.
 #[derive(Clone, Copy, ValueEnum)]
 enum AircraftArgument {
     Plane,
@@ -120,7 +118,7 @@ enum AircraftArgument {
     Vtol,
 }
 
-impl From<AircraftArgument> for host_sim::world::aircraft::Kind {
+impl From<AircraftArgument> for host_sim::world::aircraft::VehicleKind {
     fn from(argument: AircraftArgument) -> Self {
         match argument {
             AircraftArgument::Plane => Self::Plane,
@@ -130,7 +128,6 @@ impl From<AircraftArgument> for host_sim::world::aircraft::Kind {
     }
 }
 
-/// What is flown in a study.
 #[derive(Clone, Copy, ValueEnum)]
 enum PatternArgument {
     Routine,
@@ -138,7 +135,7 @@ enum PatternArgument {
     Wandering,
 }
 
-impl From<PatternArgument> for host_sim::accuracy::flight::Pattern {
+impl From<PatternArgument> for host_sim::accuracy::flight::FlightPattern {
     fn from(argument: PatternArgument) -> Self {
         match argument {
             PatternArgument::Routine => Self::Routine,
@@ -148,31 +145,31 @@ impl From<PatternArgument> for host_sim::accuracy::flight::Pattern {
     }
 }
 
-/// Faults in flight and while calibrating: how much of what is sent as good is not.
+/// Faults in flight and during calibration: fraction of wrong headings among those sent as good.
 ///
-/// Random airframes at random places calibrate and fly on for three minutes with the firmware's own tasks; something is
-/// wrong with the sensor, the attitude source, the airframe's iron or the place. A heading is bad when its error is
-/// more than four of the sigmas sent with it and more than 5 deg. A calibration is wrong when its true error is more
-/// than three times the one it expects. An alarm is a period without headings that begins while nothing is wrong. 100
-/// flights of every case take some five minutes on two cores.
+/// Random airframes at random places calibrate and fly on for three minutes with the firmware's own tasks, with a fault
+/// of the sensor, the attitude source, the airframe's iron or the place. A heading is bad if its error exceeds four of
+/// the sigmas sent with it and 5 deg. A calibration is wrong if its true error is more than three times the expected
+/// one. An alarm is a period without headings that begins without a fault. 100 flights of every case take about five
+/// minutes on two cores.
 #[derive(Args)]
 struct Integrity {
-    /// What flies: a copter or a VTOL calibrates by its routine, and is turned and pushed about in hover
+    /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
     #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
     aircraft: AircraftArgument,
-    /// Flights of each case, 1 to 100000; of the flight of ten hours one
+    /// Flights of each case, 1 to 100000; the ten-hour case is flown once
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = flights)]
     flights: u64,
-    /// Seed of the first flight; the others follow: 0 to 18446744073709551615
+    /// Seed of the first flight, incremented for the others, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
-    /// Only this case, or these; `list` shows them
+    /// Run only this case; may be repeated; `list` shows the cases
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
-    /// What the attitude comes by
+    /// Protocol of the attitude source
     #[arg(long, value_enum, default_value = "mavlink", value_name = "mavlink|msp")]
     source: SourceArgument,
-    /// Which heading is sent: the raw one, or the smooth one where there is one
+    /// Heading that is sent: raw, or smoothed if available
     #[arg(long, value_enum, default_value = "smooth", value_name = "raw|smooth")]
     heading: HeadingArgument,
     /// Print a JSON list of one object a case instead of the table
@@ -180,7 +177,6 @@ struct Integrity {
     json: bool,
 }
 
-/// Which heading is sent.
 #[derive(Clone, Copy, ValueEnum)]
 enum HeadingArgument {
     Raw,
@@ -196,16 +192,15 @@ impl From<HeadingArgument> for autoswing::settings::HeadingKind {
     }
 }
 
-/// Protocols of attitude sources.
 #[derive(Clone, Copy, ValueEnum)]
 enum SourceArgument {
     /// With body rates
     Mavlink,
-    /// Asked for, in tenths of a degree, without rates
+    /// Polled, in tenths of a degree, without body rates
     Msp,
 }
 
-impl From<SourceArgument> for Source {
+impl From<SourceArgument> for AttitudeProtocol {
     fn from(argument: SourceArgument) -> Self {
         match argument {
             SourceArgument::Mavlink => Self::Mavlink,
@@ -214,7 +209,7 @@ impl From<SourceArgument> for Source {
     }
 }
 
-/// Time of a solve by each method, and simulated seconds a second of flight, on this machine
+/// Solve time of each method, and simulated seconds a second, on this machine
 #[derive(Args)]
 struct Speed {
     /// Print one JSON object instead of the text
@@ -222,61 +217,59 @@ struct Speed {
     json: bool,
 }
 
-/// Judge the compasses of a flight from its log, and send each through the module's own collection and solver.
+/// Evaluate the compasses of a flight log, and run the module's collection and solver on each.
 ///
-/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg), and tables are known by their content; `-` is
-/// standard input. What the autopilot had applied to the field is undone, the age of the logged field is found from the
-/// flight, and headings by the autopilot's own parameters, by a sphere, an ellipsoid and the module are compared with the
-/// best heading that the log has. A simulator's own attitude (SIM, SIMSTATE) is used for that where there is one, and for
-/// nothing else.
+/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), of PX4 (.ulg) and tables are recognised by content; `-`
+/// is standard input. The autopilot's own correction is undone, the latency of the logged field is estimated from the
+/// flight, and headings by the autopilot's parameters, a sphere fit, an ellipsoid fit and the module are compared with
+/// the best reference heading in the log. A simulator's true attitude (SIM, SIMSTATE) is used as reference only.
 ///
-/// A table has values separated by comma, semicolon or tab, with names in the first line: t_s (seconds), mx, my, mz (raw
-/// field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional: `use` (0 keeps
-/// a row out), p_dps, q_dps, r_dps (body rates, deg/s, each the mean since the row before), yaw_ref_deg (to compare with),
-/// yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, speed_m_s and course_deg (over ground,
-/// from true north), armed (0 or 1), and mx2, my2, mz2 of a second compass, up to the eighth. A line that cannot be read
-/// costs that line.
+/// A table has values separated by comma, semicolon or tab, with column names in the first line: t_s (seconds), mx, my,
+/// mz (raw field; body axes forward, right, down), roll_deg, pitch_deg (right wing down, nose up positive). Optional:
+/// `use` (0 excludes a row), p_dps, q_dps, r_dps (body rates, deg/s, each the mean since the row before), yaw_ref_deg
+/// (reference heading), yaw_deg (the autopilot's, from true north), current_a, lat_deg, lon_deg, height_m, speed_m_s
+/// and course_deg (over ground, from true north), armed (0 or 1), and mx2, my2, mz2 of a second compass, up to the
+/// eighth. Invalid lines are skipped.
 ///
-/// Exit codes: 0 the module would calibrate with one of the compasses, 1 with none, 2 the file cannot be read.
+/// Exit codes: 0 the module would calibrate with at least one compass, 1 with none, 2 the file cannot be read.
 #[derive(Args)]
 struct Replay {
     /// The log; `-` is standard input
     file: PathBuf,
-    /// Which rows the module is given: what it would have kept of whatever was flown (`flight`), until that is good enough;
-    /// `all` usable ones, evenly thinned to what the device holds; or what its `turns` detector would have kept
+    /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
+    /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
     #[arg(long, value_enum, default_value = "flight", value_name = "flight|all|turns")]
     samples: SamplesArgument,
-    /// Only this compass, 1 to 8, as the autopilot counts them
+    /// Evaluate only this compass, by the autopilot's number, 1 to 8
     #[arg(long, value_name = "N", value_parser = compass)]
     compass: Option<u8>,
-    /// Of a MAVLink log with several vehicles this one, 1 to 255, by the number of its system; without it, the first that is
-    /// heard
+    /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
     #[arg(long, value_name = "N", value_parser = system)]
     system: Option<u8>,
-    /// How old the logged field is at its time stamp, milliseconds, -200 to 500; without it, it is found from the flight
+    /// Latency of the logged field at its time stamp, milliseconds, -200 to 500 [default: estimated from the flight]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = age)]
     age: Option<f64>,
     /// Write the parameters of the compasses that would have calibrated
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Whose parameters [default: those of the autopilot that wrote the log, else ArduPilot's]
+    /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
     #[arg(long, value_enum, value_name = "ardupilot|px4|inav")]
-    params_for: Option<DialectArgument>,
+    params_for: Option<ParameterFormatArgument>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
     #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
     unit: UnitArgument,
-    /// Inclination of the Earth field there, degrees, -90 to 90, positive down; without it, that of the field model where
-    /// the log tells place and day, unless the samples contradict it, or else what they show
+    /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
+    /// place and day and the samples do not contradict it, else estimated]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = inclination)]
     inclination: Option<f64>,
-    /// Fit only to rows before this time, seconds of the log, -1000000000 to 1000000000
+    /// Fit only rows before this time of the log, seconds, -1000000000 to 1000000000
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     fit_until: Option<f64>,
-    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg of every row of the first compass; the last two
-    /// are empty where there is no smooth heading
+    /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg for every row of the first compass; the last
+    /// two are empty without a smoothed heading
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Write the page: a folder for its index.html, or a file (.html; a .svg gets the picture of before and after alone)
+    /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
     #[arg(long, value_name = "DIR|FILE")]
     report: Option<PathBuf>,
     /// Print one JSON object instead of the table
@@ -291,7 +284,7 @@ enum SamplesArgument {
     Flight,
 }
 
-impl From<SamplesArgument> for host_sim::replay::Selected {
+impl From<SamplesArgument> for host_sim::replay::RowSelection {
     fn from(argument: SamplesArgument) -> Self {
         match argument {
             SamplesArgument::All => Self::All,
@@ -301,20 +294,19 @@ impl From<SamplesArgument> for host_sim::replay::Selected {
     }
 }
 
-/// Whose parameters are written.
 #[derive(Clone, Copy, ValueEnum)]
-enum DialectArgument {
+enum ParameterFormatArgument {
     Ardupilot,
     Px4,
     Inav,
 }
 
-impl From<DialectArgument> for host_sim::replay::parameters::Dialect {
-    fn from(argument: DialectArgument) -> Self {
+impl From<ParameterFormatArgument> for host_sim::replay::parameter_export::ParameterFormat {
+    fn from(argument: ParameterFormatArgument) -> Self {
         match argument {
-            DialectArgument::Ardupilot => Self::ArduPilot,
-            DialectArgument::Px4 => Self::Px4,
-            DialectArgument::Inav => Self::Inav,
+            ParameterFormatArgument::Ardupilot => Self::ArduPilot,
+            ParameterFormatArgument::Px4 => Self::Px4,
+            ParameterFormatArgument::Inav => Self::Inav,
         }
     }
 }
@@ -325,7 +317,7 @@ enum UnitArgument {
     Ut,
 }
 
-impl From<UnitArgument> for host_sim::log::csv::Unit {
+impl From<UnitArgument> for host_sim::log::csv::FieldUnit {
     fn from(argument: UnitArgument) -> Self {
         match argument {
             UnitArgument::Mg => Self::Milligauss,
@@ -334,29 +326,30 @@ impl From<UnitArgument> for host_sim::log::csv::Unit {
     }
 }
 
-/// Take off uncalibrated, fly the calibration routine, restart, fly on with a right heading (the default).
+/// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
 ///
-/// The routine is what a person flies, drives or steers by hand with such a vehicle; all of them are listed below. The
-/// table compares heading errors before and after the calibration at twelve headings in level flight and in turns, with
-/// exact field and true attitude. The error of the streamed headings in flight, with noise and age, is shown apart.
+/// The routine is flown or driven as by hand; those of all vehicles are listed below. The table compares heading errors
+/// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
+/// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
 #[derive(Args)]
-#[command(after_long_help = format!("Routines, none longer than three minutes; each solves by itself, `cal solve` at its end takes what there is:\n\n{}", host_sim::routine::all_words()))]
+#[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", host_sim::routine::all_instructions()))]
 struct Fly {
-    /// Seed of weather, ground, waves, noise and, for `random`, of the airframe and the place: 0 to 18446744073709551615
+    /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
     seed: u64,
-    /// What flies: `plane`, `copter`, `vtol`, `rover` or `boat`; or an aeroplane with the iron that --airframe would name
+    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe, flown as an
+    /// aeroplane
     #[arg(long, default_value = "plane", value_name = "plane|copter|vtol|rover|boat")]
     aircraft: String,
-    /// Iron of it: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an airframe file such as
-    /// host-sim/airframes/example.toml [default: table1]
+    /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
+    /// airframe file such as host-sim/airframes/example.toml [default: table1]
     #[arg(long, value_name = "table1|random|FILE")]
     airframe: Option<String>,
-    /// Iron by current: what the motors add in hover, in level flight or on the flat, microtesla, 0 to 200; it
-    /// follows their current
+    /// Motor-current interference in hover, level flight or on level ground, microtesla, 0 to 200; it follows the
+    /// motors' current
     #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
     current: f64,
-    /// The autopilot measures that current, and tells it
+    /// Let the autopilot measure and report that current
     #[arg(long)]
     tell_current: bool,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
@@ -365,43 +358,43 @@ struct Fly {
     /// An aeroplane's full circles each way, 0 to 100
     #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
     circles: f64,
-    /// The page of the mission: a folder for its index.html, or a file (.html; a .svg gets the picture of before and after
-    /// alone) [default: report; none with --json]
+    /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
+    /// [default: report; none with --json]
     #[arg(long, value_name = "DIR|FILE")]
     report: Option<PathBuf>,
-    /// Write what the autopilot would have logged, the field raw, ten rows a second: a table, or by the name's end a log of
-    /// ArduPilot (.bin, .log), PX4 (.ulg) or MAVLink (.tlog); `replay` reads them all
+    /// Write a log as the autopilot would, raw field, ten rows a second: by the file's extension of ArduPilot (.bin,
+    /// .log), PX4 (.ulg) or MAVLink (.tlog), else a table; `replay` reads all of them
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-    /// Show the console session, as the pilot saw it
+    /// Show the console session as the pilot sees it
     #[arg(long)]
     console: bool,
 }
 
-/// The same with the firmware as ARM code, in QEMU.
+/// Fly the mission with the firmware as ARM code, in QEMU.
 ///
 /// QEMU's mps2-an386 is a Cortex-M4F with QEMU's own magnetometer.
 ///
-/// Needs qemu-system-arm, and the image that scripts/build-firmware makes. World and machine move in lockstep, so that
-/// a run is a function of its seed here, too, but for a microsecond at a restart. It takes a minute or two.
+/// Needs qemu-system-arm and the image from scripts/build-firmware. World and machine run in lockstep, so the result
+/// depends on the seed only, except for a microsecond at a restart. It takes a minute or two.
 #[derive(Args)]
 struct Emulate {
     #[command(flatten)]
     fly: Fly,
-    /// The firmware [default: target/firmware/mps2-an386.elf]
+    /// Firmware image [default: target/firmware/mps2-an386.elf]
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
 }
 
-/// Instructions of a Cortex-M4 against their limits, counted in QEMU.
+/// Instruction counts on a Cortex-M4 against their limits, measured in QEMU.
 ///
-/// Needs qemu-system-arm, and the bench image that scripts/build-firmware makes. Exit code 1 when a limit is broken.
+/// Needs qemu-system-arm and the bench image from scripts/build-firmware. Exit code 1 if a limit is exceeded.
 #[derive(Args)]
 struct Budget {
-    /// The bench image [default: target/firmware/mps2-an386-bench.elf]
+    /// Bench image [default: target/firmware/mps2-an386-bench.elf]
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
     /// Print one JSON object instead of the table
@@ -409,19 +402,17 @@ struct Budget {
     json: bool,
 }
 
-/// Why a command could not be carried out at all; exit code 2.
+/// Reason why a command failed; exit code 2.
 struct Failure(String);
 
-/// The world of an iron's name or airframe file.
-fn iron(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
-    WorldConfig::named(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
+fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
+    WorldConfig::from_name(name, seed).map_err(|error| Failure(format!("{}: {error}", error.code())))
 }
 
-/// What a person may want to know of iron and place.
-fn iron_of(world: &WorldConfig) -> Value {
-    let Description { soft_iron, hard_iron_ut, mounting_deg } = Description::from(&world.airframe);
+fn airframe_json(world: &WorldConfig) -> Value {
+    let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
     json!({
-        "soft_iron": soft_iron.map(|row| row.map(|number| print::rounded(number, 4))),
+        "soft_iron": soft_iron.map(|row| row.map(|number| print::round_to(number, 4))),
         "hard_iron_ut": hard_iron_ut,
         "mounting_deg": mounting_deg,
         "total_ut": world.earth.total_ut,
@@ -429,7 +420,7 @@ fn iron_of(world: &WorldConfig) -> Value {
     })
 }
 
-/// How far something is that takes long: on the error output, and only where that is a terminal.
+/// Progress bar on the error output, if that is a terminal.
 fn progress(words: &str, of: u64) -> ProgressBar {
     let bar = ProgressBar::new(of);
     if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
@@ -438,28 +429,27 @@ fn progress(words: &str, of: u64) -> ProgressBar {
     bar
 }
 
-/// That something takes long, where nobody knows how far it is.
+/// Spinner for a task of unknown duration.
 fn waiting(words: &'static str) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(words);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     bar
 }
 
-/// Reads the command line and carries it out.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let command = cli.command.unwrap_or(Command::Fly(cli.fly));
-    print::ending(carry_out(&command).unwrap_or_else(|Failure(why)| {
-        print::complain(format_args!("host-sim: {why}"));
+    print::final_exit_code(carry_out(&command).unwrap_or_else(|Failure(why)| {
+        print::print_error(format_args!("host-sim: {why}"));
         ExitCode::from(2)
     }))
 }
 
 fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
     match command {
-        // These have something to clear away first.
+        // These commands need clean-up.
         Command::Emulate(_) | Command::Serve(_) | Command::Console(_) | Command::Bench(Bench::Budget(_)) => {}
-        _ => Interruption::ends()?,
+        _ => TerminationSignals::exit_immediately()?,
     }
     match command {
         Command::Fly(options) => fly::run(options),
@@ -476,4 +466,108 @@ fn carry_out(command: &Command) -> Result<ExitCode, Failure> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::print::WIDTH;
+    use super::*;
+
+    /// All commands with their full name, such as `bench speed`.
+    fn commands() -> Vec<(Vec<String>, clap::Command)> {
+        let mut cli = Cli::command();
+        cli.build();
+        let mut found = vec![(vec![], cli)];
+        let mut at = 0;
+        while at < found.len() {
+            let (name, command) = found[at].clone();
+            found.extend(command.get_subcommands().filter(|command| command.get_name() != "help").map(|command| {
+                let name = name.iter().cloned().chain([command.get_name().to_owned()]).collect();
+                (name, command.clone())
+            }));
+            at += 1;
+        }
+        found
+    }
+
+    #[test]
+    fn no_help_is_wider_than_a_terminal() {
+        let commands = commands();
+        assert_eq!(commands.len(), 12, "itself, bench, and ten that do something");
+        for (name, mut command) in commands {
+            for help in [command.render_help(), command.render_long_help()] {
+                for line in help.to_string().lines() {
+                    assert!(line.chars().count() <= WIDTH, "{name:?}: {line}");
+                }
+            }
+        }
+    }
+
+    /// The last range `MIN to MAX` in a text.
+    fn range(text: &str) -> Option<(String, String)> {
+        let is_of_a_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+        let (before, after) = text.rsplit_once(" to ")?;
+        let min = before.rsplit(|c| !is_of_a_number(c)).next()?;
+        let max = after.split(|c| !is_of_a_number(c)).next()?;
+        (!min.is_empty() && !max.is_empty()).then(|| (min.to_owned(), max.to_owned()))
+    }
+
+    fn refused(name: &[String], option: &str, value: &str, takes_a_file: bool) -> Option<String> {
+        let whole = format!("--{option}={value}");
+        let file = takes_a_file.then(|| "log.csv".to_owned());
+        let words = ["host-sim".to_owned()].into_iter().chain(name.iter().cloned()).chain([whole]).chain(file);
+        Cli::try_parse_from(words).err().map(|error| error.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
+    }
+
+    /// The ends of the range in the help are accepted, values beyond are refused, and the error message has the same range.
+    #[test]
+    fn every_number_has_its_range_in_the_help_and_in_the_refusal() {
+        let numbers = ["N", "DEG", "UT", "MINUTES", "MS", "SECONDS", "PORT"];
+        let mut seen = 0;
+        for (name, command) in commands() {
+            let takes_a_file = name == ["replay"];
+            for option in command.get_arguments() {
+                let is_number = option.get_value_names().is_some_and(|of| numbers.contains(&of[0].as_str()));
+                let Some(long) = option.get_long().filter(|_| is_number) else { continue };
+                let help = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
+                // A help text may have two ranges; the first is the number's.
+                let (min, max) = help
+                    .match_indices(" to ")
+                    .find_map(|(at, _)| range(&help[..help.len().min(at + 4 + 24)]))
+                    .unwrap_or_else(|| panic!("{name:?} --{long} has no range: {help}"));
+                let beyond = |end: &str, by: i128| {
+                    end.parse::<i128>().map_or_else(|_| "-1".to_owned(), |end| (end + by).to_string())
+                };
+                for good in [&min, &max] {
+                    assert_eq!(refused(&name, long, good, takes_a_file), None, "{name:?} --{long} {good}");
+                }
+                for bad in [beyond(&min, -1), beyond(&max, 1), "x".to_owned(), "nan".to_owned(), String::new()] {
+                    let error =
+                        refused(&name, long, &bad, takes_a_file).unwrap_or_else(|| panic!("{name:?} --{long} {bad}"));
+                    assert!(error.contains(&format!(", {min} to {max}")), "{name:?} --{long} {bad}: {error}");
+                }
+                seen += 1;
+            }
+        }
+        assert!(seen >= 25, "{seen}");
+    }
+
+    /// Existing files that the help names, by their path from the repository's root.
+    #[test]
+    fn paths_in_the_help_are_those_of_the_repository() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let mut seen = 0;
+        for (_, mut command) in commands() {
+            let help = command.render_long_help().to_string();
+            let is_of_a_path = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
+            for word in help.split(|c| !is_of_a_path(c)).map(|word| word.trim_end_matches('.')) {
+                let is_made = word.starts_with("target/");
+                let is_file = [".toml", ".csv", ".md", ".sh"].iter().any(|end| word.ends_with(end));
+                if word.contains('/') && !is_made && (is_file || word.starts_with("scripts/")) {
+                    assert!(root.join(word).is_file(), "{word}");
+                    seen += 1;
+                }
+            }
+        }
+        assert!(seen >= 8, "{seen}");
+    }
+}

@@ -1,4 +1,4 @@
-//! An I2C bus in fast mode (400 kHz) with devices at their addresses.
+//! I2C bus in fast mode (400 kHz).
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -6,28 +6,28 @@ use std::rc::Rc;
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation, SevenBitAddress};
 
-/// Nine clocks (eight bits and the acknowledge) at 400 kHz: 22.5 us a byte.
+/// Nine clocks (eight bits and the acknowledge) at 400 kHz: 22.5 us per byte.
 const NANOSECONDS_PER_BYTE: u64 = 22_500;
 
-/// A device on the bus.
+/// Device on the bus.
 pub trait Target {
-    /// Whether the device answers to this address now.
+    /// Whether the device acknowledges this address now.
     fn acknowledges(&self, address: SevenBitAddress) -> bool;
 
-    /// Bytes written to the device, from a start condition to the next start or stop.
+    /// Bytes written between a start condition and the next start or stop.
     fn write(&mut self, bytes: &[u8]);
 
-    /// Fills `bytes` as the device would.
+    /// Fills `bytes` with the device's data.
     fn read(&mut self, bytes: &mut [u8]);
 }
 
-/// A device that is on the bus and in somebody's hands, who can make it fail.
+/// Device shared between the bus and a test that injects faults.
 pub type SharedTarget = Rc<RefCell<dyn Target>>;
 
-/// What can go wrong on the bus.
+/// Bus error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusError {
-    /// Nothing answered at this address.
+    /// No device acknowledged this address.
     NoAcknowledge(SevenBitAddress),
 }
 
@@ -39,14 +39,14 @@ impl Error for BusError {
     }
 }
 
-/// The bus: a handle, cloned freely. A transaction takes the time of its bytes and happens at its end.
+/// Cloneable handle to the bus. A transaction takes the time of its bytes and takes effect at its end.
 #[derive(Clone, Default)]
 pub struct Bus {
     targets: Rc<RefCell<Vec<SharedTarget>>>,
 }
 
 impl Bus {
-    /// A bus with nothing on it.
+    /// A bus without devices.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -76,7 +76,7 @@ impl I2c for Bus {
             Timer::after(bus_time(1)).await;
             return Err(BusError::NoAcknowledge(address));
         };
-        // Every operation repeats the address. (Adjacent operations of one kind would not: no driver here has them.)
+        // Every operation repeats the address. Adjacent operations of one kind would not, but no driver uses them.
         let bytes: usize = operations.iter().map(|operation| 1 + length(operation)).sum();
         Timer::after(bus_time(bytes)).await;
         let mut target = target.borrow_mut();

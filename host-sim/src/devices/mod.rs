@@ -1,8 +1,7 @@
-//! The module's hardware as its drivers see it: registers, wires, pages. Everything takes its time on the virtual
-//! clock.
+//! Simulated hardware at register and wire level, with realistic timing on the simulation clock.
 //!
-//! A device outlives the module's tasks: keep its handle outside the [`Simulation`](crate::simulation::Simulation),
-//! give the tasks a clone, and it is still there after a reboot.
+//! Devices survive a reboot of the module: keep the handle outside the [`Simulation`](crate::simulation::Simulation)
+//! and give clones to its tasks.
 
 pub mod i2c;
 pub mod lis3mdl;

@@ -1,76 +1,72 @@
-//! What the firmware may cost, in instructions of a Cortex-M4: counted by the bench image, and by the machine's clock.
+//! Instruction budgets of the firmware on a Cortex-M4, counted by the bench image and by the emulator's clock.
 
 use serde::Serialize;
 
 use super::{BenchTest, Emulator, EmulatorError};
-use crate::module::{Module, Ran};
-use crate::world::aircraft::Carried;
+use crate::module::{Module, ModuleRunEnd};
+use crate::world::aircraft::PrescribedMotion;
 
-/// A limit on one way through the firmware.
+/// Instruction limit of a firmware path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Budget {
     /// Short name.
     pub name: &'static str,
-    /// What is counted.
+    /// Description of the path.
     pub of: &'static str,
-    /// Instructions it may take.
+    /// Limit, instructions.
     pub limit: u64,
-    /// Instructions it takes; none if that could not be counted.
+    /// Counted instructions; `None` if not counted.
     pub counted: Option<u64>,
 }
 
 impl Budget {
-    /// Whether it was counted and is within its limit.
+    /// Whether the count exists and is within its limit.
     #[must_use]
-    pub fn is_kept(&self) -> bool {
+    pub fn is_within_limit(&self) -> bool {
         self.counted.is_some_and(|counted| counted <= self.limit)
     }
 }
 
-/// What the bench image prints, and the limits.
+/// Name, description and limit of counts that the bench image prints.
 ///
-/// Of the solve's instructions half are for eight passes over the samples, a quarter looks at what they say besides, and a
-/// sixth is for advice. Where a latency is used, all is looked at again with it, and where iron by current is, until that
-/// stays. It is done below everything that is urgent, in half a second on the reference board, or in one and a half.
+/// A solve spends half of its instructions on eight passes over the samples, a quarter on diagnostics and a sixth on
+/// advice. An estimated attitude latency requires a second solve; motor-current interference is iterated to
+/// convergence. The solve runs at the lowest priority and takes 0.5 to 1.5 s on the reference board.
 const COUNTED_WITHIN: [(&str, &str, u64); 11] = [
-    ("heading", "field and attitude to corrected heading with sigma", 1_200),
-    ("watch", "an averaged sample held against the gyro, below everything that is urgent", 60_000),
-    ("collect", "a sample of a flight that may tell more held against all that were kept, below all else", 2_500_000),
+    ("heading", "field and attitude to corrected heading with sigma", 1_000),
+    ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 26_000),
+    ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),
     ("mavlink-out", "a VISION_POSITION_ESTIMATE, the longest of the messages that are sent often", 4_500),
     ("msp", "the answer to MSP_ATTITUDE, byte by byte", 2_000),
     ("msp-out", "a reading of an autopilot's compass, MSP2_SENSOR_COMPASS", 1_500),
-    ("late", "the solve below of an attitude 60 ms late, which is found and used: solved twice", 38_000_000),
-    ("current", "the solve below with iron by current, which is found and used: solved three times", 76_000_000),
-    ("solve", "maximum likelihood of 2 x 256 samples, judgement and advice included", 25_000_000),
+    ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 27_000_000),
+    ("current", "the solve below with motor-current interference, estimated and used: solved three times", 54_000_000),
+    ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_000_000),
 ];
 
-/// One whole sample.
-const SAMPLE: (&str, &str, u64) = (
-    "sample",
-    "I2C registers to the last byte of three sentences, calibrated, median, with a port for each of two",
-    14_000,
-);
+const SAMPLE: (&str, &str, u64) =
+    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 11_000);
 
-/// Seconds for the solve, at five times less than the board's speed.
+/// Time limit of the solve, seconds, at a fifth of the board's speed.
 const PATIENCE_S: u32 = 30;
 
-/// Counts with the bench image in an emulator that was just started.
+/// Counts instructions with the bench image in a newly started emulator.
 ///
 /// # Errors
 ///
-/// Why the emulator failed meanwhile. What could not be counted is no error: it is `None` in its budget.
-pub fn count(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorError> {
+/// The emulator's failure. A missing count is not an error but `None` in its budget.
+pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorError> {
     emulator.run_for_s(1.0);
-    let sample = whole_way(emulator);
+    let sample = sample_path_instructions(emulator);
     emulator.printed();
-    emulator.ask_bench(BenchTest::Budgets);
+    emulator.request_bench_test(BenchTest::Budgets);
     let mut printed = String::new();
     for _ in 0..PATIENCE_S {
-        // The last of the lines, and whole.
+        // The last line is complete.
         let is_all = printed.split_once("solve: ").is_some_and(|(_, rest)| rest.contains('\n'));
-        if is_all || emulator.run_for_s(1.0) == Ran::Failed {
+        if is_all || emulator.run_for_s(1.0) == ModuleRunEnd::Failed {
             break;
         }
         printed += &emulator.printed();
@@ -84,8 +80,8 @@ pub fn count(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorError> {
     Ok(of_image.chain([Budget { name, of, limit, counted: sample }]).collect())
 }
 
-/// The whole way of a sample in a module that is calibrated, which it is by a compass swing on the ground.
-fn whole_way(emulator: &mut Emulator) -> Option<u64> {
+/// Instructions of the full sample path in a module calibrated by a compass swing.
+fn sample_path_instructions(emulator: &mut Emulator) -> Option<u64> {
     const HEADINGS: u8 = 8;
     let heading_rate_deg_s = 15.0;
     let step_deg = 360.0 / f64::from(HEADINGS);
@@ -93,23 +89,31 @@ fn whole_way(emulator: &mut Emulator) -> Option<u64> {
     emulator.type_line("cal start swing");
     for i in 0..HEADINGS {
         let heading_deg = f64::from(i) * step_deg;
-        emulator.world().carry(Carried { heading_deg, heading_rate_deg_s: 0.0, ..Carried::default() });
+        emulator.world().set_motion(PrescribedMotion {
+            heading_deg,
+            heading_rate_deg_s: 0.0,
+            ..PrescribedMotion::default()
+        });
         emulator.run_for_s(2.0);
         emulator.type_line(&format!("cal mark {heading_deg:.0}"));
-        emulator.world().carry(Carried { heading_deg, heading_rate_deg_s, ..Carried::default() });
+        emulator.world().set_motion(PrescribedMotion {
+            heading_deg,
+            heading_rate_deg_s,
+            ..PrescribedMotion::default()
+        });
         emulator.run_for_s(step_deg / heading_rate_deg_s);
     }
     emulator.type_line("cal solve");
     emulator.run_for_s(2.0);
-    emulator.take_ways();
+    emulator.take_path_instructions();
     emulator.run_for_s(2.0);
     let is_calibrated = emulator.type_line("status").contains("ok calibrated");
-    let mut ways = emulator.take_ways();
+    let mut ways = emulator.take_path_instructions();
     ways.sort_unstable();
     ways.get(ways.len() / 2).copied().filter(|_| is_calibrated)
 }
 
-/// `name: 123` on a line of its own.
+/// The number in the line `name: 123`.
 fn value(printed: &str, name: &str) -> Option<u64> {
     printed.lines().find_map(|line| line.trim().strip_prefix(name)?.strip_prefix(": ")?.parse().ok())
 }

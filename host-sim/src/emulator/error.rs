@@ -1,30 +1,30 @@
-//! What can go wrong with an emulator.
+//! Emulator errors.
 
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
-/// Why there is no emulator, or no longer.
+/// Reason why the emulator did not start or has ended.
 #[derive(Debug)]
 pub enum EmulatorError {
-    /// The program cannot be started.
+    /// QEMU could not be started.
     NoQemu(io::Error),
-    /// There is no firmware image at this place.
+    /// No file at this path.
     NoImage(PathBuf),
-    /// What is at this place is no firmware; what it is instead.
+    /// The file at this path is not a firmware image; its actual type.
     NotFirmware(PathBuf, &'static str),
-    /// Whoever runs it wants it to end.
+    /// Stopped on request of the caller.
     Interrupted,
-    /// It has ended by itself; what it said.
+    /// QEMU ended; its output.
     Ended(String),
-    /// A connection to it failed; what for.
+    /// A connection to QEMU failed; its purpose.
     Connection(&'static str, io::Error),
-    /// It answered what was not asked; what it said.
+    /// QEMU sent an unexpected message; its text.
     Protocol(String),
 }
 
 impl EmulatorError {
-    /// A stable code for scripts.
+    /// Stable error code for scripts.
     #[must_use]
     pub const fn code(&self) -> &'static str {
         match self {
@@ -59,9 +59,9 @@ impl fmt::Display for EmulatorError {
                 )
             }
             Self::Interrupted => f.write_str("interrupted"),
-            Self::Ended(said) => write!(f, "{} has ended: {}", super::QEMU, said.trim()),
+            Self::Ended(output) => write!(f, "{} has ended: {}", super::QEMU, output.trim()),
             Self::Connection(what, error) => write!(f, "the emulator's {what}: {error}"),
-            Self::Protocol(said) => write!(f, "the emulator said: {said}"),
+            Self::Protocol(said) => write!(f, "the emulator reported: {said}"),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! QEMU with the firmware in it, and the wires to it.
+//! QEMU process with the firmware, and its connections.
 
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
@@ -13,93 +13,92 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tempfile::TempDir;
 
+use super::elf;
 use super::error::EmulatorError;
-use super::image;
 use super::qmp::Qmp;
 
-/// The firmware's own counter, ticks a microsecond.
+/// Ticks per microsecond of the firmware's clock.
 pub const TICKS_PER_US: u64 = 25;
 
-/// Nanoseconds of such a tick.
+/// Nanoseconds per tick.
 pub const TICK_NS: u64 = 1000 / TICKS_PER_US;
 
-/// Nanoseconds an instruction takes, as a power of two (QEMU's `-icount shift`): 64 ns, so that the machine is five
-/// times slower than the reference board's 80 MHz.
+/// Duration of an instruction as a power of two (QEMU's `-icount shift`): 64 ns, five times slower than the reference
+/// board at 80 MHz.
 const ICOUNT_SHIFT: u32 = 6;
 pub const INSTRUCTION_NS: u64 = 1 << ICOUNT_SHIFT;
 
-/// Bytes of the memory that stands for flash: the machine's PSRAM.
+/// Size of the PSRAM that simulates flash, bytes.
 const FLASH_BYTES: usize = 16 << 20;
 
-/// A machine that says nothing for so long has stopped. It is the computer's time, and only ends runs that hang.
+/// Host time after which a silent machine counts as hanging.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Between two looks at whether it has started or ended, or is to end.
+/// Poll period for start, end and stop requests.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// A QEMU that has closed a connection ends within this time.
+/// Host time within which QEMU ends after closing a connection.
 const ENDING: Duration = Duration::from_secs(2);
 
-/// Microtesla on x, y and z that make QEMU's values, which may not be negative, out of those that are. The firmware's
-/// board file takes them off.
+/// Offset in microtesla on x, y and z, because QEMU's sensor accepts only non-negative values. The firmware's board
+/// file subtracts it.
 const ADDED_UT: [f64; 3] = [93.0, 93.0, 104.0];
-/// QEMU counts in nanotesla.
 const NT_PER_UT: f64 = 1000.0;
-/// What QEMU takes at this gain: 2047 counts at 1100 and 980 counts a gauss.
+/// Largest value that QEMU accepts at this gain: 2047 counts at 1100 and 980 counts per gauss.
 const LARGEST_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 
-/// Why the machine has stopped for the world to move on.
+/// Reason for which the machine stopped or reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Message {
-    /// It has started, and goes on by itself.
+pub enum MachineMessage {
+    /// Started; continues immediately.
     Started,
-    /// Time has passed.
+    /// A time step has passed.
     Step,
-    /// It is about to look at the sensor.
+    /// The firmware is about to read the sensor.
     Sensor,
-    /// It has written to the instrument, and goes on by itself.
+    /// The firmware has written to the instrument port; continues immediately.
     Written,
 }
 
-/// What the machine goes on with.
+/// Input with which the machine continues.
 #[derive(Clone, Debug, Default)]
-pub struct Go {
-    /// Bytes to the console.
+pub struct StepInput {
+    /// Bytes for the console.
     pub console: Vec<u8>,
-    /// Bytes to the autopilot port.
+    /// Bytes for the autopilot port.
     pub autopilot: Vec<u8>,
-    /// Bytes to the instrument port.
+    /// Bytes for the instrument port.
     pub instrument: Vec<u8>,
     /// Whether the sensor's data wire is broken.
-    pub sensor_broken: bool,
-    /// A test that the bench image is to run.
+    pub is_sensor_wire_broken: bool,
+    /// Test to be run by the bench image.
     pub test: Option<BenchTest>,
 }
 
-impl Go {
-    /// The last byte of the message: bit 0 breaks the sensor's wire, those above are the number of a test.
+impl StepInput {
+    /// Last byte of the message: bit 0 breaks the sensor's wire, higher bits are the test number.
     fn flags(&self) -> u8 {
-        u8::from(self.sensor_broken) | self.test.map_or(0, |test| test as u8) << 1
+        u8::from(self.is_sensor_wire_broken) | self.test.map_or(0, |test| test as u8) << 1
     }
 }
 
-/// What the bench image can do beyond the product; the numbers are those of its board.
+/// Tests of the bench image; numbers as in its board file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BenchTest {
-    /// Counts instructions and prints the counts on the console's port.
+    /// Counts instructions and prints the counts on the console.
     Budgets = 1,
-    /// Executes what is no instruction.
+    /// Executes an undefined instruction.
     Fault = 2,
-    /// Fills the stack.
+    /// Overflows the stack.
     Overflow = 3,
     /// Panics.
     Panic = 4,
 }
 
-/// The most bytes a [`Go`] may bring on each wire.
-pub const MOST_BYTES: usize = 255;
+/// Largest number of bytes per port and step.
+pub const MAX_STEP_BYTES: usize = 255;
 
-/// A running QEMU. It ends with this value.
+/// Running QEMU, ended on drop.
 pub struct Machine {
     qemu: Qemu,
     qmp: Qmp,
@@ -107,16 +106,16 @@ pub struct Machine {
     autopilot: UnixStream,
     instrument: UnixStream,
     lockstep: UnixStream,
-    /// Whoever runs it wants it to end.
+    /// Set by the caller to stop the machine.
     stop: Arc<AtomicBool>,
-    /// Sockets and flash; gone with this value.
+    /// Directory of sockets and flash, removed on drop.
     _directory: TempDir,
 }
 
 impl Machine {
-    /// Starts QEMU with a firmware image; its flash is erased. When `stop` is set, it is no longer waited for.
+    /// Starts QEMU with a firmware image and erased flash. Setting `stop` cancels all waiting.
     pub fn start(image: &Path, stop: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
-        image::check(image)?;
+        elf::check_image(image)?;
         let directory = tempfile::tempdir().map_err(|error| EmulatorError::Connection("directory", error))?;
         let flash = directory.path().join("flash.bin");
         fs::write(&flash, vec![0xFF; FLASH_BYTES]).map_err(|error| EmulatorError::Connection("flash", error))?;
@@ -132,16 +131,16 @@ impl Machine {
         let lockstep = qemu.connect("lockstep", lockstep)?;
         lockstep.set_read_timeout(Some(PAUSE)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
-        // With an image for another machine it may end before it has answered.
+        // With an image for another machine QEMU may end before it answers.
         qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
     }
 
-    /// Waits for the machine's next message; with it come its clock's ticks since its last reset.
-    pub fn listen(&mut self) -> Result<(Message, u64), EmulatorError> {
+    /// Waits for the machine's next message; returns it with the ticks since the last reset.
+    pub fn wait_for_message(&mut self) -> Result<(MachineMessage, u64), EmulatorError> {
         let mut bytes = [0; 9];
         let read = read_until(&mut self.lockstep, &mut bytes, &self.stop);
-        // A terminal tells QEMU to end, too.
+        // An interrupt from the terminal also ends QEMU.
         if self.stop.load(Ordering::SeqCst) {
             return Err(EmulatorError::Interrupted);
         }
@@ -150,16 +149,16 @@ impl Machine {
         }
         let [kind, ticks @ ..] = bytes;
         let message = match kind {
-            b'B' => Message::Started,
-            b'T' => Message::Step,
-            b'S' => Message::Sensor,
-            b'W' => Message::Written,
+            b'B' => MachineMessage::Started,
+            b'T' => MachineMessage::Step,
+            b'S' => MachineMessage::Sensor,
+            b'W' => MachineMessage::Written,
             other => return Err(EmulatorError::Protocol(format!("lockstep {other:#04x}"))),
         };
         Ok((message, u64::from_le_bytes(ticks)))
     }
 
-    /// Sets the field at the sensor, microtesla in the chip's axes.
+    /// Sets the field at the sensor, microtesla in chip axes.
     pub fn set_field(&mut self, field_ut: Vector3<f32>) -> Result<(), EmulatorError> {
         let commands = ["mag-x", "mag-y", "mag-z"].iter().zip(field_ut.iter().zip(ADDED_UT).zip(LARGEST_NT)).map(
             |(property, ((&ut, added_ut), largest_nt))| {
@@ -173,13 +172,13 @@ impl Machine {
         self.qmp.execute(&commands.collect::<Vec<_>>())
     }
 
-    /// Lets the machine go on. Each wire brings [`MOST_BYTES`] at most; the rest is not sent.
-    pub fn go(&mut self, go: &Go) -> Result<(), EmulatorError> {
+    /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
+    pub fn resume(&mut self, go: &StepInput) -> Result<(), EmulatorError> {
         let send = |stream: &mut UnixStream, bytes: &[u8], what| {
             stream.write_all(bytes).map_err(|error| EmulatorError::Connection(what, error))
         };
         let [console, autopilot, instrument] =
-            [&go.console, &go.autopilot, &go.instrument].map(|bytes| &bytes[..bytes.len().min(MOST_BYTES)]);
+            [&go.console, &go.autopilot, &go.instrument].map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
         send(&mut self.console, console, "console")?;
         send(&mut self.autopilot, autopilot, "autopilot port")?;
         send(&mut self.instrument, instrument, "instrument port")?;
@@ -187,8 +186,8 @@ impl Machine {
         send(&mut self.lockstep, &message, "lockstep")
     }
 
-    /// What the machine has written to console, autopilot and instrument so far.
-    pub fn written(&mut self) -> Result<[Vec<u8>; 3], EmulatorError> {
+    /// Bytes written to console, autopilot port and instrument port since the last call.
+    pub fn take_output(&mut self) -> Result<[Vec<u8>; 3], EmulatorError> {
         Ok([
             available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
             available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
@@ -196,22 +195,20 @@ impl Machine {
         ])
     }
 
-    /// Presses the machine's reset button.
+    /// Resets the machine.
     pub fn reset(&mut self) -> Result<(), EmulatorError> {
         self.qmp.execute(&[json!({ "execute": "system_reset" })])
     }
 }
 
-/// The process; killed with this value.
 struct Qemu {
     child: Child,
-    /// What it says.
     log: PathBuf,
     stop: Arc<AtomicBool>,
 }
 
 impl Qemu {
-    /// Connects as soon as it has made the socket.
+    /// Connects as soon as the socket exists.
     fn connect(&mut self, what: &'static str, socket: &Path) -> Result<UnixStream, EmulatorError> {
         let failed = |error| EmulatorError::Connection(what, error);
         let mut left = PATIENCE;
@@ -233,7 +230,7 @@ impl Qemu {
         }
     }
 
-    /// What it said last, if it has ended by itself or does so within this time.
+    /// QEMU's output, if it has ended or ends within this time.
     fn why_ended(&mut self, within: Duration) -> Option<EmulatorError> {
         let mut left = within;
         while !matches!(self.child.try_wait(), Ok(Some(_))) {
@@ -249,7 +246,7 @@ impl Qemu {
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // It may have ended already.
+        // The process may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -258,7 +255,7 @@ impl Drop for Qemu {
 fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument, qmp]: &[PathBuf; 5]) -> Command {
     let mut command = Command::new(super::QEMU);
     command
-        // Stopped until all are connected, lest the first bytes be lost.
+        // Initially stopped, so that no bytes are lost before all ports are connected.
         .args(["-S", "-nodefaults", "-display", "none"])
         .args(["-machine", "mps2-an386,memory-backend=flash"])
         .arg("-object")
@@ -283,7 +280,8 @@ fn not_waited_for(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
     Ok(stream)
 }
 
-/// Fills `bytes` from a stream that looks up every [`PAUSE`], within [`PATIENCE`] and as long as nobody wants to stop.
+/// Fills `bytes` from a stream within the response timeout and until `stop` is set; the stream has a short read
+/// timeout.
 fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> std::io::Result<()> {
     let (mut filled, mut left) = (0, PATIENCE);
     while filled < bytes.len() && !stop.load(Ordering::SeqCst) {
@@ -298,7 +296,7 @@ fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> s
     Ok(())
 }
 
-/// All bytes that are there; an end of the stream is seen by whoever listens to the lockstep.
+/// All available bytes; the lockstep connection detects the end of the process.
 fn available(stream: &mut UnixStream) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut buffer = [0; 4096];

@@ -1,11 +1,11 @@
-//! The firmware as ARM code: QEMU's `mps2-an386`, a Cortex-M4F with QEMU's own magnetometer, flown by the same world.
+//! ARM firmware in QEMU's `mps2-an386` (Cortex-M4F with QEMU's magnetometer), coupled to the simulated world.
 //!
-//! Machine and world move in lockstep: the machine stops every other millisecond, and before every access to its
-//! sensor, sends its time, and goes on when the world has caught up. The computer's own time has no part in it.
+//! Machine and world run in lockstep: the machine stops every 2 ms and before every sensor access, sends its time, and
+//! continues when the world has reached that time. Host time has no influence.
 
 pub mod budget;
+mod elf;
 mod error;
-mod image;
 mod machine;
 mod qmp;
 
@@ -16,54 +16,53 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use autoswing::settings::PORTS;
+use autoswing::settings::PORT_COUNT;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 
 pub use self::error::EmulatorError;
 pub use self::machine::BenchTest;
-use self::machine::{Go, MOST_BYTES, Machine, Message, TICKS_PER_US};
-use crate::devices::uart::{Cable, Config as CableConfig, Delivery, HostEnd, Receiver, Transmitter};
-use crate::module::{Module, Ran};
+use self::machine::{MAX_STEP_BYTES, Machine, MachineMessage, StepInput, TICKS_PER_US};
+use crate::devices::uart::{Cable, HostEnd, Receiver, Transmitter, UartConfig as CableConfig, WakeCondition};
+use crate::module::{Module, ModuleRunEnd};
 use crate::random::{Purpose, Random};
 use crate::simulation::{Level, Simulation};
-use crate::world::far_end::{FarEnd, Somebody};
+use crate::world::far_end::{AttachedDevice, FarEnd};
 use crate::world::{World, WorldConfig};
 
-/// The program.
 const QEMU: &str = "qemu-system-arm";
 
-/// Where `scripts/build-firmware` leaves the image.
+/// Path of the image that `scripts/build-firmware` builds.
 #[must_use]
 pub fn default_image() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/firmware/mps2-an386.elf")
 }
 
-/// Where `scripts/build-firmware` leaves the bench image, which takes [`Emulator::ask_bench`].
+/// Path of the bench image that `scripts/build-firmware` builds, for budget and crash tests.
 #[must_use]
 pub fn default_bench_image() -> PathBuf {
     default_image().with_file_name("mps2-an386-bench.elf")
 }
 
-/// Noise of the simulated chip, microtesla RMS on each axis: 2 mG (data sheet of the LSM303DLHC).
+/// Sensor noise, microtesla RMS per axis: 2 mG (LSM303DLHC data sheet).
 const NOISE_UT: f64 = 0.2;
 
-/// The field is set anew when the last time was so long ago: the two accesses of one reading see the same.
+/// Update period of the field, microseconds; both accesses of one measurement read the same field.
 const FIELD_AGE_US: u64 = 2_000;
 
-/// An emulated module in an aircraft.
+/// Emulated module in a simulated vehicle.
 pub struct Emulator {
     simulation: Simulation,
     world: World,
     console: HostEnd,
     autopilot: HostEnd,
     instrument: HostEnd,
-    /// Who is at the ports.
-    pub far_ends: [Somebody; PORTS],
-    console_wire: Wire,
-    autopilot_wire: Wire,
-    instrument_wire: Wire,
+    /// Devices at the ports.
+    pub far_ends: [AttachedDevice; PORT_COUNT],
+    console_wire: MachinePort,
+    autopilot_wire: MachinePort,
+    instrument_wire: MachinePort,
     machine: Machine,
     noise: Random,
     field_set_us: Option<u64>,
@@ -71,50 +70,54 @@ pub struct Emulator {
     sensor_stuck: bool,
     asked: Option<BenchTest>,
     reset_pressed: bool,
-    /// World time at the machine's last reset, and the machine's own since then.
+    /// World time at the machine's last reset, and machine time since then.
     since_us: u64,
     machine_us: u64,
-    way: Way,
+    sample_path: SamplePath,
     failure: Option<EmulatorError>,
 }
 
 impl Emulator {
-    /// Starts a firmware image with erased flash in a world of these settings.
+    /// Starts a firmware image with erased flash in a world with these settings.
     ///
     /// # Errors
     ///
-    /// There is no such image, no QEMU, or no connection to it. QEMU ends with an image for another machine: at once,
-    /// or when it is to run.
+    /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
+    /// first step.
     pub fn start(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Nobody])
+        Self::start_wired(image, config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
-    /// The same until `stop` is set: every run of it then fails with [`EmulatorError::Interrupted`].
+    /// As [`start`](Self::start), but after `stop` is set every run fails with [`EmulatorError::Interrupted`].
     ///
     /// # Errors
     ///
     /// As [`start`](Self::start).
     pub fn start_until(stop: &Arc<AtomicBool>, image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Nobody])
+        Self::start_machine(|| Machine::start(image, Arc::clone(stop)), &config, [FarEnd::Talker, FarEnd::Unconnected])
     }
 
-    /// The same with somebody else at its ports.
+    /// As [`start`](Self::start), with other devices at the ports.
     ///
     /// # Errors
     ///
     /// As [`start`](Self::start).
-    pub fn start_wired(image: &Path, config: WorldConfig, far_ends: [FarEnd; PORTS]) -> Result<Self, EmulatorError> {
+    pub fn start_wired(
+        image: &Path,
+        config: WorldConfig,
+        far_ends: [FarEnd; PORT_COUNT],
+    ) -> Result<Self, EmulatorError> {
         Self::start_machine(|| Machine::start(image, Arc::default()), &config, far_ends)
     }
 
     fn start_machine(
         machine: impl FnOnce() -> Result<Machine, EmulatorError>,
         config: &WorldConfig,
-        [one, two]: [FarEnd; PORTS],
+        [one, two]: [FarEnd; PORT_COUNT],
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(*config);
-        let cable = || Cable::new(CableConfig { delivery: Delivery::EachByte, ..CableConfig::default() });
+        let cable = || Cable::new(CableConfig { delivery: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
         let [console, autopilot, instrument] = [&console_cable, &autopilot_cable, &instrument_cable].map(Cable::host);
         let far_ends = [
@@ -122,9 +125,9 @@ impl Emulator {
             two.attach(&mut simulation, &world, instrument.clone(), vec![]),
         ];
         Ok(Self {
-            console_wire: Wire::new(&console_cable, &mut simulation),
-            autopilot_wire: Wire::new(&autopilot_cable, &mut simulation),
-            instrument_wire: Wire::new(&instrument_cable, &mut simulation),
+            console_wire: MachinePort::new(&console_cable, &mut simulation),
+            autopilot_wire: MachinePort::new(&autopilot_cable, &mut simulation),
+            instrument_wire: MachinePort::new(&instrument_cable, &mut simulation),
             simulation,
             world,
             console,
@@ -140,89 +143,87 @@ impl Emulator {
             reset_pressed: false,
             since_us: 0,
             machine_us: 0,
-            way: Way::default(),
+            sample_path: SamplePath::default(),
             failure: None,
         })
     }
 
-    /// Why a run has failed.
+    /// Error of the last failed run.
     pub fn take_failure(&mut self) -> Option<EmulatorError> {
         self.failure.take()
     }
 
-    /// Breaks or mends the sensor's data wire.
+    /// Breaks or repairs the sensor's data wire.
     pub fn break_sensor_wire(&mut self, broken: bool) {
         self.sensor_broken = broken;
     }
 
-    /// Has the sensor repeat what it measured last, or measure again.
-    pub fn stick_sensor(&mut self, stuck: bool) {
+    /// Freezes or releases the sensor's measured value.
+    pub fn freeze_sensor(&mut self, stuck: bool) {
         self.sensor_stuck = stuck;
     }
 
-    /// Has the bench image run a test, as soon as time goes on. Other images pass it over.
-    pub fn ask_bench(&mut self, test: BenchTest) {
+    /// Requests a test of the bench image at the next step. Other images ignore it.
+    pub fn request_bench_test(&mut self, test: BenchTest) {
         self.asked = Some(test);
     }
 
-    /// Presses the reset button, as soon as time goes on.
-    pub fn press_reset(&mut self) {
+    /// Requests a reset at the next step.
+    pub fn request_reset(&mut self) {
         self.reset_pressed = true;
     }
 
-    /// Instructions from the first access to the sensor to the last byte written, for each reading that was sent since
-    /// the last time this was asked.
-    pub fn take_ways(&mut self) -> Vec<u64> {
+    /// Instructions from the first sensor access to the last written byte, per sample since the last call.
+    pub fn take_path_instructions(&mut self) -> Vec<u64> {
         let instructions = |ticks: u64| ticks * machine::TICK_NS / machine::INSTRUCTION_NS;
-        std::mem::take(&mut self.way.ticks).into_iter().map(instructions).collect()
+        std::mem::take(&mut self.sample_path.ticks).into_iter().map(instructions).collect()
     }
 
-    /// Lets the machine run to its next message, and the world catch up.
+    /// Runs the machine to its next message and the world to the machine's time.
     fn step(&mut self) -> Result<(), EmulatorError> {
-        let (message, ticks) = self.machine.listen()?;
-        if message == Message::Started {
+        let (message, ticks) = self.machine.wait_for_message()?;
+        if message == MachineMessage::Started {
             self.restarted();
             return Ok(());
         }
         self.catch_up(ticks / TICKS_PER_US);
-        let [console, autopilot, instrument] = self.machine.written()?;
+        let [console, autopilot, instrument] = self.machine.take_output()?;
         self.console_wire.write(&console);
         self.autopilot_wire.write(&autopilot);
         self.instrument_wire.write(&instrument);
         match message {
-            Message::Written => {
-                self.way.written(ticks);
+            MachineMessage::Written => {
+                self.sample_path.written(ticks);
                 return Ok(());
             }
-            Message::Sensor => {
-                self.way.looked(ticks);
+            MachineMessage::Sensor => {
+                self.sample_path.looked(ticks);
                 self.set_field()?;
             }
-            // While the machine waits no message is under way in either direction, which a reset would cut.
-            Message::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
-            Message::Started | Message::Step => {}
+            // While the machine waits, no message is in transmission that a reset could truncate.
+            MachineMessage::Step if std::mem::take(&mut self.reset_pressed) => return self.machine.reset(),
+            MachineMessage::Started | MachineMessage::Step => {}
         }
-        let go = Go {
+        let go = StepInput {
             console: self.console_wire.take(),
             autopilot: self.autopilot_wire.take(),
             instrument: self.instrument_wire.take(),
-            sensor_broken: self.sensor_broken,
+            is_sensor_wire_broken: self.sensor_broken,
             test: self.asked.take(),
         };
-        self.machine.go(&go)
+        self.machine.resume(&go)
     }
 
-    /// The machine has started, again perhaps: that took no time, and made its sensor forget the field.
+    /// The machine restarted, which takes no time and clears the sensor's field.
     fn restarted(&mut self) {
         self.since_us += self.machine_us;
         self.machine_us = 0;
         self.field_set_us = None;
-        self.way.began = None;
+        self.sample_path.began = None;
     }
 
-    /// Moves the world on to the machine's time.
     fn catch_up(&mut self, machine_us: u64) {
-        // The message of a step may come a little late.
+        // The message of a step may carry an earlier time.
         self.machine_us = self.machine_us.max(machine_us);
         self.simulation.run_until(self.now_us());
     }
@@ -260,28 +261,27 @@ impl Module for Emulator {
         self.since_us + self.machine_us
     }
 
-    fn run_until(&mut self, until_us: u64) -> Ran {
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         while self.now_us() < until_us {
             if let Err(error) = self.step() {
                 self.failure = Some(error);
-                return Ran::Failed;
+                return ModuleRunEnd::Failed;
             }
         }
-        Ran::Time
+        ModuleRunEnd::Time
     }
 }
 
-/// How long readings take through the machine.
 #[derive(Default)]
-struct Way {
-    /// When it began to look at the sensor for the reading of now.
+struct SamplePath {
+    /// Start of the present sample's sensor access, machine ticks.
     began: Option<u64>,
-    /// Whether that has been written; the last of several writes counts.
+    /// Whether the present sample has been output; of several writes the last one counts.
     written: bool,
     ticks: Vec<u64>,
 }
 
-impl Way {
+impl SamplePath {
     fn looked(&mut self, ticks: u64) {
         let again = self.began.is_some_and(|began| ticks - began < FIELD_AGE_US * TICKS_PER_US);
         if self.written || !again {
@@ -300,19 +300,19 @@ impl Way {
     }
 }
 
-/// A cable's end at the machine: bytes take their time on the cable, and wait here for the machine to stop.
-struct Wire {
+/// Machine end of a cable; buffers received bytes until the machine stops.
+struct MachinePort {
     to_machine: Rc<RefCell<VecDeque<u8>>>,
-    to_cable: Rc<Outgoing>,
+    to_cable: Rc<OutgoingBytes>,
 }
 
 #[derive(Default)]
-struct Outgoing {
+struct OutgoingBytes {
     bytes: RefCell<Vec<u8>>,
     more: Signal<NoopRawMutex, ()>,
 }
 
-impl Wire {
+impl MachinePort {
     fn new(cable: &Cable, simulation: &mut Simulation) -> Self {
         let (receiver, transmitter) = cable.module();
         let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
@@ -321,7 +321,6 @@ impl Wire {
         wire
     }
 
-    /// What the machine has written.
     fn write(&self, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
@@ -329,10 +328,10 @@ impl Wire {
         }
     }
 
-    /// What has arrived, as much as the machine takes at once.
+    /// Received bytes, up to the machine's limit per step.
     fn take(&self) -> Vec<u8> {
         let mut waiting = self.to_machine.borrow_mut();
-        let number = waiting.len().min(MOST_BYTES);
+        let number = waiting.len().min(MAX_STEP_BYTES);
         waiting.drain(..number).collect()
     }
 }
@@ -340,18 +339,18 @@ impl Wire {
 async fn receive(mut receiver: Receiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
     let mut buffer = [0; 64];
     loop {
-        // Errors of the line, which nobody injects here, would be noise to the machine.
+        // Line errors are never injected here.
         if let Ok(read) = receiver.read(&mut buffer).await {
             to_machine.borrow_mut().extend(&buffer[..read]);
         }
     }
 }
 
-async fn transmit(mut transmitter: Transmitter, outgoing: Rc<Outgoing>) {
+async fn transmit(mut transmitter: Transmitter, outgoing: Rc<OutgoingBytes>) {
     loop {
         outgoing.more.wait().await;
         let bytes = outgoing.bytes.take();
-        // A simulated cable takes everything in the end.
+        // A simulated cable never reports write errors.
         let _ = transmitter.write_all(&bytes).await;
     }
 }

@@ -1,4 +1,4 @@
-//! QEMU's machine protocol (QMP): a line of JSON each way.
+//! Client of QEMU's machine protocol (QMP): one line of JSON per message.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -7,14 +7,14 @@ use serde_json::{Value, json};
 
 use super::error::EmulatorError;
 
-/// A connection in command mode.
+/// Connection in command mode.
 pub struct Qmp {
     reader: BufReader<UnixStream>,
     writer: UnixStream,
 }
 
 impl Qmp {
-    /// Takes the greeting and leaves negotiation.
+    /// Reads the greeting and enters command mode.
     pub fn new(stream: UnixStream) -> Result<Self, EmulatorError> {
         let writer = stream.try_clone().map_err(failed)?;
         let mut qmp = Self { reader: BufReader::new(stream), writer };
@@ -23,9 +23,9 @@ impl Qmp {
         Ok(qmp)
     }
 
-    /// Executes commands and waits until all are done.
+    /// Executes commands and waits for all answers.
     pub fn execute(&mut self, commands: &[Value]) -> Result<(), EmulatorError> {
-        // In one write: each would be a turn of QEMU's loop.
+        // A single write, because each write costs an iteration of QEMU's main loop.
         let lines: Vec<String> = commands.iter().map(Value::to_string).collect();
         self.writer.write_all((lines.join("\n") + "\n").as_bytes()).map_err(failed)?;
         for _ in commands {
@@ -34,7 +34,7 @@ impl Qmp {
         Ok(())
     }
 
-    /// Waits for the next answer; what QEMU tells unasked is passed over.
+    /// Waits for the next answer; ignores events.
     fn done(&mut self) -> Result<(), EmulatorError> {
         loop {
             let line = self.line()?;

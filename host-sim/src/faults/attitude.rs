@@ -1,4 +1,4 @@
-//! Faults of the attitude source: its messages on their way to the wire, and others on the same wire.
+//! Faults of the attitude source: modified messages, and other senders on the same line.
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
@@ -8,59 +8,63 @@ use super::Switch;
 use crate::devices::uart::HostEnd;
 use crate::random::{Purpose, Random};
 use crate::world::World;
-use crate::world::attitude_source::{AttitudeSource, Identity, Kind};
+use crate::world::attitude_source::{AttitudeSource, Identity, SenderKind};
 
-/// Something wrong with the source.
+/// Fault of the attitude source.
 pub trait AttitudeFault {
-    /// How much older than usual the attitude is that a message of now tells, microseconds.
+    /// Additional age of the attitude, microseconds.
     fn late_us(&self, _now_us: u64) -> u64 {
         0
     }
 
-    /// Changes a message.
+    /// Modifies a message.
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
 }
 
-/// Another that sends attitude on the same line, from the beginning, with a roll that differs by so much.
+/// Second sender of attitude on the same line, with a roll error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Foreign {
-    /// Its system.
+pub struct SecondSender {
+    /// System ID.
     pub system_id: u8,
-    /// Its component.
+    /// Component ID.
     pub component_id: u8,
-    /// What it says it is, if it says anything.
-    pub heartbeats: Option<Kind>,
-    /// Error of its roll, degrees.
-    pub roll_deg: f64,
+    /// Type announced in heartbeats; `None` sends no heartbeats.
+    pub heartbeat_kind: Option<SenderKind>,
+    /// Roll error, degrees.
+    pub roll_error_deg: f64,
 }
 
-impl Foreign {
-    /// Sends for ever, as often and as late as the autopilot, with noise of its own.
+impl SecondSender {
+    /// Task that never returns: sends attitude at the autopilot's rate and latency with independent noise.
     pub fn run(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
-        let Self { system_id, component_id, heartbeats, roll_deg } = self;
+        let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
         let source = AttitudeSource::new(config.attitude_source, config.seed.wrapping_add(0x5EED));
-        let bias = Bias { switch: Switch::on(), bias_rad: [roll_deg.to_radians(), 0.0] };
-        source.sent_by(Identity { system_id, component_id, heartbeats }).run(world.clone(), uart, vec![Box::new(bias)])
+        let bias = AttitudeBias { switch: Switch::on(), bias_rad: [roll_deg.to_radians(), 0.0] };
+        source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
+            world.clone(),
+            uart,
+            vec![Box::new(bias)],
+        )
     }
 }
 
-/// Values repeat, stamps go on.
-pub struct Frozen {
-    /// While they do.
+/// Repeats the last values with new time stamps.
+pub struct FrozenAttitude {
+    /// Active time.
     pub switch: Switch,
     last: Option<ATTITUDE_DATA>,
 }
 
-impl Frozen {
-    /// While the switch is on.
+impl FrozenAttitude {
+    /// A fault active while the switch is on.
     #[must_use]
     pub const fn new(switch: Switch) -> Self {
         Self { switch, last: None }
     }
 }
 
-impl AttitudeFault for Frozen {
+impl AttitudeFault for FrozenAttitude {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         match &self.last {
             Some(last) if self.switch.is_on(now_us) => {
@@ -71,26 +75,26 @@ impl AttitudeFault for Frozen {
     }
 }
 
-/// Single messages whose roll and pitch are wrong by 45 deg either way.
-pub struct Spikes {
-    /// While there are some.
+/// Isolated messages with roll and pitch errors of 45 deg.
+pub struct AttitudeSpikes {
+    /// Active time.
     pub switch: Switch,
-    /// Which part of the messages.
-    pub share: f64,
+    /// Fraction of affected messages.
+    pub fraction: f64,
     random: Random,
 }
 
-impl Spikes {
-    /// In this part of the messages.
+impl AttitudeSpikes {
+    /// A fault in this fraction of the messages.
     #[must_use]
     pub fn new(switch: Switch, share: f64, seed: u64) -> Self {
-        Self { switch, share, random: Random::new(seed, Purpose::AttitudeFault) }
+        Self { switch, fraction: share, random: Random::new(seed, Purpose::AttitudeFault) }
     }
 }
 
-impl AttitudeFault for Spikes {
+impl AttitudeFault for AttitudeSpikes {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if !self.switch.is_on(now_us) || self.random.uniform(0.0, 1.0) >= self.share {
+        if !self.switch.is_on(now_us) || self.random.uniform(0.0, 1.0) >= self.fraction {
             return;
         }
         let mut wrong = || if self.random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
@@ -99,15 +103,15 @@ impl AttitudeFault for Spikes {
     }
 }
 
-/// A constant error of roll and pitch.
-pub struct Bias {
-    /// While it is there.
+/// Constant error of roll and pitch.
+pub struct AttitudeBias {
+    /// Active time.
     pub switch: Switch,
-    /// Of roll and of pitch, radians.
+    /// Roll and pitch error, radians.
     pub bias_rad: [f64; 2],
 }
 
-impl AttitudeFault for Bias {
+impl AttitudeFault for AttitudeBias {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         if self.switch.is_on(now_us) {
             message.roll += self.bias_rad[0] as f32;
@@ -116,47 +120,47 @@ impl AttitudeFault for Bias {
     }
 }
 
-/// Only a part of the bank is told.
-pub struct Lean {
-    /// While it leans.
+/// Bank-angle scale error.
+pub struct BankScaleError {
+    /// Active time.
     pub switch: Switch,
-    /// The part that is told, 1 for all of it.
-    pub told: f64,
+    /// Reported over true bank; 1 is exact.
+    pub reported_ratio: f64,
 }
 
-impl AttitudeFault for Lean {
+impl AttitudeFault for BankScaleError {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         if self.switch.is_on(now_us) {
-            message.roll *= self.told as f32;
+            message.roll *= self.reported_ratio as f32;
         }
     }
 }
 
-/// Attitude that is older than it was.
-pub struct Late {
-    /// While it is.
+/// Additional attitude latency.
+pub struct AdditionalLatency {
+    /// Active time.
     pub switch: Switch,
-    /// By so much, microseconds.
-    pub by_us: u64,
+    /// Additional latency, microseconds.
+    pub latency_us: u64,
 }
 
-impl AttitudeFault for Late {
+impl AttitudeFault for AdditionalLatency {
     fn late_us(&self, now_us: u64) -> u64 {
-        if self.switch.is_on(now_us) { self.by_us } else { 0 }
+        if self.switch.is_on(now_us) { self.latency_us } else { 0 }
     }
 
     fn tamper(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
 }
 
-/// Body rates that are not what they are taken for.
-pub struct Rates {
-    /// While they are not.
+/// Scale error of the body rates.
+pub struct RateScaleError {
+    /// Active time.
     pub switch: Switch,
-    /// What is sent for each of what they are: 0 for nothing at all, -1 for the wrong side, 57.3 for degrees.
+    /// Reported over true rate: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
     pub factor: f64,
 }
 
-impl AttitudeFault for Rates {
+impl AttitudeFault for RateScaleError {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
         if self.switch.is_on(now_us) {
             for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
@@ -166,44 +170,43 @@ impl AttitudeFault for Rates {
     }
 }
 
-/// What a gyro at rest says while its offset is not yet known, radians a second: 0.01 deg/s were seen.
+/// Gyro offset before its calibration, rad/s: 0.01 deg/s as observed on a real autopilot.
 const GYRO_OFFSET_RAD_S: f32 = 2e-4;
 
-/// A filter that aligns after its start: roll and pitch swing about while nothing turns, less and less, and are right in
-/// the end.
-pub struct Aligning {
-    /// While it does.
+/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch at rest.
+pub struct FilterAlignment {
+    /// Active time.
     pub switch: Switch,
-    /// How far it swings at first, degrees.
-    pub swing_deg: f64,
-    /// How long a swing of roll and one of pitch take, seconds.
+    /// Initial amplitude, degrees.
+    pub amplitude_deg: f64,
+    /// Oscillation periods of roll and pitch, seconds.
     pub periods_s: [f64; 2],
 }
 
-impl AttitudeFault for Aligning {
+impl AttitudeFault for FilterAlignment {
     fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        let Some(on_for_s) = self.switch.on_for_s(now_us) else { return };
-        // No gyro says nothing at all.
+        let Some(on_for_s) = self.switch.active_for_s(now_us) else { return };
+        // Real gyros never output exactly zero.
         for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
             *rate += GYRO_OFFSET_RAD_S;
         }
-        let swing_rad = self.swing_deg.to_radians() * (1.0 - self.switch.progress(now_us));
+        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - self.switch.progress(now_us));
         for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
             *angle += (swing_rad * (TAU * on_for_s / period_s).sin()) as f32;
         }
     }
 }
 
-/// Roll and pitch in steps, as of a source that sends tenths of a degree.
-pub struct Coarse {
-    /// The step, degrees.
-    pub step_deg: f64,
+/// Quantisation of roll and pitch.
+pub struct AttitudeQuantisation {
+    /// Resolution, degrees.
+    pub resolution_deg: f64,
 }
 
-impl AttitudeFault for Coarse {
+impl AttitudeFault for AttitudeQuantisation {
     fn tamper(&mut self, _now_us: u64, message: &mut ATTITUDE_DATA) {
         for angle in [&mut message.roll, &mut message.pitch] {
-            let degrees = (f64::from(*angle).to_degrees() / self.step_deg).round() * self.step_deg;
+            let degrees = (f64::from(*angle).to_degrees() / self.resolution_deg).round() * self.resolution_deg;
             *angle = degrees.to_radians() as f32;
         }
     }

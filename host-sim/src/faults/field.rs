@@ -1,4 +1,4 @@
-//! Faults of the field: iron that moves, currents, what passes by, another place.
+//! Faults of the field: hard-iron changes, currents, passing objects, another place.
 
 use std::f64::consts::PI;
 
@@ -8,56 +8,56 @@ use super::Switch;
 use crate::random::{Purpose, Random};
 use crate::world::earth::Earth;
 
-/// Changes the field that reaches the chip. It is asked for any instant of the last two seconds, in any order.
+/// Change of the field at the chip. Queries refer to any instant of the last two seconds, in any order.
 pub trait FieldFault {
-    /// What is added in the chip's axes, microtesla.
+    /// Additional field in chip axes, microtesla.
     fn added_ut(&self, _at_us: u64) -> Vector3<f64> {
         Vector3::zeros()
     }
 
-    /// Where the aircraft is, if not where its settings say.
+    /// Earth's field at another place, if the aircraft is not at the configured one.
     fn earth(&self, _at_us: u64) -> Option<Earth> {
         None
     }
 }
 
-/// Hard iron of so many microtesla that was elsewhere before.
-pub struct Moved {
-    /// When it is here.
+/// Permanent hard-iron change.
+pub struct HardIronChange {
+    /// Active time.
     pub switch: Switch,
-    /// What it adds, chip axes.
+    /// Hard-iron change, microtesla, chip axes.
     pub change_ut: Vector3<f64>,
 }
 
-impl FieldFault for Moved {
+impl FieldFault for HardIronChange {
     fn added_ut(&self, at_us: u64) -> Vector3<f64> {
         if self.switch.is_on(at_us) { self.change_ut } else { Vector3::zeros() }
     }
 }
 
-/// A zero that drifts as the sensor warms up: in a straight line while the switch is on, then it stays.
-pub struct Drift {
-    /// While it drifts.
+/// Zero drift of a warming sensor: linear while the switch is on, then constant.
+pub struct ZeroDrift {
+    /// Time of the drift.
     pub switch: Switch,
-    /// At the end, chip axes.
+    /// Final change, microtesla, chip axes.
     pub change_ut: Vector3<f64>,
 }
 
-impl FieldFault for Drift {
+impl FieldFault for ZeroDrift {
     fn added_ut(&self, at_us: u64) -> Vector3<f64> {
         self.change_ut * self.switch.progress(at_us)
     }
 }
 
-/// Iron that passes: grows to its largest and fades again as a raised cosine over the time of the switch.
-pub struct Passing {
-    /// From when it is felt until it is gone.
+/// Passing magnetic object: a raised cosine over the active time.
+pub struct PassingObject {
+    /// Active time.
     pub switch: Switch,
-    /// At its nearest, chip axes.
+    /// Peak field, microtesla, chip axes.
     pub peak_ut: Vector3<f64>,
 }
 
-impl FieldFault for Passing {
+impl FieldFault for PassingObject {
     fn added_ut(&self, at_us: u64) -> Vector3<f64> {
         let near =
             if self.switch.is_on(at_us) { (1.0 - (2.0 * PI * self.switch.progress(at_us)).cos()) / 2.0 } else { 0.0 };
@@ -65,17 +65,17 @@ impl FieldFault for Passing {
     }
 }
 
-/// A current in proportion to throttle. Throttle was the same all through the calibration; from then on it is moved
-/// every few seconds, and follows in half a second.
-pub struct Throttle {
+/// Interference in proportion to throttle. Throttle is constant before the onset; then it changes every few seconds
+/// within 0.5 s.
+pub struct ThrottleInterference {
     switch: Switch,
     full_ut: Vector3<f64>,
-    /// Seconds since the beginning, and the throttle from then on, -1..1 about cruise.
+    /// Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
     moves: Vec<(f64, f64)>,
 }
 
-impl Throttle {
-    /// From cruise to full throttle it adds so much in chip axes, microtesla.
+impl ThrottleInterference {
+    /// `full_ut`: change from cruise to full throttle, microtesla, chip axes.
     #[must_use]
     pub fn new(switch: Switch, full_ut: Vector3<f64>, seed: u64) -> Self {
         let mut random = Random::new(seed, Purpose::Throttle);
@@ -89,9 +89,9 @@ impl Throttle {
     }
 }
 
-impl FieldFault for Throttle {
+impl FieldFault for ThrottleInterference {
     fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        let Some(on_s) = self.switch.on_for_s(at_us) else { return Vector3::zeros() };
+        let Some(on_s) = self.switch.active_for_s(at_us) else { return Vector3::zeros() };
         let next = self.moves.partition_point(|&(from_s, _)| from_s <= on_s);
         let (from_s, now) = self.moves[next - 1];
         let before = self.moves[next.saturating_sub(2)].1;
@@ -100,15 +100,15 @@ impl FieldFault for Throttle {
     }
 }
 
-/// Another place, with another field.
-pub struct Elsewhere {
-    /// While it is there.
+/// Another place with another field.
+pub struct OtherPlace {
+    /// Active time.
     pub switch: Switch,
-    /// The field there.
+    /// Earth's field at that place.
     pub earth: Earth,
 }
 
-impl FieldFault for Elsewhere {
+impl FieldFault for OtherPlace {
     fn earth(&self, at_us: u64) -> Option<Earth> {
         self.switch.is_on(at_us).then_some(self.earth)
     }

@@ -1,4 +1,4 @@
-//! Faults of the magnetometer: between the chip and the bus.
+//! Faults of the magnetometer, injected between chip and bus.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -8,31 +8,31 @@ use crate::clock;
 use crate::devices::i2c::{SharedTarget, Target};
 use crate::random::{Purpose, Random};
 
-/// The first of the six output registers, and the bit that has the address advance by itself.
+/// First output register, and the auto-increment bit of the register address.
 const OUT_X_L: u8 = 0x28;
 const AUTO_INCREMENT: u8 = 0x80;
 
-/// Something wrong with the chip.
+/// Fault of the chip.
 pub trait SensorFault {
-    /// Changes a measurement on its way to the bus, counts of x, y, z.
+    /// Modifies a measurement, counts of x, y, z.
     fn tamper(&mut self, _at_us: u64, _counts: &mut [i16; 3]) {}
 
-    /// A register in which bits flip now, and which bits.
+    /// Register address and bit mask of bits that flip now.
     fn upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
         None
     }
 }
 
-/// A chip with faults, at the chip's place on the bus.
-pub struct Faulty {
+/// Bus device that applies faults to a chip.
+pub struct FaultyChip {
     chip: SharedTarget,
     faults: Vec<Box<dyn SensorFault>>,
-    /// The register that the next read begins with.
+    /// First register of the next read.
     pointer: u8,
 }
 
-impl Faulty {
-    /// Around a chip.
+impl FaultyChip {
+    /// A chip with faults.
     #[must_use]
     pub fn new(chip: SharedTarget, faults: Vec<Box<dyn SensorFault>>) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self { chip, faults, pointer: 0 }))
@@ -47,7 +47,7 @@ impl Faulty {
     }
 }
 
-impl Target for Faulty {
+impl Target for FaultyChip {
     fn acknowledges(&self, address: u8) -> bool {
         self.chip.borrow().acknowledges(address)
     }
@@ -80,25 +80,25 @@ impl Target for Faulty {
     }
 }
 
-/// Axes that go on reading what they read when it began.
-pub struct Stuck {
-    /// While they do.
+/// Axes that repeat their last value.
+pub struct StuckAxes {
+    /// Active time.
     pub switch: Switch,
-    /// Which.
+    /// Affected axes.
     pub axes: [bool; 3],
-    /// What was read last before.
+    /// Last measurement before the onset.
     pub last: [i16; 3],
 }
 
-impl Stuck {
-    /// These axes.
+impl StuckAxes {
+    /// A fault of these axes.
     #[must_use]
     pub fn new(switch: Switch, axes: [bool; 3]) -> Self {
         Self { switch, axes, last: [0; 3] }
     }
 }
 
-impl SensorFault for Stuck {
+impl SensorFault for StuckAxes {
     fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
         if !self.switch.is_on(at_us) {
             self.last = *counts;
@@ -112,97 +112,97 @@ impl SensorFault for Stuck {
     }
 }
 
-/// More noise, normal, the same on each axis.
-pub struct Noisy {
-    /// While it is noisy.
+/// Additional normally distributed noise on each axis.
+pub struct AdditionalNoise {
+    /// Active time.
     pub switch: Switch,
     /// Standard deviation, counts.
-    pub sigma: f64,
+    pub sigma_counts: f64,
     random: Random,
 }
 
-impl Noisy {
-    /// So much more noise, counts.
+impl AdditionalNoise {
+    /// Noise with this standard deviation, counts.
     #[must_use]
     pub fn new(switch: Switch, sigma: f64, seed: u64) -> Self {
-        Self { switch, sigma, random: Random::new(seed, Purpose::SensorFault) }
+        Self { switch, sigma_counts: sigma, random: Random::new(seed, Purpose::SensorFault) }
     }
 }
 
-impl SensorFault for Noisy {
+impl SensorFault for AdditionalNoise {
     fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
         if self.switch.is_on(at_us) {
             for count in counts {
-                *count = (f64::from(*count) + self.sigma * self.random.normal()).round() as i16;
+                *count = (f64::from(*count) + self.sigma_counts * self.random.normal()).round() as i16;
             }
         }
     }
 }
 
-/// Single readings that are far off in one axis.
-pub struct Spiky {
-    /// While there are spikes.
+/// Isolated measurements with an error in one axis.
+pub struct MeasurementSpikes {
+    /// Active time.
     pub switch: Switch,
-    /// The part of the readings that has one.
-    pub share: f64,
-    /// How far off, counts, either way.
-    pub height: f64,
+    /// Fraction of affected measurements.
+    pub fraction: f64,
+    /// Magnitude of the error, counts.
+    pub height_counts: f64,
     random: Random,
 }
 
-impl Spiky {
-    /// Spikes of this height, counts, in this part of the readings.
+impl MeasurementSpikes {
+    /// Spikes of this height (counts) in this fraction of the measurements.
     #[must_use]
     pub fn new(switch: Switch, share: f64, height: f64, seed: u64) -> Self {
-        Self { switch, share, height, random: Random::new(seed, Purpose::SensorFault) }
+        Self { switch, fraction: share, height_counts: height, random: Random::new(seed, Purpose::SensorFault) }
     }
 }
 
-impl SensorFault for Spiky {
+impl SensorFault for MeasurementSpikes {
     fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
-        if !self.switch.is_on(at_us) || self.random.uniform(0.0, 1.0) >= self.share {
+        if !self.switch.is_on(at_us) || self.random.uniform(0.0, 1.0) >= self.fraction {
             return;
         }
         let axis = self.random.uniform(0.0, 3.0) as usize;
         let sign = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * self.height) as i16;
+        counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * self.height_counts) as i16;
     }
 }
 
-/// An axis that ends before its range does.
-pub struct Clipped {
-    /// While it does.
+/// Early saturation of an axis.
+pub struct AxisClipping {
+    /// Active time.
     pub switch: Switch,
-    /// Which axis, 0 to 2.
+    /// Axis, 0 to 2.
     pub axis: usize,
-    /// Where it ends, counts: the largest it reads.
-    pub limit: i16,
+    /// Largest value, counts.
+    pub limit_counts: i16,
 }
 
-impl SensorFault for Clipped {
+impl SensorFault for AxisClipping {
     fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
         if self.switch.is_on(at_us) {
-            counts[self.axis] = counts[self.axis].min(self.limit);
+            counts[self.axis] = counts[self.axis].min(self.limit_counts);
         }
     }
 }
 
-/// Bits of a register that flip once.
-pub struct Upset {
-    /// When: at its beginning.
+/// Single-event upset of register bits.
+pub struct RegisterUpset {
+    /// Active time; the upset occurs at its start.
     pub switch: Switch,
-    /// The register's address.
+    /// Register address.
     pub register: u8,
-    /// The bits.
+    /// Bit mask.
     pub bits: u8,
-    /// Whether it has happened.
-    pub done: bool,
+    /// Whether the upset has occurred.
+    pub has_occurred: bool,
 }
 
-impl SensorFault for Upset {
+impl SensorFault for RegisterUpset {
     fn upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
-        let happens = self.switch.is_on(at_us) && !self.done;
-        self.done |= happens;
+        let happens = self.switch.is_on(at_us) && !self.has_occurred;
+        self.has_occurred |= happens;
         happens.then_some((self.register, self.bits))
     }
 }

@@ -5,16 +5,21 @@ use mavlink::dialects::common::ATTITUDE_DATA;
 use nalgebra::Vector3;
 
 use super::Switch;
-use super::attitude::{AttitudeFault, Bias, Coarse, Frozen, Late, Lean, Spikes};
-use super::field::{Drift, FieldFault, Moved, Passing, Throttle};
-use super::sensor::{Clipped, Faulty, Noisy, SensorFault, Spiky, Stuck, Upset};
+use super::attitude::{
+    AdditionalLatency, AttitudeBias, AttitudeFault, AttitudeQuantisation, AttitudeSpikes, BankScaleError,
+    FrozenAttitude,
+};
+use super::field::{FieldFault, HardIronChange, PassingObject, ThrottleInterference, ZeroDrift};
+use super::sensor::{
+    AdditionalNoise, AxisClipping, FaultyChip, MeasurementSpikes, RegisterUpset, SensorFault, StuckAxes,
+};
 use crate::devices::i2c::Target;
 use crate::simulation::Simulation;
 
-/// On from 1 s until 3 s.
+/// On from 1 s to 3 s.
 fn switch() -> Switch {
     let switch = Switch::off();
-    switch.act(1_000_000, 3_000_000);
+    switch.set_active(1_000_000, 3_000_000);
     switch
 }
 
@@ -25,17 +30,16 @@ const WHILE_US: u64 = 2_000_000;
 fn a_switch_is_on_from_its_beginning_until_its_end() {
     let switch = Switch::off();
     assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
-    switch.act(1_000_000, 3_000_000);
+    switch.set_active(1_000_000, 3_000_000);
     assert_eq!([999_999, 1_000_000, 2_999_999, 3_000_000].map(|us| switch.is_on(us)), [false, true, true, false]);
-    assert_eq!(switch.on_for_s(2_500_000), Some(1.5));
-    assert_eq!(switch.on_for_s(3_000_000), None);
+    assert_eq!(switch.active_for_s(2_500_000), Some(1.5));
+    assert_eq!(switch.active_for_s(3_000_000), None);
     for (at_us, progress) in [(0, 0.0), (1_000_000, 0.0), (2_000_000, 0.5), (4_000_000, 1.0)] {
         assert!((switch.progress(at_us) - progress).abs() < 1e-9, "{at_us}");
     }
     assert!(Switch::on().is_on(0));
 }
 
-/// A chip of 64 registers.
 #[derive(Default)]
 struct Chip {
     registers: Vec<u8>,
@@ -60,36 +64,36 @@ impl Target for Chip {
     }
 }
 
-/// What a driver reads of a chip whose registers count up, with a fault.
+/// Bytes read from a chip with a fault whose registers contain their addresses.
 fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u8>, Rc<RefCell<Chip>>) {
-    // Virtual time begins at nothing: the switches of these faults are on from there.
+    // Starts the simulation clock at zero, when the fault's switch is on.
     let _simulation = Simulation::new();
     let chip = Rc::new(RefCell::new(Chip { registers: (0..64).collect(), pointer: 0 }));
-    let faulty = Faulty::new(chip.clone(), vec![Box::new(fault)]);
+    let faulty = FaultyChip::new(chip.clone(), vec![Box::new(fault)]);
     faulty.borrow_mut().write(&[pointer]);
     let mut bytes = vec![0; length];
     faulty.borrow_mut().read(&mut bytes);
     (bytes, chip)
 }
 
-/// The output registers hold 0x2928, 0x2B2A, 0x2D2C; what is read of others is left alone.
+/// The output registers contain 0x2928, 0x2B2A, 0x2D2C.
 #[test]
 fn a_fault_of_the_sensor_changes_measurements_and_nothing_else() {
-    let clipped = || Clipped { switch: Switch::on(), axis: 1, limit: 0x0100 };
+    let clipped = || AxisClipping { switch: Switch::on(), axis: 1, limit_counts: 0x0100 };
     assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
     assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
     assert_eq!(read(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
     assert_eq!(read(clipped(), 0x80, 6).0, [0, 1, 2, 3, 4, 5]);
 }
 
-/// Once, before the next transfer, which goes where it would have gone.
+/// The flip precedes the next transfer, which is otherwise unaffected.
 #[test]
 fn an_upset_flips_the_bits_of_a_register_once() {
-    let upset = Upset { switch: Switch::on(), register: 0x21, bits: 0x60, done: false };
+    let upset = RegisterUpset { switch: Switch::on(), register: 0x21, bits: 0x60, has_occurred: false };
     let (bytes, chip) = read(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
-    let mut upset = Upset { switch: switch(), register: 0x21, bits: 0x60, done: false };
+    let mut upset = RegisterUpset { switch: switch(), register: 0x21, bits: 0x60, has_occurred: false };
     assert_eq!(upset.upset(BEFORE_US), None);
     assert_eq!((upset.upset(WHILE_US), upset.upset(WHILE_US)), (Some((0x21, 0x60)), None));
 }
@@ -102,17 +106,18 @@ fn tampered(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16;
 
 #[test]
 fn a_stuck_axis_repeats_what_it_read_last() {
-    let mut stuck = Stuck::new(switch(), [false, true, false]);
+    let mut stuck = StuckAxes::new(switch(), [false, true, false]);
     assert_eq!(tampered(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
     assert_eq!(tampered(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
     assert_eq!(tampered(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
     assert_eq!(tampered(&mut stuck, 3_000_000, [7, 8, 9]), [7, 8, 9]);
 }
 
-/// Of 10,000 readings the share of spikes and the scatter are known to some per cent.
+/// 10,000 measurements determine both statistics to a few per cent.
 #[test]
 fn noise_and_spikes_are_as_large_and_as_many_as_asked_for() {
-    let (mut noisy, mut spiky) = (Noisy::new(switch(), 100.0, 1), Spiky::new(switch(), 0.01, 2000.0, 1));
+    let (mut noisy, mut spiky) =
+        (AdditionalNoise::new(switch(), 100.0, 1), MeasurementSpikes::new(switch(), 0.01, 2000.0, 1));
     assert_eq!(tampered(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
     assert_eq!(tampered(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
     let squares: f64 =
@@ -133,7 +138,7 @@ fn told(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA 
 
 #[test]
 fn a_frozen_source_repeats_everything_but_its_stamp() {
-    let mut frozen = Frozen::new(switch());
+    let mut frozen = FrozenAttitude::new(switch());
     told(&mut frozen, BEFORE_US, 0.2);
     let message = told(&mut frozen, WHILE_US, 0.5);
     assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
@@ -148,16 +153,16 @@ fn faults_of_the_attitude_are_those_that_they_are_called() {
         fault.tamper(at_us, &mut message);
         message.roll
     };
-    let mut lean = Lean { switch: switch(), told: 0.7 };
-    let mut bias = Bias { switch: switch(), bias_rad: [0.1, 0.2] };
+    let mut lean = BankScaleError { switch: switch(), reported_ratio: 0.7 };
+    let mut bias = AttitudeBias { switch: switch(), bias_rad: [0.1, 0.2] };
     for (fault, expected) in [(&mut lean as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
-    let late = Late { switch: switch(), by_us: 200_000 };
+    let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
     assert_eq!([BEFORE_US, WHILE_US].map(|us| late.late_us(us)), [0, 200_000]);
-    let coarse = roll(&mut Coarse { step_deg: 0.1 }, 0).to_degrees();
+    let coarse = roll(&mut AttitudeQuantisation { resolution_deg: 0.1 }, 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
-    let mut spikes = Spikes::new(switch(), 0.01, 1);
+    let mut spikes = AttitudeSpikes::new(switch(), 0.01, 1);
     let wrong: Vec<f32> = (0..10_000).map(|_| told(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
     assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
     assert!(wrong.iter().all(|roll| (roll.abs().to_degrees() - 45.0).abs() < 1e-3));
@@ -167,9 +172,9 @@ fn faults_of_the_attitude_are_those_that_they_are_called() {
 fn faults_of_the_field_are_those_that_they_are_called() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
     let added = |fault: &dyn FieldFault, at_us| fault.added_ut(at_us).norm();
-    let moved = Moved { switch: switch(), change_ut: ut };
-    let drift = Drift { switch: switch(), change_ut: ut };
-    let passing = Passing { switch: switch(), peak_ut: ut };
+    let moved = HardIronChange { switch: switch(), change_ut: ut };
+    let drift = ZeroDrift { switch: switch(), change_ut: ut };
+    let passing = PassingObject { switch: switch(), peak_ut: ut };
     for (fault, expected_ut) in [
         (&moved as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
         (&drift, [0.0, 1.25, 2.5, 5.0]),
@@ -179,7 +184,7 @@ fn faults_of_the_field_are_those_that_they_are_called() {
             assert!((added(fault, at_us) - expected_ut).abs() < 1e-9, "{at_us}: {}", added(fault, at_us));
         }
     }
-    let throttle = Throttle::new(Switch::on(), ut, 1);
+    let throttle = ThrottleInterference::new(Switch::on(), ut, 1);
     let values: Vec<f64> = (0..600).map(|s| added(&throttle, s * 100_000)).collect();
     assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
     assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));

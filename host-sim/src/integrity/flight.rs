@@ -1,136 +1,134 @@
-//! One flight of a case: calibrate, then fly on and listen.
+//! One flight of a case: calibration, then use with evaluation of every output sentence.
 
 use autoswing::calibration::Calibration;
 use autoswing::settings::HeadingKind;
 use nalgebra::Vector3;
 
-use super::Plan;
-use super::case::{Case, Drawn, Onset};
-use super::tally::{Judged, Tally};
-use super::usage;
-use crate::module::{Module, Ran};
-use crate::nmea::{Reader, Received};
+use super::IntegrityPlan;
+use super::case::{Case, DrawnCase, Onset};
+use super::statistics::{EvaluatedSentence, HeadingStatistics};
+use super::use_legs;
+use crate::module::{Module, ModuleRunEnd};
+use crate::nmea::{HeadingSentence, SentenceReader};
 use crate::random::{Purpose, Random};
 use crate::rig::Rig;
-use crate::score::{Errors, wrap_180};
-use crate::transcript::{self, Notice};
+use crate::score::{HeadingErrors, wrap_180};
+use crate::transcript::{self, SolveNotice};
 use crate::world::WorldConfig;
-use crate::world::aircraft::Carried;
+use crate::world::aircraft::PrescribedMotion;
 use crate::world::autopilot::Leg;
 use crate::world::far_end::FarEnd;
 
-/// An accepted calibration.
+/// Accepted calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Calibrated {
-    /// What the module expects of it, degrees RMS.
+pub struct AcceptedCalibration {
+    /// Heading error estimated by the module, degrees RMS.
     pub expected_deg: f64,
-    /// What it is: RMS heading error at exact field and true attitude, with the iron there is at the end of the
-    /// calibration.
+    /// True heading error at exact field and attitude, with the hard iron at the end of the calibration, degrees RMS.
     pub true_deg: f64,
-    /// From its beginning until it was accepted, seconds.
-    pub took_s: f64,
+    /// Time from start to acceptance, seconds.
+    pub duration_s: f64,
 }
 
-impl Calibrated {
-    /// True over expected.
+impl AcceptedCalibration {
+    /// True over estimated heading error.
     #[must_use]
     pub fn ratio(&self) -> f64 {
         self.true_deg / self.expected_deg
     }
 }
 
-/// How far what the module says of iron that moved is from what did, of its size. It is asked after a full turn each way;
-/// 1 if it says nothing.
+/// Error of the module's estimate of a hard-iron change, relative to the change, after a full turn each way; 1 without
+/// an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct IronError(pub f64);
+pub struct HardIronEstimateError(pub f64);
 
-/// What came of a flight.
+/// Results of a flight.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Flown {
-    /// The calibration, or the code of the refusal.
-    pub calibrated: Result<Calibrated, String>,
-    /// What was sent with it.
-    pub tally: Tally,
-    /// Where iron moved in use, what was said of it.
-    pub iron: Option<IronError>,
+pub struct CaseFlightResult {
+    /// Calibration, or the code of its rejection.
+    pub calibrated: Result<AcceptedCalibration, String>,
+    /// Statistics of the output in use.
+    pub tally: HeadingStatistics,
+    /// Estimation error of a hard-iron change in use.
+    pub hard_iron_error: Option<HardIronEstimateError>,
 }
 
-/// The flight is flown in pieces of this length, seconds.
 const PIECE_S: f64 = 0.5;
 
-/// Time between two sentences, seconds.
 const SENTENCE_S: f64 = 0.1;
 
-/// From the end of the turns until the module must have said how its solve ended, seconds.
+/// Time after the turns within which the module must report the result of its solve, seconds.
 const PATIENCE_S: f64 = 10.0;
 
-/// Flies the flight of a seed with a plan's aircraft, source of attitude and heading that is sent.
+/// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
-pub fn fly(case: &Case, seed: u64, plan: &Plan) -> Flown {
-    let Drawn { world, routine, faults, switch, onset, stands_s, use_s } = case.draw(seed, plan.aircraft);
+pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
+    let DrawnCase { world, routine, faults, switch, onset, ground_time_s: stands_s, use_s } =
+        case.draw(seed, plan.aircraft);
     let fields = faults.field.clone();
-    let mut rig = Rig::wired(world, faults, [plan.source.far_end(), FarEnd::Nobody]);
+    let mut rig = Rig::with_far_ends(world, faults, [plan.source.far_end(), FarEnd::Unconnected]);
     rig.world.set_armed(true);
     if onset == Onset::Always {
-        switch.act(0, u64::MAX);
+        switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
     rig.type_line(&format!("stream heading {}", plan.heading.name()));
     rig.type_line(routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
-        switch.act(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
+        switch.set_active(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
     let calibration = calibrate(&mut rig, &routine.legs());
-    let calibrated = calibration.map(|(shown, at_us)| Calibrated {
+    let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
         expected_deg: shown.expected_rms_deg,
         true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
-        took_s: (at_us - began_us) as f64 / 1e6,
+        duration_s: (at_us - began_us) as f64 / 1e6,
     });
-    let mut tally = Tally::default();
+    let mut tally = HeadingStatistics::default();
     if calibrated.is_ok() {
         if let Onset::InUse { after_s, for_s } = onset {
             let from_us = later_us(rig.now_us(), after_s);
-            switch.act(from_us, later_us(from_us, for_s));
+            switch.set_active(from_us, later_us(from_us, for_s));
         }
         let counts_from_us = if let Onset::InUse { after_s, .. } = onset { later_us(rig.now_us(), after_s) } else { 0 };
         listen(&mut rig, [stands_s, use_s], seed, &mut |at_us, judged| {
-            // Iron that has moved while calibrating is part of the airframe that is used.
+            // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 Onset::Never => false,
                 Onset::Always | Onset::Calibrating { .. } => true,
                 Onset::InUse { .. } => switch.is_on(at_us),
             };
-            tally.take(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
+            tally.add_sentence(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
         });
     }
-    let iron = (calibrated.is_ok() && case.moves_iron()).then(|| {
+    let iron = (calibrated.is_ok() && case.changes_hard_iron()).then(|| {
         let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
-        iron_error(&mut rig, &world, added_ut)
+        hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
-    Flown { calibrated, tally, iron }
+    CaseFlightResult { calibrated, tally, hard_iron_error: iron }
 }
 
-/// Flies a full turn each way, and asks for the iron that has moved by so much in the chip's axes.
-fn iron_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> IronError {
+/// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
+fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector3<f64>) -> HardIronEstimateError {
     for heading_change_deg in [360.0, -360.0] {
         rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    while rig.world.legs_left() > 0 && rig.run_for_s(PIECE_S) == Ran::Time {}
-    let told_ut = transcript::iron_ut(&rig.type_line("status")).map_or_else(Vector3::zeros, Vector3::from);
-    // `m = A h + b`: what is added to the reading m is this much more of the field h. An airframe without an inverse
-    // measures nothing.
+    while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+    let told_ut = transcript::hard_iron_change_ut(&rig.type_line("status")).map_or_else(Vector3::zeros, Vector3::from);
+    // By `m = A h + b`, the change in the measurement m equals a change of the field h by `A^-1 added_ut`. A singular
+    // airframe measures nothing.
     let true_ut = world.airframe.a.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * added_ut);
-    IronError((told_ut - true_ut).norm() / true_ut.norm())
+    HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
 }
 
 fn later_us(from_us: u64, by_s: f64) -> u64 {
-    // The cast saturates: what never ends, ends never.
+    // The cast saturates, so infinity remains beyond all times.
     from_us.saturating_add((by_s * 1e6) as u64)
 }
 
-/// Flies the routine until the module says how its solve ended; and when it said so.
-fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::Shown, u64), String> {
+/// Flies the routine until the module reports the result of its solve; returns it with its time.
+fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibration, u64), String> {
     for &leg in legs {
         rig.world.fly(leg);
     }
@@ -141,20 +139,20 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::Shown, u64), St
         if let Some(notice) = transcript::notice(&session) {
             break notice;
         }
-        if rig.run_for_s(PIECE_S) != Ran::Time {
+        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
             return Err("no-power".to_owned());
         }
         session.push_str(&rig.printed());
-        if rig.world.legs_left() > 0 {
+        if rig.world.unfinished_legs() > 0 {
             continue;
         }
         waited_s += PIECE_S;
         if waited_s > PATIENCE_S && !asked {
-            // It solves by itself when it has enough; if it does not, the pilot asks for it.
+            // If the module does not solve automatically, the pilot requests it.
             asked = true;
             waited_s = 0.0;
             let printed = rig.type_line("cal solve");
-            if let Some(error) = transcript::error(&printed) {
+            if let Some(error) = transcript::parse_error(&printed) {
                 break error;
             }
             session.push_str(&printed);
@@ -164,50 +162,51 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::Shown, u64), St
     };
     let at_us = rig.now_us();
     match notice {
-        Notice::Calibrated(_) => {
-            // The plan is flown to its end.
-            while rig.world.legs_left() > 0 && rig.run_for_s(PIECE_S) == Ran::Time {}
-            let shown = transcript::shown(&rig.type_line("cal show")).ok_or_else(|| "not-shown".to_owned())?;
+        SolveNotice::Calibrated(_) => {
+            // Completes the plan.
+            while rig.world.unfinished_legs() > 0 && rig.run_for_s(PIECE_S) == ModuleRunEnd::Time {}
+            let shown = transcript::parse_shown_calibration(&rig.type_line("cal show"))
+                .ok_or_else(|| "not-shown".to_owned())?;
             Ok((shown, at_us))
         }
-        Notice::Refused { code, .. } => Err(code),
+        SolveNotice::Refused { code, .. } => Err(code),
     }
 }
 
-/// With the current that it needs to hover or to fly on, and the iron that there is now.
+/// True heading error with cruise current and present hard iron.
 fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f64>) -> f64 {
     let mut now = *world;
     now.airframe.b_ut += added_ut;
-    Errors::of(calibration, &now).figures().rms_deg
+    HeadingErrors::evaluate(calibration, &now).statistics().rms_deg
 }
 
-/// Stands on the ground for a time, as it came, and flies legs for a time; every sentence is judged.
-fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn FnMut(u64, &Judged)) {
+/// Optional time on the ground, then legs for the rest of use; evaluates every sentence.
+fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn FnMut(u64, &EvaluatedSentence)) {
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
-        // As it was flying, whole turns of its heading included: nothing real jumps.
+        // Keeps the last attitude and the unwrapped heading, to avoid jumps.
         let now = rig.world.true_state(rig.now_us());
         let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
-        rig.world.carry(Carried { roll_deg, pitch_deg, heading_deg, ..Carried::default() });
+        rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
     }
     let flies_us = later_us(rig.now_us(), stands_s);
     let end_us = later_us(flies_us, use_s);
     let kind = rig.world.config().aircraft.kind;
-    for leg in usage::first(kind, &mut random) {
+    for leg in use_legs::first_legs(kind, &mut random) {
         rig.world.fly(leg);
     }
-    let mut reader = Reader::default();
+    let mut reader = SentenceReader::default();
     let _ = rig.instrument.receive();
     while rig.now_us() < end_us {
         if stands_s > 0.0 && rig.now_us() >= flies_us {
-            rig.world.let_go();
+            rig.world.release();
         }
-        if rig.world.legs_left() < 2 {
-            for leg in usage::next(kind, &mut random) {
+        if rig.world.unfinished_legs() < 2 {
+            for leg in use_legs::next_legs(kind, &mut random) {
                 rig.world.fly(leg);
             }
         }
-        if rig.run_for_s(PIECE_S) != Ran::Time {
+        if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
             return;
         }
         for timed in rig.instrument.receive_timed() {
@@ -219,12 +218,12 @@ fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn
     }
 }
 
-fn judged(received: Received, true_deg: f64) -> Judged {
+fn judged(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
     match (received.heading_deg, received.sigma_deg) {
         (Some(sent_deg), Some(sigma_deg)) => {
-            let is_smooth = received.told.as_deref() == Some(HeadingKind::Smooth.name());
-            Judged::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
+            let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.name());
+            EvaluatedSentence::Heading { error_deg: wrap_180(sent_deg - true_deg), sigma_deg, is_smooth }
         }
-        _ => Judged::Empty(received.status.unwrap_or_default()),
+        _ => EvaluatedSentence::Empty(received.status.unwrap_or_default()),
     }
 }

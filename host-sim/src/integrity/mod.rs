@@ -1,119 +1,116 @@
-//! Integrity: what the module believes while something is wrong.
+//! Integrity study: headings output as good while a fault is active.
 //!
-//! Each [`Case`] is a fault, in use after a clean calibration or during the calibration. Seeded random airframes at
-//! random places fly it with the firmware's own tasks ([`flight`]); what is counted is how much of what was sent as good
-//! was not ([`Tally`]). The truth is the simulator's own mathematics.
+//! Each [`Case`] is a fault during calibration or during use. Random airframes at random places fly it with the
+//! firmware's own tasks ([`flight`]); the statistics count output headings whose error is not covered by their sigma.
+//! True headings come from the simulator.
 
 pub mod case;
 pub mod flight;
-mod tally;
-mod usage;
+mod statistics;
+mod use_legs;
 
 use autoswing::settings::HeadingKind;
 use rayon::prelude::*;
 use serde::Serialize;
 
 pub use case::{CASES, Case};
-pub use tally::Tally;
+pub use statistics::HeadingStatistics;
 
-use flight::{Calibrated, Flown, IronError};
+use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
 
-use crate::world::aircraft::Kind;
+use crate::world::aircraft::VehicleKind;
 use crate::world::far_end::FarEnd;
-use crate::world::msp_autopilot::{self, Troubles};
+use crate::world::msp_autopilot::{self, AnswerFaults};
 
-/// How large a run is.
+/// Extent of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
-    /// Flights of each case.
+pub struct IntegrityPlan {
+    /// Flights per case.
     pub flights: u64,
-    /// Seed of the first flight; the others follow.
+    /// Seed of the first flight; later flights use consecutive seeds.
     pub seed: u64,
-    /// Which heading the pilot has sent.
+    /// Heading selected for output.
     pub heading: HeadingKind,
-    /// What flies.
-    pub aircraft: Kind,
-    /// What the attitude comes by.
-    pub source: Source,
+    /// Vehicle kind.
+    pub aircraft: VehicleKind,
+    /// Attitude source.
+    pub source: AttitudeProtocol,
 }
 
-/// What the attitude comes by.
+/// Protocol of the attitude source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Source {
-    /// An autopilot that sends MAVLink, with body rates.
+pub enum AttitudeProtocol {
+    /// MAVLink autopilot with body rates.
     #[default]
     Mavlink,
-    /// ArduPilot by MSP: it is asked for the attitude, which comes in tenths of a degree and without rates.
+    /// ArduPilot with MSP: polled attitude in tenths of a degree, without body rates.
     Msp,
 }
 
-impl Source {
-    /// Who is at the autopilot's port.
+impl AttitudeProtocol {
     const fn far_end(self) -> FarEnd {
         match self {
             Self::Mavlink => FarEnd::Talker,
             Self::Msp => FarEnd::Msp(
-                msp_autopilot::Firmware::ArduPilot,
-                Troubles { dropped: 0.0, refused: 0.0, cut: 0.0, joined: 0.0 },
+                msp_autopilot::MspFirmware::ArduPilot,
+                AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 },
             ),
         }
     }
 }
 
-/// What came of all flights of a case.
+/// Results of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
-    /// Its name.
+pub struct IntegrityRow {
+    /// Case name.
     pub case: &'static str,
-    /// Flights flown.
+    /// Number of flights.
     pub flights: usize,
-    /// Calibrations accepted, of flights flown.
+    /// Accepted calibrations, percent of flights.
     pub accepted_percent: f64,
-    /// Calibrations accepted whose true error was more than three times the expected one, of flights flown.
+    /// Accepted calibrations with a true error above three times the estimated one, percent of flights.
     pub wrong_percent: f64,
-    /// Median of true over expected error of accepted calibrations; none if there are none.
+    /// True over estimated error of accepted calibrations, median; `None` without any.
     pub ratio_median: Option<f64>,
-    /// The largest.
+    /// True over estimated error of accepted calibrations, largest.
     pub ratio_worst: Option<f64>,
-    /// Headings sent as good whose error was more than four sigmas and more than 5 deg, of all sent as good since the
-    /// fault began.
+    /// Headings with an error above four sigmas and above 5 deg, percent of all output since the onset.
     pub bad_percent: f64,
-    /// The longest run of such headings, seconds.
+    /// Longest sequence of such headings, seconds.
     pub longest_bad_s: f64,
-    /// Largest error of a heading sent as good, degrees.
+    /// Largest heading error, degrees.
     pub worst_deg: f64,
-    /// Smooth headings, of those sent as good.
+    /// Smooth headings, percent of all headings.
     pub smooth_percent: f64,
-    /// RMS error of the headings sent as good, degrees.
+    /// RMS heading error, degrees.
     pub rms_deg: f64,
-    /// Of them within one sigma.
+    /// Errors within one sigma, percent.
     pub within_one_sigma_percent: f64,
-    /// Within two.
+    /// Errors within two sigmas, percent.
     pub within_two_sigma_percent: f64,
-    /// Within three.
+    /// Errors within three sigmas, percent.
     pub within_three_sigma_percent: f64,
-    /// Sentences without a heading, of all since the fault began.
+    /// Sentences without a heading, percent of all since the onset.
     pub empty_percent: f64,
-    /// Times that headings ceased while no fault acted, an hour of such time.
+    /// False alarms (interruptions of the heading output without an active fault), per hour without fault.
     pub alarms_per_hour: f64,
-    /// How far what is told of iron that moved is from what did, after a full turn each way, of its size; the median of
-    /// the flights. None where none moves in use.
+    /// Error of the estimated hard-iron change relative to the change, median, percent; `None` without a
+    /// simulated change.
     pub iron_error_median_percent: Option<f64>,
-    /// Why calibrations were refused, each code with its number, the most frequent first.
+    /// Codes of rejected calibrations with their counts, most frequent first.
     pub refused: Vec<(String, usize)>,
-    /// Why there were no headings since the fault began, each code with its number of sentences.
+    /// Codes of sentences without a heading since the onset, with their counts.
     pub empty: Vec<(String, usize)>,
 }
 
-/// Flies all cases, on all cores; `flown` is told of every flight that has ended. The result does not depend on the
-/// number of cores.
-pub fn run(plan: Plan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Vec<Row> {
+/// Flies all cases in parallel; calls `flown` after every flight. The result does not depend on the number of cores.
+pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Vec<IntegrityRow> {
     let flights: Vec<(usize, u64)> = cases
         .iter()
         .enumerate()
         .flat_map(|(i, case)| (0..case.flights(plan.flights)).map(move |n| (i, plan.seed.wrapping_add(n))))
         .collect();
-    let all: Vec<(usize, Flown)> = flights
+    let all: Vec<(usize, CaseFlightResult)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
             let one = (i, flight::fly(cases[i], seed, &plan));
@@ -125,19 +122,20 @@ pub fn run(plan: Plan, cases: &[&'static Case], flown: &(dyn Fn() + Sync)) -> Ve
     cases.iter().enumerate().map(|(i, case)| row(case.name, &of(i).collect::<Vec<_>>())).collect()
 }
 
-/// How many flights a run takes.
+/// Total number of flights.
 #[must_use]
-pub fn flights(plan: Plan, cases: &[&'static Case]) -> u64 {
+pub fn flights(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
     cases.iter().map(|case| case.flights(plan.flights)).sum()
 }
 
-fn row(case: &'static str, flown: &[&Flown]) -> Row {
-    let ratios = sorted(flown.iter().filter_map(|one| one.calibrated.as_ref().ok().map(Calibrated::ratio)));
-    let iron_errors = sorted(flown.iter().filter_map(|one| one.iron.map(|IronError(error)| error)));
+fn row(case: &'static str, flown: &[&CaseFlightResult]) -> IntegrityRow {
+    let ratios = sorted(flown.iter().filter_map(|one| one.calibrated.as_ref().ok().map(AcceptedCalibration::ratio)));
+    let iron_errors =
+        sorted(flown.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error)));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / flown.len().max(1) as f64;
-    let tally = flown.iter().fold(Tally::default(), |sum, one| sum.and(&one.tally));
+    let tally = flown.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
     let [one, two, three] = tally.within_percent();
-    Row {
+    IntegrityRow {
         case,
         flights: flown.len(),
         accepted_percent: percent_of_flights(ratios.len()),
@@ -166,7 +164,6 @@ fn sorted(numbers: impl Iterator<Item = f64>) -> Vec<f64> {
     numbers
 }
 
-/// Of numbers that are sorted.
 fn median(sorted: &[f64]) -> Option<f64> {
     sorted.get(sorted.len() / 2).copied()
 }

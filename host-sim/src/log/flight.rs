@@ -1,20 +1,20 @@
-//! The common form of a logged flight.
+//! A logged flight, independent of the log's format.
 
-use autoswing::earth::Day;
+use autoswing::earth::Date;
 use serde::Serialize;
 
-use super::Parameters;
-use super::correction::Iron;
+use super::ParameterHistory;
+use super::correction::FieldCorrection;
 use super::series::Series;
 
-/// What a log is written in.
+/// Log file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Format {
-    /// ArduPilot's, binary.
+pub enum LogFormat {
+    /// ArduPilot, binary.
     DataFlash,
-    /// ArduPilot's, text.
+    /// ArduPilot, text.
     DataFlashText,
-    /// PX4's.
+    /// PX4.
     ULog,
     /// MAVLink frames with the receiver's clock.
     TLog,
@@ -22,8 +22,8 @@ pub enum Format {
     Csv,
 }
 
-impl Format {
-    /// What people call it.
+impl LogFormat {
+    /// The format's usual name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -35,10 +35,10 @@ impl Format {
         }
     }
 
-    /// How old a logged field is at its own time stamp where nothing better is known, seconds: ArduPilot's rows are means
-    /// of the interval before them (10 Hz, as most), what is sent over MAVLink is older.
+    /// Default latency of a logged field, seconds. ArduPilot's rows are means over the preceding interval (usually 10
+    /// Hz); MAVLink adds transmission.
     #[must_use]
-    pub const fn usual_age_s(self) -> f64 {
+    pub const fn default_field_latency_s(self) -> f64 {
         match self {
             Self::DataFlash | Self::DataFlashText => 0.05,
             Self::TLog => 0.09,
@@ -47,14 +47,14 @@ impl Format {
     }
 }
 
-/// Whose log it is.
+/// The autopilot that wrote the log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub enum Autopilot {
     /// ArduPilot.
     ArduPilot,
     /// PX4.
     Px4,
-    /// Nobody said.
+    /// Not identified.
     #[default]
     Unknown,
 }
@@ -62,13 +62,13 @@ pub enum Autopilot {
 /// A compass of the aircraft.
 #[derive(Clone, Debug, Default)]
 pub struct Compass {
-    /// As the autopilot counts them, from 1.
+    /// The autopilot's number of the compass, from 1.
     pub number: u8,
-    /// In body axes, microtesla: the raw field x, y, z, and the field as the autopilot corrected it.
+    /// Raw field x, y, z and the field as the autopilot corrected it, body axes, microtesla.
     pub field: Series<6>,
-    /// What the autopilot corrected with at the end.
-    pub iron: Option<Iron>,
-    /// Whether the autopilot's own heading is made with it, if that is known.
+    /// The autopilot's last correction.
+    pub correction: Option<FieldCorrection>,
+    /// Whether the autopilot uses it for its heading, if known.
     pub is_used: Option<bool>,
 }
 
@@ -85,19 +85,19 @@ pub struct Gps {
     pub speed_m_s: f32,
     /// Course over ground from true north, degrees.
     pub course_deg: f32,
-    /// Heading from two antennas, degrees from true north; not a number where there is none.
+    /// Heading from two antennas, degrees from true north; NaN if absent.
     pub yaw_deg: f32,
 }
 
 impl Gps {
-    /// As they stand in a row.
+    /// Values in column order.
     #[must_use]
     pub const fn columns(self) -> [f32; 6] {
         let Self { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg } = self;
         [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]
     }
 
-    /// From a row.
+    /// Values of a row.
     #[must_use]
     pub const fn from_columns(
         [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg]: [f32; 6],
@@ -106,73 +106,72 @@ impl Gps {
     }
 }
 
-/// What was passed over while reading.
+/// Numbers of rows and messages skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Counts {
-    /// Bytes, or lines of a table, that belong to nothing.
+pub struct SkippedCounts {
+    /// Unrecognised bytes, or lines of a table.
     pub garbage: u64,
-    /// Messages whose time is nonsense.
+    /// Messages with an invalid time.
     pub bad_times: u64,
-    /// Rows of an instant that was there already.
+    /// Rows that repeat a time.
     pub repeats: u64,
-    /// Rows of the field that the autopilot itself called unhealthy.
+    /// Readings that are out of range or marked unhealthy.
     pub unhealthy: u64,
-    /// Messages of other systems on the same link.
+    /// Messages of other MAVLink systems.
     pub others: u64,
-    /// How often the autopilot restarted in the file.
+    /// Restarts of the autopilot.
     pub restarts: u32,
 }
 
 /// A flight.
 #[derive(Clone, Debug)]
 pub struct Flight {
-    /// What it was written in.
-    pub format: Format,
-    /// Whose log it is.
+    /// Format of the log.
+    pub format: LogFormat,
+    /// The autopilot that wrote the log.
     pub autopilot: Autopilot,
-    /// What the autopilot calls its firmware.
+    /// The autopilot's firmware name.
     pub firmware: Option<String>,
-    /// Whether the log says that it flies on rotors, and on nothing else.
+    /// Whether it is a rotorcraft.
     pub is_copter: bool,
     /// The compasses.
     pub compasses: Vec<Compass>,
-    /// Roll and pitch as the autopilot has them, and its yaw from true north, radians; yaw is not a number where it has
-    /// none.
+    /// The autopilot's roll, pitch and yaw from true north, radians; yaw is NaN if absent.
     pub attitude: Series<3>,
-    /// Which message stood in for the autopilot's own attitude, where that is not logged.
-    pub attitude_from: Option<&'static str>,
+    /// Message that replaced a missing autopilot attitude.
+    pub attitude_source: Option<&'static str>,
     /// Body rates p, q, r, rad/s.
     pub rates: Series<3>,
-    /// What a receiver says; see [`Gps`].
+    /// GPS rows; columns as in [`Gps`].
     pub gps: Series<6>,
-    /// Current of the battery, amperes.
+    /// Battery current, amperes.
     pub current: Series<1>,
-    /// When it was armed or disarmed; before the first entry it was the other.
+    /// Arming changes; the state before the first is its opposite.
     pub armed: Vec<(f64, bool)>,
-    /// A simulator's own roll, pitch and yaw from true north, radians. For scoring, nothing else.
+    /// A simulator's true roll, pitch and yaw, radians, for scoring only.
     pub truth: Series<3>,
-    /// A reference heading that came with the log, radians, from any north.
-    pub reference: Series<1>,
-    /// When rows may be used, as the log itself says; 0 or 1.
+    /// Logged reference heading, radians, from an arbitrary north.
+    pub reference_heading: Series<1>,
+    /// Whether rows may be used; 0 or 1.
     pub usable: Series<1>,
     /// The autopilot's parameters.
-    pub parameters: Parameters,
-    /// The day.
-    pub day: Option<Day>,
-    /// Rows that carry no time, and are taken to be of the instant of the message before.
-    pub unstamped: u64,
-    /// The vehicles on a link, by the number of their system: the one that is read first, others as they were heard.
+    pub parameters: ParameterHistory,
+    /// Day of the flight.
+    pub day: Option<Date>,
+    /// Rows without a time; they get the preceding message's.
+    pub rows_without_time: u64,
+    /// MAVLink systems with an autopilot, first the one read.
     pub systems: Vec<u8>,
-    /// Components of that vehicle with an autopilot on a MAVLink link, the one that is judged first.
+    /// Components of that system with an autopilot, first the one read.
     pub components: Vec<u8>,
-    /// What was passed over.
-    pub counts: Counts,
+    /// Counts of skipped rows.
+    pub counts: SkippedCounts,
 }
 
 impl Flight {
-    /// Nothing of a format.
+    /// Creates an empty flight.
     #[must_use]
-    pub fn new(format: Format) -> Self {
+    pub fn new(format: LogFormat) -> Self {
         Self {
             format,
             autopilot: Autopilot::default(),
@@ -180,26 +179,26 @@ impl Flight {
             is_copter: false,
             compasses: Vec::new(),
             attitude: Series::new(),
-            attitude_from: None,
+            attitude_source: None,
             rates: Series::new(),
             gps: Series::new(),
             current: Series::new(),
             armed: Vec::new(),
             truth: Series::new(),
-            reference: Series::new(),
+            reference_heading: Series::new(),
             usable: Series::new(),
-            parameters: Parameters::default(),
+            parameters: ParameterHistory::default(),
             day: None,
-            unstamped: 0,
+            rows_without_time: 0,
             systems: Vec::new(),
             components: Vec::new(),
-            counts: Counts::default(),
+            counts: SkippedCounts::default(),
         }
     }
 
-    /// From the first row of the field to the last, seconds.
+    /// Times of the first and the last field row, seconds.
     #[must_use]
-    pub fn lasts_s(&self) -> [f64; 2] {
+    pub fn time_range_s(&self) -> [f64; 2] {
         let each = self.compasses.iter().filter_map(|compass| {
             let rows = compass.field.rows();
             Some([rows.first()?.t_s, rows.last()?.t_s])
@@ -207,7 +206,7 @@ impl Flight {
         each.reduce(|[from, to], [first, last]| [from.min(first), to.max(last)]).unwrap_or_default()
     }
 
-    /// Whether it was armed at an instant; none where nothing is known of it.
+    /// Whether the aircraft was armed at a time; none if unknown.
     #[must_use]
     pub fn is_armed(&self, t_s: f64) -> Option<bool> {
         let &(_, first) = self.armed.first()?;

@@ -1,28 +1,28 @@
-//! Flights from logs as autopilots write them: one common form of them all.
+//! Readers for autopilot logs; every format becomes one [`Flight`].
 //!
-//! | format | file | known by |
+//! | format | file | recognised by |
 //! |---|---|---|
 //! | ArduPilot DataFlash | `.bin` | a FMT message: `A3 95 80` |
 //! | the same as text | `.log` | a line that begins with `FMT,` |
 //! | PX4 ULog | `.ulg` | its seven magic bytes |
-//! | MAVLink with the receiver's clock, or without | `.tlog` | frames with right checksums, after eight bytes each or none |
+//! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //!
-//! A format is recognised by content, and read as a stream: a [`Flight`] holds what is needed of a flight, at most half a
-//! million rows of each kind, whatever the length of the file. Any bytes give a flight or an error.
+//! The format is detected from the content, not the file name. Logs are read as streams: a [`Flight`] holds at most
+//! half a million rows of each series, whatever the length of the file. Any input gives a flight or an error.
 //!
-//! The readers of DataFlash and ULog are own ones. `ardupilot-binlog` 0.2 computes a length that may fall below nothing, and
-//! gives up after 256 damaged bytes; `px4-ulog` 0.6 panics on a key that is longer than its message (file_reader.rs, line
-//! 419, found by changing single bytes of a log); `yule_log` 0.4 prints to standard output, follows a format that contains
-//! itself, and brings regular expressions and a logger along. MAVLink's messages and checksums are those of the `mavlink`
-//! crate.
+//! Published readers were rejected: `ardupilot-binlog` 0.2 can underflow a length and gives up after 256 damaged bytes;
+//! `px4-ulog` 0.6 panics on a key longer than its message (file_reader.rs, line 419, found by fuzzing); `yule_log` 0.4
+//! prints to standard output, recurses into a format that contains itself, and depends on regular expressions and a
+//! logger. MAVLink messages and checksums come from the `mavlink` crate.
 
 mod correction;
 pub mod csv;
 mod dataflash;
 mod flight;
+mod flight_builder;
 mod parameters;
-mod recorder;
+mod read_window;
 mod rotation;
 pub mod series;
 #[cfg(test)]
@@ -30,43 +30,42 @@ mod tests;
 mod timeline;
 mod tlog;
 mod ulog;
-mod window;
 pub mod write;
 
 pub(crate) use correction::px4_mounting;
-pub use correction::{Iron, missing_of_ardupilot, turned_in_flight};
-pub use flight::{Autopilot, Compass, Counts, Flight, Format, Gps};
-pub use parameters::Parameters;
-pub use rotation::Rotation;
+pub use correction::{FieldCorrection, missing_ardupilot_parameters, mounting_parameter_changes};
+pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts};
+pub use parameters::ParameterHistory;
+pub use rotation::NumberedRotation;
 
 use std::fmt;
 use std::io::{self, Read};
 use std::path::Path;
 
-use csv::{CsvError, Unit};
+use csv::{CsvError, FieldUnit};
 
-/// So many bytes at the beginning say which format it is.
+/// Bytes searched to detect the format.
 const HEAD: usize = 1 << 16;
 
-/// Why a log cannot be read.
+/// Reason why a log cannot be read.
 #[derive(Debug)]
 pub enum LogError {
     /// The file cannot be opened or read.
     Io(io::Error),
-    /// There is nothing in it.
+    /// The file is empty.
     Empty,
-    /// It is none of the formats.
-    Unknown,
-    /// What is wrong with the values of a table.
+    /// The content matches no supported format.
+    UnknownFormat,
+    /// Error in the values of a table.
     Csv(CsvError),
-    /// It is such a log, but holds no field; readings of one that are none.
-    NoField(Format, u64),
-    /// It is such a log, but holds no attitude.
-    NoAttitude(Format),
-    /// It has no such system; those that it has.
-    NoSystem(u8, Vec<u8>),
-    /// It is such a log, but nothing in it tells when its rows were written.
-    NoTime(Format),
+    /// No valid field; number of rejected magnetometer readings.
+    NoField(LogFormat, u64),
+    /// The log has no attitude.
+    NoAttitude(LogFormat),
+    /// The requested MAVLink system is absent; systems that are present.
+    SystemNotFound(u8, Vec<u8>),
+    /// The log's messages carry no time.
+    NoTime(LogFormat),
 }
 
 impl fmt::Display for LogError {
@@ -74,7 +73,7 @@ impl fmt::Display for LogError {
         match self {
             Self::Io(why) => why.fmt(f),
             Self::Empty => f.write_str("the file is empty"),
-            Self::Unknown => f.write_str(
+            Self::UnknownFormat => f.write_str(
                 "not a log that is known: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
@@ -86,10 +85,10 @@ impl fmt::Display for LogError {
                 format.name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
-            Self::NoSystem(system, heard) if heard.is_empty() => {
-                write!(f, "there is no system {system}: no vehicle says its number")
+            Self::SystemNotFound(system, heard) if heard.is_empty() => {
+                write!(f, "no system {system}: no vehicle of the log has this number")
             }
-            Self::NoSystem(system, heard) => {
+            Self::SystemNotFound(system, heard) => {
                 let heard: Vec<String> = heard.iter().map(u8::to_string).collect();
                 write!(f, "there is no vehicle of system {system}; there is {}", heard.join(", "))
             }
@@ -111,49 +110,49 @@ impl From<io::Error> for LogError {
     }
 }
 
-/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is that of the field in a table, `system` the
-/// vehicle on a MAVLink link, else the first that is heard.
+/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
+/// `system` the MAVLink system to read (default: the first autopilot).
 ///
 /// # Errors
 ///
-/// Why it cannot be read.
-pub fn open(path: &Path, unit: Unit, system: Option<u8>) -> Result<Flight, LogError> {
+/// The file cannot be read, or holds no usable flight.
+pub fn open(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     if path.as_os_str() == "-" {
-        return read_of(&mut io::stdin().lock(), unit, system);
+        return read_system(&mut io::stdin().lock(), unit, system);
     }
-    read_of(&mut std::fs::File::open(path)?, unit, system)
+    read_system(&mut std::fs::File::open(path)?, unit, system)
 }
 
-/// As [`open`], from any source, the first vehicle that is heard.
+/// Reads the first autopilot's flight from any source.
 ///
 /// # Errors
 ///
 /// As [`open`].
-pub fn read(source: &mut dyn Read, unit: Unit) -> Result<Flight, LogError> {
-    read_of(source, unit, None)
+pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> {
+    read_system(source, unit, None)
 }
 
-/// As [`open`], from any source.
+/// Reads a flight from any source, as [`open`].
 ///
 /// # Errors
 ///
 /// As [`open`].
-pub fn read_of(source: &mut dyn Read, unit: Unit, system: Option<u8>) -> Result<Flight, LogError> {
+pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
     (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
     let format = recognised(&head)?;
     let mut source = io::Cursor::new(head).chain(source);
     let flight = match format {
-        Format::DataFlash => dataflash::read_binary(&mut source)?,
-        Format::DataFlashText => dataflash::read_text(&mut source)?,
-        Format::ULog => ulog::read(&mut source)?,
-        Format::TLog => tlog::read(&mut source, system)?,
-        Format::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
+        LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
+        LogFormat::DataFlashText => dataflash::read_text(&mut source)?,
+        LogFormat::ULog => ulog::read(&mut source)?,
+        LogFormat::TLog => tlog::read(&mut source, system)?,
+        LogFormat::Csv => csv::read(source, unit).map_err(LogError::Csv)?,
     };
     if let Some(system) = system.filter(|system| flight.systems.first() != Some(system)) {
-        return Err(LogError::NoSystem(system, flight.systems));
+        return Err(LogError::SystemNotFound(system, flight.systems));
     }
-    if flight.compasses.is_empty() && flight.unstamped > 0 {
+    if flight.compasses.is_empty() && flight.rows_without_time > 0 {
         return Err(LogError::NoTime(format));
     }
     if flight.compasses.is_empty() {
@@ -165,22 +164,21 @@ pub fn read_of(source: &mut dyn Read, unit: Unit, system: Option<u8>) -> Result<
     Ok(flight)
 }
 
-/// Which format begins so.
-fn recognised(head: &[u8]) -> Result<Format, LogError> {
+fn recognised(head: &[u8]) -> Result<LogFormat, LogError> {
     let text = || head.split(|&byte| byte == b'\n').take(100);
     if head.is_empty() {
         Err(LogError::Empty)
     } else if head.starts_with(&ulog::MAGIC) {
-        Ok(Format::ULog)
-    } else if dataflash::begins_in(head) {
-        Ok(Format::DataFlash)
-    } else if tlog::begins_in(head) {
-        Ok(Format::TLog)
+        Ok(LogFormat::ULog)
+    } else if dataflash::matches_header(head) {
+        Ok(LogFormat::DataFlash)
+    } else if tlog::matches_header(head) {
+        Ok(LogFormat::TLog)
     } else if text().any(|line| line.starts_with(b"FMT,")) {
-        Ok(Format::DataFlashText)
+        Ok(LogFormat::DataFlashText)
     } else if csv::begins_in(head) {
-        Ok(Format::Csv)
+        Ok(LogFormat::Csv)
     } else {
-        Err(LogError::Unknown)
+        Err(LogError::UnknownFormat)
     }
 }

@@ -1,8 +1,8 @@
-//! The mountings that autopilots have numbers for.
+//! Numbered mounting rotations of ArduPilot and PX4.
 
 use nalgebra::{Matrix3, Rotation3};
 
-/// Roll, pitch, yaw in degrees, by number, where ArduPilot's `Rotation` and PX4's `Rotation` agree.
+/// Roll, pitch, yaw in degrees, by number, where ArduPilot and PX4 agree.
 const DEGREES: [[u16; 3]; 41] = [
     [0, 0, 0],
     [0, 0, 45],
@@ -47,32 +47,32 @@ const DEGREES: [[u16; 3]; 41] = [
     [90, 315, 0],
 ];
 
-/// A mounting that has a number.
+/// A numbered mounting rotation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rotation(u8);
+pub struct NumberedRotation(u8);
 
-impl Rotation {
-    /// The mounting of a number, if it is one of those here.
+impl NumberedRotation {
+    /// The rotation of a number; none if unknown.
     #[must_use]
     pub fn new(number: f64) -> Option<Self> {
         let whole = number.round();
         (0.0..DEGREES.len() as f64).contains(&whole).then_some(Self(whole as u8))
     }
 
-    /// Its number.
+    /// Number of the rotation.
     #[must_use]
     pub const fn number(self) -> u8 {
         self.0
     }
 
-    /// From the sensor's axes to those of the body: yaw after pitch after roll.
+    /// Rotation matrix from sensor to body axes: roll, then pitch, then yaw.
     #[must_use]
     pub fn matrix(self) -> Matrix3<f64> {
         let [roll, pitch, yaw] = DEGREES[usize::from(self.0) % DEGREES.len()].map(|deg| f64::from(deg).to_radians());
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     }
 
-    /// The mounting whose matrix is nearest to one, and by how much the two differ, degrees.
+    /// The numbered rotation nearest to a matrix, and the angle between both, degrees.
     #[must_use]
     pub fn nearest(matrix: &Matrix3<f64>) -> (Self, f64) {
         let angle_deg = |rotation: Self| {
@@ -92,11 +92,11 @@ mod tests {
 
     use super::*;
 
-    /// ArduPilot's vector3.cpp: `ROTATION_YAW_90` makes (-y, x, z), `ROTATION_ROLL_180` (x, -y, -z), `ROTATION_PITCH_90`
-    /// (z, y, -x), `ROTATION_YAW_270` (y, -x, z).
+    /// ArduPilot's vector3.cpp: `ROTATION_YAW_90` makes (-y, x, z), `ROTATION_ROLL_180` (x, -y, -z),
+    /// `ROTATION_PITCH_90` (z, y, -x), `ROTATION_YAW_270` (y, -x, z).
     #[test]
     fn numbers_turn_as_the_autopilots_do() {
-        let of = |number: f64| Rotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
+        let of = |number: f64| NumberedRotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
         for (number, expected) in [
             (0.0, [1.0, 2.0, 3.0]),
             (2.0, [-2.0, 1.0, 3.0]),
@@ -107,15 +107,19 @@ mod tests {
         ] {
             assert!((of(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", of(number));
         }
-        assert!(Rotation::new(41.0).is_none() && Rotation::new(-1.0).is_none() && Rotation::new(f64::NAN).is_none());
+        assert!(
+            NumberedRotation::new(41.0).is_none()
+                && NumberedRotation::new(-1.0).is_none()
+                && NumberedRotation::new(f64::NAN).is_none()
+        );
     }
 
     #[test]
-    fn the_nearest_is_found() {
+    fn the_nearest_rotation_is_found() {
         for number in 0..41 {
-            let matrix = Rotation(number).matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
-            let (found, off_deg) = Rotation::nearest(&matrix);
-            assert!((found.matrix() - Rotation(number).matrix()).norm() < 1e-9, "{number} {found:?}");
+            let matrix = NumberedRotation(number).matrix() * Rotation3::from_euler_angles(0.1, -0.1, 0.05).into_inner();
+            let (found, off_deg) = NumberedRotation::nearest(&matrix);
+            assert!((found.matrix() - NumberedRotation(number).matrix()).norm() < 1e-9, "{number} {found:?}");
             assert!(off_deg > 5.0 && off_deg < 12.0, "{off_deg}");
         }
     }

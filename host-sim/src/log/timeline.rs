@@ -1,35 +1,33 @@
-//! One line of time from clocks that are reset: a restart of the autopilot in the middle of a file, or a stamp that is
-//! nonsense.
+//! Continuous flight time from a log's clock, across restarts and invalid stamps.
 
-/// What comes out of order by less than this is put in order, microseconds.
+/// Largest step back attributed to reordering, microseconds.
 const BACK_US: u64 = 3_000_000;
 
-/// A step ahead by more than this is believed when a second stamp agrees, microseconds.
+/// Largest step ahead accepted without a confirming stamp, microseconds.
 const AHEAD_US: u64 = 30_000_000;
 
-/// After a restart time goes on so much later, seconds: nothing is interpolated over that.
+/// Gap inserted at a restart, seconds, so that no interpolation crosses it.
 const RESTART_GAP_S: f64 = 10.0;
 
-/// No clock of an aircraft counts further: thirty years, microseconds.
+/// Largest valid clock, microseconds: thirty years.
 const MAX_US: u64 = 1_000_000_000_000_000;
 
-/// Stamps of a log's clock in, seconds of one line of time out.
 #[derive(Clone, Debug, Default)]
 pub struct Timeline {
     newest_us: Option<u64>,
-    /// A stamp far from the others, until a second one agrees or does not.
-    doubted_us: Option<u64>,
-    /// Added to this clock's seconds.
+    /// An implausible stamp waiting for confirmation.
+    unconfirmed_us: Option<u64>,
+    /// Flight time at zero of the current clock, seconds.
     offset_s: f64,
     restarts: u32,
-    refused: u64,
+    rejected_count: u64,
 }
 
 impl Timeline {
-    /// Where a stamp lies, seconds; none if it is not believed.
-    pub fn at(&mut self, us: u64) -> Option<f64> {
+    /// Flight time of a stamp, seconds; none if the stamp is rejected.
+    pub fn flight_time_s(&mut self, us: u64) -> Option<f64> {
         if us > MAX_US {
-            self.refused += 1;
+            self.rejected_count += 1;
             return None;
         }
         let Some(newest_us) = self.newest_us else {
@@ -40,46 +38,42 @@ impl Timeline {
         let is_near = |of_us: u64| us.saturating_add(BACK_US) >= of_us && us <= of_us.saturating_add(AHEAD_US);
         if is_near(newest_us) {
             self.newest_us = Some(newest_us.max(us));
-            self.doubted_us = None;
-        } else if self.doubted_us.is_some_and(is_near) {
-            self.doubted_us = None;
-            // The first one was no nonsense.
-            self.refused -= 1;
+            self.unconfirmed_us = None;
+        } else if self.unconfirmed_us.is_some_and(is_near) {
+            self.unconfirmed_us = None;
+            // The pending stamp was counted as rejected, but is now confirmed.
+            self.rejected_count -= 1;
             if us < newest_us {
                 self.restarts += 1;
                 self.offset_s += seconds(newest_us) - seconds(us) + RESTART_GAP_S;
             }
             self.newest_us = Some(us);
         } else {
-            self.doubted_us = Some(us);
-            self.refused += 1;
+            self.unconfirmed_us = Some(us);
+            self.rejected_count += 1;
             return None;
         }
         Some(seconds(us) + self.offset_s)
     }
 
-    /// The newest instant, seconds.
     #[must_use]
-    pub fn now_s(&self) -> f64 {
+    pub fn newest_s(&self) -> f64 {
         self.newest_us.map_or(0.0, |us| seconds(us) + self.offset_s)
     }
 
-    /// Whether any stamp was read.
     #[must_use]
-    pub const fn has_begun(&self) -> bool {
+    pub const fn has_stamps(&self) -> bool {
         self.newest_us.is_some()
     }
 
-    /// How often the clock began anew.
     #[must_use]
     pub const fn restarts(&self) -> u32 {
         self.restarts
     }
 
-    /// Stamps that were not believed.
     #[must_use]
-    pub const fn refused(&self) -> u64 {
-        self.refused
+    pub const fn rejected_count(&self) -> u64 {
+        self.rejected_count
     }
 }
 
@@ -93,7 +87,7 @@ mod tests {
 
     fn placed(stamps_s: &[f64]) -> (Vec<Option<f64>>, Timeline) {
         let mut line = Timeline::default();
-        (stamps_s.iter().map(|s| line.at((s * 1e6) as u64)).collect(), line)
+        (stamps_s.iter().map(|s| line.flight_time_s((s * 1e6) as u64)).collect(), line)
     }
 
     #[test]
@@ -102,7 +96,7 @@ mod tests {
         for (at_s, expected) in placed.iter().zip([0.0, 1.0, 0.5, -1.9, 30.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
-        assert_eq!((line.restarts(), line.refused()), (0, 0));
+        assert_eq!((line.restarts(), line.rejected_count()), (0, 0));
     }
 
     #[test]
@@ -111,7 +105,7 @@ mod tests {
             let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 1.2).abs() < 1e-9, "{placed:?}");
-            assert_eq!((line.restarts(), line.refused()), (0, 1));
+            assert_eq!((line.restarts(), line.rejected_count()), (0, 1));
         }
     }
 
@@ -128,6 +122,6 @@ mod tests {
         let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 400.2).abs() < 1e-9, "{placed:?}");
-        assert_eq!((line.restarts(), line.refused()), (0, 0), "what a second stamp agrees with is no nonsense");
+        assert_eq!((line.restarts(), line.rejected_count()), (0, 0), "what a second stamp agrees with is no nonsense");
     }
 }

@@ -1,59 +1,58 @@
-//! MAVLink frames, each after eight bytes of the receiver's clock (microseconds since 1970, big-endian), as ground stations
-//! write them; or without, as they come on a line.
+//! Reader for MAVLink frames, with or without eight bytes of the receiver's clock before each (microseconds since 1970,
+//! big-endian, as ground stations write).
 //!
-//! Messages are put on the line of time by the sender's clock since its start; those that carry none by the receiver's
-//! clock since the last that did. Only the first autopilot that is heard counts.
+//! Times come from the sender's clock since boot. Messages without one get the last sender time plus the receiver's
+//! clock difference since. Only one autopilot is read: the requested system, or the first received.
 
 use std::io::{self, Read};
 
 use mavlink::dialects::common::{MavMessage, MavParamType, PARAM_VALUE_DATA};
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
-use super::flight::{Autopilot, Flight, Format, Gps};
-use super::recorder::{Logged, Recorder};
-use super::window::Window;
+use super::flight::{Autopilot, Flight, Gps, LogFormat};
+use super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::read_window::ReadWindow;
 
 const CLOCK: usize = 8;
-/// Marker, length and the rest of a header of version 1 and 2, the checksum, a signature.
+/// Lengths of the headers of versions 1 and 2, of the checksum and of the signature, bytes.
 const HEADER_1: usize = 6;
 const HEADER_2: usize = 10;
 const CHECKSUM: usize = 2;
 const SIGNATURE: usize = 13;
 const MAX_FRAME: usize = HEADER_2 + 255 + CHECKSUM + SIGNATURE;
 
-/// ArduPilot's own SIMSTATE, which the common dialect has not, and the extra byte of its checksum.
+/// ArduPilot's SIMSTATE, absent from the common dialect: message number and CRC extra byte.
 const SIMSTATE: (u32, u8) = (164, 154);
 
 const MILLIGAUSS_UT: f32 = 0.1;
 const GAUSS_UT: f32 = 100.0;
 
-/// In so many bytes the first whole frame is sought.
 const WITHIN: usize = 4096;
 
-/// Whether a log begins so: a whole frame within the first bytes.
-pub fn begins_in(head: &[u8]) -> bool {
+pub fn matches_header(head: &[u8]) -> bool {
     clock_in(head).is_some()
 }
 
-/// How long the clock before every frame is; none where there is no frame. Behind a frame the next one follows: what looks
-/// like a clock may be the end of the frame before.
+/// Length of the clock before every frame, bytes; none without a valid frame. Two consecutive frames are required,
+/// since the end of the previous frame can look like a clock.
 fn clock_in(head: &[u8]) -> Option<usize> {
-    let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_right);
-    let is_chain = |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.taken, clock).is_some());
+    let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid);
+    let is_chain =
+        |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
     let begins = || (0..head.len().min(WITHIN)).flat_map(|at| [CLOCK, 0].map(|clock| (at, clock)));
     let chain = begins().find(|&(at, clock)| is_chain(at, clock)).map(|(_, clock)| clock);
-    // Of one frame alone it is taken for certain only with its clock.
+    // A single frame is accepted only with a clock.
     chain.or_else(|| begins().any(|(at, _)| right(at, CLOCK).is_some()).then_some(CLOCK))
 }
 
-/// Reads the flight of a system, or of the first one that is heard.
+/// Reads the flight of a system, or of the first autopilot received.
 ///
 /// # Errors
 ///
-/// What the source says.
+/// The source cannot be read.
 pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
-    let mut window = Window::new(source);
-    let mut log = Log::new(system);
+    let mut window = ReadWindow::new(source);
+    let mut log = TlogReader::new(system);
     let clock = clock_in(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
     loop {
         let bytes = window.peek(CLOCK + MAX_FRAME)?;
@@ -62,33 +61,32 @@ pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
         }
         let frame = Frame::first(bytes, clock);
         let taken = if let Some(frame) = frame {
-            if frame.is_right {
+            if frame.is_checksum_valid {
                 log.take(&frame);
             }
-            frame.taken
+            frame.total_len
         } else {
-            log.recorder.flight.counts.garbage += 1;
+            log.builder.flight.counts.garbage += 1;
             1
         };
-        window.take(taken);
+        window.consume(taken);
     }
     Ok(log.finish())
 }
 
 struct Frame<'a> {
-    /// The receiver's clock; nothing where there is none.
+    /// Receiver's clock, microseconds since 1970; zero if absent.
     received_us: u64,
     version: MavlinkVersion,
     sender: [u8; 2],
     id: u32,
-    /// Whether its checksum is.
-    is_right: bool,
+    is_checksum_valid: bool,
     payload: &'a [u8],
-    taken: usize,
+    total_len: usize,
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that stands at the beginning, after its clock of so many bytes.
+    /// Parses the frame at the start of `bytes`, after `clock` bytes of clock.
     fn first(bytes: &'a [u8], clock: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock)?;
         let (version, header, sender, id, has_signature) = match *frame {
@@ -105,129 +103,143 @@ impl<'a> Frame<'a> {
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
         let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
         let taken = clock + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
-        // A message that is not known, or was another one when it was sent, has a wrong checksum: if the next frame follows
-        // it, it is one nevertheless, of which nothing is believed.
+        // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
+        // frame is skipped whole and its content ignored.
         let is_followed = || bytes.get(taken + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
         let received_us = received.first_chunk().map_or(0, |clock| u64::from_be_bytes(*clock));
         let payload = &frame[header..end];
-        (is_right || is_followed()).then_some(Self { received_us, version, sender, id, is_right, payload, taken })
+        (is_right || is_followed()).then_some(Self {
+            received_us,
+            version,
+            sender,
+            id,
+            is_checksum_valid: is_right,
+            payload,
+            total_len: taken,
+        })
     }
 }
 
 const HEARTBEAT: u32 = 0;
 
-/// Which autopilot (`MAV_AUTOPILOT`) a heartbeat is of; none of another message, or of what has none.
+/// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
 fn autopilot_of(frame: &Frame<'_>) -> Option<u8> {
     const INVALID: u8 = 8;
-    // MAV_TYPE: ground station, companion computer, gimbal, traffic, camera. Some call themselves a generic autopilot.
+    // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NO_VEHICLES: [u8; 5] = [6, 18, 26, 27, 30];
     let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
-    let is_one = frame.id == HEARTBEAT && frame.is_right && byte(5) != INVALID && !NO_VEHICLES.contains(&byte(4));
+    let is_one =
+        frame.id == HEARTBEAT && frame.is_checksum_valid && byte(5) != INVALID && !NO_VEHICLES.contains(&byte(4));
     is_one.then(|| byte(5))
 }
 
-struct Log {
-    recorder: Recorder,
-    /// The system that is asked for.
-    wanted: Option<u8>,
-    /// System and component of the autopilot.
+struct TlogReader {
+    builder: FlightBuilder,
+    requested_system: Option<u8>,
+    /// System and component of the autopilot that is read.
     autopilot: Option<[u8; 2]>,
-    /// Other systems that have an autopilot.
-    others: Vec<u8>,
-    /// Other components of its system that have one.
-    beside: Vec<u8>,
-    /// The sender's clock when it was last heard, and the receiver's then.
-    clock_us: Option<(u64, u64)>,
+    other_systems: Vec<u8>,
+    other_components: Vec<u8>,
+    /// Last sender clock, and the receiver's clock at that message, microseconds.
+    last_clocks_us: Option<(u64, u64)>,
 }
 
-impl Log {
+impl TlogReader {
     fn new(wanted: Option<u8>) -> Self {
-        let recorder = Recorder::new(Format::TLog);
-        Self { recorder, wanted, autopilot: None, others: Vec::new(), beside: Vec::new(), clock_us: None }
+        let recorder = FlightBuilder::new(LogFormat::TLog);
+        Self {
+            builder: recorder,
+            requested_system: wanted,
+            autopilot: None,
+            other_systems: Vec::new(),
+            other_components: Vec::new(),
+            last_clocks_us: None,
+        }
     }
 
     fn take(&mut self, frame: &Frame<'_>) {
         let [system, _] = frame.sender;
-        if self.autopilot.is_some_and(|own| own != frame.sender) || self.wanted.is_some_and(|wanted| wanted != system) {
-            self.recorder.flight.counts.others += 1;
+        if self.autopilot.is_some_and(|own| own != frame.sender)
+            || self.requested_system.is_some_and(|wanted| wanted != system)
+        {
+            self.builder.flight.counts.others += 1;
             self.other(frame, autopilot_of(frame));
             return;
         }
         if frame.id == HEARTBEAT {
-            self.heartbeat(frame);
+            self.process_heartbeat(frame);
         } else if self.autopilot.is_none() {
-            // Who that is will be known within a second.
+            // Ignored until the first heartbeat (1 Hz) identifies the autopilot.
         } else if frame.id == SIMSTATE.0 {
             let float = |at: usize| {
                 let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(at + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
             };
             if let Some(t_s) = self.untimed(frame) {
-                self.recorder.truth(t_s, [float(0), float(4), float(8)]);
+                self.builder.push_truth(t_s, [float(0), float(4), float(8)]);
             }
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.id, frame.payload) {
             self.message(frame, &message);
         }
     }
 
-    /// Whoever else has an autopilot is another vehicle, or of the same system a second autopilot.
+    /// Records another vehicle, or a second autopilot of the same system.
     fn other(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
         let [system, component] = frame.sender;
         let is_own = self.autopilot.is_some_and(|[own, _]| own == system);
         if autopilot.is_none() {
             return;
         }
-        if is_own && !self.beside.contains(&component) {
-            self.beside.push(component);
-        } else if !is_own && !self.others.contains(&system) {
-            self.others.push(system);
+        if is_own && !self.other_components.contains(&component) {
+            self.other_components.push(component);
+        } else if !is_own && !self.other_systems.contains(&system) {
+            self.other_systems.push(system);
         }
     }
 
-    /// Its numbers are taken as they stand: a kind of vehicle that the library does not know is one, too.
-    fn heartbeat(&mut self, frame: &Frame<'_>) {
-        // MAV_AUTOPILOT.
+    /// Reads the payload bytes directly, so that vehicle types unknown to the library are accepted.
+    fn process_heartbeat(&mut self, frame: &Frame<'_>) {
         const ARDUPILOT: u8 = 3;
         const PX4: u8 = 12;
         const ARMED: u8 = 0x80;
-        // MAV_TYPE: four, coaxial, helicopter, six, eight, three, twelve, ten.
+        // MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor.
         const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
         let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
         let mode = byte(6);
         let Some(autopilot) = autopilot_of(frame) else { return };
         if self.autopilot.is_none() {
             self.autopilot = Some(frame.sender);
-            self.recorder.flight.is_copter = ROTORS.contains(&byte(4));
-            self.recorder.flight.autopilot = match autopilot {
+            self.builder.flight.is_copter = ROTORS.contains(&byte(4));
+            self.builder.flight.autopilot = match autopilot {
                 ARDUPILOT => Autopilot::ArduPilot,
                 PX4 => Autopilot::Px4,
                 _ => Autopilot::Unknown,
             };
         }
         if let Some(t_s) = self.untimed(frame) {
-            self.recorder.armed(t_s, mode & ARMED != 0);
+            self.builder.push_armed(t_s, mode & ARMED != 0);
         }
     }
 
     fn finish(mut self) -> Flight {
         let own = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
-        self.recorder.flight.systems = own(0).chain(self.others.iter().copied()).collect();
-        self.recorder.flight.components = own(1).chain(self.beside.iter().copied()).collect();
-        self.recorder.finish()
+        self.builder.flight.systems = own(0).chain(self.other_systems.iter().copied()).collect();
+        self.builder.flight.components = own(1).chain(self.other_components.iter().copied()).collect();
+        self.builder.finish()
     }
 
     fn message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
         match message {
             MavMessage::ATTITUDE(m) => {
                 if let Some(t_s) = self.timed(frame, u64::from(m.time_boot_ms) * 1000) {
-                    self.recorder.attitude(t_s, [m.roll, m.pitch, m.yaw]);
-                    self.recorder.rates(t_s, [m.rollspeed, m.pitchspeed, m.yawspeed]);
+                    self.builder.push_attitude(t_s, [m.roll, m.pitch, m.yaw]);
+                    self.builder.push_rates(t_s, [m.rollspeed, m.pitchspeed, m.yawspeed]);
                 }
             }
-            MavMessage::RAW_IMU(m) if self.recorder.flight.autopilot != Autopilot::Px4 => {
+            MavMessage::RAW_IMU(m) if self.builder.flight.autopilot != Autopilot::Px4 => {
                 self.field(frame, 1, m.time_usec, [m.xmag, m.ymag, m.zmag]);
             }
-            MavMessage::SCALED_IMU(m) if self.recorder.flight.autopilot == Autopilot::Px4 => {
+            MavMessage::SCALED_IMU(m) if self.builder.flight.autopilot == Autopilot::Px4 => {
                 self.field(frame, 1, u64::from(m.time_boot_ms) * 1000, [m.xmag, m.ymag, m.zmag]);
             }
             MavMessage::SCALED_IMU2(m) => {
@@ -241,86 +253,87 @@ impl Log {
                     && let Some(t_s) = self.timed(frame, m.time_usec)
                 {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
-                    self.recorder.field(1, self.logged(1), t_s, field_ut, None);
+                    self.builder.push_field(1, self.logged(1), t_s, field_ut, None);
                 }
             }
             MavMessage::GPS_RAW_INT(m) => {
                 if m.fix_type as u32 >= 3
                     && let Some(t_s) = self.untimed(frame)
                 {
-                    self.recorder.gps(t_s, gps(m));
+                    self.builder.push_gps(t_s, gps(m));
                 }
             }
             MavMessage::SYS_STATUS(m) => {
                 if m.current_battery >= 0
                     && let Some(t_s) = self.untimed(frame)
                 {
-                    self.recorder.current(t_s, f32::from(m.current_battery) * 0.01);
+                    self.builder.push_current(t_s, f32::from(m.current_battery) * 0.01);
                 }
             }
             MavMessage::SYSTEM_TIME(m) => {
                 self.timed(frame, u64::from(m.time_boot_ms) * 1000);
-                self.recorder.unix_s(m.time_unix_usec / 1_000_000);
+                self.builder.set_day_from_unix_s(m.time_unix_usec / 1_000_000);
             }
             MavMessage::PARAM_VALUE(m) => {
                 if let Ok(name) = m.param_id.to_str() {
-                    self.recorder.parameter(name, value_of(self.recorder.flight.autopilot, m));
+                    self.builder.set_parameter(name, parameter_value(self.builder.flight.autopilot, m));
                 }
             }
             MavMessage::STATUSTEXT(m) => {
                 if let Ok(words) = m.text.to_str()
                     && ["Ardu", "APM", "PX4"].iter().any(|begin| words.starts_with(begin))
                 {
-                    self.recorder.firmware(words);
+                    self.builder.set_firmware(words);
                 }
             }
             _ => {}
         }
     }
 
-    const fn logged(&self, number: u8) -> Logged {
-        match self.recorder.flight.autopilot {
-            Autopilot::ArduPilot => Logged::ArduPilot,
-            Autopilot::Px4 => Logged::Px4(number - 1),
-            Autopilot::Unknown => Logged::Raw,
+    const fn logged(&self, number: u8) -> FieldProcessing {
+        match self.builder.flight.autopilot {
+            Autopilot::ArduPilot => FieldProcessing::ArduPilot,
+            Autopilot::Px4 => FieldProcessing::Px4(number - 1),
+            Autopilot::Unknown => FieldProcessing::BodyRaw,
         }
     }
 
-    /// Milligauss.
+    /// Adds a field in milligauss.
     fn field(&mut self, frame: &Frame<'_>, number: u8, us: u64, field: [i16; 3]) {
-        // A compass that is not there is sent as nothing.
+        // An absent compass is sent as zero.
         if field == [0; 3] {
             return;
         }
         if let Some(t_s) = self.timed(frame, us) {
             let field_ut = field.map(|axis| f32::from(axis) * MILLIGAUSS_UT);
-            self.recorder.field(number, self.logged(number), t_s, field_ut, None);
+            self.builder.push_field(number, self.logged(number), t_s, field_ut, None);
         }
     }
 
-    /// The instant of a message that says its sender's clock, which may count from 1970 in some messages of some senders.
+    /// Flight time of a message with the sender's clock. Some senders put Unix time in the field; then the receiver's
+    /// clock is used.
     fn timed(&mut self, frame: &Frame<'_>, us: u64) -> Option<f64> {
-        /// Ten years: no autopilot runs for so long, and 1980 was then.
+        /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
         if us == 0 || us > MAX_BOOT_US {
             return self.untimed(frame);
         }
-        let t_s = self.recorder.timeline.at(us)?;
-        self.clock_us = Some((us, frame.received_us));
+        let t_s = self.builder.timeline.flight_time_s(us)?;
+        self.last_clocks_us = Some((us, frame.received_us));
         Some(t_s)
     }
 
-    /// The instant of a message that does not.
+    /// Flight time of a message without the sender's clock.
     fn untimed(&mut self, frame: &Frame<'_>) -> Option<f64> {
         const MAX_US: u64 = 2_000_000;
-        let (sent_us, received_us) = self.clock_us?;
+        let (sent_us, received_us) = self.last_clocks_us?;
         let since_us = frame.received_us.saturating_sub(received_us).min(MAX_US);
-        self.recorder.timeline.at(sent_us + since_us)
+        self.builder.timeline.flight_time_s(sent_us + since_us)
     }
 }
 
-/// What a parameter is: PX4 sends the bytes of a whole number in place of a float's, ArduPilot the number as a float.
-fn value_of(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
+/// Value of a parameter: PX4 sends the bits of an integer in the float, ArduPilot the number as a float.
+fn parameter_value(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
     if autopilot == Autopilot::Px4 && m.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
         f64::from(m.param_value.to_bits().cast_signed())
     } else {
@@ -328,14 +341,14 @@ fn value_of(autopilot: Autopilot, m: &PARAM_VALUE_DATA) -> f64 {
     }
 }
 
-/// Whether a HIGHRES_IMU, which comes for any of its sensors, tells a new field; one that says nothing of that may.
+/// Whether a HIGHRES_IMU carries a new field. One without update flags is assumed to.
 const fn is_new(updated: u16) -> bool {
     const FIELD: u16 = 64 | 128 | 256;
     updated == 0 || updated & FIELD != 0
 }
 
 fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
-    /// Of the course, where it is not known.
+    /// Unknown speed or course.
     const UNKNOWN: u16 = u16::MAX;
     let hundredths = |number: u16| if number == UNKNOWN { f32::NAN } else { f32::from(number) * 0.01 };
     Gps {
@@ -352,11 +365,11 @@ fn gps(m: &mavlink::dialects::common::GPS_RAW_INT_DATA) -> Gps {
 mod tests {
     use super::*;
 
-    /// PX4's mounting 2 is the float of the bytes 02 00 00 00, which is next to nothing, and its -1 none at all.
+    /// PX4's integer 2 arrives as the float with bits 02 00 00 00, a denormal; its -1 as NaN.
     #[test]
     fn px4s_whole_parameters_are_sent_as_their_bytes() {
         let of = |autopilot, param_type, param_value| {
-            value_of(autopilot, &PARAM_VALUE_DATA { param_type, param_value, ..Default::default() })
+            parameter_value(autopilot, &PARAM_VALUE_DATA { param_type, param_value, ..Default::default() })
         };
         let (whole, real) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
         for number in [2, -1, 396_809] {
@@ -367,7 +380,7 @@ mod tests {
         assert!((of(Autopilot::ArduPilot, whole, 6.0) - 6.0).abs() < 1e-9);
     }
 
-    /// A reading that is sent again with a new acceleration is as old as it was: only new ones count.
+    /// A repeated field with a new acceleration would be dated too late.
     #[test]
     fn a_field_that_is_not_new_is_not_read_again() {
         let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(is_new);

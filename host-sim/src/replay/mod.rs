@@ -1,227 +1,237 @@
-//! A recorded flight through the module's own instrument, collection, solver and acceptance.
+//! Replays a recorded flight through the module's instrument, collection, solver and acceptance test.
 
-pub mod age;
-pub mod change;
-pub mod course;
-mod dead;
-mod device;
-pub mod fits;
-pub mod judge;
-mod lost;
-pub mod parameters;
+pub mod baseline_fits;
+mod data_loss;
+mod device_collection;
+pub mod evaluation;
+pub mod field_latency;
+mod frozen_field;
+pub mod gps_course;
+pub mod hard_iron_step;
+pub mod parameter_export;
 mod reference;
 mod rows;
-pub mod told;
+pub mod summary;
 
-pub use reference::Reference;
-pub use rows::{Counted, Row, Told, rows, told_between};
+pub use reference::ReferenceHeading;
+pub use rows::{AttitudeSample, ReplayRow, RowCounts, attitudes_between, build_rows};
 
 use crate::log::Flight;
 
-use autoswing::acceptance::{self, Grounds, Incumbent, Policy, Rejection};
-use autoswing::attitude::{self, Motion, Report, Source};
-use autoswing::calibration::ladder::{self, Procedure, Selection};
+use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent, Rejection};
+use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
+use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
     Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
-use autoswing::collection::{self, Collector, Kept, Lack};
-use autoswing::earth::{Day, EarthField, Place};
+use autoswing::collection::{self, CollectionProblem, Collector, RetainedSamples};
+use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
-use autoswing::instrument::{Config, Correction, Estimate, Instrument};
-use autoswing::magnetometer::Reading;
+use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
 use crate::score::{within_percent, wrap_180};
 
-/// Which rows are fitted to.
+/// Rows used for the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Selected {
-    /// All usable ones, evenly thinned to what the device holds.
+pub enum RowSelection {
+    /// All usable rows, evenly thinned to the device's capacity.
     All,
-    /// What the device's turn detector would have kept.
+    /// Samples kept by the device's turn procedure.
     Turns,
-    /// What the device would have kept of whatever was flown, until it ends by itself.
+    /// Samples kept by the device in any flight, until it ends the collection.
     Flight,
 }
 
-/// How to replay.
+/// Options of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    /// Which rows are fitted to.
-    pub selected: Selected,
-    /// Inclination of the Earth field there, degrees, where a person told it.
+pub struct ReplayOptions {
+    /// Rows used for the fit.
+    pub selected: RowSelection,
+    /// Configured inclination of the Earth field, degrees.
     pub inclination_deg: Option<f64>,
-    /// Where and when it was flown: the field model tells the inclination where no person does. Unlike a person it gives way
-    /// to samples that contradict it.
-    pub here: Option<(Place, Day)>,
-    /// Rows from this time on are not fitted to, seconds.
+    /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
+    /// it.
+    pub place_and_day: Option<(Position, Date)>,
+    /// Rows from this flight time on are not fitted, seconds.
     pub fit_until_s: Option<f64>,
 }
 
-impl Options {
-    /// These rows, of which nothing else is told.
+impl ReplayOptions {
+    /// Options with a row selection and no prior information.
     #[must_use]
-    pub const fn of(selected: Selected) -> Self {
-        Self { selected, inclination_deg: None, here: None, fit_until_s: None }
+    pub const fn with_selection(selected: RowSelection) -> Self {
+        Self { selected, inclination_deg: None, place_and_day: None, fit_until_s: None }
     }
 
-    /// What is told of the inclination, radians: by a person, or else by the field model.
+    /// Configured inclination, else that of the field model, radians.
     fn inclination_rad(&self) -> Option<f32> {
         let by_model = || {
-            let (place, day) = self.here?;
-            Some(EarthField::of(place, day)?.inclination_deg)
+            let (place, day) = self.place_and_day?;
+            Some(EarthField::from_model(place, day)?.inclination_deg)
         };
         self.inclination_deg.map(|deg| deg as f32).or_else(by_model).map(f32::to_radians)
     }
 }
 
-/// Why the flight gave no calibration that the module would have taken.
+/// Reason why the module would not have calibrated.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Refused {
-    /// The solver's reason.
+pub enum ReplayRefusal {
+    /// The solver failed.
     Solve(SolveError),
-    /// Solved, but an uncalibrated module would not have taken it.
+    /// An uncalibrated module would reject the solution.
     Rejected(Rejection),
 }
 
-/// A heading of every row.
+/// Heading of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
-    /// Seconds.
+pub struct HeadingRow {
+    /// Flight time, seconds.
     pub t_s: f64,
     /// Magnetic heading, degrees.
     pub heading_deg: f64,
-    /// Its standard deviation, degrees.
+    /// Standard deviation of the heading, degrees.
     pub sigma_deg: f64,
-    /// The smooth heading and its standard deviation, degrees, where there is one.
+    /// Smoothed heading and its standard deviation, degrees, if available.
     pub smooth_deg: Option<[f64; 2]>,
-    /// Whether the module would have sent it, or why not.
+    /// Whether the module would have sent the heading, or why not.
     pub status: Result<(), NoHeading>,
 }
 
-impl Shown {
-    /// What an estimate shows, with the status of another: the heading is shown in any field.
-    fn of(t_s: f64, estimate: &Estimate, status: Result<(), NoHeading>) -> Self {
+impl HeadingRow {
+    /// Combines a heading estimated at any field strength with the module's status.
+    fn from_estimate(t_s: f64, estimate: &Estimate, status: Result<(), NoHeading>) -> Self {
         let degrees = |heading: Heading| [heading.magnetic_deg(), heading.sigma_deg()].map(f64::from);
         let [heading_deg, sigma_deg] = estimate.heading.map_or([f64::NAN; 2], degrees);
-        Self { t_s, heading_deg, sigma_deg, smooth_deg: estimate.smooth.map(degrees), status }
+        Self { t_s, heading_deg, sigma_deg, smooth_deg: estimate.smoothed_heading.map(degrees), status }
     }
 
-    /// The heading that the module would send of itself, and its standard deviation: the smooth one where there is one.
+    /// Heading and standard deviation sent by the module, degrees.
     fn sent_deg(&self) -> [f64; 2] {
         self.smooth_deg.unwrap_or([self.heading_deg, self.sigma_deg])
     }
 }
 
-/// Heading against the reference over usable rows, degrees.
+/// Heading error over usable rows with a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Score {
-    /// RMS after removing the mean.
+pub struct HeadingScore {
+    /// RMS after removing the mean, degrees.
     pub rms_deg: f64,
-    /// The mean, which holds the variation where the reference counts from true north.
+    /// Mean, degrees; includes the declination if the reference is true.
     pub mean_deg: f64,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Percent of the demeaned errors within one and two sigma.
+    /// Percentage of demeaned errors within one and two standard deviations.
     pub within_percent: [f64; 2],
 }
 
-/// A replayed flight.
+/// Result of a replay.
 #[derive(Clone, Debug)]
-pub struct Replayed {
-    /// What was solved.
+pub struct ReplayResult {
+    /// The solution, if any.
     pub solution: Option<Solution>,
-    /// Whether the module would have taken it.
-    pub accepted: Result<(), Refused>,
-    /// What was wrong with the flight, where turns were selected and that can be said.
-    pub lack: Option<Lack>,
-    /// Samples that were fitted to.
+    /// Whether the module would have accepted the solution.
+    pub accepted: Result<(), ReplayRefusal>,
+    /// What the flight lacked, if the collector reports it.
+    pub missing: Option<CollectionProblem>,
+    /// Number of samples fitted.
     pub samples: usize,
-    /// When they were taken, seconds after the first row, in any order.
+    /// Times of the fitted samples, seconds after the first row, unordered.
     pub fitted_s: Vec<f64>,
-    /// When the collection of whatever was flown ended by itself, seconds after the first row; none if it did not.
+    /// Time of the automatic end, seconds after the first row.
     pub ended_s: Option<f64>,
-    /// A heading for each row; none without a solution.
-    pub shown: Vec<Shown>,
-    /// Against the reference, where there is one.
-    pub score: Option<Score>,
-    /// The same of the smooth heading, or the raw one where there is no smooth one, as the module sends it.
-    pub smooth: Option<Score>,
-    /// The same of the field as it was measured.
-    pub uncorrected: Option<Score>,
+    /// Headings, one for each row; empty without a solution.
+    pub headings: Vec<HeadingRow>,
+    /// Score of the heading, with a reference.
+    pub score: Option<HeadingScore>,
+    /// Score of the heading sent, smoothed if available.
+    pub smoothed_score: Option<HeadingScore>,
+    /// Score of the uncorrected field.
+    pub uncorrected_score: Option<HeadingScore>,
 }
 
-/// Replays a flight of which nothing is known but its rows. They are in the order of time.
+/// Replays rows, in order of time, without attitudes between them.
 #[must_use]
-pub fn replay(rows: &[Row], options: &Options) -> Replayed {
+pub fn replay(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
     replay_with(rows, None, options)
 }
 
-/// Replays rows of a flight that tells the attitude between them, too.
+/// Replays rows with the flight's attitudes between them.
 #[must_use]
-pub fn replay_with(rows: &[Row], flight: Option<&Flight>, options: &Options) -> Replayed {
-    let config = config_of(rows);
-    let known = Known {
+pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
+    let config = instrument_config(rows);
+    let known = SolverPrior {
         prior: Prior {
             mount: Orientation::NONE,
             inclination_rad: options.inclination_rad(),
             readings_per_sample: config.readings_per_sample(),
         },
-        is_by_person: options.inclination_deg.is_some(),
+        is_inclination_configured: options.inclination_deg.is_some(),
     };
     let usable = fitted(rows, options, config);
-    let mut kept = Kept::EMPTY;
+    let mut kept = RetainedSamples::EMPTY;
     let ((result, fitted_s, lack), ended) = match options.selected {
-        Selected::All => (from_all(&usable, &known), None),
-        Selected::Turns => (from_turns(&usable, &known), None),
-        Selected::Flight => {
-            let (compass, ended) = device::collect(&usable, options, &mut kept);
-            (from_collected(compass.collected(), &known), ended)
+        RowSelection::All => (from_all(&usable, &known), None),
+        RowSelection::Turns => (from_turns(&usable, &known), None),
+        RowSelection::Flight => {
+            let (compass, ended) = device_collection::collect_on_device(&usable, options, &mut kept);
+            (from_collected(compass.collector(), &known), ended)
         }
     };
-    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(taken_s);
+    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(sample_time_s);
     let (solution, accepted) = match result {
         Ok((solution, accepted)) => (Some(solution), accepted),
-        Err(error) => (None, Err(Refused::Solve(error))),
+        Err(error) => (None, Err(ReplayRefusal::Solve(error))),
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
     let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
-    let shown = solution.as_ref().map_or_else(Vec::new, |solution| show(rows, flight, solution, config));
-    let of = |heading: fn(&Shown) -> [f64; 2]| {
+    let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
+    let of = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
-    let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(Shown::sent_deg));
+    let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(HeadingRow::sent_deg));
     let samples = fitted_s.len();
-    Replayed { solution, accepted, lack, samples, fitted_s, ended_s, shown, score: raw, smooth, uncorrected }
+    ReplayResult {
+        solution,
+        accepted,
+        missing: lack,
+        samples,
+        fitted_s,
+        ended_s,
+        headings: shown,
+        score: raw,
+        smoothed_score: smooth,
+        uncorrected_score: uncorrected,
+    }
 }
 
-/// The watch is made for ten samples a second, as the module takes them. What it makes of rows with more time between
-/// them, microseconds, is no longer what it would make of the flight: of one row a second it believes that iron moves, and
-/// errs by degrees. Readings of 11 to 12.5 a second are rows in pairs, up to 0.18 s apart.
+/// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
+/// by degrees. Pairs of readings at 11 to 12.5 Hz are up to 0.18 s apart.
 const MAX_WATCHED_US: u32 = 190_000;
 
-/// Whether rows that come so often, seconds, are watched as the module watches its own.
+/// Whether the monitor runs at a row interval in seconds.
 #[must_use]
-pub fn is_watched(every_s: f64) -> bool {
+pub fn is_monitored(every_s: f64) -> bool {
     every_s * 1e6 <= f64::from(MAX_WATCHED_US)
 }
 
-/// An instrument for rows that come as often as these, their attitude of the same instants as their field.
-fn config_of(rows: &[Row]) -> Config {
+/// Instrument for the interval of these rows; attitude and field are simultaneous.
+fn instrument_config(rows: &[ReplayRow]) -> InstrumentConfig {
     let median_s = rows::median_step_s(rows).unwrap_or(0.1);
-    let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
-    Config { attitude, ..Config::new((median_s * 1e6).round() as u32) }
+    let attitude = attitude::AttitudeConfig { latency_us: 0, ..attitude::AttitudeConfig::DEFAULT };
+    InstrumentConfig { attitude, ..InstrumentConfig::new((median_s * 1e6).round() as u32) }
 }
 
 fn instant(t_s: f64, start_s: f64) -> Timestamp {
     Timestamp::from_us(((t_s - start_s) * 1e6).round() as u64)
 }
 
-/// What the instrument makes of a row, its instant counted from a start.
-fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
+/// Feeds a row to the instrument; times count from `start_s`.
+fn estimate(instrument: &mut Instrument, row: &ReplayRow, start_s: f64) -> Estimate {
     let at = instant(row.t_s, start_s);
     instrument.on_attitude(at, report(row.attitude, row.rates_rad_s));
     if let Some(amperes) = row.current_a {
@@ -230,14 +240,14 @@ fn estimate(instrument: &mut Instrument, row: &Row, start_s: f64) -> Estimate {
     instrument.on_reading(at, Reading { field: row.field, saturated: false, overrun: false })
 }
 
-/// What the attitude source would have sent. A recording has no clock but its own: reports are stamped by their arrival.
-fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> Report {
+/// Attitude report of a row, dated by arrival.
+fn report(attitude: Attitude, rates_rad_s: Option<[f32; 3]>) -> AttitudeReport {
     let (sender_time, rates_rad_s) = (WrappingMillis::default(), rates_rad_s.unwrap_or_default());
-    Report { source: Source::default(), sender_time, attitude, rates_rad_s }
+    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s }
 }
 
-/// The samples that may be fitted to.
-fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
+/// Samples of the usable rows before the fit limit.
+fn fitted(rows: &[ReplayRow], options: &ReplayOptions, config: InstrumentConfig) -> Vec<Sample> {
     let usable = rows.iter().filter(|row| row.usable && options.fit_until_s.is_none_or(|until_s| row.t_s < until_s));
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let mut instrument = Instrument::new(config);
@@ -249,23 +259,22 @@ fn fitted(rows: &[Row], options: &Options, config: Config) -> Vec<Sample> {
         .collect()
 }
 
-type Solved = Result<(Solution, Result<(), Refused>), SolveError>;
+type SolveResult = Result<(Solution, Result<(), ReplayRefusal>), SolveError>;
 
-/// What was solved, of samples of which instants, and what was wrong with the flight, where that can be said.
-type FromSamples = (Solved, Vec<f64>, Option<Lack>);
+/// Solution, times of the fitted samples in seconds, and what the flight lacked.
+type FitOutcome = (SolveResult, Vec<f64>, Option<CollectionProblem>);
 
-/// What is known before the samples are looked at.
-struct Known {
+struct SolverPrior {
     prior: Prior,
-    /// Whether a person told the inclination.
-    is_by_person: bool,
+    /// Whether the inclination is configured.
+    is_inclination_configured: bool,
 }
 
-impl Known {
-    /// As the module does it: samples that contradict an inclination that no person told are solved without.
+impl SolverPrior {
+    /// Solves as the module does, which drops a contradicted modelled inclination.
     fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
         match solve(method, samples, &self.prior) {
-            Err(SolveError::InclinationContradicted { .. }) if !self.is_by_person => {
+            Err(SolveError::InclinationContradicted { .. }) if !self.is_inclination_configured => {
                 solve(Method::MaximumLikelihood, samples, &Prior { inclination_rad: None, ..self.prior })
             }
             end => end,
@@ -273,18 +282,16 @@ impl Known {
     }
 }
 
-/// What all usable rows give; none if nothing.
-fn solved_of_all(rows: &[Row]) -> Option<Solution> {
-    let config = config_of(rows);
+fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
+    let config = instrument_config(rows);
     let prior = Prior { readings_per_sample: config.readings_per_sample(), ..Prior::default() };
-    let samples = fitted(rows, &Options::of(Selected::All), config);
-    let (solved, _, _) = from_all(&samples, &Known { prior, is_by_person: false });
+    let samples = fitted(rows, &ReplayOptions::with_selection(RowSelection::All), config);
+    let (solved, _, _) = from_all(&samples, &SolverPrior { prior, is_inclination_configured: false });
     solved.ok().map(|(solution, _)| solution)
 }
 
-/// Through the device's detector of turns, too.
-fn from_turns(samples: &[Sample], known: &Known) -> FromSamples {
-    let mut kept = Kept::EMPTY;
+fn from_turns(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
+    let mut kept = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut kept);
     collector.begin(Procedure::Turns);
     for &sample in samples {
@@ -293,19 +300,19 @@ fn from_turns(samples: &[Sample], known: &Known) -> FromSamples {
     from_collected(&collector, known)
 }
 
-/// Through the device's ladder and verification.
-fn from_collected(collector: &Collector<'_>, known: &Known) -> FromSamples {
+/// Solves with the device's choice of method and its held-back samples.
+fn from_collected(collector: &Collector<'_>, known: &SolverPrior) -> FitOutcome {
     let procedure = collector.procedure();
-    let selection = Selection::of(collector.fit(), procedure);
-    let fit = selection.from(collector.fit());
-    let solved = ladder::choose(collector.fit(), procedure)
+    let selection = SelectedParts::new(collector.fit(), procedure);
+    let fit = selection.select(collector.fit());
+    let solved = method_selection::select_method(collector.fit(), procedure)
         .and_then(|method| known.solve(method, fit))
-        .map(|solution| (solution, judged(&solution, fit, selection.from(collector.held_back()))));
-    (solved, fit.all().map(taken_s).collect(), collector.lack())
+        .map(|solution| (solution, judged(&solution, fit, selection.select(collector.held_back()))));
+    (solved, fit.all().map(sample_time_s).collect(), collector.problem())
 }
 
-/// Every so many samples one is fitted to, and the ones half-way between are held back.
-fn from_all(samples: &[Sample], known: &Known) -> FromSamples {
+/// Solves evenly thinned samples; those halfway between are held back.
+fn from_all(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -313,28 +320,27 @@ fn from_all(samples: &[Sample], known: &Known) -> FromSamples {
             .copied()
             .collect()
     };
-    let (fit, held_back) = (Split::of(&thinned(0.0)), Split::of(&thinned(0.5)));
+    let (fit, held_back) = (SamplesByBank::from_samples(&thinned(0.0)), SamplesByBank::from_samples(&thinned(0.5)));
     let solved = known
         .solve(Method::MaximumLikelihood, fit.samples())
         .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
-    (solved, fit.samples().all().map(taken_s).collect(), None)
+    (solved, fit.samples().all().map(sample_time_s).collect(), None)
 }
 
-/// When a sample was taken, seconds after the first row.
-fn taken_s(sample: &Sample) -> f64 {
-    f64::from(sample.time.count()) / 1e3
+/// Time of a sample, seconds after the first row.
+fn sample_time_s(sample: &Sample) -> f64 {
+    f64::from(sample.time.as_ms()) / 1e3
 }
 
-/// Samples by the side they bank to.
-struct Split {
+struct SamplesByBank {
     left: Vec<Sample>,
     right: Vec<Sample>,
     level: Vec<Sample>,
 }
 
-impl Split {
-    fn of(samples: &[Sample]) -> Self {
-        let limit_rad = collection::Config::DEFAULT.level_roll_rad;
+impl SamplesByBank {
+    fn from_samples(samples: &[Sample]) -> Self {
+        let limit_rad = collection::LevelLimits::DEFAULT.level_roll_rad;
         let of = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
             samples.iter().filter(|s| keep(s.attitude.roll_rad)).copied().collect()
         };
@@ -350,70 +356,76 @@ impl Split {
     }
 }
 
-/// Whether an uncalibrated module would take it.
-fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), Refused> {
-    let none = Incumbent::none(Orientation::NONE);
-    let grounds = Grounds { fitted, held_back, knows_attitude: true };
-    acceptance::judge(&Policy::DEFAULT, solution, grounds, &none).map(|_| ()).map_err(Refused::Rejected)
+/// Whether an uncalibrated module would accept the solution.
+fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), ReplayRefusal> {
+    let none = Incumbent::uncalibrated(Orientation::NONE);
+    let grounds = AcceptanceSamples { fit: fitted, held_back, is_attitude_known: true };
+    acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, grounds, &none)
+        .map(|_| ())
+        .map_err(ReplayRefusal::Rejected)
 }
 
-/// The field of a row as a calibration corrects and levels it.
+/// Field of a row, calibrated and levelled.
 #[must_use]
-pub fn levelled(calibration: &Calibration, row: &Row) -> Field<Level> {
-    let Motion { roll_rad_s, pitch_rad_s, heading_rad_s } =
-        Motion::of(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
+pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
+    let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } =
+        EulerRates::from_report(&report(row.attitude, row.rates_rad_s)).unwrap_or_default();
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
-    calibration.level(&sample)
+    calibration.corrected_level_field(&sample)
 }
 
-fn heading_deg(calibration: &Calibration, row: &Row) -> f64 {
-    f64::from(levelled(calibration, row).heading_rad().to_degrees())
+fn heading_deg(calibration: &Calibration, row: &ReplayRow) -> f64 {
+    f64::from(level_field(calibration, row).heading_rad().to_degrees())
 }
 
-/// What the module would have shown for every row.
-fn show(rows: &[Row], flight: Option<&Flight>, solution: &Solution, config: Config) -> Vec<Shown> {
-    // Rates of which some are lost are told to nobody: they are no turn that was flown.
-    let is_whole = flight.is_none_or(|flight| lost::of_the_rates(flight).is_none());
+fn compute_headings(
+    rows: &[ReplayRow],
+    flight: Option<&Flight>,
+    solution: &Solution,
+    config: InstrumentConfig,
+) -> Vec<HeadingRow> {
+    // Incomplete rates integrate to wrong turns.
+    let is_whole = flight.is_none_or(|flight| data_loss::excessive_rate_loss(flight).is_none());
     let rates_of = |rates_rad_s: Option<[f32; 3]>| rates_rad_s.filter(|_| is_whole);
     let start_s = rows.first().map_or(0.0, |row| row.t_s);
     let calibration = Some((solution.calibration, solution.uncertainty));
-    let [mut device, mut any] = [config.heading, heading::Config::ANY_FIELD].map(|heading| {
-        let mut instrument = Instrument::new(Config { heading, ..config });
-        instrument.correct_with(Correction { calibration, ..Correction::NONE });
+    let [mut device, mut any] = [config.heading, heading::HeadingLimits::ANY_FIELD].map(|heading| {
+        let mut instrument = Instrument::new(InstrumentConfig { heading, ..config });
+        instrument.set_correction(Correction { calibration, ..Correction::NONE });
         instrument
     });
     let mut last_s = start_s;
     rows.iter()
         .map(|row| {
-            let row = &Row { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
+            let row = &ReplayRow { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
             let from_s = std::mem::replace(&mut last_s, row.t_s);
-            for told in flight.map_or_else(Vec::new, |flight| told_between(flight, from_s, row.t_s)) {
+            for told in flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s)) {
                 let report = report(told.attitude, rates_of(told.rates_rad_s));
                 for instrument in [&mut device, &mut any] {
                     instrument.on_attitude(instant(told.t_s, start_s), report);
                 }
             }
-            // The heading is shown in any field; whether it would have been sent is its status.
+            // One instrument accepts any field strength; the other determines the status.
             let [sent, shown] = [&mut device, &mut any].map(|instrument| {
                 let estimate = estimate(instrument, row, start_s);
                 while instrument.next_sample().is_some() {}
                 if is_whole && config.reading_period_us <= MAX_WATCHED_US {
-                    instrument.watch();
+                    instrument.update_monitor();
                 }
                 estimate
             });
-            Shown::of(row.t_s, &shown, sent.heading.map(|_| ()))
+            HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
         })
         .collect()
 }
 
-/// Errors of usable rows with a reference; `heading` is asked for every row in turn.
-fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> Option<Score> {
+/// Score over usable rows with a reference; calls `heading` for every row in order.
+fn score(rows: &[ReplayRow], mut heading: impl FnMut(&ReplayRow) -> Option<(f64, f64)>) -> Option<HeadingScore> {
     let errors: Vec<(f64, f64)> = rows
         .iter()
         .filter_map(|row| {
-            // Before the first report, and in a gap, there is none.
+            // No heading before the first report and in gaps.
             let (heading_deg, sigma_deg) = heading(row).filter(|(heading_deg, _)| heading_deg.is_finite())?;
             let reference_deg = row.reference_deg.filter(|_| row.usable)?;
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
@@ -423,7 +435,7 @@ fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> O
         return None;
     }
     let number = errors.len() as f64;
-    // The mean on the circle, so that errors about 180 deg do not cancel.
+    // Circular mean, so that errors near 180 deg do not cancel.
     let (sin, cos) = errors.iter().fold((0.0, 0.0), |(sin, cos), (error, _)| {
         let (s, c) = error.to_radians().sin_cos();
         (sin + s, cos + c)
@@ -431,7 +443,7 @@ fn score(rows: &[Row], mut heading: impl FnMut(&Row) -> Option<(f64, f64)>) -> O
     let mean_deg = sin.atan2(cos).to_degrees();
     let rest = |error: f64| wrap_180(error - mean_deg);
     let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
-    Some(Score {
+    Some(HeadingScore {
         rms_deg: (errors.iter().map(|(error, _)| rest(*error).powi(2)).sum::<f64>() / number).sqrt(),
         mean_deg,
         rows: errors.len(),

@@ -1,47 +1,48 @@
-//! What headings can be compared with, and how much that says.
+//! Reference headings and their quality.
 
 use autoswing::frames::wrap_pi;
 
-use super::course::Course;
+use super::gps_course::GpsCourseHeading;
 use crate::log::Flight;
 
-/// A heading that a log holds, the best first.
+/// Reference heading of a log, best first.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Reference {
-    /// The attitude of the simulator that made the log.
+pub enum ReferenceHeading {
+    /// True attitude of the simulator that wrote the log.
     Simulator,
-    /// A column of the table.
+    /// Column of the table.
     Column,
-    /// A receiver with two antennas.
+    /// Yaw of a GPS receiver with two antennas.
     GpsYaw,
-    /// A receiver's course in straight flight, less the wind.
-    GpsCourse(Course),
-    /// The autopilot's own.
+    /// GPS course in straight flight, corrected for wind.
+    GpsCourse(GpsCourseHeading),
+    /// The autopilot's own yaw.
     AutopilotYaw,
 }
 
-/// References further apart than this are not interpolated between, seconds.
+/// Largest interpolation gap, seconds.
 const MAX_GAP_S: f64 = 0.5;
 
-impl Reference {
-    /// The best that a log has.
+impl ReferenceHeading {
+    /// Selects the best reference in a log.
     #[must_use]
     pub fn best(flight: &Flight) -> Option<Self> {
-        let has_yaw = |series: &crate::log::series::Series<3>| series.rows().iter().any(|row| row.of[2].is_finite());
+        let has_yaw =
+            |series: &crate::log::series::Series<3>| series.rows().iter().any(|row| row.values[2].is_finite());
         if !flight.truth.is_empty() {
             Some(Self::Simulator)
-        } else if !flight.reference.is_empty() {
+        } else if !flight.reference_heading.is_empty() {
             Some(Self::Column)
-        } else if flight.gps.rows().iter().filter(|row| row.of[5].is_finite()).count() > 20 {
+        } else if flight.gps.rows().iter().filter(|row| row.values[5].is_finite()).count() > 20 {
             Some(Self::GpsYaw)
-        } else if let Ok(course) = Course::of(flight) {
+        } else if let Ok(course) = GpsCourseHeading::from_flight(flight) {
             Some(Self::GpsCourse(course))
         } else {
             has_yaw(&flight.attitude).then_some(Self::AutopilotYaw)
         }
     }
 
-    /// Its name.
+    /// Name of the reference.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -53,12 +54,12 @@ impl Reference {
         }
     }
 
-    /// What it is worth.
+    /// Quality of the reference, in words.
     #[must_use]
     pub fn limits(&self) -> String {
         let words = match self {
             Self::Simulator => "exact; used for scoring, nothing else; a real flight has none",
-            Self::Column => "as good as whoever made it",
+            Self::Column => "of unknown accuracy",
             Self::GpsYaw => "a degree or so, and late by what the receiver takes",
             Self::GpsCourse(course) => return course.limits(),
             Self::AutopilotYaw => {
@@ -68,29 +69,29 @@ impl Reference {
         words.to_owned()
     }
 
-    /// How it was found, where it is GPS course.
+    /// The GPS course solution, if used.
     #[must_use]
-    pub const fn course(&self) -> Option<&Course> {
+    pub const fn course(&self) -> Option<&GpsCourseHeading> {
         if let Self::GpsCourse(course) = self { Some(course) } else { None }
     }
 
-    /// Whether what differs from it is error.
+    /// Whether a difference from it is a heading error.
     #[must_use]
     pub const fn is_accuracy(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)
     }
 
-    /// The heading at an instant, degrees from some north.
+    /// Reference heading at a flight time, degrees.
     #[must_use]
-    pub fn at_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {
+    pub fn heading_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {
         let heading_rad = match self {
-            Self::Simulator => flight.truth.angles_at(t_s, MAX_GAP_S)?[2],
-            Self::Column => flight.reference.angles_at(t_s, MAX_GAP_S)?[0],
-            Self::GpsCourse(course) => course.at_rad(t_s)?,
-            Self::AutopilotYaw => flight.attitude.angles_at(t_s, MAX_GAP_S)?[2],
+            Self::Simulator => flight.truth.interpolate_angles(t_s, MAX_GAP_S)?[2],
+            Self::Column => flight.reference_heading.interpolate_angles(t_s, MAX_GAP_S)?[0],
+            Self::GpsCourse(course) => course.heading_rad(t_s)?,
+            Self::AutopilotYaw => flight.attitude.interpolate_angles(t_s, MAX_GAP_S)?[2],
             Self::GpsYaw => {
-                let (before, after, part) = flight.gps.between(t_s, MAX_GAP_S)?;
-                let [from, to] = [before.of[5].to_radians(), after.of[5].to_radians()];
+                let (before, after, part) = flight.gps.bracket(t_s, MAX_GAP_S)?;
+                let [from, to] = [before.values[5].to_radians(), after.values[5].to_radians()];
                 from + part as f32 * wrap_pi(to - from)
             }
         };
@@ -101,36 +102,36 @@ impl Reference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::Format;
+    use crate::log::LogFormat;
 
-    /// A receiver that stands still and tells these yaws, degrees, five times a second.
+    /// A receiver at rest with these yaws, degrees, at 5 Hz.
     fn yaws(yaws_deg: &[f32]) -> Flight {
-        let mut flight = Flight::new(Format::DataFlash);
+        let mut flight = Flight::new(LogFormat::DataFlash);
         for (i, yaw_deg) in yaws_deg.iter().enumerate() {
             flight.gps.push(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
         }
         flight
     }
 
-    /// Two antennas that told a few yaws alone are no reference, and an autopilot that has no yaw is none.
+    /// More than 20 valid yaws are required.
     #[test]
     fn a_reference_is_one_that_is_told() {
-        assert_eq!(Reference::best(&yaws(&[90.0; 20])), None);
-        assert_eq!(Reference::best(&yaws(&[90.0; 21])), Some(Reference::GpsYaw));
-        for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(Reference::AutopilotYaw))] {
-            let mut flight = Flight::new(Format::Csv);
+        assert_eq!(ReferenceHeading::best(&yaws(&[90.0; 20])), None);
+        assert_eq!(ReferenceHeading::best(&yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
+        for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(ReferenceHeading::AutopilotYaw))] {
+            let mut flight = Flight::new(LogFormat::Csv);
             flight.attitude.push(0.0, [0.1, 0.2, yaw_rad]);
-            assert_eq!(Reference::best(&flight), expected);
+            assert_eq!(ReferenceHeading::best(&flight), expected);
         }
     }
 
-    /// Over north the shorter way, and not over a pause.
+    /// Interpolated across north, but not across a gap.
     #[test]
     fn the_yaw_of_two_antennas_is_interpolated() {
         let mut flight = yaws(&[350.0, 10.0]);
-        let north_deg = Reference::GpsYaw.at_deg(&flight, 0.1).unwrap();
+        let north_deg = ReferenceHeading::GpsYaw.heading_deg(&flight, 0.1).unwrap();
         assert!((north_deg.rem_euclid(360.0) + 1.0) % 360.0 < 1.01, "{north_deg}");
         flight.gps.push(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);
-        assert_eq!(Reference::GpsYaw.at_deg(&flight, 0.6), None, "between 0.2 and 1 s");
+        assert_eq!(ReferenceHeading::GpsYaw.heading_deg(&flight, 0.6), None, "between 0.2 and 1 s");
     }
 }

@@ -1,53 +1,47 @@
-//! The report: one page that needs nothing else, of a simulated mission or of a log.
+//! Self-contained HTML report of a simulated mission or a log.
 //!
-//! | file | holds |
-//! |---|---|
-//! | `model.rs` | what a page shows, wherever it comes from |
-//! | `of_mission.rs`, `of_replay.rs` | that of a mission and of a replayed log |
-//! | `page.rs`, `sections.rs` | the page |
-//! | `pictures/` | its pictures, a file each |
-//! | `frame.rs`, `svg.rs`, `text.rs` | axes, shapes, words and numbers |
-//! | `assets/` | style and script |
+//! `model` holds the contents of a page, filled from either source; `page` and `sections` render it with the
+//! `pictures`; `frame`, `svg` and `text` are their building blocks; `assets/` has style and script.
 
 mod frame;
+mod mission_report;
 mod model;
-mod of_mission;
-mod of_replay;
 mod page;
 mod pictures;
+mod replay_report;
 mod sections;
 mod svg;
 #[cfg(test)]
 mod tests;
 mod text;
 
+pub use mission_report::report_mission;
 pub use model::Report;
-pub use of_mission::of_mission;
-pub use of_replay::of_replay;
+pub use replay_report::report_replay;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What a report is made of besides its flight.
+/// Origin of a report, besides its flight.
 #[derive(Clone, Debug, Default)]
-pub struct Made {
-    /// The command line.
+pub struct ReportOrigin {
+    /// Command line.
     pub command: String,
-    /// What was set, and to what.
+    /// Settings, name and value.
     pub settings: Vec<[String; 2]>,
-    /// What the command printed.
-    pub printed: String,
-    /// Name and text of a file of parameters to load.
+    /// Output of the command.
+    pub terminal_output: String,
+    /// Name and text of a parameter file.
     pub parameters: Option<[String; 2]>,
 }
 
-/// Writes the page into a file, `index.html` if `path` is a folder's; of a `.svg` the picture of before and after alone.
-/// Folders are made. Gives the file. The same report writes the same bytes.
+/// Writes the page to a file (`index.html` if `path` is a folder), or the before-and-after picture to a `.svg` file.
+/// Creates folders and returns the file's path. Equal reports give equal bytes.
 ///
 /// # Errors
 ///
-/// What the file system says.
+/// The file cannot be written.
 pub fn write(report: &Report, path: &Path) -> io::Result<PathBuf> {
     let ends_with = |ends: &[&str]| {
         path.extension().is_some_and(|extension| ends.iter().any(|end| extension.eq_ignore_ascii_case(end)))
@@ -61,16 +55,16 @@ pub fn write(report: &Report, path: &Path) -> io::Result<PathBuf> {
     Ok(file)
 }
 
-/// The page.
+/// Renders the page.
 #[must_use]
 pub fn page(report: &Report) -> String {
-    page::page(report)
+    page::render_html(report)
 }
 
-/// Before and after as a picture of its own, of the compass that matters most.
+/// Renders the before-and-after picture of the foremost compass as an SVG file.
 #[must_use]
 pub fn picture(report: &Report) -> String {
-    let Some(compass) = report.foremost() else { return svg::Svg::new(1.0, 1.0).file("nothing", "") };
-    let picture = pictures::swing::both(compass, report.compared.word);
-    picture.svg.file(&picture.title, &picture.words)
+    let Some(compass) = report.main_compass() else { return svg::Svg::new(1.0, 1.0).to_file("nothing", "") };
+    let picture = pictures::deviation::combined_picture(compass, report.reference.difference_name);
+    picture.svg.to_file(&picture.title, &picture.description)
 }

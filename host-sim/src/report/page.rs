@@ -1,27 +1,27 @@
-//! The page: head, the order of its parts, and what made it.
+//! Assembles the HTML page.
 
 use super::model::Report;
 use super::sections;
 use super::svg::style;
-use super::text::{each, escaped};
+use super::text::{concat_map, escape_html};
 
 const STYLE: &str = include_str!("assets/page.css");
 const SCRIPT: &str = include_str!("assets/copy.js");
 
-/// What the browser may do with the page: use its own style and this very script, and ask nobody for anything. scripts/page
-/// fails when the script has another checksum.
+/// Content security policy: inline style, this script by its checksum, no network. scripts/page fails if the checksum
+/// is outdated.
 const POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-z8uWZq3bMOHQkVibYXdVc3SUbaFWVdfGElziXV1G3Po='";
 
-/// The whole page.
-pub fn page(report: &Report) -> String {
+pub fn render_html(report: &Report) -> String {
     let parts = parts(report);
-    let links = each(&parts, |part| format!("<li><a href=\"#{}\">{}</a></li>", part.id, escaped(&part.title)));
-    let body = each(&parts, |part| {
-        let (id, title) = (&part.id, escaped(&part.title));
+    let links =
+        concat_map(&parts, |part| format!("<li><a href=\"#{}\">{}</a></li>", part.id, escape_html(&part.title)));
+    let body = concat_map(&parts, |part| {
+        let (id, title) = (&part.id, escape_html(&part.title));
         format!("<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{title}</h2>\n{}</section>\n", part.html)
     });
-    let title = escaped(&report.title);
+    let title = escape_html(&report.title);
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
@@ -34,29 +34,28 @@ pub fn page(report: &Report) -> String {
     )
 }
 
-/// A part of the page.
-struct Part {
+struct PageSection {
     id: String,
     title: String,
     html: String,
 }
 
-fn parts(report: &Report) -> Vec<Part> {
-    let part = |id: &str, title: &str, html: String| Part { id: id.to_owned(), title: title.to_owned(), html };
-    let mut parts = vec![part("verdict", "Verdict", sections::verdict(report))];
-    if !report.methods.rows.is_empty() {
-        parts.push(part("compasses", "Compasses side by side", sections::methods(report)));
+fn parts(report: &Report) -> Vec<PageSection> {
+    let part = |id: &str, title: &str, html: String| PageSection { id: id.to_owned(), title: title.to_owned(), html };
+    let mut parts = vec![part("verdict", "Verdict", sections::verdict_section(report))];
+    if !report.calibrators.rows.is_empty() {
+        parts.push(part("compasses", "Compasses side by side", sections::comparison_section(report)));
     }
     for (i, compass) in report.compasses.iter().enumerate() {
         let id = format!("compass-{}", i + 1);
-        parts.push(part(&id, &compass.name, sections::compass(&id, compass, &report.compared)));
+        parts.push(part(&id, &compass.name, sections::compass_section(&id, compass, &report.reference)));
     }
-    if let Some(map) = report.foremost().and_then(sections::map) {
+    if let Some(map) = report.main_compass().and_then(sections::map_section) {
         parts.push(part("map", "Map", map));
     }
     if let Some([name, text]) = report.parameters.as_ref().filter(|[_, text]| !text.is_empty()) {
-        parts.push(part("parameters", "Parameters to load", sections::parameters(name, text)));
+        parts.push(part("parameters", "Parameters to load", sections::parameters_section(name, text)));
     }
-    parts.push(part("made", "How this was made", sections::made(report)));
+    parts.push(part("made", "How this was made", sections::origin_section(report)));
     parts
 }

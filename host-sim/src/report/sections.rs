@@ -1,76 +1,77 @@
-//! The parts of the page.
+//! Sections of the page.
 
-use super::model::{Compared, Line, Report, Swung};
-use super::pictures::{Picture, coverage, field, map as map_of, methods as side_by_side, swing, time};
-use super::text::{each, escaped, number, number_or_dash};
+use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report};
+use super::pictures::{Picture, coverage, deviation, field, map as map_of, methods as side_by_side, residuals};
+use super::text::{concat_map, escape_html, format_number, format_optional};
 
-/// First of all: whether, how well, and what is doubtful.
-pub fn verdict(report: &Report) -> String {
+pub fn verdict_section(report: &Report) -> String {
     let (class, sign, word) = if report.accepted { ("good", "✓", "Accepted") } else { ("bad", "✗", "Refused") };
     let mut html = vec![format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{word}.</b> {}.</p>\n",
-        escaped(&capital(report.verdict.trim_end_matches('.')))
+        escape_html(&capital(report.verdict.trim_end_matches('.')))
     )];
     if !report.figures.is_empty() {
-        let rows = each(&report.figures, |[what, value]| {
-            format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(what), escaped(value))
+        let rows = concat_map(&report.figures, |[what, value]| {
+            format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
         });
         html.push(format!("<dl class=\"figures\">\n{rows}</dl>\n"));
     }
-    if !report.compared.with.is_empty() {
+    if !report.reference.reference_name.is_empty() {
         html.push(format!(
             "<p>Headings are compared with {}: {}. A difference is called {} here.</p>\n",
-            escaped(&report.compared.with),
-            escaped(&report.compared.limits),
-            escaped(report.compared.word)
+            escape_html(&report.reference.reference_name),
+            escape_html(&report.reference.limits),
+            escape_html(report.reference.difference_name)
         ));
     }
     if !report.notes.is_empty() {
-        let notes = each(&report.notes, |note| format!("<li>{}</li>\n", escaped(note)));
-        html.push(format!("<h3>What is doubtful</h3>\n<ul>\n{notes}</ul>\n"));
+        let notes = concat_map(&report.notes, |note| format!("<li>{}</li>\n", escape_html(note)));
+        html.push(format!("<h3>Findings</h3>\n<ul>\n{notes}</ul>\n"));
     }
     html.concat()
 }
 
-/// Calibrators and compasses: a picture and the numbers.
-pub fn methods(report: &Report) -> String {
-    let names: Vec<&str> = report.methods.compasses.iter().map(String::as_str).collect();
-    let rows = report.methods.rows.iter().map(|(name, cells)| {
-        let cells = cells.iter().map(|cell| number_or_dash(*cell, 2)).collect();
+/// Comparison of calibrators and compasses, picture and table.
+pub fn comparison_section(report: &Report) -> String {
+    let names: Vec<&str> = report.calibrators.compasses.iter().map(String::as_str).collect();
+    let rows = report.calibrators.rows.iter().map(|(name, cells)| {
+        let cells = cells.iter().map(|cell| format_optional(*cell, 2)).collect();
         (name.clone(), cells)
     });
     let caption = format!(
         "{} of headings against {}, degrees RMS less mean",
-        capital(report.compared.word),
-        report.compared.with
+        capital(report.reference.difference_name),
+        report.reference.reference_name
     );
     let table = table(&caption, "corrected by", &names, rows);
-    let picture = side_by_side::methods(&report.methods, &report.compared);
+    let picture = side_by_side::comparison_picture(&report.calibrators, &report.reference);
     format!("{}{table}", picture.map_or_else(String::new, |picture| figure("methods", &picture)))
 }
 
-/// One compass.
-pub fn compass(id: &str, swung: &Swung, compared: &Compared) -> String {
-    let facts = each(&swung.facts, |[what, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(what), escaped(value))
+pub fn compass_section(id: &str, swung: &CompassReport, compared: &ReferenceInfo) -> String {
+    let facts = concat_map(&swung.facts, |[what, value]| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
     });
     let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n<div class=\"pair\">\n")];
     if !swung.before.is_empty() {
-        html.push(figure(&format!("{id}-scale"), &swing::one_scale(swung, compared.word)));
+        html.push(figure(&format!("{id}-scale"), &deviation::common_scale_picture(swung, compared.difference_name)));
     }
-    if let Some(picture) = swing::enlarged(swung, compared.word) {
+    if let Some(picture) = deviation::enlarged_picture(swung, compared.difference_name) {
         html.push(figure(&format!("{id}-after"), &picture));
     }
     html.push("</div>\n".to_owned());
     html.push(card(swung, compared));
-    html.push(figure(&format!("{id}-coverage"), &coverage::coverage(swung)));
-    let rest = [("time", time::over_time(swung, compared.word)), ("field", field::field(swung))];
+    html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(swung)));
+    let rest = [
+        ("time", residuals::residuals_picture(swung, compared.difference_name)),
+        ("field", field::field_picture(swung)),
+    ];
     for (name, picture) in rest.into_iter().filter_map(|(name, picture)| Some((name, picture?))) {
         html.push(figure(&format!("{id}-{name}"), &picture));
     }
     if let Some([x, y, z, b]) = swung.coefficients {
         let row = |name: &str, of: [f64; 3], decimals| {
-            (name.to_owned(), of.iter().map(|number_of| number(*number_of, decimals)).collect())
+            (name.to_owned(), of.iter().map(|number_of| format_number(*number_of, decimals)).collect())
         };
         let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
         html.push(table(
@@ -83,13 +84,13 @@ pub fn compass(id: &str, swung: &Swung, compared: &Compared) -> String {
     html.concat()
 }
 
-/// The deviation card, as it hangs beside a ship's compass.
-fn card(swung: &Swung, compared: &Compared) -> String {
+/// Deviation card, as used with ships' compasses.
+fn card(swung: &CompassReport, compared: &ReferenceInfo) -> String {
     let Some(first) = swung.before.first().or(swung.after.first()) else { return String::new() };
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
     let has_sigma = swung.sigma_deg.len() == sectors;
-    let column = |when: &str, line: &Line| format!("{when}: {}", line.name);
+    let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.name);
     let mut columns: Vec<String> = swung.before.iter().map(|line| column("before", line)).collect();
     columns.extend(swung.after.iter().map(|line| column("after", line)));
     if has_sigma {
@@ -99,14 +100,14 @@ fn card(swung: &Swung, compared: &Compared) -> String {
     let row = |i: usize| {
         let lines = swung.before.iter().chain(&swung.after);
         let mut cells: Vec<String> =
-            lines.map(|line| number_or_dash(line.errors_deg.get(i).copied().flatten(), 2)).collect();
+            lines.map(|line| format_optional(line.errors_deg.get(i).copied().flatten(), 2)).collect();
         if has_sigma {
-            let sigma = number_or_dash(swung.sigma_deg.get(i).copied(), 2);
+            let sigma = format_optional(swung.sigma_deg.get(i).copied(), 2);
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
         }
         (format!("{:03}", i * step), cells)
     };
-    // Halves of it stand side by side where there is room.
+    // Both halves are placed side by side if there is room.
     let halves = [0..sectors.min(12), 12..sectors].into_iter().filter(|half| !half.is_empty()).map(|half| {
         let caption = format!("Headings {:03} to {:03}", half.start * step, (half.end - 1) * step);
         table(&caption, "heading", &columns, half.map(row))
@@ -114,21 +115,19 @@ fn card(swung: &Swung, compared: &Compared) -> String {
     format!(
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>{} by heading, degrees: indicated less {}. Take it off what the \
          compass shows.</p>\n<div class=\"halves\">{}</div></div>\n",
-        escaped(&swung.name),
-        capital(compared.word),
-        escaped(&compared.with),
-        each(halves, |half| half)
+        escape_html(&swung.name),
+        capital(compared.difference_name),
+        escape_html(&compared.reference_name),
+        concat_map(halves, |half| half)
     )
 }
 
-/// The map.
-pub fn map(swung: &Swung) -> Option<String> {
-    map_of::map(swung).map(|picture| figure("map-picture", &picture))
+pub fn map_section(swung: &CompassReport) -> Option<String> {
+    map_of::map_picture(swung).map(|picture| figure("map-picture", &picture))
 }
 
-/// Parameters, to be copied.
-pub fn parameters(name: &str, text: &str) -> String {
-    let name = escaped(name);
+pub fn parameters_section(name: &str, text: &str) -> String {
+    let name = escape_html(name);
     format!(
         "<p>Save it as <code>{name}</code> and load it with a ground station; look at the heading on the ground before you \
          fly by it.</p>\n<p><button type=\"button\" data-copy=\"parameters-text\" hidden>Copy the parameters</button> \
@@ -137,16 +136,16 @@ pub fn parameters(name: &str, text: &str) -> String {
     )
 }
 
-/// Command, version, log, settings, and what a terminal showed.
-pub fn made(report: &Report) -> String {
-    let rows = each(&report.made, |[what, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(what), escaped(value))
+/// Command, version, log, settings and terminal output.
+pub fn origin_section(report: &Report) -> String {
+    let rows = concat_map(&report.origin, |[what, value]| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
     });
     let mut html = vec![format!("<dl class=\"facts\">\n{rows}</dl>\n")];
-    if let Some([title, text]) = &report.printed {
+    if let Some([title, text]) = &report.terminal_output {
         html.push(format!(
             "<details><summary>{}</summary>\n{}</details>\n",
-            escaped(title),
+            escape_html(title),
             listing("printed-text", title, text)
         ));
     }
@@ -158,21 +157,24 @@ fn figure(id: &str, picture: &Picture) -> String {
     format!(
         "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
          </div><figcaption><b>{title}.</b> {}</figcaption></figure>\n",
-        picture.svg.inline(id, &picture.title, &picture.words),
-        escaped(&picture.words),
-        title = escaped(&picture.title),
+        picture.svg.to_inline(id, &picture.title, &picture.description),
+        escape_html(&picture.description),
+        title = escape_html(&picture.title),
     )
 }
 
-/// A table that scrolls inside its box.
+/// A table in a scrolling box.
 fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item = (String, Vec<String>)>) -> String {
-    let caption = escaped(caption);
-    let corner =
-        if corner.is_empty() { "<td></td>".to_owned() } else { format!("<th scope=\"col\">{}</th>", escaped(corner)) };
-    let head = each(columns, |name| format!("<th scope=\"col\">{}</th>", escaped(name)));
-    let body = each(rows, |(name, cells)| {
-        let cells = each(&cells, |cell| format!("<td>{}</td>", escaped(cell)));
-        format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escaped(&name))
+    let caption = escape_html(caption);
+    let corner = if corner.is_empty() {
+        "<td></td>".to_owned()
+    } else {
+        format!("<th scope=\"col\">{}</th>", escape_html(corner))
+    };
+    let head = concat_map(columns, |name| format!("<th scope=\"col\">{}</th>", escape_html(name)));
+    let body = concat_map(rows, |(name, cells)| {
+        let cells = concat_map(&cells, |cell| format!("<td>{}</td>", escape_html(cell)));
+        format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escape_html(&name))
     });
     format!(
         "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\n\
@@ -181,13 +183,12 @@ fn table(caption: &str, corner: &str, columns: &[&str], rows: impl Iterator<Item
 }
 
 fn listing(id: &str, name: &str, text: &str) -> String {
-    let (name, text) = (escaped(name), escaped(text));
+    let (name, text) = (escape_html(name), escape_html(text));
     format!(
         "<pre id=\"{id}\" class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{name}: text\">{text}</pre>\n"
     )
 }
 
-/// With a capital letter first, as a sentence begins.
 fn capital(words: &str) -> String {
     let mut letters = words.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + letters.as_str())

@@ -1,35 +1,29 @@
-//! A writer of SVG: shapes with classes. What they look like stands in `assets/picture.css`, whose colours are variables, so
-//! that a picture is right in a light and in a dark scheme; plotting libraries, plotters among them, write the colours
-//! into each shape. What is not a number is never drawn.
+//! SVG writer. Shapes have classes whose style is in `assets/picture.css`; its colours are variables for light and dark
+//! schemes, which plotting libraries such as plotters do not support. Values that are not finite are not drawn.
 
 use std::fmt::Write as _;
 
-use super::text::escaped;
+use super::text::escape_html;
 
 const COLOURS: &str = include_str!("assets/colours.css");
 const PICTURE: &str = include_str!("assets/picture.css");
 
-/// A place in a picture: to the right and down.
-pub type At = [f64; 2];
+/// Position in a picture, right and down.
+pub type Point = [f64; 2];
 
-/// What a point is drawn as: told apart without colours.
+/// Marker shape, distinguishable without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
-    /// A circle.
     Circle,
-    /// A triangle.
     Triangle,
-    /// A square.
     Square,
-    /// A diamond.
     Diamond,
-    /// A dot, as large as its class's stroke: many of them take little room.
+    /// A dot of the stroke's width; compact in large numbers.
     Dot,
 }
 
 impl Shape {
-    /// For the so manyeth of some.
-    pub const fn of(number: usize) -> Self {
+    pub const fn for_series(number: usize) -> Self {
         match number % 4 {
             0 => Self::Circle,
             1 => Self::Triangle,
@@ -39,49 +33,46 @@ impl Shape {
     }
 }
 
-/// A picture that is being drawn.
 pub struct Svg {
-    size: At,
+    size: Point,
     body: String,
 }
 
 impl Svg {
-    /// An empty one of a size, in units of its own.
     pub const fn new(width: f64, height: f64) -> Self {
         Self { size: [width, height], body: String::new() }
     }
 
-    /// A straight line.
-    pub fn line(&mut self, class: &str, [x1, y1]: At, [x2, y2]: At) {
+    pub fn line(&mut self, class: &str, [x1, y1]: Point, [x2, y2]: Point) {
         if let Some([x1, y1, x2, y2]) = numbers([x1, y1, x2, y2]) {
             self.push(&format!(r#"<line class="{class}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>"#));
         }
     }
 
-    /// A rectangle by its upper left corner.
-    pub fn rect(&mut self, class: &str, [x, y]: At, [width, height]: At) {
+    /// A rectangle from its upper left corner.
+    pub fn rect(&mut self, class: &str, [x, y]: Point, [width, height]: Point) {
         if let Some([x, y, width, height]) = numbers([x, y, width.max(0.0), height.max(0.0)]) {
             self.push(&format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#));
         }
     }
 
-    /// Words; the class says which end of them stands at the place.
-    pub fn text(&mut self, class: &str, [x, y]: At, words: &str) {
+    /// Text; the class sets its alignment at the position.
+    pub fn text(&mut self, class: &str, [x, y]: Point, words: &str) {
         if let Some([x, y]) = numbers([x, y]) {
-            self.push(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escaped(words)));
+            self.push(&format!(r#"<text class="{class}" x="{x}" y="{y}">{}</text>"#, escape_html(words)));
         }
     }
 
-    /// Words that are read upwards, their middle at a place.
-    pub fn text_up(&mut self, class: &str, [x, y]: At, words: &str) {
+    /// Text rotated to read upwards, centred.
+    pub fn vertical_text(&mut self, class: &str, [x, y]: Point, words: &str) {
         if let Some([x, y]) = numbers([x, y]) {
-            let words = escaped(words);
+            let words = escape_html(words);
             self.push(&format!(r#"<text class="{class}" transform="translate({x} {y}) rotate(-90)">{words}</text>"#));
         }
     }
 
-    /// A line through points, broken where there is none.
-    pub fn path(&mut self, class: &str, points: impl IntoIterator<Item = Option<At>>) {
+    /// A line through points, interrupted at `None`.
+    pub fn path(&mut self, class: &str, points: impl IntoIterator<Item = Option<Point>>) {
         let mut d = String::new();
         let mut is_down = false;
         for point in points {
@@ -89,7 +80,7 @@ impl Svg {
                 is_down = false;
                 continue;
             };
-            // Writing to a string never fails.
+            // Writing to a string cannot fail.
             let _ = write!(d, "{}{x} {y}", if is_down { 'L' } else { 'M' });
             is_down = true;
         }
@@ -98,8 +89,8 @@ impl Svg {
         }
     }
 
-    /// Points, all of one class and shape, as one element.
-    pub fn points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = At>) {
+    /// Points of one class and shape as a single element.
+    pub fn points(&mut self, class: &str, shape: Shape, radius: f64, points: impl IntoIterator<Item = Point>) {
         let mut d = String::new();
         for point in points {
             let Some([x, y]) = numbers(point) else { continue };
@@ -122,11 +113,11 @@ impl Svg {
         self.body.push('\n');
     }
 
-    /// For a page, whose style it takes. The id is its own in the page; title and words say what one who does not see it
-    /// should know.
-    pub fn inline(&self, id: &str, title: &str, words: &str) -> String {
+    /// Element for a page with [`style`]. `id` must be unique in the page; title and words describe the picture to
+    /// screen readers.
+    pub fn to_inline(&self, id: &str, title: &str, words: &str) -> String {
         let [width, height] = self.size;
-        let (title, words) = (escaped(title), escaped(words));
+        let (title, words) = (escape_html(title), escape_html(words));
         format!(
             "<svg role=\"img\" viewBox=\"0 0 {width} {height}\" aria-labelledby=\"{id}-t {id}-d\">\
              <title id=\"{id}-t\">{title}</title><desc id=\"{id}-d\">{words}</desc>\n{}</svg>\n",
@@ -134,10 +125,9 @@ impl Svg {
         )
     }
 
-    /// A file of its own, with its background and both schemes.
-    pub fn file(&self, title: &str, words: &str) -> String {
+    pub fn to_file(&self, title: &str, words: &str) -> String {
         let [width, height] = self.size;
-        let (title, words) = (escaped(title), escaped(words));
+        let (title, words) = (escape_html(title), escape_html(words));
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" role=\"img\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" aria-labelledby=\"t d\">\n<title id=\"t\">{title}</title><desc id=\"d\">{words}\
@@ -148,14 +138,13 @@ impl Svg {
     }
 }
 
-/// The style that pictures of a page need in it.
 pub fn style() -> String {
     format!("{COLOURS}{PICTURE}")
 }
 
-/// As they stand in a file, to a tenth; none if one of them is none.
+/// Coordinates rounded to 0.1; none if any is not finite.
 fn numbers<const N: usize>(of: [f64; N]) -> Option<[f64; N]> {
-    // A tenth is written with one decimal: the shortest that reads back.
+    // A value rounded to 0.1 prints with at most one decimal.
     of.iter().all(|number| number.is_finite()).then(|| of.map(|number| (number * 10.0).round() / 10.0 + 0.0))
 }
 
@@ -169,7 +158,7 @@ mod tests {
         svg.line("a", [0.0, f64::NAN], [1.0, 1.0]);
         svg.rect("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
         svg.text("a", [f64::NAN, 0.0], "words");
-        svg.text_up("a", [f64::NAN, 0.0], "words");
+        svg.vertical_text("a", [f64::NAN, 0.0], "words");
         svg.points("a", Shape::Circle, 1.0, [[f64::NAN, 1.0]]);
         svg.path("a", [None, Some([f64::NAN, 1.0])]);
         assert_eq!(svg.body, "");
@@ -181,7 +170,7 @@ mod tests {
     fn words_are_words() {
         let mut svg = Svg::new(10.0, 10.0);
         svg.text("a", [0.0, 0.0], "<script>alert(1)</script>");
-        for whole in [svg.inline("p", "<b>", "\"&"), svg.file("<b>", "\"&")] {
+        for whole in [svg.to_inline("p", "<b>", "\"&"), svg.to_file("<b>", "\"&")] {
             assert!(!whole.contains("<script") && !whole.contains("<b>"), "{whole}");
             assert!(whole.contains("&lt;script&gt;") && whole.contains("&quot;&amp;"), "{whole}");
         }

@@ -1,26 +1,25 @@
-//! The whole page: what it holds of whatever came, and what it never does.
+//! Contents and safety of the page.
 
 use serde_json::Value;
 
-use super::model::{Compared, Line, Mark, Methods, Moment, Swung};
+use super::model::{CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, ReportSample};
 use super::*;
-use crate::log::write::{Recording, dataflash, turns};
-use crate::log::{self, csv::Unit};
-use crate::mission::{Flown, Plan, fly};
-use crate::replay::judge::{Asked, By, judge};
-use crate::replay::told;
+use crate::log::write::{FlightRecording, encode_dataflash, record_turns};
+use crate::log::{self, csv::FieldUnit};
+use crate::mission::{MissionResult, TurnPlan, fly};
+use crate::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
+use crate::replay::summary;
 use crate::score::wrap_180;
 use crate::world::WorldConfig;
 
-fn flown(plan: Plan) -> Flown {
+fn flown(plan: TurnPlan) -> MissionResult {
     fly(WorldConfig::table1(1), plan, &mut |_, _| {})
 }
 
-fn page_of(flown: &Flown) -> String {
-    page(&of_mission(flown, &Made { command: "host-sim fly".to_owned(), ..Made::default() }))
+fn page_of(flown: &MissionResult) -> String {
+    page(&report_mission(flown, &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() }))
 }
 
-/// All elements are closed in the order in which they were opened, and all words are within them.
 fn assert_well_formed(html: &str) {
     const VOID: [&str; 2] = ["meta", "!doctype"];
     let mut open: Vec<&str> = Vec::new();
@@ -42,7 +41,6 @@ fn assert_well_formed(html: &str) {
     assert!(open.is_empty(), "{open:?}");
 }
 
-/// What every page promises.
 fn assert_sound(html: &str) {
     assert_well_formed(html);
     assert!(html.ends_with("</html>\n"));
@@ -53,7 +51,7 @@ fn assert_sound(html: &str) {
     assert_eq!(html.matches("role=\"img\"").count(), pictures);
     assert_eq!(html.matches("<title id=").count(), pictures);
     assert_eq!(html.matches("<script").count(), 1, "the page's own");
-    // What scrolls can be reached by keyboard, and has a name.
+    // Scrolling boxes are reachable by keyboard and have a name.
     assert_eq!(html.matches("class=\"scroll\"").count(), html.matches("tabindex=\"0\" role=\"group\"").count());
     let ids: Vec<&str> = html.split(" id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
     let mut unique = ids.clone();
@@ -67,7 +65,7 @@ fn assert_sound(html: &str) {
 
 #[test]
 fn a_calibrated_mission_is_reported_the_same_each_time() {
-    let flown = flown(Plan::default());
+    let flown = flown(TurnPlan::default());
     let html = page_of(&flown);
     assert_eq!(html, page_of(&flown));
     assert_sound(&html);
@@ -85,16 +83,16 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     ] {
         assert!(html.contains(title), "{title}");
     }
-    let (before, after) = (flown.before.figures(), flown.after.figures());
+    let (before, after) = (flown.before.statistics(), flown.after.statistics());
     let expected_deg = flown.result.as_ref().unwrap().expected_rms_deg;
     for number in [before.max_deg, after.max_deg, after.rms_deg, expected_deg, flown.streamed.unwrap().rms_deg] {
         assert!(html.contains(&format!("<dd>{number:.2} deg</dd>")), "{number:.2}");
     }
-    // Every heading of the card, and every error on it.
+    // All headings and errors of the deviation card.
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
         assert!(html.contains(&heading), "{heading}");
         for bank in flown.before.0.iter().chain(&flown.after.0) {
-            assert!(html.contains(&format!("<td>{}</td>", text::number(bank[step], 2))), "{heading}");
+            assert!(html.contains(&format!("<td>{}</td>", text::format_number(bank[step], 2))), "{heading}");
         }
     }
     assert!(html.contains(">host-sim fly</dd>") && html.contains(env!("CARGO_PKG_VERSION")));
@@ -103,24 +101,29 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
 
 #[test]
 fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
-    let html = page_of(&flown(Plan { bank_deg: 25.0, circles: 0.05 }));
+    let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles: 0.05 }));
     assert_sound(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
     assert!(!html.contains("After, enlarged") && !html.contains("<th scope=\"col\">after"));
 }
 
-/// What the page says of the repository's table is what `--json` says of it.
+/// The page and `--json` agree.
 #[test]
 fn a_replayed_log_has_the_numbers_of_its_json() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/data/flight.csv"));
-    let flight = log::open(path, Unit::Milligauss, None).unwrap();
-    let verdict = judge(&flight, &Asked::OF_THE_LOG);
+    let flight = log::open(path, FieldUnit::Milligauss, None).unwrap();
+    let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
-    let report = of_replay(&flight, &verdict, "a folder/flight.csv", &Made { parameters, ..Made::default() });
+    let report = report_replay(
+        &flight,
+        &verdict,
+        "a folder/flight.csv",
+        &ReportOrigin { parameters, ..ReportOrigin::default() },
+    );
     let html = page(&report);
     assert_sound(&html);
-    let json = told::json(&flight, &verdict, &|_| Value::Null);
-    assert!(html.to_lowercase().contains(&text::escaped(json["verdict"].as_str().unwrap()).to_lowercase()));
+    let json = summary::json(&flight, &verdict, &|_| Value::Null);
+    assert!(html.to_lowercase().contains(&text::escape_html(json["verdict"].as_str().unwrap()).to_lowercase()));
     assert_eq!(json["accepted"], report.accepted);
     for title in [
         "side by side",
@@ -132,7 +135,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     ] {
         assert!(html.contains(title), "{title}");
     }
-    // A table's cells of two decimals, of numbers that the object has with three.
+    // Table cells have two decimals, JSON three.
     let is_shown = |number: &Value, from: &str, to: &str| {
         let number = number.as_f64().unwrap();
         let cells = html.split(from).skip(1).filter_map(|rest| rest.split(to).next()?.parse::<f64>().ok());
@@ -144,39 +147,40 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
             is_shown(&heading["against_reference"]["heading_rms_deg"], "<td>", "</td>");
         }
     }
-    // What was fitted to is found again among the rows.
-    let fitted = report.compasses[0].moments.iter().filter(|moment| moment.is_fitted).count();
+    // Each fitted sample has its row.
+    let fitted = report.compasses[0].samples.iter().filter(|moment| moment.is_fitted).count();
     assert_eq!(fitted, verdict.compasses[0].module.samples);
     assert!(fitted > 50, "{fitted}");
 }
 
-/// Of two compasses, the first of which is dead, the page tells the one that was accepted; and its rows show what they are called.
+/// The first of two compasses is dead.
 #[test]
 fn what_is_shown_of_a_log_is_what_was_flown() {
     let mut world = WorldConfig::table1(1);
-    // What the field model says of the place.
+    // The field model's value for the place.
     world.earth.inclination_deg = 64.0;
-    let mut recording = Recording { place: Some([48.0, 11.3, 500.0]), ..turns(&world, 0.0) };
-    for instant in &mut recording.instants {
+    let mut recording = FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_turns(&world, 0.0) };
+    for instant in &mut recording.samples {
         instant.field_ut.insert(0, [10.0, 20.0, 30.0]);
     }
-    let flight = log::read(&mut dataflash(&recording).as_slice(), Unit::Milligauss).unwrap();
-    let verdict = judge(&flight, &Asked::OF_THE_LOG);
-    let report = of_replay(&flight, &verdict, "flight.bin", &Made::default());
+    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
+    let report = report_replay(&flight, &verdict, "flight.bin", &ReportOrigin::default());
     assert!(report.accepted && report.figures[0][0].starts_with("compass 2"), "{:?}", report.figures);
     assert_eq!(report.compasses.iter().map(|swung| swung.accepted).collect::<Vec<_>>(), [false, true]);
     let [_, alive] = verdict.compasses.as_slice() else { panic!("two compasses") };
-    for (figure, by) in [(2, By::Nobody), (3, By::Module)] {
-        let rms_deg = alive.by(by).unwrap().score.unwrap().rms_deg;
+    for (figure, by) in [(2, CorrectionSource::Uncorrected), (3, CorrectionSource::Module)] {
+        let rms_deg = alive.correction_from(by).unwrap().score.unwrap().rms_deg;
         assert_eq!(report.figures[figure][1], format!("{rms_deg:.2} deg"), "{:?}", report.figures);
     }
-    let moments = &report.compasses[1].moments;
-    let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_silent);
+    let moments = &report.compasses[1].samples;
+    let usable = || moments.iter().filter(|moment| moment.is_usable && !moment.is_heading_withheld);
     assert!(usable().count() > 2000);
-    // Half a degree of attitude, and 0.3 uT of noise, are a few degrees of dip and a few percent at the most.
-    assert!(usable().all(|moment| moment.strength_percent.unwrap().abs() < 5.0 && moment.dip_deg.unwrap().abs() < 6.0));
+    // Attitude noise of 0.5 deg and field noise of 0.3 uT.
+    assert!(usable().all(|moment| moment.norm_residual_percent.unwrap().abs() < 5.0
+        && moment.inclination_residual_deg.unwrap().abs() < 6.0));
     for moment in usable() {
-        // Of a nose that points east, north is to the left.
+        // When the nose points east, north is to the left.
         let [ahead, left] = moment.level_ut[1].unwrap();
         let off_deg = wrap_180(left.atan2(ahead).to_degrees() - moment.heading_deg.unwrap());
         assert!(off_deg.abs() < 12.0, "{off_deg} at {} s", moment.at_s);
@@ -184,86 +188,86 @@ fn what_is_shown_of_a_log_is_what_was_flown() {
     for fitted_s in &alive.module.fitted_s {
         assert!(moments.iter().any(|moment| moment.is_fitted && (moment.at_s - fitted_s).abs() < 0.06), "{fitted_s}");
     }
-    // From where the log begins: a degree in f32 is good to half a metre, and a row to a tenth of a second's way.
-    let (moment, flown) = (moments.iter().rev().find(|moment| moment.place_m.is_some()).unwrap(), &recording.instants);
+    // Positions count from the start of the log; f32 degrees resolve 0.5 m, and rows 0.1 s.
+    let (moment, flown) =
+        (moments.iter().rev().find(|moment| moment.position_m.is_some()).unwrap(), &recording.samples);
     let instant = &flown[(moment.at_s * 10.0).round() as usize];
-    let [north_m, east_m] = [0, 1].map(|axis| instant.moved_m[axis] - flown[0].moved_m[axis]);
-    let [east, north] = moment.place_m.unwrap();
-    assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.place_m);
+    let [north_m, east_m] = [0, 1].map(|axis| instant.displacement_m[axis] - flown[0].displacement_m[axis]);
+    let [east, north] = moment.position_m.unwrap();
+    assert!(north_m.hypot(east_m) > 1000.0 && (east - east_m).hypot(north - north_m) < 5.0, "{:?}", moment.position_m);
 }
 
-/// Names and texts that a log brings are words, wherever they stand; numbers that are none are dashes, or not drawn.
+/// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
 #[test]
 fn a_hostile_log_brings_words_alone() {
     const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
     let hostile = || HOSTILE.to_owned();
     let nan = Some(f64::NAN);
-    let moment = |i: u32| Moment {
+    let moment = |i: u32| ReportSample {
         at_s: f64::from(i),
         heading_deg: nan,
         roll_deg: f64::NAN,
         pitch_deg: f64::INFINITY,
-        place_m: Some([f64::NAN, f64::INFINITY]),
+        position_m: Some([f64::NAN, f64::INFINITY]),
         level_ut: [Some([f64::NAN; 2]); 2],
-        strength_percent: nan,
-        dip_deg: if i.is_multiple_of(2) { nan } else { Some(1.0) },
+        norm_residual_percent: nan,
+        inclination_residual_deg: if i.is_multiple_of(2) { nan } else { Some(1.0) },
         error_deg: Some(f64::INFINITY),
         sigma_deg: nan,
-        before_deg: nan,
+        error_before_deg: nan,
         is_usable: true,
         is_fitted: true,
-        is_silent: true,
+        is_heading_withheld: true,
     };
-    let line = Line { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
-    let swung = Swung {
+    let line = DeviationCurve { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
+    let swung = CompassReport {
         name: hostile(),
         accepted: true,
         facts: vec![[hostile(), hostile()]],
         before: vec![line.clone()],
         after: vec![line],
         sigma_deg: vec![f64::NAN, 0.5, f64::INFINITY, -0.0],
-        moments: (0..50).map(moment).collect(),
-        marks: vec![Mark { at_s: f64::NAN, name: hostile() }, Mark { at_s: 1e9, name: hostile() }],
+        samples: (0..50).map(moment).collect(),
+        marks: vec![EventMark { at_s: f64::NAN, name: hostile() }, EventMark { at_s: 1e9, name: hostile() }],
         horizontal_ut: Some(f64::NAN),
         advice: Some(hostile()),
         coefficients: Some([[f64::NAN; 3]; 4]),
-        ..Swung::default()
+        ..CompassReport::default()
     };
     let report = Report {
         title: hostile(),
         verdict: hostile(),
         figures: vec![[hostile(), hostile()]],
         notes: vec![hostile()],
-        compared: Compared { word: "error", with: hostile(), limits: hostile() },
-        methods: Methods {
+        reference: ReferenceInfo { difference_name: "error", reference_name: hostile(), limits: hostile() },
+        calibrators: CalibratorComparison {
             compasses: vec![hostile()],
             rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
         },
         compasses: vec![swung],
         parameters: Some([hostile(), hostile()]),
-        printed: Some([hostile(), hostile()]),
-        made: vec![[hostile(), hostile()]],
+        terminal_output: Some([hostile(), hostile()]),
+        origin: vec![[hostile(), hostile()]],
         ..Report::default()
     };
     let html = page(&report);
-    // The words themselves are there, escaped; none of them is an element.
+    // The text is present, but only escaped.
     assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
     assert_sound(&html.replace("src=x", ""));
     let drawn = picture(&report);
     assert!(!drawn.contains("NaN") && !drawn.contains("inf") && !drawn.contains("<script"), "{drawn}");
 }
 
-/// Nothing at all is still a page.
 #[test]
 fn an_empty_report_is_a_page() {
     assert_sound(&page(&Report::default()));
-    assert_sound(&page(&Report { compasses: vec![Swung::default()], ..Report::default() }));
+    assert_sound(&page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
     assert!(picture(&Report::default()).contains("</svg>"));
 }
 
 #[test]
 fn a_picture_of_its_own_has_its_background_and_both_schemes() {
-    let drawn = picture(&of_mission(&flown(Plan::default()), &Made::default()));
+    let drawn = picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
     assert!(drawn.starts_with("<svg xmlns=") && drawn.ends_with("</svg>\n"));
     for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
         assert!(drawn.contains(needed), "{needed}");

@@ -1,28 +1,18 @@
-//! The simulated module for those outside: bytes on its ports, orders to its pilot, somebody else's simulator.
+//! Simulated module for external programs: port bytes, pilot commands, attitudes of an external simulator.
 //!
-//! | file | holds |
-//! |---|---|
-//! | `mod.rs` | the module, its ports, time |
-//! | `order.rs` | what a person tells the pilot to fly |
-//! | `pilot.rs` | what the pilot does about it, and which pattern is flown meanwhile |
-//! | `visitor.rs` | attitudes of somebody else's simulator |
-//! | `peer.rs` | whether an autopilot talks at the autopilot's port |
-//! | `image.rs` | the flash in a file |
-//!
-//! Time here is virtual: [`Served::advance`] goes on by as much as it is told, and what happens is a function of the
-//! seed and of what came in at which instant. Who runs it against a clock on the wall, over which wires, is the command
-//! line's business.
+//! Time is simulated: the caller advances it, and results depend only on the seed and on the input with its times. The
+//! command line couples it to real time and to sockets.
 
-mod image;
-mod order;
-mod peer;
+mod attitude_datagram;
+mod external_autopilot;
+mod flash_image;
 mod pilot;
-mod visitor;
+mod pilot_command;
 
-pub use self::image::{Image, ImageError};
-pub use self::order::{Order, OrderError, WORDS};
-pub use self::pilot::Pattern;
-pub use self::visitor::{DatagramError, told_attitude};
+pub use self::attitude_datagram::{DatagramError, parse_attitude};
+pub use self::flash_image::{FlashImage, FlashImageError};
+pub use self::pilot::PilotPattern;
+pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 
 use crate::devices::uart::HostEnd;
 use crate::module::Module as _;
@@ -30,196 +20,196 @@ use crate::rig::Rig;
 use crate::world::WorldConfig;
 use crate::world::rotation::Euler;
 
-use self::peer::Peer;
+use self::external_autopilot::ExternalAutopilot;
 use self::pilot::Pilot;
 
-/// One of the module's ports.
+/// Port of the module.
 #[derive(Debug)]
 pub struct Port {
-    /// What it is called.
+    /// Name.
     pub name: &'static str,
-    /// What goes in and comes out, in a few words.
+    /// Short description of its traffic.
     pub carries: &'static str,
     cable: fn(&Rig) -> &HostEnd,
 }
 
-/// The ports that the module has, in their order.
+/// All ports in order.
 pub const PORTS: &[Port] = &[
     Port { name: "console", carries: "a terminal", cable: |rig| &rig.console },
-    Port { name: "port 1", carries: "an autopilot: MAVLink or MSP, found by itself", cable: |rig| &rig.autopilot },
+    Port { name: "port 1", carries: "an autopilot: MAVLink or MSP, detected", cable: |rig| &rig.autopilot },
     Port { name: "port 2", carries: "an instrument: NMEA heading", cable: |rig| &rig.instrument },
 ];
 
-/// Where in [`PORTS`] the console is, the autopilot's port, and the instrument's.
+/// Index of the console in [`PORTS`].
 pub const CONSOLE: usize = 0;
-/// See [`CONSOLE`].
+/// Index of the autopilot port in [`PORTS`].
 pub const AUTOPILOT: usize = 1;
-/// See [`CONSOLE`].
+/// Index of the instrument port in [`PORTS`].
 pub const INSTRUMENT: usize = 2;
 
-/// Who sends the module its attitude.
+/// Source of the module's attitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Attitude {
-    /// The simulator, but while somebody at the autopilot's port sends attitude he alone.
+pub enum AttitudeProvider {
+    /// The simulator, except while an external autopilot at the autopilot port sends attitude.
     #[default]
     Auto,
-    /// The simulator always.
+    /// Always the simulator.
     Own,
-    /// Only who is attached to the autopilot's port.
+    /// Only an external autopilot.
     Peer,
 }
 
-/// How the module is served.
+/// Options of the served module.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
-    /// What is flown while nobody orders anything.
-    pub pattern: Pattern,
-    /// Who sends attitude.
-    pub attitude: Attitude,
-    /// Whether somebody else's simulator says how the aircraft lies.
-    pub is_visited: bool,
+pub struct ServeOptions {
+    /// Flight pattern without pilot commands.
+    pub pattern: PilotPattern,
+    /// Attitude source.
+    pub attitude: AttitudeProvider,
+    /// Whether an external simulator provides the attitude of the aircraft.
+    pub has_external_simulator: bool,
 }
 
-/// The pilot looks up, and attitude changes hands, at whole multiples of this.
+/// Period of pilot actions and attitude-source selection, microseconds.
 const TICK_US: u64 = 100_000;
 
-/// Bytes on their way into a port before no more are taken: a tenth of a second of them.
+/// Limit of bytes in transmission to a port: 0.1 s of traffic.
 const ON_THE_WAY: usize = 1152;
 
-/// The simulated module in its aircraft, ready to be fed and listened to.
-pub struct Served {
+/// Simulated module in its vehicle, with its ports.
+pub struct ServedModule {
     rig: Rig,
     pilot: Pilot,
-    peer: Peer,
-    attitude: Attitude,
-    visits: Option<Visits>,
+    peer: ExternalAutopilot,
+    attitude: AttitudeProvider,
+    visits: Option<DatagramCounts>,
 }
 
-/// Attitudes that somebody else's simulator has told.
+/// Counters of attitude datagrams from an external simulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Visits {
-    /// Those that were followed.
-    pub followed: u64,
-    /// Those that were none.
-    pub malformed: u64,
+pub struct DatagramCounts {
+    /// Accepted datagrams.
+    pub accepted: u64,
+    /// Rejected datagrams.
+    pub rejected: u64,
 }
 
-impl Served {
-    /// A module that is switched on now, its flash empty or as in an image; the aircraft is under way and armed, unless
-    /// somebody else flies it.
+impl ServedModule {
+    /// A module switched on now, with erased flash or flash contents from an image. The vehicle moves and is armed
+    /// unless an external simulator controls it.
     #[must_use]
-    pub fn new(world: WorldConfig, options: Options, image: Option<&Image>) -> Self {
+    pub fn new(world: WorldConfig, options: ServeOptions, image: Option<&FlashImage>) -> Self {
         let mut rig = Rig::new(world);
         if let Some(image) = image {
-            // An image is of that size: it was read as one, or was a flash's contents.
+            // Image sizes are checked on reading.
             rig.load_flash(image.bytes());
         }
-        rig.world.set_sends_attitude(options.attitude != Attitude::Peer);
-        let pilot = Pilot::new(&world, options.pattern, options.is_visited);
-        pilot.begin(&rig.world);
-        let visits = options.is_visited.then(Visits::default);
-        Self { rig, pilot, peer: Peer::default(), attitude: options.attitude, visits }
+        rig.world.set_sends_attitude(options.attitude != AttitudeProvider::Peer);
+        let pilot = Pilot::new(&world, options.pattern, options.has_external_simulator);
+        pilot.start(&rig.world);
+        let visits = options.has_external_simulator.then(DatagramCounts::default);
+        Self { rig, pilot, peer: ExternalAutopilot::default(), attitude: options.attitude, visits }
     }
 
-    /// Microseconds since it was switched on.
+    /// Time since power-on, microseconds.
     #[must_use]
     pub fn now_us(&self) -> u64 {
         self.rig.now_us()
     }
 
-    /// Goes on by so many microseconds. In how many pieces makes no difference.
+    /// Advances time; the result does not depend on the division into calls.
     pub fn advance(&mut self, by_us: u64) {
         let until_us = self.now_us() + by_us;
         while self.now_us() < until_us {
             let tick_us = (self.now_us() / TICK_US + 1) * TICK_US;
-            // Nothing cuts the power of this rig.
+            // No power cut is scheduled in this rig.
             let _ = self.rig.run_until(tick_us.min(until_us));
             if self.now_us() == tick_us {
-                self.pilot.look_up(&self.rig.world);
+                self.pilot.update(&self.rig.world);
                 self.hand_over_attitude();
             }
         }
     }
 
-    /// Sends bytes into a port, by its place in [`PORTS`]; another is no port, and nothing happens.
-    pub fn feed(&mut self, port: usize, bytes: &[u8]) {
+    /// Sends bytes to the port at this index in [`PORTS`]; ignores an invalid index.
+    pub fn send(&mut self, port: usize, bytes: &[u8]) {
         let Some(Port { cable, .. }) = PORTS.get(port) else { return };
         cable(&self.rig).send(bytes);
         if port == AUTOPILOT {
-            self.peer.hear(self.rig.now_us(), bytes);
+            self.peer.process_bytes(self.rig.now_us(), bytes);
             self.hand_over_attitude();
         }
     }
 
-    /// Takes what has come out of a port, by its place in [`PORTS`]; of another nothing has.
+    /// Bytes received from the port at this index in [`PORTS`]; none for an invalid index.
     #[must_use]
-    pub fn take(&self, port: usize) -> Vec<u8> {
+    pub fn receive(&self, port: usize) -> Vec<u8> {
         PORTS.get(port).map_or_else(Vec::new, |port| (port.cable)(&self.rig).receive())
     }
 
-    /// Carries out what a person orders the pilot in a line, and gives the answer.
+    /// Executes a pilot command line and returns the answer.
     ///
     /// # Errors
     ///
-    /// [`OrderError`] when that is no order, or none for now.
-    pub fn order(&mut self, line: &str) -> Result<String, OrderError> {
+    /// The command is invalid or not possible now.
+    pub fn execute_line(&mut self, line: &str) -> Result<String, PilotCommandError> {
         match line.parse()? {
-            Order::Help => Ok(order::help()),
-            Order::Status => Ok(self.status()),
-            order => self.pilot.obey(&self.rig.world, order),
+            PilotCommand::Help => Ok(pilot_command::help()),
+            PilotCommand::Status => Ok(self.status()),
+            order => self.pilot.execute(&self.rig.world, order),
         }
     }
 
-    /// Brings the aircraft to the attitude of a datagram `roll_deg pitch_deg yaw_deg`.
+    /// Moves the aircraft to the attitude of a datagram `roll_deg pitch_deg yaw_deg`.
     ///
     /// # Errors
     ///
-    /// [`DatagramError`] when it is none; it is counted, and nothing else happens.
-    pub fn told(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
-        let told = told_attitude(datagram);
+    /// [`DatagramError`] if the datagram is invalid; it is counted and otherwise ignored.
+    pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
+        let told = parse_attitude(datagram);
         let visits = self.visits.get_or_insert_default();
         match told {
-            Ok(Euler { .. }) => visits.followed += 1,
-            Err(_) => visits.malformed += 1,
+            Ok(Euler { .. }) => visits.accepted += 1,
+            Err(_) => visits.rejected += 1,
         }
-        told.map(|attitude| self.rig.world.follow(attitude))
+        told.map(|attitude| self.rig.world.follow_attitude(attitude))
     }
 
-    /// What somebody else's simulator has told so far; none if nobody was asked to.
+    /// Counters of attitude datagrams; `None` without an external simulator.
     #[must_use]
-    pub fn visits(&self) -> Option<Visits> {
+    pub fn datagram_counts(&self) -> Option<DatagramCounts> {
         self.visits
     }
 
-    /// Bytes that may be fed into a port now, so that there are never many on their way; none into what is no port.
+    /// Number of bytes that the port accepts now; 0 for an invalid index.
     #[must_use]
-    pub fn room(&self, port: usize) -> usize {
-        PORTS.get(port).map_or(0, |port| ON_THE_WAY.saturating_sub((port.cable)(&self.rig).unsent()))
+    pub fn free_bytes(&self, port: usize) -> usize {
+        PORTS.get(port).map_or(0, |port| ON_THE_WAY.saturating_sub((port.cable)(&self.rig).bytes_in_transit()))
     }
 
-    /// What the flash holds now.
+    /// Present flash contents.
     #[must_use]
-    pub fn flash(&self) -> Image {
-        Image(self.rig.flash.contents())
+    pub fn flash(&self) -> FlashImage {
+        FlashImage(self.rig.flash.contents())
     }
 
-    /// How often the flash has been changed, word by word and page by page.
+    /// Number of flash operations (programmed words and erased pages).
     #[must_use]
     pub fn flash_changes(&self) -> u64 {
         let wear = self.rig.flash.wear();
         wear.erases + wear.writes
     }
 
-    /// The truth, and who tells it.
     fn status(&self) -> String {
         let truth = self.rig.world.true_state(self.now_us());
         let [roll_deg, pitch_deg] = [truth.roll_rad, truth.pitch_rad].map(f64::to_degrees);
         let seconds = self.now_us() as f64 / 1e6;
-        let flies = if self.visits.is_some() { "as told" } else { self.pilot.doing() };
+        let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity() };
         let source = if self.rig.world.sends_attitude() { "the simulator" } else { "who is attached" };
-        let told = self.visits.map_or_else(String::new, |Visits { followed, malformed }| {
-            format!("; {followed} attitudes told, {malformed} malformed")
-        });
+        let told =
+            self.visits.map_or_else(String::new, |DatagramCounts { accepted: followed, rejected: malformed }| {
+                format!("; {followed} attitudes received, {malformed} malformed")
+            });
         format!(
             "ok {seconds:.1} s, {flies}: roll {roll_deg:.1}, pitch {pitch_deg:.1}, magnetic heading {:.1} deg; attitude \
              from {source}{told}",
@@ -228,8 +218,8 @@ impl Served {
     }
 
     fn hand_over_attitude(&self) {
-        if self.attitude == Attitude::Auto {
-            self.rig.world.set_sends_attitude(!self.peer.talks(self.rig.now_us()));
+        if self.attitude == AttitudeProvider::Auto {
+            self.rig.world.set_sends_attitude(!self.peer.is_active(self.rig.now_us()));
         }
     }
 }

@@ -1,6 +1,6 @@
-//! The airframe's iron and the mounting of the sensor: `m = A h_body + b` (Liu 2007 eq. 8).
+//! Magnetic disturbance of the airframe, and mounting of the sensor: `m = A h_body + b` (Liu 2007 eq. 8).
 
-use autoswing::calibration::{Calibration, CurrentIron};
+use autoswing::calibration::{Calibration, MotorCurrentInterference};
 use autoswing::frames::{Field, Sensor};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -9,40 +9,38 @@ use super::earth::Earth;
 use super::table1;
 use crate::random::{Purpose, Random};
 
-/// Largest soft iron of a random airframe: symmetric part, relative.
+/// Largest symmetric soft iron of a random airframe, relative.
 const RANDOM_SOFT_IRON: f64 = 0.20;
-/// Largest asymmetric part: soft iron is nearly symmetric when it is near the sensor.
+/// Largest asymmetric soft iron, relative: soft iron near the sensor is nearly symmetric.
 const RANDOM_ASYMMETRY: f64 = 0.02;
-/// Largest hard iron of a random airframe, in units of the horizontal field.
 const RANDOM_HARD_IRON: f64 = 1.5;
-/// Largest mounting error of a random airframe, degrees about a random axis.
 const RANDOM_MOUNTING_DEG: f64 = 10.0;
 
-/// What the airframe does to the field before the chip measures it.
+/// Linear map from the field in body axes to the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Airframe {
-    /// `A`, dimensionless: body axes to chip axes. Soft iron, then mounting.
+    /// `A`, dimensionless, body axes to chip axes: soft iron, then mounting.
     pub a: Matrix3<f64>,
     /// `b`, microtesla, chip axes: hard iron and zero offset.
     pub b_ut: Vector3<f64>,
 }
 
-/// An airframe as a person writes it down. `A = mounting * soft_iron`.
+/// Airframe in a scenario file: `A = mounting * soft_iron`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Description {
-    /// Soft iron as rows: what the field in body axes becomes, dimensionless; the unit matrix is none.
+pub struct AirframeDescription {
+    /// Soft-iron matrix by rows, dimensionless, body axes; the unit matrix means none.
     pub soft_iron: [[f64; 3]; 3],
     /// Hard iron and zero offset, microtesla, chip axes.
     pub hard_iron_ut: [f64; 3],
-    /// How the chip is turned from the body axes: roll, pitch, yaw in degrees, Euler ZYX.
+    /// Mounting of the chip relative to the body axes: roll, pitch, yaw in degrees, Euler ZYX.
     pub mounting_deg: [f64; 3],
 }
 
-impl From<Description> for Airframe {
-    fn from(description: Description) -> Self {
+impl From<AirframeDescription> for Airframe {
+    fn from(description: AirframeDescription) -> Self {
         let [roll, pitch, yaw] = description.mounting_deg.map(f64::to_radians);
-        // Euler angles give the chip's axes in the body frame; the field needs the way back.
+        // Euler angles give the chip's axes in the body frame; the field needs the inverse rotation.
         let chip_from_body = Rotation3::from_euler_angles(roll, pitch, yaw).inverse();
         let [x, y, z] = description.soft_iron.map(Into::into);
         let soft_iron = Matrix3::from_columns(&[x, y, z]).transpose();
@@ -50,9 +48,9 @@ impl From<Description> for Airframe {
     }
 }
 
-impl From<&Airframe> for Description {
-    /// The soft iron that is symmetric, and the mounting that makes `A` of it: the polar decomposition of `A`, which has one
-    /// as long as the chip is not mirrored.
+impl From<&Airframe> for AirframeDescription {
+    /// Polar decomposition of `A` into a symmetric soft iron and a mounting rotation; requires a chip that is not
+    /// mirrored.
     fn from(airframe: &Airframe) -> Self {
         let svd = airframe.a.svd(true, true);
         let [u, v_t] = [svd.u, svd.v_t].map(Option::unwrap_or_default);
@@ -67,20 +65,21 @@ impl From<&Airframe> for Description {
 }
 
 impl Airframe {
-    /// No iron, chip axes equal to body axes.
+    /// No soft or hard iron, chip axes equal to body axes.
     #[must_use]
     pub fn none() -> Self {
         Self { a: Matrix3::identity(), b_ut: Vector3::zeros() }
     }
 
-    /// The aircraft of Liu 2007 table 1; see [`table1`].
+    /// Aircraft of Liu 2007 table 1 (see [`table1`]).
     #[must_use]
     pub fn table1() -> Self {
         let a = Matrix3::from_row_slice(table1::SOFT_IRON.as_flattened());
         Self { a, b_ut: Vector3::from(table1::HARD_IRON) * Earth::default().horizontal_ut() }
     }
 
-    /// Soft iron to 20 %, hard iron to 1.5 times the horizontal field, mounting to 10 degrees.
+    /// Random airframe: soft iron up to 20 %, hard iron up to 1.5 times the horizontal field, mounting up to 10
+    /// degrees.
     #[must_use]
     pub fn random(seed: u64, earth: &Earth) -> Self {
         let mut random = Random::new(seed, Purpose::Airframe);
@@ -95,13 +94,13 @@ impl Airframe {
         Self { a: mounting * soft_iron, b_ut: hard_iron * earth.horizontal_ut() }
     }
 
-    /// What reaches the chip of a field in body axes, microtesla.
+    /// Field at the chip for a field in body axes, microtesla.
     #[must_use]
-    pub fn measure(&self, body_ut: &Vector3<f64>) -> Field<Sensor> {
+    pub fn measured_field(&self, body_ut: &Vector3<f64>) -> Field<Sensor> {
         Field::new((self.a * body_ut + self.b_ut).cast())
     }
 
-    /// The calibration that undoes this airframe exactly; `None` when `A` has no inverse.
+    /// The calibration that inverts this airframe exactly; `None` when `A` is singular.
     #[must_use]
     pub fn true_calibration(&self, earth: &Earth) -> Option<Calibration> {
         let w = self.a.try_inverse()?;
@@ -113,12 +112,12 @@ impl Airframe {
             inclination_rad: earth.inclination_deg.to_radians() as f32,
             total_ut: (earth.total_ut * scale) as f32,
             latency_s: 0.0,
-            current: CurrentIron::NONE,
+            motor_current: MotorCurrentInterference::NONE,
         })
     }
 }
 
-/// The matrix with a largest singular value of `size`.
+/// The matrix, scaled to a largest singular value of `size`.
 fn scaled(matrix: Matrix3<f64>, size: f64) -> Matrix3<f64> {
     matrix * (size / matrix.singular_values().max())
 }
@@ -144,13 +143,12 @@ mod tests {
                 *largest = largest.max(value);
             }
         }
-        // The asymmetric part adds to soft iron 2 % and to the mounting the angle of 2 %, 1.1 degrees.
         assert!((0.18..0.22).contains(&largest[0]), "soft iron {}", largest[0]);
         assert!((9.0..11.2).contains(&largest[1]), "mounting {} deg", largest[1]);
         assert!((1.4..1.5).contains(&largest[2]), "hard iron {} H0", largest[2]);
     }
 
-    /// The chain from Earth to chip, undone by the library's own correction: f32 leaves some 1e-5 of 50 microtesla.
+    /// The library's correction inverts the simulated chain; f32 leaves errors of about 1e-5 of 50 microtesla.
     #[test]
     fn the_true_calibration_recovers_heading_and_field() {
         for seed in 0..50 {
@@ -160,22 +158,21 @@ mod tests {
             let attitude = Attitude::from_deg(25.0, -4.0);
             let truth = Euler { heading_rad: 1.0, ..Euler::from_deg(25.0, -4.0, 0.0) };
             let body_ut = earth.body_field_ut(truth);
-            let level = attitude.level(calibration.apply(airframe.measure(&body_ut)));
+            let level = attitude.level(calibration.apply(airframe.measured_field(&body_ut)));
             assert!((level.heading_rad() - 1.0).abs() < 2e-5, "seed {seed}: {}", level.heading_rad());
             assert!((level.total_ut() / calibration.total_ut - 1.0).abs() < 1e-5);
             assert!((level.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
         }
     }
 
-    /// A chip turned by yaw 90 degrees has its x axis on the right wing: it sees the body's y field on x.
     #[test]
     fn mounting_turns_the_chip_not_the_field() {
-        let description = Description {
+        let description = AirframeDescription {
             soft_iron: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             hard_iron_ut: [0.0; 3],
             mounting_deg: [0.0, 0.0, 90.0],
         };
-        let measured = Airframe::from(description).measure(&Vector3::new(10.0, 20.0, 30.0));
+        let measured = Airframe::from(description).measured_field(&Vector3::new(10.0, 20.0, 30.0));
         assert!((measured.ut - Vector3::new(20.0, -10.0, 30.0)).norm() < 1e-5, "{measured:?}");
     }
 }

@@ -1,73 +1,72 @@
-//! All settings of a world, and the file that a person writes them in.
+//! World settings and the airframe file.
 
 use std::fmt;
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::aircraft::Kind;
-use super::airframe::{Airframe, Description};
+use super::aircraft::VehicleKind;
+use super::airframe::{Airframe, AirframeDescription};
 use super::earth::Earth;
 use super::weather::Weather;
 use super::{aircraft, attitude_source};
 use crate::random::{Purpose, Random};
 
-/// Everything about a world. The same settings and seed give the same world.
+/// All settings of a world. Equal settings and seeds give equal worlds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorldConfig {
-    /// Seed of all randomness.
+    /// Seed of all random streams.
     pub seed: u64,
-    /// Iron and mounting.
+    /// Soft iron, hard iron and sensor mounting.
     pub airframe: Airframe,
-    /// Field at the place of the flight.
+    /// Earth's field at the place of the flight.
     pub earth: Earth,
-    /// How the aircraft flies.
-    pub aircraft: aircraft::Config,
-    /// What the air does.
+    /// Motion settings of the vehicle.
+    pub aircraft: aircraft::VehicleConfig,
+    /// Wind and turbulence.
     pub weather: Weather,
-    /// How good the attitude is.
-    pub attitude_source: attitude_source::Config,
-    /// Iron by current: what the motors add in the chip's axes in level flight, in hover, or on the flat, microtesla.
-    /// It follows their current. See [`World::set_current_ut`](super::World::set_current_ut).
-    pub current_ut: [f64; 3],
-    /// Whether the autopilot measures that current, and tells it.
-    pub tells_current: bool,
+    /// Error model of the attitude source.
+    pub attitude_source: attitude_source::AttitudeSourceConfig,
+    /// Motor-current interference at cruise or hover current, chip axes, microtesla.
+    pub current_interference_ut: [f64; 3],
+    /// Whether the autopilot measures and reports the motor current.
+    pub reports_current: bool,
 }
 
-/// The file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`.
+/// Airframe file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
-    airframe: Description,
+struct AirframeFile {
+    airframe: AirframeDescription,
     #[serde(default)]
     earth: Earth,
     #[serde(default)]
-    aircraft: aircraft::Config,
+    aircraft: aircraft::VehicleConfig,
     #[serde(default)]
     weather: Weather,
     #[serde(default)]
-    attitude_source: attitude_source::Config,
+    attitude_source: attitude_source::AttitudeSourceConfig,
 }
 
-/// Why settings cannot be used.
+/// Reason why settings were rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConfigError {
-    /// The file could not be read; what the operating system says.
+    /// The operating system could not read the file.
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// The reason.
+        /// Message of the operating system.
         reason: String,
     },
-    /// What is in this file cannot be used.
+    /// An error in the content of the file with this path.
     InFile(String, Box<Self>),
-    /// The file is not of the format; where and why.
+    /// The file is not valid TOML for an airframe; position and reason.
     Format(String),
-    /// A number makes no sense.
+    /// A number outside its allowed range.
     OutOfRange {
-        /// Its name in the file.
+        /// Name in the file.
         setting: &'static str,
-        /// What it is.
+        /// Rejected value.
         value: f64,
         /// Smallest allowed value.
         min: f64,
@@ -77,7 +76,7 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// A stable code for scripts.
+    /// Stable error code for scripts.
     #[must_use]
     pub const fn code(&self) -> &'static str {
         match self {
@@ -93,7 +92,7 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unreadable { path, reason } => {
-                let kinds = Kind::ALL.map(Kind::name).join("`, `");
+                let kinds = VehicleKind::ALL.map(VehicleKind::name).join("`, `");
                 write!(f, "{path}: {reason} (expected `{kinds}`, `table1`, `random` or an airframe file)")
             }
             Self::InFile(path, error) => write!(f, "{path}: {error}"),
@@ -108,25 +107,25 @@ impl fmt::Display for ConfigError {
 impl std::error::Error for ConfigError {}
 
 impl WorldConfig {
-    /// The aircraft of Liu 2007 table 1 over Xi'an.
+    /// Aircraft of Liu 2007 table 1 over Xi'an.
     #[must_use]
     pub fn table1(seed: u64) -> Self {
-        Self::of(seed, Airframe::table1(), Earth::default())
+        Self::with_defaults(seed, Airframe::table1(), Earth::default())
     }
 
-    /// An airframe and a place drawn from the seed.
+    /// Airframe and place drawn from the seed.
     #[must_use]
     pub fn random(seed: u64) -> Self {
         let earth = Earth::random(seed);
-        Self::of(seed, Airframe::random(seed, &earth), earth)
+        Self::with_defaults(seed, Airframe::random(seed, &earth), earth)
     }
 
-    /// `table1`, `random`, or the path of an airframe file.
+    /// World for `table1`, `random`, or the path of an airframe file.
     ///
     /// # Errors
     ///
-    /// [`ConfigError`] when the file cannot be read, is not of the format, or a number in it makes no sense.
-    pub fn named(aircraft: &str, seed: u64) -> Result<Self, ConfigError> {
+    /// [`ConfigError`] if the file cannot be read or parsed, or a number is out of range.
+    pub fn from_name(aircraft: &str, seed: u64) -> Result<Self, ConfigError> {
         match aircraft {
             "table1" => Ok(Self::table1(seed)),
             "random" => Ok(Self::random(seed)),
@@ -134,24 +133,24 @@ impl WorldConfig {
         }
     }
 
-    /// Reads an airframe file; see `host-sim/airframes/example.toml` for the format.
+    /// Reads an airframe file (format: `host-sim/airframes/example.toml`).
     ///
     /// # Errors
     ///
-    /// [`ConfigError`] when the file cannot be read, is not of the format, or a number in it makes no sense.
+    /// [`ConfigError`] if the file cannot be read or parsed, or a number is out of range.
     pub fn from_file(path: &Path, seed: u64) -> Result<Self, ConfigError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| ConfigError::Unreadable { path: path.display().to_string(), reason: error.to_string() })?;
         Self::from_toml(&text, seed).map_err(|error| ConfigError::InFile(path.display().to_string(), Box::new(error)))
     }
 
-    /// Reads the text of an airframe file.
+    /// Parses the text of an airframe file.
     ///
     /// # Errors
     ///
     /// [`ConfigError::Format`] and [`ConfigError::OutOfRange`].
     pub fn from_toml(text: &str, seed: u64) -> Result<Self, ConfigError> {
-        let file: File = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
+        let file: AirframeFile = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
         let config = Self {
             seed,
             airframe: file.airframe.into(),
@@ -159,53 +158,56 @@ impl WorldConfig {
             aircraft: file.aircraft,
             weather: file.weather,
             attitude_source: file.attitude_source,
-            current_ut: [0.0; 3],
-            tells_current: false,
+            current_interference_ut: [0.0; 3],
+            reports_current: false,
         };
         config.validate()?;
         Ok(config)
     }
 
-    /// Default settings around an airframe and a place.
     #[must_use]
-    fn of(seed: u64, airframe: Airframe, earth: Earth) -> Self {
+    fn with_defaults(seed: u64, airframe: Airframe, earth: Earth) -> Self {
         Self {
             seed,
             airframe,
             earth,
-            aircraft: aircraft::Config::default(),
+            aircraft: aircraft::VehicleConfig::default(),
             weather: Weather::default(),
-            attitude_source: attitude_source::Config::default(),
-            current_ut: [0.0; 3],
-            tells_current: false,
+            attitude_source: attitude_source::AttitudeSourceConfig::default(),
+            current_interference_ut: [0.0; 3],
+            reports_current: false,
         }
     }
 
-    /// The same around a vehicle of another kind, with an attitude source as such a vehicle has one.
+    /// The same world with another vehicle kind and the attitude errors typical for that kind.
     #[must_use]
-    pub fn carried_by(self, kind: Kind) -> Self {
+    pub fn with_vehicle_kind(self, kind: VehicleKind) -> Self {
         if kind == self.aircraft.kind {
             return self;
         }
-        let aircraft = aircraft::Config { kind, ..self.aircraft };
-        let push_error_deg = kind.push_error_deg();
-        Self { aircraft, attitude_source: attitude_source::Config { push_error_deg, ..self.attitude_source }, ..self }
+        let aircraft = aircraft::VehicleConfig { kind, ..self.aircraft };
+        let push_error_deg = kind.tilt_error_deg_per_m_s2();
+        Self {
+            aircraft,
+            attitude_source: attitude_source::AttitudeSourceConfig { push_error_deg, ..self.attitude_source },
+            ..self
+        }
     }
 
-    /// The same with iron by current of so many microtesla, in a direction that the seed chooses.
+    /// The same world with motor-current interference of this magnitude (microtesla) in a random direction.
     #[must_use]
-    pub fn with_current(self, size_ut: f64) -> Self {
+    pub fn with_current_interference(self, size_ut: f64) -> Self {
         let current_ut = Random::new(self.seed, Purpose::Current).direction() * size_ut;
-        Self { current_ut: current_ut.into(), ..self }
+        Self { current_interference_ut: current_ut.into(), ..self }
     }
 
-    /// Iron and place as a file that [`from_file`](Self::from_file) reads: matrix to 0.0001, microtesla to 0.01, degrees to
+    /// Airframe file of this world for [`from_file`](Self::from_file): matrix to 0.0001, microtesla and degrees to
     /// 0.01.
     #[must_use]
-    pub fn iron_file(&self) -> String {
-        let Description { soft_iron, hard_iron_ut, mounting_deg } = Description::from(&self.airframe);
+    pub fn airframe_toml(&self) -> String {
+        let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&self.airframe);
         let numbers = |values: [f64; 3], decimals: u8| {
-            // No minus before what rounds to nothing.
+            // Adding 0.0 turns a rounded -0.0 into 0.0.
             let scale = 10_f64.powi(decimals.into());
             let decimals = usize::from(decimals);
             let [x, y, z] = values.map(|value| (value * scale).round() / scale + 0.0);
@@ -220,22 +222,22 @@ impl WorldConfig {
         )
     }
 
-    /// Checks that every number makes sense, infinities and not-a-numbers included.
+    /// Checks that all numbers are finite and in range.
     ///
     /// # Errors
     ///
-    /// [`ConfigError::OutOfRange`] with the first number that makes none.
+    /// [`ConfigError::OutOfRange`] with the first invalid number.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let Self { airframe, earth, aircraft, weather, attitude_source: source, .. } = self;
         let singular = airframe.a.singular_values();
         let ranges = [
-            // Weaker or stronger soft iron would let no compass work; a mirrored chip does not exist.
+            // Weaker or stronger soft iron makes any compass useless; a negative determinant is a mirrored chip.
             ("smallest gain of airframe.soft_iron", singular.min(), 0.2, 5.0),
             ("largest gain of airframe.soft_iron", singular.max(), 0.2, 5.0),
             ("determinant of airframe.soft_iron", airframe.a.determinant(), 0.008, 125.0),
             ("length of airframe.hard_iron_ut", airframe.b_ut.norm(), 0.0, 1000.0),
             ("earth.total_ut", earth.total_ut, 15.0, 80.0),
-            // Nearer to a pole nothing horizontal is left to steer by.
+            // Closer to a pole the horizontal field is too weak for a heading.
             ("earth.inclination_deg", earth.inclination_deg, -85.0, 85.0),
             ("aircraft.airspeed_m_s", aircraft.airspeed_m_s, 5.0, 100.0),
             ("aircraft.speed_m_s", aircraft.speed_m_s, 0.5, 30.0),
@@ -251,7 +253,7 @@ impl WorldConfig {
             ("attitude_source.noise_deg", source.noise_deg, 0.0, 30.0),
             ("attitude_source.noise_time_s", source.noise_time_s, 0.001, 1000.0),
             ("attitude_source.bias_deg", source.bias_deg, 0.0, 30.0),
-            // The world remembers two seconds.
+            // The world stores only the last two seconds.
             ("attitude_source.latency_ms", source.latency_ms, 0.0, 1500.0),
             ("attitude_source.turn_error", source.turn_error, -0.5, 0.5),
             ("attitude_source.push_error_deg", source.push_error_deg, 0.0, 10.0),

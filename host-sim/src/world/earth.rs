@@ -1,5 +1,4 @@
-//! The Earth's field: uniform over the flight. Heading is magnetic heading; variation is a matter for whoever wants
-//! true north.
+//! Earth's magnetic field, uniform over the flight. Headings in the simulation are magnetic.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -7,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::rotation::Euler;
 use crate::random::{Purpose, Random};
 
-/// The field at the place of the flight.
+/// Magnetic field at the place of the flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Earth {
@@ -25,8 +24,8 @@ impl Default for Earth {
 }
 
 impl Earth {
-    /// A place between 70 degrees inclination north and south, with the strength that a dipole has there give or take
-    /// what the real field deviates: 25..60 microtesla.
+    /// Random place with an inclination of -70..70 degrees; field strength of a dipole with a deviation of up to 15 %:
+    /// 25..60 microtesla.
     #[must_use]
     pub fn random(seed: u64) -> Self {
         let mut random = Random::new(seed, Purpose::Earth);
@@ -42,7 +41,7 @@ impl Earth {
         self.total_ut * self.inclination_deg.to_radians().cos()
     }
 
-    /// The field in the body axes of an aircraft, microtesla.
+    /// Field in the body axes of an aircraft with this attitude, microtesla.
     #[must_use]
     pub fn body_field_ut(&self, aircraft: Euler) -> Vector3<f64> {
         aircraft.field(self.total_ut, self.inclination_deg.to_radians())
@@ -53,7 +52,7 @@ impl Earth {
 mod tests {
     use super::*;
 
-    /// The Earth's surface field lies between 22 and 67 microtesla.
+    /// The Earth's surface field has 22 to 67 microtesla.
     #[test]
     fn random_places_are_on_earth() {
         for seed in 0..1000 {

@@ -1,8 +1,8 @@
-//! Coloured noise: what wanders without ever leaving its range.
+//! Stationary coloured noise (Gauss-Markov processes).
 
 use crate::random::Random;
 
-/// First-order Gauss-Markov process: exponential correlation. Rough: it has no derivative.
+/// First-order Gauss-Markov process with exponential autocorrelation; not differentiable.
 #[derive(Clone, Debug)]
 pub struct FirstOrder {
     value: f64,
@@ -12,21 +12,21 @@ pub struct FirstOrder {
 }
 
 impl FirstOrder {
-    /// A stationary process of this standard deviation and correlation time, in steps of `step_s`.
+    /// A stationary process with this standard deviation and correlation time, sampled every `step_s`.
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
         let decay = (-step_s / correlation_s).exp();
         Self { value: sigma * random.normal(), decay, drive: sigma * (1.0 - decay * decay).sqrt(), random }
     }
 
-    /// The next value.
+    /// Next sample.
     pub fn step(&mut self) -> f64 {
         self.value = self.decay * self.value + self.drive * self.random.normal();
         self.value
     }
 }
 
-/// Second-order Gauss-Markov process, critically damped: smooth, as the motion of something that has mass.
+/// Critically damped second-order Gauss-Markov process; differentiable, as the motion of a mass.
 #[derive(Clone, Debug)]
 pub struct SecondOrder {
     value: f64,
@@ -35,10 +35,10 @@ pub struct SecondOrder {
 }
 
 impl SecondOrder {
-    /// A stationary process of this standard deviation and (integral) correlation time, in steps of `step_s`.
+    /// A stationary process with this standard deviation and integral correlation time, sampled every `step_s`.
     ///
-    /// It is a first-order process through a first-order lag, both with half the correlation time. With the decay
-    /// `a` of one step, an input of variance `s^2` gives `s^2 (1 + a^2) / (1 + a)^2`.
+    /// It is a first-order process followed by a first-order lag, both with half the correlation time. With the decay
+    /// `a` per step, an input variance of `s^2` gives an output variance of `s^2 (1 + a^2) / (1 + a)^2`.
     #[must_use]
     pub fn new(sigma: f64, correlation_s: f64, step_s: f64, mut random: Random) -> Self {
         let time_constant_s = correlation_s / 2.0;
@@ -48,7 +48,7 @@ impl SecondOrder {
         Self { value, input: FirstOrder::new(input_sigma, time_constant_s, step_s, random), decay }
     }
 
-    /// The next value.
+    /// Next sample.
     pub fn step(&mut self) -> f64 {
         self.value = self.decay * self.value + (1.0 - self.decay) * self.input.step();
         self.value
@@ -62,7 +62,7 @@ mod tests {
 
     const STEP_S: f64 = 0.01;
 
-    /// Standard deviation, and integral of the correlation up to 20 correlation times.
+    /// Standard deviation and integral of the autocorrelation over 8 correlation times.
     fn statistics(mut step: impl FnMut() -> f64, correlation_s: f64) -> (f64, f64) {
         let values: Vec<f64> = (0..2_000_000).map(|_| step()).collect();
         let covariance = |lag: usize| {
@@ -76,7 +76,7 @@ mod tests {
         (variance.sqrt(), area / variance * STEP_S * lag_step as f64)
     }
 
-    /// 20,000 s hold 13,000 correlation times of 1.5 s: sigma is known to 1 %, the integral to some 5 %.
+    /// 20,000 s are 13,000 correlation times of 1.5 s: sigma is accurate to 1 %, the integral to about 5 %.
     #[test]
     fn both_have_the_standard_deviation_and_correlation_time_asked_for() {
         let random = || Random::new(1, Purpose::Bank);

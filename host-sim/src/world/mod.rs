@@ -1,17 +1,17 @@
-//! The simulated world: an aircraft in its weather, the Earth's field, the airframe's iron, the autopilot's attitude.
+//! The simulated world: vehicle, weather, Earth's field, airframe and autopilot.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `config.rs` | all settings, the airframe file |
-//! | `aircraft/`, `autopilot.rs`, `weather.rs` | how it flies, who flies it, what the air does |
-//! | `state.rs` | the truth at one instant |
-//! | `rotation.rs` | from north, east, down to body axes: the world's own mathematics |
-//! | `earth.rs`, `airframe.rs` | the field, and what the iron makes of it |
-//! | `table1.rs` | the airframe of Liu 2007 table 1 and the published errors |
-//! | `attitude_source/` | MAVLink attitude with the errors of a real source |
-//! | `msp_autopilot/` | an autopilot that answers MSP requests and takes a compass's readings |
-//! | `mavlink_autopilot/` | an autopilot that is asked for it, and answers |
-//! | `far_end.rs` | which of them is at a port |
+//! | `config.rs` | world settings, airframe file |
+//! | `aircraft/`, `autopilot.rs`, `weather.rs` | vehicle models, flight plan, wind and turbulence |
+//! | `state.rs` | true state at one instant |
+//! | `rotation.rs` | rotation from north, east, down to body axes, independent of the library |
+//! | `earth.rs`, `airframe.rs` | Earth's field; soft iron, hard iron and mounting |
+//! | `table1.rs` | airframe and published errors of Liu 2007 table 1 |
+//! | `attitude_source/` | MAVLink attitude with typical errors |
+//! | `msp_autopilot/` | autopilot that uses the module as MSP compass |
+//! | `mavlink_autopilot/` | autopilot that answers MAVLink requests |
+//! | `far_end.rs` | selection of the device at a port |
 //! | `gauss_markov.rs` | coloured noise |
 
 pub mod aircraft;
@@ -36,45 +36,44 @@ use std::rc::Rc;
 use autoswing::frames::{Field, Sensor};
 use nalgebra::Vector3;
 
-use self::aircraft::{Aircraft, Carried, STEP_US};
+use self::aircraft::{Aircraft, PrescribedMotion, STEP_US};
 use self::attitude_source::AttitudeSource;
 use self::autopilot::Leg;
 pub use self::config::{ConfigError, WorldConfig};
 use self::earth::Earth;
 use self::rotation::Euler;
-pub use self::state::{CRUISE_A, TrueState};
+pub use self::state::{CRUISE_CURRENT_A, TrueState};
 use crate::clock;
 use crate::devices::lis3mdl::FieldSource;
 use crate::faults::field::FieldFault;
 
-/// How far back the truth can be asked for, in steps: 2 s. The slowest sensor looks back 1.6 s.
+/// Stored past states: 2 s. The slowest sensor setting averages over 1.6 s.
 const HISTORY_STEPS: usize = 400;
 
-/// Age of a current that is told, microseconds: half the tenth of a second from one to the next.
+/// Mean age of a reported current, microseconds: half of the reporting period of 100 ms.
 const CURRENT_AGE_US: u64 = 50_000;
 
-struct Inner {
+struct WorldState {
     config: WorldConfig,
     aircraft: Aircraft,
-    /// Past states, one a step, the newest last; never empty.
+    /// Past states, one per step, newest last; never empty.
     history: VecDeque<TrueState>,
     disturbance_ut: Vector3<f64>,
     is_armed: bool,
     sends_attitude: bool,
 }
 
-/// The world: a handle, cloned freely. It moves on when somebody asks for a time that it has not reached, so asking
-/// costs nothing twice and the flight does not depend on who asks how often.
+/// Cloneable handle to the world. Reading a later state advances the world to that time.
 #[derive(Clone)]
-pub struct World(Rc<RefCell<Inner>>);
+pub struct World(Rc<RefCell<WorldState>>);
 
 impl World {
-    /// A world that begins now, with the aircraft straight and level.
+    /// A world that starts now, with the vehicle at its initial state.
     #[must_use]
     pub fn new(config: WorldConfig) -> Self {
         let aircraft = Aircraft::new(config.aircraft, config.weather, config.seed, clock::now_us());
         let history = VecDeque::from([*aircraft.state()]);
-        Self(Rc::new(RefCell::new(Inner {
+        Self(Rc::new(RefCell::new(WorldState {
             config,
             aircraft,
             history,
@@ -84,34 +83,34 @@ impl World {
         })))
     }
 
-    /// The settings it was made from.
+    /// World settings.
     #[must_use]
     pub fn config(&self) -> WorldConfig {
         self.0.borrow().config
     }
 
-    /// The truth at a time: now, or up to two seconds ago.
+    /// True state at a time between two seconds ago and now.
     #[must_use]
     pub fn true_state(&self, at_us: u64) -> TrueState {
         self.0.borrow_mut().true_state(at_us)
     }
 
-    /// The current that the autopilot tells now, amperes: the mean of what it has measured since it told the last; none if it
-    /// measures none.
+    /// Motor current that the autopilot reports, amperes: the mean over the last reporting period; `None` if not
+    /// measured.
     #[must_use]
-    pub fn told_current_a(&self, now_us: u64) -> Option<f64> {
-        let tells = self.config().tells_current;
+    pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
+        let tells = self.config().reports_current;
         tells.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
     }
 
-    /// The field in the chip's axes at a time: now, or up to two seconds ago.
+    /// Field in chip axes at a time between two seconds ago and now.
     #[must_use]
     pub fn sensor_field(&self, at_us: u64) -> Field<Sensor> {
         self.0.borrow_mut().sensor_field(at_us, None)
     }
 
-    /// What a [`Lis3mdl`](crate::devices::lis3mdl::Lis3mdl) in this world measures. Of the faults that say where the
-    /// aircraft is the first counts; what they add is added up.
+    /// Field input of a LIS3MDL. The first fault with a field of another place replaces the Earth's field; added fields
+    /// are summed.
     #[must_use]
     pub fn magnetometer_source(&self, faults: Vec<Rc<dyn FieldFault>>) -> FieldSource {
         let world = self.clone();
@@ -123,21 +122,21 @@ impl World {
         })
     }
 
-    /// The attitude source of this world; its [`run`](AttitudeSource::run) is the task to spawn.
+    /// Attitude source of this world; spawn its [`run`](AttitudeSource::run) as a task.
     #[must_use]
     pub fn attitude_source(&self) -> AttitudeSource {
         let config = self.config();
-        AttitudeSource::new(config.attitude_source, config.seed).carried_by(config.aircraft.kind)
+        AttitudeSource::new(config.attitude_source, config.seed).with_vehicle_kind(config.aircraft.kind)
     }
 
-    /// Drops the flight plan and holds a bank and a pitch from now on.
-    pub fn command(&self, bank_deg: f64, pitch_deg: f64) {
-        self.up_to_now().aircraft.autopilot_mut().command(bank_deg, pitch_deg);
+    /// Clears the flight plan and holds a bank and a pitch.
+    pub fn hold_bank_and_pitch(&self, bank_deg: f64, pitch_deg: f64) {
+        self.up_to_now().aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, pitch_deg);
     }
 
-    /// Drops the flight plan: the aircraft goes on wings level, or hovers.
-    pub fn rest(&self) {
-        self.up_to_now().aircraft.autopilot_mut().rest();
+    /// Clears the flight plan; the vehicle continues wings level, or hovers.
+    pub fn clear_plan(&self) {
+        self.up_to_now().aircraft.autopilot_mut().clear_plan();
     }
 
     /// Appends a leg to the flight plan.
@@ -145,57 +144,55 @@ impl World {
         self.up_to_now().aircraft.autopilot_mut().fly(leg);
     }
 
-    /// Legs that are not finished, the one under way included.
+    /// Number of unfinished legs, the present one included.
     #[must_use]
-    pub fn legs_left(&self) -> usize {
-        self.up_to_now().aircraft.autopilot().legs_left()
+    pub fn unfinished_legs(&self) -> usize {
+        self.up_to_now().aircraft.autopilot().unfinished_legs()
     }
 
-    /// Carries the aircraft from now on: on level ground, at a heading, on a bench.
-    pub fn carry(&self, how: Carried) {
-        self.up_to_now().aircraft.carry(how);
+    /// Starts a prescribed motion: on level ground, at a heading, on a bench.
+    pub fn set_motion(&self, how: PrescribedMotion) {
+        self.up_to_now().aircraft.set_motion(how);
     }
 
-    /// Lets the aircraft move by itself again, from where it was when that ended.
-    pub fn let_go(&self) {
-        self.up_to_now().aircraft.let_go();
+    /// Ends a prescribed motion; the vehicle model continues at the present position.
+    pub fn release(&self) {
+        self.up_to_now().aircraft.release();
     }
 
-    /// Brings the aircraft to an attitude that somebody else says it has now; see `aircraft/followed.rs`.
-    pub fn follow(&self, told: Euler) {
-        self.up_to_now().aircraft.follow(told);
+    /// Moves toward an attitude received now from an external simulator.
+    pub fn follow_attitude(&self, received: Euler) {
+        self.up_to_now().aircraft.follow_attitude(received);
     }
 
-    /// Lets the attitude source send, as it does from the beginning, or be silent: somebody else has the line.
+    /// Enables or disables sending of attitude. Initially enabled.
     pub fn set_sends_attitude(&self, sends: bool) {
         self.0.borrow_mut().sends_attitude = sends;
     }
 
-    /// Whether the attitude source sends.
+    /// Whether sending of attitude is enabled.
     #[must_use]
     pub fn sends_attitude(&self) -> bool {
         self.0.borrow().sends_attitude
     }
 
-    /// Fault: adds a field in the chip's axes, microtesla, from now on, as a switched-on motor or a passing ferry
-    /// does. Zero takes it away; a few hundred microtesla saturate the chip.
-    pub fn disturb(&self, field_ut: [f64; 3]) {
+    /// Sets a disturbing field in chip axes, microtesla; zero removes it. A few hundred microtesla saturate the chip.
+    pub fn set_disturbance_ut(&self, field_ut: [f64; 3]) {
         self.up_to_now().disturbance_ut = field_ut.into();
     }
 
-    /// Switches iron by current on, or with zeros off: what the motors add from now on in the chip's axes in level flight,
-    /// in hover, or on the flat, microtesla. It follows their current.
-    pub fn set_current_ut(&self, current_ut: [f64; 3]) {
-        self.up_to_now().config.current_ut = current_ut;
+    /// Sets the motor-current interference in chip axes at cruise or hover current, microtesla; proportional to the
+    /// current.
+    pub fn set_current_interference_ut(&self, current_ut: [f64; 3]) {
+        self.up_to_now().config.current_interference_ut = current_ut;
     }
 
-    /// Lets the autopilot measure the motors' current and tell it, or not.
-    pub fn set_tells_current(&self, tells: bool) {
-        self.up_to_now().config.tells_current = tells;
+    /// Enables or disables reporting of the motor current.
+    pub fn set_reports_current(&self, tells: bool) {
+        self.up_to_now().config.reports_current = tells;
     }
 
-    /// Arms or disarms the autopilot, which says so with its next heartbeat, within a second. It begins disarmed, as on
-    /// the ground, and flies either way.
+    /// Arms or disarms the autopilot, reported by the next heartbeat. Initially disarmed.
     pub fn set_armed(&self, is_armed: bool) {
         self.0.borrow_mut().is_armed = is_armed;
     }
@@ -206,15 +203,15 @@ impl World {
         self.0.borrow().is_armed
     }
 
-    /// What was flown until now was flown under the old orders.
-    fn up_to_now(&self) -> std::cell::RefMut<'_, Inner> {
+    /// The state advanced to now, so that commands do not affect the past.
+    fn up_to_now(&self) -> std::cell::RefMut<'_, WorldState> {
         let mut inner = self.0.borrow_mut();
         inner.advance(clock::now_us());
         inner
     }
 }
 
-impl Inner {
+impl WorldState {
     fn advance(&mut self, to_us: u64) {
         while self.aircraft.state().time_us < to_us {
             self.aircraft.step();
@@ -237,12 +234,12 @@ impl Inner {
         }
     }
 
-    /// At another place than that of the settings, if one is given.
+    /// Field in chip axes; `elsewhere` replaces the configured Earth's field.
     fn sensor_field(&mut self, at_us: u64, elsewhere: Option<Earth>) -> Field<Sensor> {
         let truth = self.true_state(at_us);
         let body_ut = elsewhere.unwrap_or(self.config.earth).body_field_ut(truth.euler());
-        let measured = self.config.airframe.measure(&body_ut);
-        let current_ut = Vector3::from(self.config.current_ut) * truth.current;
+        let measured = self.config.airframe.measured_field(&body_ut);
+        let current_ut = Vector3::from(self.config.current_interference_ut) * truth.relative_current;
         Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())
     }
 }

@@ -1,16 +1,16 @@
-//! Rotations of the simulated world, written from first principles in `f64`.
+//! Rotations of the simulated world in `f64`, derived independently of the library.
 //!
-//! The module under test has rotations of its own. A world that borrowed those would turn with a wrong sign as the
-//! module does, and nobody would notice; so nothing here, and nothing that makes a field from here, uses the library's.
+//! A sign error in the library's rotations would cancel if the world used them too. So no code that computes the
+//! simulated field uses the library's rotations.
 //!
-//! Axes: north, east, down for the Earth; forward, right, down for the body. An aircraft comes from the first to the
-//! second by a yaw about the down axis, then a pitch about the wing, then a roll about the nose (Euler ZYX; B. L.
-//! Stevens, F. L. Lewis, "Aircraft Control and Simulation", section 1.3). Each elementary matrix takes the components
-//! of a fixed vector to the turned axes.
+//! Axes: north, east, down for the Earth; forward, right, down for the body. Earth axes become body axes by a yaw about
+//! the down axis, a pitch about the right wing, and a roll about the nose (Euler ZYX; B. L. Stevens, F. L. Lewis,
+//! "Aircraft Control and Simulation", section 1.3). Each elementary matrix transforms the components of a fixed vector
+//! to the rotated axes.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// How the body axes are turned, in radians.
+/// Euler angles of the body axes, radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Euler {
     /// Roll phi about the nose, right wing down positive.
@@ -22,53 +22,52 @@ pub struct Euler {
 }
 
 impl Euler {
-    /// From degrees.
+    /// Attitude from degrees.
     #[must_use]
     pub fn from_deg(roll_deg: f64, pitch_deg: f64, heading_deg: f64) -> Self {
         let [roll_rad, pitch_rad, heading_rad] = [roll_deg, pitch_deg, heading_deg].map(f64::to_radians);
         Self { roll_rad, pitch_rad, heading_rad }
     }
 
-    /// Takes components north, east, down to components forward, right, down: `R_x(phi) R_y(theta) R_z(psi)`.
+    /// Rotation matrix from north, east, down to forward, right, down: `R_x(phi) R_y(theta) R_z(psi)`.
     #[must_use]
     pub fn body_from_earth(&self) -> Matrix3<f64> {
         self.body_from_level() * about_z(self.heading_rad)
     }
 
-    /// Takes components along the level axes (x along the horizontal projection of the nose, z down) to body axes:
-    /// `R_x(phi) R_y(theta)`.
+    /// Rotation matrix from level axes (x along the horizontal projection of the nose, z down) to body axes: `R_x(phi)
+    /// R_y(theta)`.
     #[must_use]
     pub fn body_from_level(&self) -> Matrix3<f64> {
         about_x(self.roll_rad) * about_y(self.pitch_rad)
     }
 
-    /// The Earth's field in body axes, in the unit of `total`.
+    /// Earth's field in body axes, in the unit of `total`.
     #[must_use]
     pub fn field(&self, total: f64, inclination_rad: f64) -> Vector3<f64> {
         self.body_from_earth() * earth_field(total, inclination_rad)
     }
 }
 
-/// The Earth's field north, east, down, in the unit of `total`: there is no east component, because north is magnetic
-/// north. The inclination is positive where the field points down, as in the northern hemisphere.
+/// Earth's field north, east, down, in the unit of `total`. The east component is zero because north is magnetic north.
+/// Inclination is positive where the field points down (northern hemisphere).
 #[must_use]
 pub fn earth_field(total: f64, inclination_rad: f64) -> Vector3<f64> {
     Vector3::new(total * inclination_rad.cos(), 0.0, total * inclination_rad.sin())
 }
 
-/// Axes turned about x: y towards z.
+/// Rotation of the axes about x, y towards z.
 fn about_x(angle_rad: f64) -> Matrix3<f64> {
     let (sin, cos) = angle_rad.sin_cos();
     Matrix3::new(1.0, 0.0, 0.0, 0.0, cos, sin, 0.0, -sin, cos)
 }
 
-/// Axes turned about y: z towards x.
+/// Rotation of the axes about y, z towards x.
 fn about_y(angle_rad: f64) -> Matrix3<f64> {
     let (sin, cos) = angle_rad.sin_cos();
     Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos)
 }
 
-/// Axes turned about z: x towards y.
 fn about_z(angle_rad: f64) -> Matrix3<f64> {
     let (sin, cos) = angle_rad.sin_cos();
     Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0)
@@ -78,7 +77,6 @@ fn about_z(angle_rad: f64) -> Matrix3<f64> {
 mod tests {
     use super::*;
 
-    /// A right angle is exact but for the rounding of pi / 2.
     #[track_caller]
     fn is(found: Vector3<f64>, expected: [f64; 3]) {
         assert!((found - Vector3::from(expected)).norm() < 1e-12, "{found:?} for {expected:?}");
@@ -91,7 +89,7 @@ mod tests {
         is(earth_field(50.0, -30_f64.to_radians()), [50.0 * 0.75_f64.sqrt(), 0.0, -25.0]);
     }
 
-    /// Heading east, north is to the left; south, behind; west, to the right.
+    /// Heading east, north is to the left; heading south, behind; heading west, to the right.
     #[test]
     fn headings_are_clockwise_from_north() {
         let north = Vector3::new(1.0, 0.0, 0.0);
@@ -103,7 +101,7 @@ mod tests {
         is(Euler::from_deg(0.0, 0.0, 90.0).body_from_earth() * Vector3::new(0.0, 1.0, 0.0), [1.0, 0.0, 0.0]);
     }
 
-    /// With the nose straight up, down is behind and what was ahead is below the belly.
+    /// With the nose straight up, down is behind and the former forward direction is below.
     #[test]
     fn pitch_is_nose_up() {
         let up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
@@ -112,7 +110,7 @@ mod tests {
         is(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
     }
 
-    /// With the right wing straight down, down is along the right wing and what was to the left is below the belly.
+    /// With the right wing straight down, down is along the right wing and the former left direction is below.
     #[test]
     fn roll_is_right_wing_down() {
         let banked = Euler::from_deg(90.0, 0.0, 0.0).body_from_earth();
@@ -121,8 +119,8 @@ mod tests {
         is(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
     }
 
-    /// Heading east, the right wing points south. Nose up by 90 deg, the belly then faces east. Right wing down by 90
-    /// deg, which is towards the belly, the wing points east and the belly away from where the wing was, north.
+    /// Heading east, the right wing points south. After pitching up by 90 deg, the body's down axis points east. After
+    /// rolling right by 90 deg, the right wing points east and the down axis north.
     #[test]
     fn the_order_is_yaw_pitch_roll() {
         let earth_from_body = Euler::from_deg(90.0, 90.0, 90.0).body_from_earth().transpose();
@@ -138,9 +136,9 @@ mod tests {
         assert!((rotation.determinant() - 1.0).abs() < 1e-12);
     }
 
-    /// By hand: 40 uT north and 30 down, heading 30 deg, right wing down by 30 deg.
-    /// Level: forward 40 cos 30 = 34.64, right -40 sin 30 = -20, down 30. Banked: right -20 cos 30 + 30 sin 30 = -2.32,
-    /// down 20 sin 30 + 30 cos 30 = 35.98.
+    /// Manual calculation: 40 uT north and 30 uT down, heading 30 deg, roll 30 deg. Level: forward 40 cos 30 = 34.64,
+    /// right -40 sin 30 = -20, down 30. Banked: right -20 cos 30 + 30 sin 30 = -2.32, down 20 sin 30 + 30 cos 30 =
+    /// 35.98.
     #[test]
     fn a_field_in_a_bank_is_the_one_computed_by_hand() {
         let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, (30_f64 / 40.0).atan());

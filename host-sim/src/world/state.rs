@@ -1,4 +1,4 @@
-//! The truth about the aircraft at one instant.
+//! True state of the vehicle at one instant.
 
 use std::f64::consts::TAU;
 
@@ -6,24 +6,24 @@ use autoswing::frames::Attitude;
 
 use super::rotation::Euler;
 
-/// Attitude, heading, motion. Angles in radians, FRD body axes, Euler ZYX; heading counts whole turns.
+/// Attitude, heading, motion. Angles in radians, FRD body axes, Euler ZYX; heading is not wrapped.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrueState {
-    /// Microseconds of the virtual clock.
+    /// Simulation time, microseconds.
     pub time_us: u64,
-    /// Bank, right wing down positive.
+    /// Roll, right wing down positive.
     pub roll_rad: f64,
     /// Pitch, nose up positive.
     pub pitch_rad: f64,
     /// Magnetic heading of the nose, clockwise from north, not wrapped.
     pub heading_rad: f64,
-    /// Derivative of the bank.
+    /// Derivative of roll.
     pub roll_rate_rad_s: f64,
-    /// Derivative of the pitch.
+    /// Derivative of pitch.
     pub pitch_rate_rad_s: f64,
-    /// Derivative of the heading.
+    /// Derivative of heading.
     pub heading_rate_rad_s: f64,
-    /// Angle from the nose to the motion through the air, air from the right positive.
+    /// Angle from the nose to the velocity through the air; positive for air from the right.
     pub sideslip_rad: f64,
     /// Position over ground, metres magnetic north of the start.
     pub north_m: f64,
@@ -33,20 +33,20 @@ pub struct TrueState {
     pub north_m_s: f64,
     /// Velocity over ground toward magnetic east, metres per second.
     pub east_m_s: f64,
-    /// Size of the horizontal acceleration that an attitude source takes for tilt, metres per second squared.
-    pub push_m_s2: f64,
-    /// Current of the motors, of that in level flight, in hover, or on the flat.
-    pub current: f64,
+    /// Magnitude of the horizontal acceleration that causes tilt errors of the attitude source, m/s^2.
+    pub disturbing_acceleration_m_s2: f64,
+    /// Motor current relative to level flight, hover or driving on level ground.
+    pub relative_current: f64,
 }
 
-/// Current of the motors in level flight, in hover, or on the flat, amperes: that of an aircraft of some kilograms.
-pub const CRUISE_A: f64 = 15.0;
+/// Motor current in level flight, in hover or on level ground, amperes; typical of an aircraft of a few kilograms.
+pub const CRUISE_CURRENT_A: f64 = 15.0;
 
 impl TrueState {
-    /// Current of the motors, amperes.
+    /// Motor current, amperes.
     #[must_use]
     pub fn current_a(&self) -> f64 {
-        self.current * CRUISE_A
+        self.relative_current * CRUISE_CURRENT_A
     }
 
     /// Magnetic heading in degrees, 0..360.
@@ -55,25 +55,25 @@ impl TrueState {
         self.heading_rad.rem_euclid(TAU).to_degrees()
     }
 
-    /// Course over ground in degrees from magnetic north, 0..360: what a satellite receiver would show.
+    /// Course over ground in degrees from magnetic north, 0..360, as GNSS reports it.
     #[must_use]
     pub fn course_deg(&self) -> f64 {
         self.east_m_s.atan2(self.north_m_s).rem_euclid(TAU).to_degrees()
     }
 
-    /// How the aircraft lies.
+    /// Euler angles.
     #[must_use]
     pub fn euler(&self) -> Euler {
         Euler { roll_rad: self.roll_rad, pitch_rad: self.pitch_rad, heading_rad: self.heading_rad }
     }
 
-    /// Roll and pitch, as the module's library takes them.
+    /// Roll and pitch in the library's type.
     #[must_use]
     pub fn attitude(&self) -> Attitude {
         Attitude { roll_rad: self.roll_rad as f32, pitch_rad: self.pitch_rad as f32 }
     }
 
-    /// Rates about the body axes x, y, z, radians per second: what gyros measure.
+    /// Angular rates about the body axes x, y, z, radians per second, as gyros measure them.
     #[must_use]
     pub fn body_rates_rad_s(&self) -> [f64; 3] {
         let (sin_roll, cos_roll) = self.roll_rad.sin_cos();
@@ -85,7 +85,6 @@ impl TrueState {
         ]
     }
 
-    /// The state at `time_us` on the straight line from this one to a later one.
     pub(super) fn interpolate(&self, later: &Self, time_us: u64) -> Self {
         let passed_us = time_us.saturating_sub(self.time_us) as f64;
         let share = passed_us / (later.time_us - self.time_us) as f64;
@@ -103,8 +102,8 @@ impl TrueState {
             east_m: mix(self.east_m, later.east_m),
             north_m_s: mix(self.north_m_s, later.north_m_s),
             east_m_s: mix(self.east_m_s, later.east_m_s),
-            push_m_s2: mix(self.push_m_s2, later.push_m_s2),
-            current: mix(self.current, later.current),
+            disturbing_acceleration_m_s2: mix(self.disturbing_acceleration_m_s2, later.disturbing_acceleration_m_s2),
+            relative_current: mix(self.relative_current, later.relative_current),
         }
     }
 }

@@ -11,19 +11,17 @@ fn the_example_file_shows_the_defaults() {
     let config = WorldConfig::from_toml(EXAMPLE, 3).unwrap();
     let defaults = WorldConfig::table1(3);
     assert_eq!(WorldConfig { airframe: defaults.airframe, ..config }, defaults);
-    // Iron of 8 % and 24.8 uT as written; singular values are what mounting leaves alone.
+    // The file's 8 % of soft iron and 24.8 uT of hard iron; singular values do not depend on the mounting.
     assert!((config.airframe.b_ut.norm() - 24.8).abs() < 0.1);
     assert!((config.airframe.a.singular_values().max() - 1.085).abs() < 0.01);
 }
 
-/// A file says what flies and how good its attitude is; who asks for the same kind gets what the file says.
-/// What is printed of an airframe that a seed has drawn makes the same one again: the matrix to half of its last digit and
-/// what 0.005 deg of mounting turn of it, microtesla to half of theirs.
+/// Tolerances: half of the last printed digit, and for the matrix also 0.005 deg of mounting.
 #[test]
 fn an_airframe_is_the_same_after_it_was_written_down() {
     for seed in 0..200 {
         let drawn = WorldConfig::random(seed);
-        let text = drawn.iron_file();
+        let text = drawn.airframe_toml();
         let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
         let off = (read.airframe.a - drawn.airframe.a).abs().max();
         assert!(off < 0.000_5, "seed {seed}: {off}\n{text}");
@@ -40,9 +38,9 @@ fn a_file_says_what_flies() {
         .replace("kind = \"plane\"", "kind = \"copter\"")
         .replace("push_error_deg = 0.0", "push_error_deg = 1.5");
     let copter = WorldConfig::from_toml(&text, 3).unwrap();
-    assert_eq!(copter.aircraft.kind, aircraft::Kind::Copter);
-    assert_eq!(copter.carried_by(aircraft::Kind::Copter), copter);
-    let boat = copter.carried_by(aircraft::Kind::Boat);
+    assert_eq!(copter.aircraft.kind, aircraft::VehicleKind::Copter);
+    assert_eq!(copter.with_vehicle_kind(aircraft::VehicleKind::Copter), copter);
+    let boat = copter.with_vehicle_kind(aircraft::VehicleKind::Boat);
     assert!((boat.attitude_source.push_error_deg - 0.4).abs() < 1e-9);
 }
 
@@ -66,11 +64,10 @@ fn mistakes_in_a_file_are_named() {
     assert!(message("gust_m_s = 0.5", "gust_m_s = nan").starts_with("weather.gust_m_s is NaN"));
     assert!(message("noise_deg", "noise_dge").contains("unknown field `noise_dge`"));
     assert!(message("[12.0, -8.5, 20.0]", "[12.0, -8.5]").contains("hard_iron_ut"));
-    let missing = WorldConfig::named("no/such.toml", 0).unwrap_err().to_string();
+    let missing = WorldConfig::from_name("no/such.toml", 0).unwrap_err().to_string();
     assert!(missing.starts_with("no/such.toml: ") && missing.contains("`table1`"), "{missing}");
 }
 
-/// What is asked in between, and how often, must not change the flight; nor may orders reach into the past.
 #[test]
 fn the_flight_does_not_depend_on_who_looks() {
     let flight = |look_every_us: u64| {
@@ -86,18 +83,17 @@ fn the_flight_does_not_depend_on_who_looks() {
         simulation.run_until(1_234_567);
         world.fly(Leg::Turn { bank_deg: 20.0, heading_change_deg: 90.0 });
         simulation.run_until(20_000_000);
-        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.legs_left())
+        (world.true_state(20_000_000), world.sensor_field(19_000_001), world.unfinished_legs())
     };
     assert_eq!(flight(777), flight(10_000_000));
 }
 
-/// Interpolation between steps of 5 ms: a steady turn is met exactly, so asking at odd times costs no accuracy.
 #[test]
 fn the_past_two_seconds_can_be_asked_for() {
     let mut simulation = Simulation::new();
     let config = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
     let world = World::new(config);
-    world.command(30.0, 0.0);
+    world.hold_bank_and_pitch(30.0, 0.0);
     simulation.run_until(20_000_000);
     let [now, then] = [20_000_000, 18_006_789].map(|at_us| world.true_state(at_us));
     assert_eq!(then.time_us, 18_006_789);
@@ -112,40 +108,37 @@ fn a_disturbance_adds_to_the_field_until_it_is_taken_away() {
     let _simulation = Simulation::new();
     let world = World::new(WorldConfig::table1(1));
     let clean = world.sensor_field(0);
-    world.disturb([500.0, 0.0, -3.0]);
+    world.set_disturbance_ut([500.0, 0.0, -3.0]);
     let difference = world.sensor_field(0).ut - clean.ut;
     assert!((difference - Vector3::new(500.0, 0.0, -3.0)).norm() < 1e-3);
-    world.disturb([0.0; 3]);
+    world.set_disturbance_ut([0.0; 3]);
     assert_eq!(world.sensor_field(0), clean);
 }
 
-/// Off by default; switched on it follows the motors' current: in still hover it is as told, in a push at 18 deg 1.078
-/// times that.
+/// In still hover the interference is the configured one; a tilt of 18 deg increases the current by a factor of 1.078.
 #[test]
 fn iron_by_current_follows_the_current_while_it_is_switched_on() {
     let mut simulation = Simulation::new();
     let still = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
-    let world = World::new(still.carried_by(aircraft::Kind::Copter));
+    let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
     simulation.run_until(2_000_000);
     let added_ut = |current_ut: [f64; 3]| {
         let at_us = clock::now_us();
-        world.set_current_ut([0.0; 3]);
+        world.set_current_interference_ut([0.0; 3]);
         let clean = world.sensor_field(at_us);
-        world.set_current_ut(current_ut);
+        world.set_current_interference_ut(current_ut);
         (world.sensor_field(at_us).ut - clean.ut).x
     };
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.0).abs() < 0.01);
     world.fly(Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 3.0 });
     simulation.run_until(4_900_000);
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
-    assert_eq!(WorldConfig::table1(1).current_ut.map(f64::to_bits), [0; 3]);
-    let drawn = Vector3::from(WorldConfig::table1(1).with_current(8.0).current_ut);
+    assert_eq!(WorldConfig::table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
+    let drawn = Vector3::from(WorldConfig::table1(1).with_current_interference(8.0).current_interference_ut);
     assert!((drawn.norm() - 8.0).abs() < 1e-9);
-    assert_ne!(drawn, Vector3::from(WorldConfig::table1(2).with_current(8.0).current_ut));
+    assert_ne!(drawn, Vector3::from(WorldConfig::table1(2).with_current_interference(8.0).current_interference_ut));
 }
 
-/// A minute with everything connected: an 80 Hz magnetometer that is polled and 50 Hz attitude that is read. Two
-/// flights of one seed give the same bytes on both wires, two seeds do not.
 #[test]
 fn a_whole_flight_is_a_function_of_its_seed() {
     let minute_us = 60_000_000;
@@ -153,7 +146,6 @@ fn a_whole_flight_is_a_function_of_its_seed() {
     assert_ne!(fly_everything(7, minute_us).0, fly_everything(8, minute_us).0);
 }
 
-/// A hash of all bytes read by a stand-in for the module, and how many there were.
 fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     use std::hash::{DefaultHasher, Hasher};
 
@@ -163,8 +155,8 @@ fn fly_everything(seed: u64, duration_us: u64) -> (u64, usize) {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::random(seed));
     let mut bus = Bus::new();
-    bus.attach(Lis3mdl::new(lis3mdl::Config { seed, ..Default::default() }, world.magnetometer_source(vec![])));
-    let cable = Cable::new(uart::Config::default());
+    bus.attach(Lis3mdl::new(lis3mdl::Lis3mdlConfig { seed, ..Default::default() }, world.magnetometer_source(vec![])));
+    let cable = Cable::new(uart::UartConfig::default());
     let (mut receiver, _transmitter) = cable.module();
     let seen = Rc::new(RefCell::new((DefaultHasher::new(), 0)));
     let note = |seen: &Rc<RefCell<(DefaultHasher, usize)>>, bytes: &[u8]| {

@@ -1,23 +1,22 @@
-//! What the air does.
+//! Wind and turbulence settings.
 
 use serde::{Deserialize, Serialize};
 
-/// Wind and turbulence. The defaults are a calm to light day.
+/// Wind and turbulence. Default: calm to light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weather {
-    /// Speed of the steady wind, metres per second.
+    /// Mean wind speed, metres per second.
     pub wind_m_s: f64,
-    /// Where it comes from, degrees from magnetic north.
+    /// Direction from which the wind blows, degrees from magnetic north.
     pub wind_from_deg: f64,
-    /// Standard deviation of gusts across the flight path and from below, metres per second: they cause sideslip and
-    /// disturb bank and pitch.
+    /// Standard deviation of each gust component, metres per second. Gusts cause sideslip and disturb roll and pitch.
     pub gust_m_s: f64,
-    /// Standard deviation of the bank's own wander, degrees.
+    /// Standard deviation of random bank, degrees.
     pub bank_wander_deg: f64,
-    /// Standard deviation of the pitch's own wander, degrees.
+    /// Standard deviation of random pitch, degrees.
     pub pitch_wander_deg: f64,
-    /// Correlation time of both, seconds.
+    /// Correlation time of random bank and pitch, seconds.
     pub wander_time_s: f64,
 }
 
@@ -35,13 +34,12 @@ impl Default for Weather {
 }
 
 impl Weather {
-    /// Air that does not move.
+    /// No wind, gusts or random attitude disturbances.
     #[must_use]
     pub fn still() -> Self {
         Self { wind_m_s: 0.0, gust_m_s: 0.0, bank_wander_deg: 0.0, pitch_wander_deg: 0.0, ..Self::default() }
     }
 
-    /// The motion of the air toward north and east, metres per second.
     pub(super) fn wind_velocity_m_s(&self) -> (f64, f64) {
         let (sin_from, cos_from) = self.wind_from_deg.to_radians().sin_cos();
         (-self.wind_m_s * cos_from, -self.wind_m_s * sin_from)

@@ -1,23 +1,21 @@
-//! The virtual clock behind `embassy_time`.
+//! Simulation clock behind `embassy_time`.
 //!
-//! Time belongs to the thread, so that simulations run side by side in the threads of a test program. It stands still
-//! while tasks run and jumps to the next deadline when none of them can: see
-//! [`Simulation`](crate::simulation::Simulation). One tick is one microsecond.
+//! The clock is thread-local, so simulations run in parallel test threads. Time stands still while tasks run and jumps
+//! to the next deadline when all tasks wait (see [`Simulation`](crate::simulation::Simulation)). One tick is one
+//! microsecond.
 
 use std::cell::RefCell;
 use std::task::Waker;
 
 use embassy_time_driver::Driver;
 
-/// A task that asked to be woken.
 struct Deadline {
     at_us: u64,
-    /// Among equal deadlines the one asked for first is served first.
+    /// Sequence number; equal deadlines are served in order of request.
     order: u64,
     waker: Waker,
 }
 
-/// The clock of one thread.
 struct Clock {
     now_us: u64,
     asked: u64,
@@ -43,8 +41,8 @@ impl Driver for ThreadClock {
 embassy_time_driver::time_driver_impl!(static DRIVER: ThreadClock = ThreadClock);
 
 impl Clock {
-    /// Keeps one deadline a waker, the earliest, as embassy's own queues do: a task that wakes early looks at all its
-    /// timers and asks again. So there are never more deadlines than tasks.
+    /// Stores only the earliest deadline per waker, as embassy's queues do: a woken task polls all its timers again. So
+    /// there are at most as many deadlines as tasks.
     fn schedule(&mut self, at_us: u64, waker: &Waker) {
         self.asked += 1;
         match self.deadlines.iter_mut().find(|deadline| deadline.waker.will_wake(waker)) {
@@ -62,13 +60,13 @@ impl Clock {
     }
 }
 
-/// Microseconds since this thread's simulation began. The same as `embassy_time::Instant::now().as_micros()`.
+/// Time since the start of this thread's simulation, microseconds; equals `embassy_time::Instant::now().as_micros()`.
 #[must_use]
 pub fn now_us() -> u64 {
     CLOCK.with_borrow(|clock| clock.now_us)
 }
 
-/// Back to zero, with no deadlines.
+/// Resets time to zero and removes all deadlines.
 pub fn reset() {
     CLOCK.with_borrow_mut(|clock| {
         clock.now_us = 0;
@@ -77,24 +75,24 @@ pub fn reset() {
     });
 }
 
-/// Forgets the deadlines of a task that is gone.
-pub fn forget(waker: &Waker) {
+/// Removes the deadline of a dropped task.
+pub fn remove_deadline(waker: &Waker) {
     CLOCK.with_borrow_mut(|clock| clock.deadlines.retain(|deadline| !deadline.waker.will_wake(waker)));
 }
 
-/// The earliest deadline.
+/// The earliest deadline, microseconds.
 #[must_use]
 pub fn next_deadline_us() -> Option<u64> {
     CLOCK.with_borrow(|clock| clock.deadlines.iter().map(|deadline| deadline.at_us).min())
 }
 
-/// Moves time forward to `to_us` (never back) and wakes whoever is due, in the order of deadlines.
+/// Advances time to `to_us` (never back) and wakes due tasks in the order of deadlines.
 pub fn advance(to_us: u64) {
     let due = CLOCK.with_borrow_mut(|clock| {
         clock.now_us = clock.now_us.max(to_us);
         clock.take_due()
     });
-    // Outside the borrow: a waker may run code that asks for the time.
+    // Outside the borrow, because a waker may read the clock.
     for deadline in due {
         deadline.waker.wake();
     }

@@ -1,20 +1,19 @@
-//! What the library's own tests and the simulator share, without the simulator: a virtual clock, an executor on it, and
-//! random numbers for tests.
+//! Test support shared by the library and the simulator: simulation clock, executor, random numbers, flash.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`clock`] | the virtual clock behind `embassy_time` |
-//! | [`simulation`] | the executor: tasks, priorities, power off |
-//! | [`random`] | the random numbers of all tests |
-//! | [`flash`] | a NOR flash with power cuts and faults |
+//! | [`clock`] | simulation clock behind `embassy_time` |
+//! | [`simulation`] | executor: tasks, priorities, power-off |
+//! | [`random`] | random numbers for tests |
+//! | [`flash`] | NOR flash with power cuts and faults |
 //!
-//! It is a package of its own so that the library can be tested without building the simulator, which depends on the
-//! library.
+//! A separate package, because the simulator depends on the library and the library's tests must not depend on the
+//! simulator.
 
 pub mod clock;
 pub mod flash;
 pub mod random;
 pub mod simulation;
 
-// The implementation of critical sections that `embassy-sync` links to.
+// Links the critical-section implementation for `embassy-sync`.
 use critical_section as _;

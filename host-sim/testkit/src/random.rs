@@ -1,9 +1,7 @@
-//! The random numbers of all tests: seeded, the same on every computer.
-//!
-//! The simulator's world has a generator of its own, with a stream for every purpose; this one is small, and for tests.
+//! Seeded random numbers for tests, equal on every computer. The simulator has its own generator with a stream per
+//! purpose.
 
-/// A stream of random numbers: splitmix64 (G. L. Steele et al., "Fast splittable pseudorandom number generators",
-/// OOPSLA 2014).
+/// Splitmix64 generator (G. L. Steele et al., "Fast splittable pseudorandom number generators", OOPSLA 2014).
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
@@ -22,17 +20,17 @@ impl Random {
         self.bits() as u8
     }
 
-    /// So many random bytes.
+    /// `number` random bytes.
     pub fn bytes(&mut self, number: usize) -> Vec<u8> {
         (0..number).map(|_| self.byte()).collect()
     }
 
-    /// Evenly distributed over `low..high`.
+    /// Uniformly distributed over `low..high`.
     pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * ((self.bits() >> 40) as f32 / (1_u64 << 24) as f32)
     }
 
-    /// Normally distributed to three sigmas, mean 0, standard deviation 1: the sum of twelve uniform numbers.
+    /// Standard normal, approximated to three sigmas by the sum of twelve uniform numbers.
     pub fn normal(&mut self) -> f32 {
         (0..12).map(|_| self.uniform(-0.5, 0.5)).sum()
     }
@@ -42,7 +40,7 @@ impl Random {
 mod tests {
     use super::Random;
 
-    /// Of 100,000 numbers mean and variance are known to 0.3 % and 0.5 %: six sigmas each.
+    /// 100,000 numbers determine mean and variance to 0.3 % and 0.5 %; the bounds are six times that.
     #[test]
     fn numbers_are_distributed_as_they_say() {
         const NUMBER: usize = 100_000;
@@ -57,7 +55,7 @@ mod tests {
         assert!((mean - 1.0).abs() < 0.03 && (variance - 16.0 / 12.0).abs() < 0.03, "{mean} {variance}");
     }
 
-    /// The first numbers of seed 0 as the paper's reference implementation gives them.
+    /// First numbers for seed 0 of the paper's reference implementation.
     #[test]
     fn a_seed_gives_its_numbers_for_ever() {
         let mut random = Random(0);

@@ -1,4 +1,4 @@
-//! Devices at the ends of the tasks' wires.
+//! Simulated devices of the tasks.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -10,30 +10,30 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use crate::app::SetBaud;
 use crate::frames::Field;
-use crate::magnetometer::{Error, Identity, Magnetometer, Model, Reading};
+use crate::magnetometer::{Magnetometer, MagnetometerError};
+use crate::reading::{Identity, Model, Reading};
 use crate::settings::Baud;
 
 pub const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 
-/// What a device does when it is asked for something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mood {
+pub enum DeviceBehaviour {
     #[default]
     Works,
     Fails,
     Hangs,
-    /// A line that has ended gives nothing, and does not wait.
+    /// The line returns no bytes, and does not wait.
     Ends,
-    /// A chip whose registers are not as they were written.
+    /// The chip's registers differ from the written values.
     Upset,
 }
 
-/// A magnetometer that measures every 10 ms.
+/// Magnetometer with a measurement every 10 ms.
 #[derive(Clone, Default)]
 pub struct Chip {
-    pub init: Rc<Cell<Mood>>,
-    pub read: Rc<Cell<Mood>>,
-    pub verify: Rc<Cell<Mood>>,
+    pub init: Rc<Cell<DeviceBehaviour>>,
+    pub read: Rc<Cell<DeviceBehaviour>>,
+    pub verify: Rc<Cell<DeviceBehaviour>>,
     pub verifies: Rc<Cell<u32>>,
     pub flags: Rc<Cell<(bool, bool)>>,
     pub inits: Rc<Cell<u32>>,
@@ -47,37 +47,37 @@ impl Chip {
 impl Magnetometer for Chip {
     type BusError = ();
 
-    async fn init(&mut self) -> Result<Identity, Error<()>> {
+    async fn init(&mut self) -> Result<Identity, MagnetometerError<()>> {
         self.inits.set(self.inits.get() + 1);
         match self.init.get() {
-            Mood::Works => Ok(SENSOR),
-            Mood::Fails | Mood::Ends => Err(Error::Bus(())),
-            Mood::Upset => Err(Error::Configuration { written: 0, read: 1 }),
-            Mood::Hangs => pending().await,
+            DeviceBehaviour::Works => Ok(SENSOR),
+            DeviceBehaviour::Fails | DeviceBehaviour::Ends => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::Upset => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Hangs => pending().await,
         }
     }
 
-    async fn verify(&mut self) -> Result<(), Error<()>> {
+    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<()>> {
         self.verifies.set(self.verifies.get() + 1);
         match self.verify.get() {
-            Mood::Works => Ok(()),
-            Mood::Fails | Mood::Ends => Err(Error::Bus(())),
-            Mood::Upset => Err(Error::Configuration { written: 0, read: 1 }),
-            Mood::Hangs => pending().await,
+            DeviceBehaviour::Works => Ok(()),
+            DeviceBehaviour::Fails | DeviceBehaviour::Ends => Err(MagnetometerError::Bus(())),
+            DeviceBehaviour::Upset => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            DeviceBehaviour::Hangs => pending().await,
         }
     }
 
-    fn stuck_after(&self) -> u16 {
+    fn stuck_reading_count(&self) -> u16 {
         Self::STUCK_AFTER
     }
 
-    async fn read(&mut self) -> Result<Reading, Error<()>> {
+    async fn read(&mut self) -> Result<Reading, MagnetometerError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
         let (saturated, overrun) = self.flags.get();
         match self.read.get() {
-            Mood::Works => Ok(Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated, overrun }),
-            Mood::Fails | Mood::Ends | Mood::Upset => Err(Error::NoData),
-            Mood::Hangs => pending().await,
+            DeviceBehaviour::Works => Ok(Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated, overrun }),
+            DeviceBehaviour::Fails | DeviceBehaviour::Ends | DeviceBehaviour::Upset => Err(MagnetometerError::NoData),
+            DeviceBehaviour::Hangs => pending().await,
         }
     }
 
@@ -86,11 +86,11 @@ impl Magnetometer for Chip {
     }
 }
 
-/// A line that gives what was put on it, and then nothing or errors.
+/// Line that returns queued bytes, then nothing or errors.
 #[derive(Clone, Default)]
 pub struct Line {
     pub bytes: Rc<RefCell<VecDeque<u8>>>,
-    pub mood: Rc<Cell<Mood>>,
+    pub mood: Rc<Cell<DeviceBehaviour>>,
     pub reads: Rc<Cell<u32>>,
 }
 
@@ -109,10 +109,10 @@ impl Read for Line {
         self.reads.set(self.reads.get() + 1);
         loop {
             match self.mood.get() {
-                Mood::Fails | Mood::Upset => return Err(ErrorKind::Other),
-                Mood::Ends => return Ok(0),
-                Mood::Works if !self.bytes.borrow().is_empty() => break,
-                Mood::Works | Mood::Hangs => Timer::after_micros(100).await,
+                DeviceBehaviour::Fails | DeviceBehaviour::Upset => return Err(ErrorKind::Other),
+                DeviceBehaviour::Ends => return Ok(0),
+                DeviceBehaviour::Works if !self.bytes.borrow().is_empty() => break,
+                DeviceBehaviour::Works | DeviceBehaviour::Hangs => Timer::after_micros(100).await,
             }
         }
         let mut bytes = self.bytes.borrow_mut();
@@ -122,17 +122,17 @@ impl Read for Line {
     }
 }
 
-/// A port that keeps what is written.
+/// Port that records its output.
 #[derive(Clone, Default)]
 pub struct Port {
     pub written: Rc<RefCell<Vec<u8>>>,
-    /// How fast it was made to be, one after the other.
+    /// Baud rates in the order they were set.
     pub bauds: Rc<RefCell<Vec<Baud>>>,
-    pub mood: Rc<Cell<Mood>>,
+    pub mood: Rc<Cell<DeviceBehaviour>>,
 }
 
 impl Port {
-    /// What was written since this was asked last.
+    /// Removes and returns the recorded output.
     pub fn text(&self) -> String {
         String::from_utf8(self.written.take()).unwrap()
     }
@@ -145,10 +145,10 @@ impl ErrorType for Port {
 impl Write for Port {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
         match self.mood.get() {
-            Mood::Works => self.written.borrow_mut().extend(bytes),
-            Mood::Fails | Mood::Upset => return Err(ErrorKind::Other),
-            Mood::Ends => return Ok(0),
-            Mood::Hangs => pending().await,
+            DeviceBehaviour::Works => self.written.borrow_mut().extend(bytes),
+            DeviceBehaviour::Fails | DeviceBehaviour::Upset => return Err(ErrorKind::Other),
+            DeviceBehaviour::Ends => return Ok(0),
+            DeviceBehaviour::Hangs => pending().await,
         }
         Ok(bytes.len())
     }

@@ -1,17 +1,17 @@
-//! The way of a heading: readings and attitude to the instrument, and estimates out of it.
+//! The instrument task: readings and attitude in, estimates out.
 
 use std::rc::Rc;
 
-use super::Bed;
+use super::TaskBench;
 use super::devices::SENSOR;
 use crate::app::instrument;
-use crate::app::links::{FoundSensor, listen, publish, stamped};
-use crate::attitude::{Report, Source};
-use crate::calibration::{Calibration, Orientation, Uncertainty};
+use crate::app::links::{DetectedSensor, publish, stamped, subscribe};
+use crate::attitude::{AttitudeReport, SenderId};
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
 use crate::frames::{Attitude, Field};
 use crate::heading::NoHeading;
 use crate::instrument::{Correction, Estimate};
-use crate::magnetometer::Reading;
+use crate::reading::Reading;
 use crate::time::{Timestamp, WrappingMillis};
 
 fn calibration() -> Calibration {
@@ -19,33 +19,33 @@ fn calibration() -> Calibration {
 }
 
 fn correction() -> Correction {
-    Correction { calibration: Some((calibration(), Uncertainty::NONE)), ..Correction::NONE }
+    Correction { calibration: Some((calibration(), HeadingUncertainty::NONE)), ..Correction::NONE }
 }
 
-fn with_instrument() -> Bed {
-    let mut bed = Bed::new();
+fn with_instrument() -> TaskBench {
+    let mut bed = TaskBench::new();
     bed.run("instrument", |links| async move { instrument::run(&links).await });
     bed
 }
 
-/// A reading of now at a heading, level.
-fn read(bed: &Bed, heading_rad: f32) {
+/// Sends a level reading with this heading.
+fn read(bed: &TaskBench, heading_rad: f32) {
     let field = Field::new(Attitude::default().body(Field::earth(50.0, 1.0, heading_rad)).ut);
-    bed.links.offer(&bed.links.readings, stamped(Reading { field, saturated: false, overrun: false }));
+    bed.links.queue_or_count(&bed.links.readings, stamped(Reading { field, saturated: false, overrun: false }));
 }
 
-fn report(bed: &Bed) {
-    let report = Report {
-        source: Source::default(),
+fn report(bed: &TaskBench) {
+    let report = AttitudeReport {
+        sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
         attitude: Attitude::default(),
         rates_rad_s: [0.0; 3],
     };
-    bed.links.offer(&bed.links.reports, stamped(report));
+    bed.links.queue_or_count(&bed.links.reports, stamped(report));
 }
 
-fn estimate(bed: &Bed) -> Estimate {
-    bed.links.estimates.try_get().unwrap_or(Estimate::NOTHING)
+fn estimate(bed: &TaskBench) -> Estimate {
+    bed.links.estimates.try_get().unwrap_or(Estimate::EMPTY)
 }
 
 #[test]
@@ -60,12 +60,12 @@ fn readings_become_estimates_and_a_correction_counts_behind_the_next_one() {
     publish(&bed.links.correction, correction());
     bed.ms(10);
     assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading before");
-    // Taking it in would delay the reading's heading.
+    // Applying the correction first would delay this heading.
     read(&bed, 0.5);
     report(&bed);
     bed.ms(10);
     assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
-    // The report of the same instant is taken first, though it came later.
+    // A report of the same instant is processed first, although it arrives later.
     read(&bed, 0.5);
     report(&bed);
     bed.ms(1);
@@ -73,12 +73,12 @@ fn readings_become_estimates_and_a_correction_counts_behind_the_next_one() {
     assert!((heading.magnetic_rad - 0.5).abs() < 1e-3, "{heading:?}");
 }
 
-/// 100 ms after the last reading of the reference sensor, and again every 100 ms, so that ports keep their pace.
+/// 100 ms after the last reading, and every 100 ms from then on, so that ports keep their rates.
 #[test]
 fn a_silent_sensor_is_told_to_the_ports() {
     let mut bed = with_instrument();
     let links = Rc::clone(&bed.links);
-    let mut estimates = listen(&links.estimates);
+    let mut estimates = subscribe(&links.estimates);
     bed.ms(50);
     read(&bed, 0.5);
     bed.ms(99);
@@ -90,14 +90,14 @@ fn a_silent_sensor_is_told_to_the_ports() {
         let expected = (Err(NoHeading::SensorSilent), Timestamp::from_us(silence_ms * 1000));
         assert_eq!((estimate.heading, estimate.at), expected);
     }
-    assert_eq!(bed.links.life()[1], 4);
+    assert_eq!(bed.links.heartbeat_counts()[1], 4);
 }
 
-/// A chip of another rate: silence and samples follow it. At 50 ms a reading, two make a sample.
+/// The silence limit and the samples follow the sensor's rate: at 50 ms, two readings make a sample.
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
     let mut bed = with_instrument();
-    publish(&bed.links.sensor, FoundSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
+    publish(&bed.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
     bed.ms(20);
     for _ in 0..4 {
         report(&bed);
@@ -108,7 +108,7 @@ fn the_instrument_follows_the_sensor_that_was_found() {
     bed.ms(1);
     assert_eq!(bed.links.samples.len(), 2);
     let links = Rc::clone(&bed.links);
-    let mut estimates = listen(&links.estimates);
+    let mut estimates = subscribe(&links.estimates);
     let _ = estimates.try_changed();
     bed.ms(300);
     assert!(estimates.try_changed().is_none(), "0.35 s are not yet eight periods");
@@ -124,6 +124,6 @@ fn readings_without_attitude_are_counted() {
         read(&bed, 0.5);
         bed.ms(1);
     }
-    // Those of the last 0.3 s still wait.
+    // Readings of the last 0.3 s still wait for attitude.
     assert_eq!(bed.links.counts().unpaired, 40 - 24);
 }

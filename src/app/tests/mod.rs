@@ -1,12 +1,11 @@
-//! What the tasks promise: each on its wires, in virtual time, with devices that are scripted or broken.
+//! Tests of the tasks in virtual time, with scripted and broken devices.
 
-mod below;
 mod devices;
 mod heading;
 mod panel;
-#[cfg(all(feature = "mavlink", feature = "nmea"))]
 mod port;
 mod sensor;
+mod thread_tasks;
 mod watchdog;
 
 use std::rc::Rc;
@@ -15,18 +14,17 @@ use testkit::simulation::{Level, Simulation};
 
 use super::Links;
 
-/// Tasks and the wires between them.
-struct Bed {
+/// Tasks and their connections.
+struct TaskBench {
     simulation: Simulation,
     links: Rc<Links>,
 }
 
-impl Bed {
+impl TaskBench {
     fn new() -> Self {
         Self { simulation: Simulation::new(), links: Rc::new(Links::new()) }
     }
 
-    /// Runs a task on the wires.
     fn run<F: Future<Output = ()> + 'static>(&mut self, name: &'static str, task: impl FnOnce(Rc<Links>) -> F) {
         self.simulation.spawn(Level::Interrupt, name, task(Rc::clone(&self.links)));
     }

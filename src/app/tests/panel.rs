@@ -1,4 +1,4 @@
-//! Lamp and button: what a person beside the aircraft sees and can do.
+//! Lamp and button.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -6,20 +6,20 @@ use std::rc::Rc;
 use embassy_time::Instant;
 use testkit::flash::RamFlash;
 
-use super::Bed;
-use super::below::ask;
+use super::TaskBench;
 use super::devices::{Chip, SENSOR};
+use super::thread_tasks::ask;
 use crate::app::compass;
-use crate::app::links::{FoundSensor, publish};
+use crate::app::links::{DetectedSensor, publish};
 use crate::app::panel::{self, Panel};
-use crate::collection::Kept;
-use crate::compass::{Command, Glance, Reply, State};
+use crate::collection::RetainedSamples;
+use crate::compass::{Command, IndicatorState, ModuleState, Reply};
 use crate::frames::Attitude;
 use crate::heading::NoHeading;
 use crate::instrument::Estimate;
 use crate::store::Store;
 
-/// When the lamp changed, milliseconds, and to what; and whether the button is down.
+/// Times of the lamp's changes, milliseconds, with its states, and the state of the button.
 #[derive(Clone, Default)]
 struct Post {
     lamp: Rc<RefCell<Vec<(u64, bool)>>>,
@@ -27,7 +27,7 @@ struct Post {
 }
 
 impl Panel for Post {
-    fn light(&mut self, on: bool) {
+    fn set_lamp(&mut self, on: bool) {
         let mut lamp = self.lamp.borrow_mut();
         if lamp.last().is_none_or(|&(_, before)| before != on) {
             lamp.push((Instant::now().as_millis(), on));
@@ -39,19 +39,19 @@ impl Panel for Post {
     }
 }
 
-fn with_panel() -> (Bed, Post) {
-    let (mut bed, post) = (Bed::new(), Post::default());
+fn with_panel() -> (TaskBench, Post) {
+    let (mut bed, post) = (TaskBench::new(), Post::default());
     let seen = post.clone();
     bed.run("panel", |links| async move { panel::run(&links, seen).await });
     (bed, post)
 }
 
-/// Share of the time in which it is lit, percent, and changes a second, over two rounds.
-fn shown(glance: Option<Glance>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
+/// Share of time with the lamp lit, percent, and changes a second, over two periods.
+fn shown(glance: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
     let (mut bed, post) = with_panel();
     if let Some(glance) = glance {
-        publish(&bed.links.glance, glance);
-        publish(&bed.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::NOTHING });
+        publish(&bed.links.indicator, glance);
+        publish(&bed.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
     bed.ms(4_000);
@@ -61,43 +61,42 @@ fn shown(glance: Option<Glance>, heading: NoHeading, attitude: Option<Attitude>)
     (lit / 40, lamp.len() as u64 / 4)
 }
 
-/// Each is told from the others at a glance, and none stands still.
+/// Every state has its own pattern, and every pattern changes.
 #[test]
 fn the_lamp_tells_how_it_is() {
     let flying = Some(Attitude::default());
     let of = |glance| shown(Some(glance), NoHeading::Uncalibrated, flying);
-    // The lamp is looked at every 50 ms, which ends up in a part of the last round.
-    for (glance, lit) in [(Glance::Waiting, 5), (Glance::Calibrated, 95)] {
+    // Polling every 50 ms leaves the last period incomplete.
+    for (glance, lit) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
         let (found, changes) = of(glance);
         assert!(found.abs_diff(lit) <= 2 && changes == 1, "{glance:?} {found} {changes}");
     }
     for (percent, lit) in [(0, 10), (10, 10), (40, 40), (90, 90), (100, 90)] {
-        let (found, changes) = of(Glance::Collecting(percent));
+        let (found, changes) = of(IndicatorState::Collecting(percent));
         assert!(found.abs_diff(lit) <= 2, "{percent} {found}");
         assert_eq!(changes, 2);
     }
-    let (lit, changes) = of(Glance::Refused);
+    let (lit, changes) = of(IndicatorState::Refused);
     assert!(lit.abs_diff(50) <= 2 && changes >= 9, "{lit} {changes}");
 }
 
-/// Trouble, whatever the state machine says: nothing is known yet, no sensor, no attitude, a field that cannot be. Who
-/// tumbles the module on a bench has no attitude, and no trouble.
+/// Nothing known yet, no sensor, no attitude, an implausible field. A tumble has no attitude and is no fault.
 #[test]
 fn what_takes_the_heading_away_is_trouble() {
     let flying = Some(Attitude::default());
     let is_trouble = |glance, heading, attitude| shown(glance, heading, attitude).1 >= 9;
     assert!(is_trouble(None, NoHeading::Uncalibrated, None));
     for heading in [NoHeading::SensorSilent, NoHeading::AttitudeFrozen, NoHeading::FieldDisturbed] {
-        for glance in [Glance::Waiting, Glance::Collecting(50), Glance::Calibrated] {
+        for glance in [IndicatorState::Idle, IndicatorState::Collecting(50), IndicatorState::Calibrated] {
             assert!(is_trouble(Some(glance), heading, flying), "{heading:?} {glance:?}");
         }
     }
-    assert!(is_trouble(Some(Glance::Waiting), NoHeading::Uncalibrated, None));
-    assert!(!is_trouble(Some(Glance::Waiting), NoHeading::Uncalibrated, flying));
-    assert!(!is_trouble(Some(Glance::Collecting(0)), NoHeading::Uncalibrated, None));
+    assert!(is_trouble(Some(IndicatorState::Idle), NoHeading::Uncalibrated, None));
+    assert!(!is_trouble(Some(IndicatorState::Idle), NoHeading::Uncalibrated, flying));
+    assert!(!is_trouble(Some(IndicatorState::Collecting(0)), NoHeading::Uncalibrated, None));
 }
 
-/// Two seconds, from both sides, and once however long it is held.
+/// Both sides of the limit; one start, however long the button is held.
 #[test]
 fn the_button_is_held_for_two_seconds() {
     let (mut bed, post) = with_panel();
@@ -111,24 +110,28 @@ fn the_button_is_held_for_two_seconds() {
     }
 }
 
-/// It is `cal start`, whose answer goes to nobody: a person at the console gets his own.
+/// The button's `cal start` has no reply; the console receives only the replies to its own commands.
 #[test]
 fn the_button_begins_a_collection() {
     let (mut bed, post) = with_panel();
     bed.run("compass", |links| async move {
-        Box::pin(compass::run(&links, Store::new(RamFlash::<2048>::new(8), 0..2048 * 8), &mut Kept::EMPTY.clone()))
-            .await;
+        Box::pin(compass::run(
+            &links,
+            Store::new(RamFlash::<2048>::new(8), 0..2048 * 8),
+            &mut RetainedSamples::EMPTY.clone(),
+        ))
+        .await;
     });
     publish(
         &bed.links.sensor,
-        FoundSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
     bed.ms(10);
-    assert_eq!(bed.links.glance.try_get(), Some(Glance::Waiting));
+    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Idle));
     post.is_down.set(true);
     bed.ms(2_100);
-    assert_eq!(bed.links.glance.try_get(), Some(Glance::Collecting(0)));
+    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Collecting(0)));
     assert!(bed.links.replies.try_receive().is_err(), "nobody asked");
     let reply = ask(&mut bed, Command::CalStop);
-    assert!(matches!(reply, Ok(Reply::Done(State::Uncalibrated))), "{reply:?}");
+    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
 }

@@ -1,19 +1,20 @@
-//! Ports: what comes in is passed on, what is to be told goes out.
+//! Port tasks: received messages are distributed, due messages are sent.
 
 use std::rc::Rc;
 
 use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-use super::Bed;
-use super::devices::{Line, Mood, Port};
-use crate::app::links::{Stamped, listen, publish};
+use super::TaskBench;
+use super::devices::{DeviceBehaviour, Line, Port};
+use crate::app::links::{Timestamped, publish, subscribe};
 use crate::app::port;
-use crate::attitude::Report;
+use crate::attitude::AttitudeReport;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
+use crate::messages::Message;
 use crate::settings::{Baud, PortNumber, ProtocolKind};
-use crate::settings::{Setting, Settings};
+use crate::settings::{SettingChange, Settings};
 use crate::time::Timestamp;
 
 fn frame(roll: f32) -> Vec<u8> {
@@ -26,8 +27,7 @@ fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
     raw.raw_bytes().to_vec()
 }
 
-/// A port, the line into it, and what it has written.
-fn with_port(bed: &mut Bed, number: PortNumber) -> (Line, Port) {
+fn with_port(bed: &mut TaskBench, number: PortNumber) -> (Line, Port) {
     let (line, port) = (Line::default(), Port::default());
     let (rx, tx) = (line.clone(), port.clone());
     publish(&bed.links.settings, Settings::DEFAULT);
@@ -36,35 +36,35 @@ fn with_port(bed: &mut Bed, number: PortNumber) -> (Line, Port) {
     (line, port)
 }
 
-fn with_line() -> (Bed, Line) {
-    let mut bed = Bed::new();
+fn with_line() -> (TaskBench, Line) {
+    let mut bed = TaskBench::new();
     let (line, _) = with_port(&mut bed, PortNumber::One);
     (bed, line)
 }
 
-/// A port that says sentences.
-fn with_sentences() -> (Bed, Port) {
-    let mut bed = Bed::new();
+fn with_sentences() -> (TaskBench, Port) {
+    let mut bed = TaskBench::new();
     let (_, port) = with_port(&mut bed, PortNumber::Two);
     (bed, port)
 }
 
-fn rolls(bed: &Bed) -> Vec<f32> {
+fn rolls(bed: &TaskBench) -> Vec<f32> {
     let reports = std::iter::from_fn(|| bed.links.reports.try_receive().ok());
     reports.map(|report| report.value.attitude.roll_rad).collect()
 }
 
-/// Estimates every 12.5 ms for so long.
-fn stream(bed: &mut Bed, heading: Result<Heading, NoHeading>, ms: u64) {
+/// Publishes estimates every 12.5 ms for this time.
+fn stream(bed: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
     let until = bed.simulation.now_us() + ms * 1000;
     while bed.simulation.now_us() < until {
         let at = Timestamp::from_us(bed.simulation.now_us());
-        bed.links.estimates.sender().send(Estimate { at, heading, ..Estimate::NOTHING });
+        bed.links.estimates.sender().send(Estimate { at, heading, ..Estimate::EMPTY });
         bed.simulation.run_for(12_500);
     }
 }
 
-const NORTH: Result<Heading, NoHeading> = Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_rad2: 0.0 });
+const NORTH: Result<Heading, NoHeading> =
+    Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
 
 #[test]
 fn reports_are_passed_on_with_their_arrival_and_counted() {
@@ -74,17 +74,18 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     broken[15] ^= 1;
     line.put(&[frame(0.1), broken, frame(0.3)].concat());
     bed.ms(1);
-    let reports: Vec<Stamped<Report>> = std::iter::from_fn(|| bed.links.reports.try_receive().ok()).collect();
+    let reports: Vec<Timestamped<AttitudeReport>> =
+        std::iter::from_fn(|| bed.links.reports.try_receive().ok()).collect();
     let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
-    // What was rejected is counted with the next estimate.
+    // Rejected frames are counted with the next estimate.
     stream(&mut bed, NORTH, 10);
     let counts = bed.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
 
-/// Two aircraft on one line; the second says that it is an autopilot.
+/// Two aircraft on one line; only the second sends heartbeats of an autopilot.
 #[test]
 fn attitude_of_others_is_counted_and_not_passed_on() {
     let (mut bed, line) = with_line();
@@ -100,10 +101,10 @@ fn attitude_of_others_is_counted_and_not_passed_on() {
     assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
 }
 
-/// Attitude on both ports, with rates on the second: that of the first is taken until it comes there.
+/// Attitude on both ports, with rates on the second: the first is selected until the second delivers.
 #[test]
 fn attitude_of_one_port_is_taken_at_a_time() {
-    let mut bed = Bed::new();
+    let mut bed = TaskBench::new();
     let (one, _) = with_port(&mut bed, PortNumber::One);
     let (two, _) = with_port(&mut bed, PortNumber::Two);
     let with_rates = |roll| frame_of(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
@@ -121,12 +122,12 @@ fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
     [frame_of(1, &HEARTBEAT_DATA { base_mode, ..HEARTBEAT_DATA::default() }), frame(0.1)].concat()
 }
 
-/// Told when it changes, and given up ten seconds after the last heartbeat, on a silent line too.
+/// Published at a change, and dropped ten seconds after the last heartbeat, also on a silent line.
 #[test]
 fn whether_the_autopilot_is_armed_is_told() {
     let (mut bed, line) = with_line();
     let links = Rc::clone(&bed.links);
-    let mut armed = listen(&links.armed);
+    let mut armed = subscribe(&links.armed);
     line.put(&heartbeat(ARMED));
     bed.ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
@@ -142,10 +143,9 @@ fn whether_the_autopilot_is_armed_is_told() {
     assert_eq!(armed.try_changed(), Some(Some(false)));
 }
 
-/// Whichever port it is on; a port without an autopilot says nothing about it.
 #[test]
 fn armed_is_what_any_port_s_autopilot_says() {
-    let mut bed = Bed::new();
+    let mut bed = TaskBench::new();
     let lines = PortNumber::ALL.map(|number| with_port(&mut bed, number).0);
     let links = Rc::clone(&bed.links);
     let mut told = |line: usize, base_mode| {
@@ -161,23 +161,22 @@ fn armed_is_what_any_port_s_autopilot_says() {
     assert_eq!(told(1, MavModeFlag::empty()), Some(false));
 }
 
-/// A line in error, or one that has ended, is left alone for 0.2 ms, so that it does not take all the time there is; what
-/// is to be told is told.
+/// The task pauses for 0.2 ms after an error or the end of the line, and keeps sending.
 #[test]
 fn a_line_in_error_is_counted_and_gets_a_pause() {
-    let mut bed = Bed::new();
+    let mut bed = TaskBench::new();
     let (line, port) = with_port(&mut bed, PortNumber::Two);
-    line.mood.set(Mood::Ends);
+    line.mood.set(DeviceBehaviour::Ends);
     bed.ms(10);
     let ended = bed.links.counts().attitude_line_errors;
     assert!((45..=55).contains(&ended), "{ended}");
-    line.mood.set(Mood::Fails);
+    line.mood.set(DeviceBehaviour::Fails);
     bed.ms(10);
     let errors = bed.links.counts().attitude_line_errors;
     assert!((90..=110).contains(&errors), "{errors}");
     stream(&mut bed, NORTH, 1_000);
     assert_eq!(port.text().matches("$HCHDM").count(), 11, "one of them at once");
-    line.mood.set(Mood::Works);
+    line.mood.set(DeviceBehaviour::Works);
     line.put(&frame(0.1));
     bed.ms(1);
     assert_eq!(bed.links.counts().attitude_reports, 1);
@@ -196,7 +195,7 @@ fn a_port_writes_at_its_rate_and_counts() {
     let counts = bed.links.counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
-    assert_eq!(bed.links.life(), [0, 0, 0, 0, 160], "one for each estimate");
+    assert_eq!(bed.links.heartbeat_counts(), [0, 0, 0, 0, 160], "one for each estimate");
 }
 
 #[test]
@@ -211,23 +210,44 @@ fn a_port_follows_its_settings() {
     publish(&bed.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
     stream(&mut bed, NORTH, 200);
     assert!(port.text().contains("$HCHDG,000.0,,,2.0,E"));
-    assert_eq!(bed.links.spoken(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
-    let other = Settings::DEFAULT.with(Setting::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
+    assert_eq!(bed.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
+    let other =
+        Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
     publish(&bed.links.settings, other);
     stream(&mut bed, NORTH, 1_000);
     assert!(!port.text().contains('$'));
-    assert_eq!(bed.links.spoken(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
+    assert_eq!(bed.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
 
-/// Each port its own, and once for each change.
+/// Sent as STATUSTEXT. Messages that arrive while another protocol is set are dropped.
+#[test]
+fn a_message_is_sent_where_people_read_it() {
+    let mut bed = TaskBench::new();
+    let (line, port) = with_port(&mut bed, PortNumber::Two);
+    let sent = |bed: &mut TaskBench, message: &Message| {
+        bed.links.announce(message);
+        line.put(&heartbeat(MavModeFlag::empty()));
+        stream(bed, NORTH, 500);
+        let bytes = port.written.take();
+        move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
+    };
+    assert!(!sent(&mut bed, &Message::HardIronRestored)("autoswing"), "sentences");
+    let other =
+        Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
+    publish(&bed.links.settings, other);
+    let text = sent(&mut bed, &Message::Collecting(40));
+    assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
+}
+
+/// Each port has its own baud rate, which is set once for each change.
 #[test]
 fn a_port_is_as_fast_as_it_is_set() {
-    let mut bed = Bed::new();
+    let mut bed = TaskBench::new();
     let ports = PortNumber::ALL.map(|number| with_port(&mut bed, number).1);
     let bauds = || [ports[0].bauds.take(), ports[1].bauds.take()];
     stream(&mut bed, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
-    let settings = Settings::DEFAULT.with(Setting::Baud(PortNumber::Two, Baud::B460800)).unwrap();
+    let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, Baud::B460800)).unwrap();
     publish(&bed.links.settings, settings);
     stream(&mut bed, NORTH, 100);
     publish(&bed.links.settings, Settings { stream_on: false, ..settings });
@@ -235,18 +255,18 @@ fn a_port_is_as_fast_as_it_is_set() {
     assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
 }
 
-/// A port that refuses, and one that takes nothing: counted, and what is told afterwards is of then.
+/// A port that fails, and one that accepts no bytes: errors are counted, and later messages are up to date.
 #[test]
 fn a_broken_port_is_counted_and_goes_on() {
     let (mut bed, port) = with_sentences();
-    port.mood.set(Mood::Fails);
+    port.mood.set(DeviceBehaviour::Fails);
     stream(&mut bed, NORTH, 1_000);
     assert_eq!((bed.links.counts().messages, bed.links.counts().write_errors), (10, 10));
-    port.mood.set(Mood::Hangs);
+    port.mood.set(DeviceBehaviour::Hangs);
     stream(&mut bed, NORTH, 1_000);
     let errors = bed.links.counts().write_errors - 10;
     assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
-    port.mood.set(Mood::Works);
+    port.mood.set(DeviceBehaviour::Works);
     stream(&mut bed, NORTH, 1_000);
     let sentences = port.text().matches("$HCHDM").count();
     assert!((10..=15).contains(&sentences), "{sentences}");

@@ -1,4 +1,4 @@
-//! The watchdog task: fed while all live, and only then.
+//! The watchdog task.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -6,9 +6,9 @@ use std::sync::atomic::AtomicU32;
 
 use embassy_time::Timer;
 
-use super::Bed;
-use crate::app::links::{ALWAYS_THERE, HEARTBEATS, Heartbeats, count};
-use crate::app::watchdog::{self, LONGEST_WITHOUT_FEED_US};
+use super::TaskBench;
+use crate::app::links::{ALWAYS_THERE, HEARTBEATS, Heartbeats, increment};
+use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{Links, Watchdog};
 use crate::settings::PortNumber;
 
@@ -22,21 +22,21 @@ impl Watchdog for Dog {
 }
 
 fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
-    let Heartbeats { sensor, instrument, below } = &links.heartbeats;
+    let Heartbeats { sensor, instrument, thread_executor: below } = &links.heartbeats;
     let [one, two] = PortNumber::ALL.map(|number| &links.port(number).heartbeat);
     [sensor, instrument, below, one, two]
 }
 
-/// Tasks that live, but for one that falls silent after a second.
-fn with_silent(silent: Option<usize>) -> (Bed, Dog) {
-    let (mut bed, dog) = (Bed::new(), Dog::default());
+/// Tasks with heartbeats, one of which may stop after a second.
+fn with_silent(silent: Option<usize>) -> (TaskBench, Dog) {
+    let (mut bed, dog) = (TaskBench::new(), Dog::default());
     let fed = dog.clone();
     bed.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
     bed.run("tasks", |links: Rc<Links>| async move {
         for ms in (0..).step_by(100) {
             for (i, beat) in all(&links).into_iter().enumerate() {
                 if silent != Some(i) || ms < 1000 {
-                    count(beat);
+                    increment(beat);
                 }
             }
             Timer::after_millis(100).await;
@@ -65,16 +65,16 @@ fn it_starves_when_any_one_falls_silent() {
     }
 }
 
-/// A board with one port is fed; one whose first port never comes to life is not.
+/// The first port has to run; a second one need not exist.
 #[test]
 fn ports_that_do_not_run_are_not_waited_for() {
     for (living, fed) in [(ALWAYS_THERE, 10), (ALWAYS_THERE - 1, 0)] {
-        let (mut bed, dog) = (Bed::new(), Dog::default());
+        let (mut bed, dog) = (TaskBench::new(), Dog::default());
         let kept = dog.clone();
         bed.run("watchdog", |links| async move { watchdog::run(&links, kept).await });
         bed.run("tasks", move |links: Rc<Links>| async move {
             loop {
-                all(&links).into_iter().take(living).for_each(count);
+                all(&links).into_iter().take(living).for_each(increment);
                 Timer::after_millis(100).await;
             }
         });
@@ -83,17 +83,17 @@ fn ports_that_do_not_run_are_not_waited_for() {
     }
 }
 
-/// What the boards' hardware is set by: two looks.
+/// Boards configure their watchdog by this value.
 #[test]
 fn the_longest_time_between_feeds_is_two_looks() {
-    assert_eq!(LONGEST_WITHOUT_FEED_US, 1_400_000);
+    assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);
 }
 
-/// The pulse of the lower executor comes five times a second.
+/// Five pulses a second.
 #[test]
 fn the_lower_executor_shows_that_it_gets_round() {
-    let mut bed = Bed::new();
-    bed.run("pulse", |links| async move { watchdog::pulse(&links).await });
+    let mut bed = TaskBench::new();
+    bed.run("pulse", |links| async move { watchdog::run_heartbeat(&links).await });
     bed.ms(999);
-    assert_eq!(bed.links.life(), [0, 0, 5, 0, 0]);
+    assert_eq!(bed.links.heartbeat_counts(), [0, 0, 5, 0, 0]);
 }

@@ -1,6 +1,6 @@
-//! The clock behind `embassy_time`: a free-running counter for now, a timer for the next deadline.
+//! Time driver of `embassy_time`: a free-running counter, and a timer for the next deadline.
 //!
-//! Time stands still while the simulated world is being moved on: see [`lockstep`](super::lockstep).
+//! Time is frozen while the simulator catches up: see [`lockstep`](super::lockstep).
 
 use core::cell::RefCell;
 use core::task::Waker;
@@ -18,26 +18,26 @@ const VALUE: Register = Register::of(Peripheral::DualTimer, 0x04);
 const CONTROL: Register = Register::of(Peripheral::DualTimer, 0x08);
 const CLEAR: Register = Register::of(Peripheral::DualTimer, 0x0C);
 
-/// Both the counter and the timer run at 25 MHz.
+/// Frequency of counter and timer: 25 MHz.
 pub const TICKS_PER_US: u64 = 25;
 
-/// `CONTROL`: one shot, 32 bits. The machine takes 32 bits of `LOAD` only when it was set to them before.
+/// `CONTROL`: one shot, 32 bits. QEMU applies 32 bits of `LOAD` only if 32-bit mode was set before.
 const STOPPED: u32 = 0b0000_0011;
 const RUNNING: u32 = 0b1010_0011;
-/// Keeps what is left of the time.
+/// Stops and keeps the remaining time.
 const PAUSED: u32 = 0b0010_0011;
 
-/// The counter wraps after 171 s; the clock looks at it in less.
+/// Longest timer interval: the counter must be read before it wraps after 171 s.
 const LONGEST_US: u64 = 60_000_000;
 
 struct Clock {
     queue: Queue,
-    /// The counter when it was last looked at, and how often it had wrapped.
+    /// Last counter value, and number of wraps.
     low: u32,
     high: u32,
-    /// Ticks during which time stood still.
+    /// Ticks during which time was frozen.
     frozen: u64,
-    /// An instant of late, in microseconds and in ticks.
+    /// The last conversion: a time in microseconds, and the same in ticks.
     us: u64,
     us_ticks: u64,
 }
@@ -67,8 +67,8 @@ impl Clock {
         self.counter() - self.frozen
     }
 
-    /// Microseconds since the start. It is asked so often that it divides what has passed since it was asked last: that fits
-    /// into 32 bits, and the processor has no division of 64.
+    /// Microseconds since the start. Divides only the ticks since the last call, which fit into 32 bits; the processor
+    /// has no 64-bit division.
     fn now_us(&mut self) -> u64 {
         let since_us = (self.ticks() - self.us_ticks) as u32 / TICKS_PER_US as u32;
         self.us += u64::from(since_us);
@@ -76,12 +76,12 @@ impl Clock {
         self.us
     }
 
-    /// Wakes whom it is time to wake and sets the timer for the next.
+    /// Wakes expired timers and sets the hardware timer for the next.
     fn set_timer(&mut self) {
         CONTROL.write(STOPPED);
         let now_us = self.now_us();
         let next_us = self.queue.next_expiration(now_us);
-        // At most a minute, and at least one microsecond: what came due meanwhile is served by the next interrupt.
+        // At most a minute; at least 1 us, so that deadlines passed meanwhile are handled by the next interrupt.
         let after_us = next_us.saturating_sub(now_us).clamp(1, LONGEST_US);
         LOAD.write((after_us * TICKS_PER_US) as u32);
         CONTROL.write(RUNNING);
@@ -89,7 +89,7 @@ impl Clock {
 }
 
 impl MachineClock {
-    /// The closures below call nothing that borrows the clock again, so the borrow cannot fail.
+    /// The closures do not access the clock, so the borrow cannot fail.
     fn with<R>(&self, f: impl FnOnce(&mut Clock) -> R) -> R {
         critical_section::with(|token| f(&mut self.0.borrow_ref_mut(token)))
     }
@@ -109,26 +109,27 @@ impl Driver for MachineClock {
     }
 }
 
-/// Starts the counter from zero.
+/// Starts the counter at zero.
 pub fn start() {
     PRESCALE.write(0);
     COUNTER.write(0);
     CLOCK.with(Clock::set_timer);
 }
 
-/// The timer's interrupt.
+/// Timer interrupt handler.
 pub extern "C" fn on_interrupt() {
     CLEAR.write(1);
     CLOCK.with(Clock::set_timer);
 }
 
-/// Which of five instructions this is, by how many ticks pass in each of four.
+/// Phase of the processor within the 5-instruction period of the counter (5 instructions = 8 ticks), from the ticks
+/// between five reads.
 #[inline(never)]
 fn place_in_five() -> u32 {
-    /// By the four differences less one, as bits.
+    /// Indexed by the four differences minus one, as bits.
     const PLACES: [u8; 16] = [0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 4, 1, 0, 3, 0, 0];
     let (a, b, c, d, e): (u32, u32, u32, u32, u32);
-    // SAFETY: five reads of a register that reading does not change, one after the other.
+    // SAFETY: five consecutive reads of a register without side effects.
     unsafe {
         core::arch::asm!(
             "ldr {a}, [{counter}]",
@@ -150,11 +151,11 @@ fn place_in_five() -> u32 {
     u32::from(PLACES[bits as usize & 15])
 }
 
-/// Executes as many instructions as bring this place in five to where it was.
+/// Executes instructions until the processor is at this phase again.
 #[inline(never)]
 fn fill_up_five(place: u32) {
     let missing = (place + 5 - place_in_five()) % 5;
-    // SAFETY: jumps over `4 - missing` of four instructions that do nothing; the one before them is jumped over always.
+    // SAFETY: skips `4 - missing` of four `nop`s; the first `nop` is always skipped.
     unsafe {
         core::arch::asm!(
             "add pc, {skip}",
@@ -169,16 +170,15 @@ fn fill_up_five(place: u32) {
     }
 }
 
-/// Ticks since the start, those left out during which time stood still.
+/// Ticks since the start, without frozen time.
 pub fn ticks() -> u64 {
     CLOCK.with(Clock::ticks)
 }
 
-/// Time stands still while `f` runs, which is given the ticks of that instant.
+/// Freezes time while `f` runs, which receives the ticks of that moment.
 ///
-/// How many instructions `f` takes is for the computer to say: bytes come when they come. An instruction takes 64 ns
-/// and a tick 40, so five instructions are eight ticks; anything but a multiple of five would leave the clock between
-/// two ticks elsewhere than it was, and runs of one seed would drift apart.
+/// The instruction count of `f` depends on the host, since bytes arrive at any time. An instruction takes 64 ns, a tick
+/// 40 ns, so five instructions are eight ticks; without restoring the phase, runs of one seed would differ.
 pub fn freeze(f: impl FnOnce(u64)) {
     CONTROL.write(PAUSED);
     let place = place_in_five();
@@ -186,7 +186,7 @@ pub fn freeze(f: impl FnOnce(u64)) {
     f(ticks());
     fill_up_five(place);
     CLOCK.with(|clock| clock.frozen += clock.counter() - before);
-    // If it has run out, its interrupt is pending and sets it anew.
+    // An expired timer has its interrupt pending, which restarts it.
     if VALUE.read() != 0 {
         CONTROL.write(RUNNING);
     }

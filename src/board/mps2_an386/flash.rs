@@ -1,11 +1,11 @@
-//! The store's pages: memory that survives a reset, with the rules and the times of the reference board's flash.
+//! Flash of the store, emulated in RAM that survives a reset, with the rules and timing of the reference board.
 
 use core::ops::Range;
 
 use embassy_time::{Duration, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// As on the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed in 82 us.
+/// As the STM32L4: pages of 2 KB, erased in 22 ms; double words, programmed in 82 us.
 const PAGE: usize = 2048;
 const WORD: usize = 8;
 const ERASE_TIME: Duration = Duration::from_millis(22);
@@ -13,19 +13,19 @@ const PROGRAM_TIME: Duration = Duration::from_micros(82);
 const ERASED: u8 = 0xFF;
 
 unsafe extern "C" {
-    // Bounds of the region STORE in memory.x; only their addresses mean anything.
+    // Bounds of region STORE in memory.x; only the addresses are meaningful.
     static mut __store_start: u8;
     static __store_end: u8;
 }
 
-/// Why the flash refused.
+/// Flash error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// Outside of the store's pages.
+    /// Outside the store's pages.
     Bounds,
-    /// Not on the grid of words or pages.
+    /// Not aligned to words or pages.
     Alignment,
-    /// The word is not erased.
+    /// Word not erased.
     NotErased,
 }
 
@@ -39,15 +39,15 @@ impl NorFlashError for FlashError {
     }
 }
 
-/// The store's pages.
+/// Pages of the store.
 pub struct StoreFlash(&'static mut [u8]);
 
 impl StoreFlash {
-    /// To be called once.
+    /// Call once.
     pub fn new() -> Self {
         let start = &raw mut __store_start;
         let size = (&raw const __store_end).addr() - start.addr();
-        // SAFETY: memory.x gives this memory to the store alone, and this is called once.
+        // SAFETY: memory.x reserves this memory for the store, and this is called once.
         Self(unsafe { core::slice::from_raw_parts_mut(start, size) })
     }
 

@@ -1,18 +1,18 @@
-//! The sensor's I2C bus: two wires that software moves (SBCon of the MPS2). QEMU's bus takes no time, so no edge waits.
+//! Bit-banged I2C bus of the sensor (SBCon of the MPS2). QEMU's bus needs no delays.
 
 use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation};
 
 use super::lockstep;
 use super::registers::{Peripheral, Register};
 
-/// Which wires are high; a write lets those wires go.
+/// Line states; writing ones releases lines.
 const SET: Register = Register::of(Peripheral::SensorBus, 0x00);
-/// A write pulls those wires low.
+/// Writing ones pulls lines low.
 const CLEAR: Register = Register::of(Peripheral::SensorBus, 0x04);
 const SCL: u32 = 1;
 const SDA: u32 = 2;
 
-/// Nobody acknowledged.
+/// Missing acknowledge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAcknowledge(NoAcknowledgeSource);
 
@@ -22,22 +22,21 @@ impl embedded_hal_async::i2c::Error for NoAcknowledge {
     }
 }
 
-/// The master of the bus.
 pub struct SensorBus(());
 
-/// Clocks after which a chip has finished whatever byte it was sending, and seen that nobody acknowledges it.
+/// Clocks after which a chip has completed any byte and seen the missing acknowledge.
 const CLOCKS_TO_LET_GO: u32 = 9;
 
 #[expect(clippy::unused_self, reason = "the wires move for nobody but the owner of the bus")]
 impl SensorBus {
-    /// The bus, cleared of what a reset may have broken off.
+    /// A bus in the idle state.
     pub fn new() -> Self {
         let mut bus = Self(());
         bus.clear();
         bus
     }
 
-    /// Has a chip that holds the data wire let it go.
+    /// Releases a data line held low by a chip.
     fn clear(&mut self) {
         self.take_bits(CLOCKS_TO_LET_GO);
         self.stop();
@@ -56,14 +55,14 @@ impl SensorBus {
         SET.write(SDA);
     }
 
-    /// With as few instructions as there may be: a reading's way is counted, and no board with a bus of its own spends any.
+    /// Minimal, because the instruction counts of a reading include it, unlike on a board with an I2C peripheral.
     fn put_bit(&mut self, bit: bool) {
         (if bit { SET } else { CLEAR }).write(SDA);
         SET.write(SCL);
         CLEAR.write(SCL);
     }
 
-    /// So many bits, the highest first, of a chip that has the data wire. A broken wire is high: nobody pulls it.
+    /// Reads bits from the chip, most significant first. A broken data line reads high.
     fn take_bits(&mut self, number: u32) -> u32 {
         SET.write(SDA);
         let mut bits = 0;
@@ -110,8 +109,8 @@ impl ErrorType for SensorBus {
 }
 
 impl I2c for SensorBus {
-    /// Begins each operation with a start condition; the embedded-hal contract asks for one only where direction
-    /// changes, which is where this firmware's drivers change operations.
+    /// Starts each operation with a start condition. The embedded-hal contract requires one only at a change of
+    /// direction, where this firmware's drivers change operations.
     async fn transaction(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), NoAcknowledge> {
         lockstep::before_sensor();
         let result = operations.iter_mut().try_for_each(|operation| self.perform(address, operation));

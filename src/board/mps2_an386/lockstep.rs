@@ -1,13 +1,12 @@
-//! Keeps the machine in step with the simulated world outside.
+//! Lockstep of the emulated machine with the simulator.
 //!
-//! Every two milliseconds, and before every access to the sensor, the machine sends its time on a UART of its own and
-//! stops: its clock stands still, no timer runs, nothing but the UARTs can wake the processor. The world moves on to
-//! that time, sets the field, sends what the autopilot and the console's user would have sent meanwhile, and lets the
-//! machine go on. So a run is a function of its seed, however fast or slow the computer is, but for a microsecond that
-//! QEMU may take more or less to restart.
+//! Every 2 ms, and before each access to the sensor, the machine sends its time on a dedicated UART and waits with its
+//! clock frozen; only UART interrupts wake it. The simulator advances to that time, sets the field, sends the bytes of
+//! autopilot and console, and releases the machine. So a run depends on its seed only, not on the host's speed, except
+//! for a microsecond by which QEMU's restart varies.
 //!
-//! To the world: a [`Message`] and the clock's ticks, little-endian. From the world: how many bytes it has sent to the
-//! console, to the autopilot port and to the instrument port, and a byte of [`Go`].
+//! To the simulator: a message byte and the clock's ticks, little-endian. From the simulator: numbers of bytes sent to
+//! the console, autopilot and instrument ports, and a byte of flags.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -19,42 +18,41 @@ use super::registers::Interrupt;
 use super::uart::Uart;
 use super::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, clock};
 
-/// As the reference board's receiver is woken: by 16 bytes at 115200 baud or a pause, 1.4 ms.
+/// Step size: the reference board's receiver wakes after 16 bytes at 115200 baud or a pause, 1.4 ms.
 const STEP: Duration = Duration::from_millis(2);
 
-/// What the world is sent.
+/// Message to the simulator.
 #[derive(Clone, Copy)]
 enum Message {
-    /// The machine goes on: it has just started.
+    /// Started; does not wait.
     Started = b'B' as isize,
-    /// The machine waits: time has passed.
+    /// Time step; waits.
     Step = b'T' as isize,
-    /// The machine waits: it is about to look at the sensor.
+    /// Before access to the sensor; waits.
     Sensor = b'S' as isize,
-    /// The machine goes on: it has written to the instrument.
+    /// Wrote to the instrument port; does not wait.
     Written = b'W' as isize,
 }
 
-/// Bits of the last byte from the world.
+/// Bits of the simulator's last byte.
 struct Go;
 
 impl Go {
-    /// The sensor's data wire is broken.
+    /// The sensor's data line is broken.
     const SENSOR_BROKEN: u8 = 1;
-    /// The bits above are the number of a test of the bench image. Others pass it over.
+    /// First bit of the test number for the bench image; ignored by others.
     #[cfg(feature = "bench")]
     const BENCH_TEST_SHIFT: u32 = 1;
 }
 
 static SENSOR_BROKEN: AtomicBool = AtomicBool::new(false);
 
-/// Whether the sensor's data wire is broken.
 pub fn sensor_is_broken() -> bool {
     SENSOR_BROKEN.load(Ordering::Relaxed)
 }
 
-/// Lets the world catch up from time to time. It is sent the time when that was to be, not when it came to be: that
-/// depends on what else ran, and on where between two ticks of the clock.
+/// Synchronises at every step. Sends the nominal time, because the actual one depends on other tasks and on the clock
+/// phase.
 pub async fn run() -> ! {
     let mut due = Instant::now();
     loop {
@@ -64,24 +62,23 @@ pub async fn run() -> ! {
     }
 }
 
-/// At the start, before anything waits.
+/// Reports the start, before anything waits.
 pub fn started() {
     send(Message::Started, clock::ticks());
 }
 
-/// Before a look at the sensor.
 pub fn before_sensor() {
     wait(Message::Sensor, None);
 }
 
-/// After something was written to the instrument.
+/// Reports a write to the instrument port.
 pub fn instrument_written() {
     critical_section::with(|_| clock::freeze(|ticks| send(Message::Written, ticks)));
 }
 
 fn send(message: Message, ticks: u64) {
     for byte in core::iter::once(message as u8).chain(ticks.to_le_bytes()) {
-        // The emulator hands a byte to the host before it goes on.
+        // The emulator passes each byte to the host at once.
         while !LOCKSTEP.put(byte) {}
     }
 }
@@ -95,7 +92,7 @@ fn wait(message: Message, due: Option<Instant>) {
             receive(&CONSOLE, console);
             receive(&AUTOPILOT, autopilot);
             receive(&INSTRUMENT, instrument);
-            // What was taken without a wait would interrupt later, and now and then.
+            // Bytes received without waiting would cause interrupts later, not reproducibly.
             forget_interrupts();
             SENSOR_BROKEN.store(go & Go::SENSOR_BROKEN != 0, Ordering::Relaxed);
             #[cfg(feature = "bench")]
@@ -105,7 +102,6 @@ fn wait(message: Message, due: Option<Instant>) {
     });
 }
 
-/// Waits for a byte.
 fn take(uart: &Uart) -> u8 {
     loop {
         if let Some(byte) = uart.take() {
@@ -115,7 +111,6 @@ fn take(uart: &Uart) -> u8 {
     }
 }
 
-/// Receives so many bytes.
 fn receive(uart: &Uart, bytes: u8) {
     let mut left = bytes;
     while left > 0 {
@@ -123,13 +118,13 @@ fn receive(uart: &Uart, bytes: u8) {
     }
 }
 
-/// Until a UART has a byte. Interrupts are off: a pending one ends the wait and is not served.
+/// Waits for a UART interrupt. Interrupts are disabled, so it only ends the wait.
 fn sleep() {
     asm::wfi();
     forget_interrupts();
 }
 
-/// Of the bytes that were taken already.
+/// Clears the interrupts of received bytes.
 fn forget_interrupts() {
     for interrupt in RECEIVERS {
         NVIC::unpend(interrupt);
@@ -138,14 +133,13 @@ fn forget_interrupts() {
 
 const RECEIVERS: [Interrupt; 4] = [Interrupt::Uart0Rx, Interrupt::Uart1Rx, Interrupt::Uart2Rx, Interrupt::Uart3Rx];
 
-/// Nothing but the UARTs may end the wait. Returns what was enabled.
+/// Enables the UART interrupts only; returns the previous mask.
 fn mask_others() -> u32 {
-    // SAFETY: interrupts are off, and `unmask` restores what was enabled.
+    // SAFETY: interrupts are disabled, and `unmask` restores the mask.
     let nvic = unsafe { &*NVIC::PTR };
     let enabled = nvic.iser[0].read();
     let receivers = RECEIVERS.iter().fold(0, |bits, &interrupt| bits | 1 << interrupt as u32);
-    // SAFETY: writing bits here disables or enables those interrupts and nothing else; none runs until the section
-    // ends.
+    // SAFETY: these writes only enable or disable interrupts, which cannot run before the end of the critical section.
     unsafe {
         nvic.icer[0].write(!receivers);
         nvic.iser[0].write(receivers);
@@ -154,7 +148,7 @@ fn mask_others() -> u32 {
 }
 
 fn unmask(enabled: u32) {
-    // SAFETY: as above; these are the interrupts that were enabled before.
+    // SAFETY: as above; restores the previous mask.
     unsafe {
         let nvic = &*NVIC::PTR;
         nvic.icer[0].write(!enabled);

@@ -1,20 +1,19 @@
-//! QEMU's `mps2-an386`, a Cortex-M4F: the same firmware on a machine that everybody has. `host-sim emulate` runs it.
+//! QEMU's `mps2-an386`, a Cortex-M4F: the same firmware on an emulator. Run by `host-sim emulate`.
 //!
-//! | wire | machine |
+//! | connection | machine |
 //! |---|---|
 //! | magnetometer LSM303DLHC, address 0x1E (QEMU's own model) | bit-banged I2C at 0x4002A000 |
 //! | console | UART0 |
 //! | autopilot (port 1) | UART1 |
 //! | instrument (port 2) | UART3 |
-//! | the simulated world, see [`lockstep`] | UART2 |
+//! | simulator, see [`lockstep`] | UART2 |
 //!
-//! # Priorities
+//! # Interrupt priorities
 //!
-//! 1. The UARTs, one byte each. Their priority must be above that of everything that waits in the lockstep: WFI wakes
-//!    for nothing else.
-//! 2. The clock, and the lockstep with the world.
-//! 3. The executor of the tasks that make headings, in an interrupt that no peripheral uses.
-//! 4. The executor of the others: solving, flash, console. In an interrupt, too, for QEMU's WFE does not sleep.
+//! 1. UARTs. Above everything that waits in the lockstep, or WFI would not wake.
+//! 2. Clock and lockstep.
+//! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
+//! 4. Executor of the others: solving, flash, console. Also in an interrupt, since QEMU's WFE does not sleep.
 
 #[cfg(feature = "bench")]
 mod bench;
@@ -52,12 +51,12 @@ static LOCKSTEP: Uart = Uart::new(Peripheral::Uart2);
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, written: || {} };
 
-/// Executor of the tasks that make headings.
+/// Executor of the heading tasks.
 static HEADING_TASKS: InterruptExecutor = InterruptExecutor::new();
 static OTHER_TASKS: InterruptExecutor = InterruptExecutor::new();
 static STEP_TASK: InterruptExecutor = InterruptExecutor::new();
 
-/// The processor's table of interrupts, which cortex-m-rt's linker script puts in its place.
+/// Interrupt vector table, placed by cortex-m-rt's linker script.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [Vector; 32] = Vector::table(&[
@@ -83,7 +82,7 @@ extern "C" fn on_instrument() {
 }
 
 extern "C" fn on_step_task() {
-    // SAFETY: this is the interrupt that the executor was started with; so with the two below.
+    // SAFETY: the executor was started with this interrupt; likewise below.
     unsafe { STEP_TASK.on_interrupt() }
 }
 
@@ -97,7 +96,7 @@ extern "C" fn on_other_tasks() {
     unsafe { OTHER_TASKS.on_interrupt() }
 }
 
-/// Priorities, the lower the more urgent.
+/// Interrupt priorities; lower values are more urgent.
 const PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::Uart0Rx, 0x20),
     (Interrupt::Uart1Rx, 0x20),
@@ -109,12 +108,11 @@ const PRIORITIES: [(Interrupt, u8); 8] = [
     (Interrupt::OtherTasks, 0x80),
 ];
 
-/// Runs the firmware.
 pub fn start() -> ! {
     let reset = reset::cause();
     if let Some(mut core) = Peripherals::take() {
         for (interrupt, priority) in PRIORITIES {
-            // SAFETY: no critical section of this firmware is made of priorities.
+            // SAFETY: no critical section in this firmware depends on priorities.
             unsafe { core.NVIC.set_priority(interrupt, priority) };
         }
     }
@@ -152,25 +150,24 @@ pub fn start() -> ! {
     }
 }
 
-/// The machine's watchdog is not used: it cannot be stopped while time stands still.
+/// Watchdog stub: the machine's watchdog cannot be stopped while time is frozen.
 pub struct Watchdog;
 
 impl app::Watchdog for Watchdog {
     fn feed(&mut self) {}
 }
 
-/// The machine has lamps and buttons, which nobody can see or press.
+/// Panel stub.
 pub struct Panel;
 
 impl app::Panel for Panel {
-    fn light(&mut self, _on: bool) {}
+    fn set_lamp(&mut self, _on: bool) {}
 
     fn is_pressed(&self) -> bool {
         false
     }
 }
 
-/// What the console may ask of this board.
 pub struct Platform;
 
 impl app::Platform for Platform {

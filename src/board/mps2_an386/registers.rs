@@ -1,13 +1,13 @@
-//! Access to the machine's registers, and its interrupts.
+//! Registers and interrupts of the machine.
 
 use cortex_m::interrupt::InterruptNumber;
 
-/// A 32-bit register of the machine.
+/// A 32-bit register.
 #[derive(Clone, Copy)]
 pub struct Register(usize);
 
 impl Register {
-    /// The register at an offset of a peripheral of the machine.
+    /// The register at an offset of a peripheral.
     pub const fn of(peripheral: Peripheral, offset: usize) -> Self {
         Self(peripheral as usize + offset)
     }
@@ -17,8 +17,7 @@ impl Register {
     }
 
     pub fn read(self) -> u32 {
-        // SAFETY: the address is of a peripheral of this machine, whose registers are aligned words. Those this
-        // firmware uses have no effect on memory.
+        // SAFETY: the address belongs to a peripheral with aligned registers. Those used here do not affect memory.
         unsafe { core::ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
     }
 
@@ -28,7 +27,7 @@ impl Register {
     }
 }
 
-/// Where the machine's peripherals are (ARM DAI0386, and QEMU's hw/arm/mps2.c for the sensor's bus).
+/// Peripheral base addresses (ARM DAI0386; QEMU's hw/arm/mps2.c for the sensor bus).
 #[derive(Clone, Copy)]
 pub enum Peripheral {
     DualTimer = 0x4000_2000,
@@ -40,7 +39,7 @@ pub enum Peripheral {
     SensorBus = 0x4002_A000,
 }
 
-/// The machine's interrupts that are used.
+/// Interrupts in use.
 #[derive(Clone, Copy)]
 pub enum Interrupt {
     Uart0Rx = 0,
@@ -48,22 +47,22 @@ pub enum Interrupt {
     Uart2Rx = 4,
     DualTimer = 10,
     Uart3Rx = 18,
-    /// Of the port GPIO 2, which is not used: runs the lockstep with the world.
+    /// Interrupt of the unused port GPIO 2: lockstep task.
     StepTask = 15,
-    /// Of the port GPIO 0: runs the executor of the tasks that make headings.
+    /// Interrupt of the unused port GPIO 0: executor of the heading tasks.
     HeadingTasks = 16,
-    /// Of the port GPIO 1: runs the executor of the others.
+    /// Interrupt of the unused port GPIO 1: executor of the other tasks.
     OtherTasks = 17,
 }
 
-// SAFETY: the numbers are those of the machine's 32 interrupts, each given once.
+// SAFETY: the numbers are valid interrupts of the machine, each listed once.
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self as u16
     }
 }
 
-/// What the processor calls on an interrupt.
+/// Entry of the vector table.
 #[derive(Clone, Copy)]
 pub union Vector {
     handler: extern "C" fn(),
@@ -73,7 +72,7 @@ pub union Vector {
 const INTERRUPTS: usize = 32;
 
 impl Vector {
-    /// The table with these handlers; the others are never enabled.
+    /// A table with these handlers; other interrupts are never enabled.
     pub const fn table(handlers: &[(Interrupt, extern "C" fn())]) -> [Self; INTERRUPTS] {
         let mut table = [Self { reserved: 0 }; INTERRUPTS];
         let mut i = 0;

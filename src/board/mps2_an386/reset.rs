@@ -1,4 +1,4 @@
-//! Why the module started: the machine does not tell, memory that survives a reset does.
+//! Reset cause, stored in RAM that survives a reset, since the machine has no reset flags.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -6,14 +6,14 @@ use autoswing::health::ResetCause;
 
 use crate::board::last_words;
 
-/// What is found here at a start; anything else: the power was off.
+/// Values of the stored state; any other value means power-on.
 const RUNS: u32 = 0x5157_1A6E;
 const REBOOTS: u32 = 0x0B00_7ED0;
 
 #[unsafe(link_section = ".uninit.state")]
 static STATE: AtomicU32 = AtomicU32::new(0);
 
-/// To be called once, first of all: it forgets the answer.
+/// Returns and clears the reset cause. Call once, first of all.
 pub fn cause() -> ResetCause {
     let before = STATE.swap(RUNS, Ordering::Relaxed);
     match (last_words::take(), before) {
@@ -24,7 +24,7 @@ pub fn cause() -> ResetCause {
     }
 }
 
-/// The next start is a reboot.
+/// Marks the next start as a reboot.
 pub fn announce_reboot() {
     STATE.store(REBOOTS, Ordering::Relaxed);
 }

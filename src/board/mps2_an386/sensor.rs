@@ -1,45 +1,45 @@
-//! The sensor as QEMU models it.
+//! QEMU's model of the sensor.
 
 use autoswing::frames::{Field, Sensor as SensorFrame};
-use autoswing::magnetometer::lsm303dlhc::{Config, Lsm303dlhc, Range};
-use autoswing::magnetometer::{Error, Identity, Magnetometer, Reading};
+use autoswing::magnetometer::lsm303dlhc::{Lsm303dlhc, Lsm303dlhcConfig, Lsm303dlhcRange};
+use autoswing::magnetometer::{Magnetometer, MagnetometerError};
+use autoswing::reading::{Identity, Reading};
 
 use super::i2c::{NoAcknowledge, SensorBus};
 
-/// QEMU takes no negative fields, so the world outside adds this many counts to each axis, and they are taken off here:
-/// 93 microtesla on x and y, 104 on z, at the range of 1.3 gauss.
+/// Offset added by the simulator and subtracted here, because QEMU accepts no negative fields: 93 uT on x and y, 104 uT
+/// on z at a range of 1.3 gauss.
 const ADDED_COUNTS: [f32; 3] = [1023.0, 1023.0, 1019.0];
 const UT_PER_COUNT: [f32; 3] = [100.0 / 1100.0, 100.0 / 1100.0, 100.0 / 980.0];
 
-/// An LSM303DLHC in QEMU.
 pub struct Sensor(Lsm303dlhc<SensorBus>);
 
 impl Sensor {
     pub const fn new(bus: SensorBus) -> Self {
-        Self(Lsm303dlhc::new(bus, Config { range: Range::Gauss1_3 }))
+        Self(Lsm303dlhc::new(bus, Lsm303dlhcConfig { range: Lsm303dlhcRange::Gauss1_3 }))
     }
 }
 
 impl Magnetometer for Sensor {
     type BusError = NoAcknowledge;
 
-    async fn init(&mut self) -> Result<Identity, Error<NoAcknowledge>> {
+    async fn init(&mut self) -> Result<Identity, MagnetometerError<NoAcknowledge>> {
         self.0.init().await
     }
 
-    async fn read(&mut self) -> Result<Reading, Error<NoAcknowledge>> {
+    async fn read(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
         let reading = self.0.read().await?;
         let added: [f32; 3] = core::array::from_fn(|axis| ADDED_COUNTS[axis] * UT_PER_COUNT[axis]);
         let ut = reading.field.ut - nalgebra::Vector3::from(added);
         Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })
     }
 
-    async fn verify(&mut self) -> Result<(), Error<NoAcknowledge>> {
-        self.0.verify().await
+    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<NoAcknowledge>> {
+        self.0.verify_configuration().await
     }
 
-    fn stuck_after(&self) -> u16 {
-        self.0.stuck_after()
+    fn stuck_reading_count(&self) -> u16 {
+        self.0.stuck_reading_count()
     }
 
     fn period_us(&self) -> u32 {

@@ -1,4 +1,4 @@
-//! The machine's UARTs (ARM DDI0479, CMSDK APB UART).
+//! UARTs of the machine (ARM DDI0479, CMSDK APB UART).
 
 use core::convert::Infallible;
 
@@ -17,27 +17,25 @@ const CONTROL: usize = 0x08;
 const CLEAR: usize = 0x0C;
 const BAUD_DIVISOR: usize = 0x10;
 
-/// `STATE`.
+/// Bits of `STATE`.
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 2;
-/// `CONTROL`: transmitter, receiver, and the receiver's interrupt.
+/// `CONTROL`: transmitter, receiver, receive interrupt.
 const ENABLED: u32 = 0b1011;
-/// `CLEAR`: the receiver's interrupt.
+/// `CLEAR`: receive interrupt.
 const RX_INTERRUPT: u32 = 2;
 
-/// The clock that is divided.
+/// Input clock of the baud-rate divisor.
 const CLOCK_HZ: u32 = 25_000_000;
 
-/// A receive buffer holds 22 ms of input, should a reader be late, as on the reference board.
+/// Receive buffer size: 22 ms of input, as on the reference board.
 const BUFFER: usize = 256;
 
-/// A transmitter that is busy is asked again after one byte's time at 115200 baud.
+/// Polling interval of a busy transmitter: one byte at 115200 baud.
 const BYTE_TIME: Duration = Duration::from_micros(87);
 
-/// What was received, for a task to read.
 pub type Received = Pipe<CriticalSectionRawMutex, BUFFER>;
 
-/// A UART.
 pub struct Uart {
     peripheral: Peripheral,
     pub received: Received,
@@ -58,13 +56,13 @@ impl Uart {
         self.register(CONTROL).write(ENABLED);
     }
 
-    /// The divisor is a whole number: 460,800 baud is 0.5 % off, the others less.
+    /// Rounding error of the divisor: 0.5 % at 460,800 baud, otherwise less.
     fn set_baud(&self, baud: Baud) {
         let bits_per_s = baud.bits_per_s();
         self.register(BAUD_DIVISOR).write((CLOCK_HZ + bits_per_s / 2) / bits_per_s);
     }
 
-    /// A byte that has come.
+    /// Reads a received byte.
     pub fn take(&self) -> Option<u8> {
         if self.register(STATE).read() & RX_FULL == 0 {
             return None;
@@ -73,11 +71,11 @@ impl Uart {
         Some(self.register(DATA).read() as u8)
     }
 
-    /// Keeps a byte that has come, if there is one and room for it.
+    /// Moves a received byte to the buffer; returns whether there was a byte.
     pub fn receive(&self) -> bool {
         let byte = self.take();
         if let Some(byte) = byte {
-            // Without room it is lost, as by any receiver that overruns.
+            // An overrun loses the byte.
             let _ = self.received.try_write(&[byte]);
         }
         byte.is_some()
@@ -93,7 +91,7 @@ impl Uart {
     }
 }
 
-/// The transmitter of a UART, and what is called after each write.
+/// Transmitter of a UART, with a callback after each write.
 pub struct UartTx {
     pub uart: &'static Uart,
     pub written: fn(),
@@ -110,7 +108,7 @@ impl ErrorType for UartTx {
 }
 
 impl Write for UartTx {
-    /// Waits for the first byte alone, so that whoever gives up waiting knows what was sent: nothing.
+    /// Waits only before the first byte, so that a cancelled write has sent nothing.
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let Some((&first, rest)) = bytes.split_first() else { return Ok(0) };
         while !self.uart.put(first) {

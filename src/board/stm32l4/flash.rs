@@ -1,7 +1,7 @@
-//! The store's pages in bank 2 of the internal flash.
+//! Flash of the store, in bank 2 of the internal flash.
 //!
-//! The program runs from bank 1 meanwhile: an erase (22 ms) is waited for, a write (90 us for each double word) keeps
-//! only the tasks of the thread executor waiting.
+//! The program runs from bank 1 meanwhile: an erase (22 ms) is awaited, a write (90 us per double word) blocks only the
+//! thread executor.
 
 use core::ops::Range;
 
@@ -9,23 +9,23 @@ use embassy_stm32::flash::{Async, Flash};
 use embassy_stm32::pac;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// Where the flash begins in the address space.
+/// Start address of the flash.
 const FLASH_BASE: u32 = embassy_stm32::flash::FLASH_BASE as u32;
 
 unsafe extern "C" {
-    // Bounds of the region STORE in memory.x; only their addresses mean anything.
+    // Bounds of region STORE in memory.x; only the addresses are meaningful.
     static __store_start: u8;
     static __store_end: u8;
 }
 
-/// Why the flash refused.
+/// Flash error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// Outside of the store's pages, or not on the grid of double words or pages.
+    /// Outside the store's pages, or unaligned.
     Bounds,
-    /// The hardware reported an error.
+    /// Error reported by the hardware.
     Hardware(embassy_stm32::flash::Error),
-    /// What was written or erased reads back differently.
+    /// Read-back differs from the data.
     Verify,
 }
 
@@ -38,15 +38,15 @@ impl NorFlashError for FlashError {
     }
 }
 
-/// The store's pages; offsets count from the first of them, so that the program cannot be overwritten.
+/// Pages of the store, with offsets relative to the first, so that the program cannot be overwritten.
 pub struct StoreFlash {
     flash: Flash<'static, Async>,
-    /// As offsets from the start of the flash.
+    /// Offsets from the start of the flash.
     pages: Range<u32>,
 }
 
 impl StoreFlash {
-    /// The pages that memory.x keeps for the store.
+    /// The pages reserved in memory.x.
     pub fn new(flash: Flash<'static, Async>) -> Self {
         let start = (&raw const __store_start).addr() as u32 - FLASH_BASE;
         let end = (&raw const __store_end).addr() as u32 - FLASH_BASE;
@@ -58,16 +58,16 @@ impl StoreFlash {
         0..self.pages.end - self.pages.start
     }
 
-    /// Offset in the whole flash of so many bytes at an offset in the store.
+    /// Converts an offset in the store to one in the flash and checks the range.
     fn locate(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
         let room = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
         if size as u64 > u64::from(room) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
     }
 
-    /// Reads past everything the compiler might remember of this memory.
+    /// Volatile read, because the compiler does not know of flash writes.
     fn byte(offset: u32) -> u8 {
         let address = (FLASH_BASE + offset) as *const u8;
-        // SAFETY: callers have located the offset within the store, which is flash, always readable.
+        // SAFETY: callers checked that the offset is within the store, which is readable flash.
         unsafe { address.read_volatile() }
     }
 }
@@ -96,7 +96,7 @@ impl NorFlash for StoreFlash {
     const WRITE_SIZE: usize = embassy_stm32::flash::WRITE_SIZE;
     const ERASE_SIZE: usize = embassy_stm32::flash::MAX_ERASE_SIZE;
 
-    /// Erases pages. The HAL clears the hardware's error flags before it looks at them, so the result is read back.
+    /// Erases pages and reads them back, because the HAL clears the hardware's error flags before checking them.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         let size = to.checked_sub(from).ok_or(FlashError::Bounds)?;
         let start = self.locate(from, size as usize)?;
@@ -106,7 +106,7 @@ impl NorFlash for StoreFlash {
         if (start..start + size).all(|offset| Self::byte(offset) == 0xFF) { Ok(()) } else { Err(FlashError::Verify) }
     }
 
-    /// Writes double words. Blocking, because only the blocking writes of the HAL report errors.
+    /// Writes double words and reads them back. Blocking, because only the HAL's blocking writes report errors.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         let start = self.locate(offset, bytes.len())?;
         let cache = DataCacheOff::new();
@@ -117,10 +117,10 @@ impl NorFlash for StoreFlash {
     }
 }
 
-/// The data cache is off while this lives, and empty afterwards.
+/// Guard that disables the data cache and invalidates it at the end.
 ///
-/// Device errata of the STM32L47x, "Data cache might be corrupted during Flash memory read-while-write operation":
-/// bank 1 must not be read through the data cache while bank 2 is written.
+/// STM32L47x errata, "Data cache might be corrupted during Flash memory read-while-write operation": bank 1 must not be
+/// read through the data cache while bank 2 is written.
 struct DataCacheOff;
 
 impl DataCacheOff {
@@ -132,19 +132,19 @@ impl DataCacheOff {
 
 impl Drop for DataCacheOff {
     fn drop(&mut self) {
-        // What it held may be of before the change. A reset is only allowed while it is off.
+        // Invalidate stale contents; a reset is only allowed while the cache is disabled.
         pac::FLASH.acr().modify(|acr| acr.set_dcrst(true));
         pac::FLASH.acr().modify(|acr| acr.set_dcrst(false));
         pac::FLASH.acr().modify(|acr| acr.set_dcen(true));
     }
 }
 
-/// A double word whose programming was cut off by a power failure raises this when it is read. The read goes on with
-/// whatever is there, and the store's CRC refuses it. In the program's bank it is the end.
+/// ECC error on reading a double word whose programming was interrupted by a power failure. In the store the read
+/// continues, and the store's CRC rejects the data; in the program's bank it panics.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
     assert!(eccr.eccd() && eccr.bk_ecc(), "NMI, ECCR {:08x}", eccr.0);
-    // Writing one clears it.
+    // Writing one clears the flag.
     pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
 }

@@ -1,4 +1,4 @@
-//! An I2C bus that recovers.
+//! I2C bus with recovery from errors.
 
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AnyPin, Level, OutputOpenDrain, Speed};
@@ -7,12 +7,12 @@ use embassy_stm32::mode::Async;
 use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::{ErrorType, Operation};
 
-/// Half a clock period while a stuck chip is clocked: 100 kHz, which every chip follows.
+/// Half a clock period of the recovery: 100 kHz, supported by every chip.
 const HALF_CLOCK: Duration = Duration::from_micros(5);
-/// A chip that holds the data line is at most in the middle of a byte and its acknowledge.
+/// Clocks of the recovery: a byte and its acknowledge.
 const CLOCKS: u32 = 9;
 
-/// The HAL's driver and what is needed to make it again.
+/// The HAL's driver, with the means to recreate it.
 pub struct I2cBus {
     driver: Option<I2c<'static, Async, Master>>,
     make: fn() -> I2c<'static, Async, Master>,
@@ -21,12 +21,12 @@ pub struct I2cBus {
 }
 
 impl I2cBus {
-    /// A bus whose driver `make` makes.
+    /// A bus with a function that creates its driver.
     ///
     /// # Safety
     ///
-    /// `make` may be called whenever the driver it made before has been dropped, and `scl` and `sda` are that driver's
-    /// pins; nothing else uses any of these peripherals.
+    /// `make` may be called whenever the previous driver has been dropped, `scl` and `sda` are that driver's pins, and
+    /// nothing else uses these peripherals.
     pub unsafe fn new(
         scl: Peri<'static, AnyPin>,
         sda: Peri<'static, AnyPin>,
@@ -35,7 +35,7 @@ impl I2cBus {
         Self { driver: None, make, scl, sda }
     }
 
-    /// The driver; made anew, on a bus that has been cleared, after an error and at the first use.
+    /// The driver; created after bus recovery at the first use and after an error.
     async fn driver(&mut self) -> &mut I2c<'static, Async, Master> {
         if self.driver.is_none() {
             self.free_data_line().await;
@@ -43,8 +43,8 @@ impl I2cBus {
         self.driver.get_or_insert_with(self.make)
     }
 
-    /// Keeps the driver only after a transfer that left it in a known state. After a time-out the HAL leaves the
-    /// peripheral as it is: a START that is still pending would go out when the bus gets free.
+    /// Drops the driver unless the transfer left it in a known state. After a timeout the HAL leaves a START pending,
+    /// which would be sent once the bus is free.
     fn settle(&mut self, result: Result<(), Error>) -> Result<(), Error> {
         if !matches!(result, Ok(()) | Err(Error::Nack)) {
             self.driver = None;
@@ -52,8 +52,8 @@ impl I2cBus {
         result
     }
 
-    /// A chip that was interrupted while it sent a zero holds the data line low and waits for clocks: it gets them,
-    /// and a STOP.
+    /// Bus recovery: clocks a chip that was interrupted while sending a zero and holds the data line low, then sends a
+    /// STOP.
     async fn free_data_line(&mut self) {
         let mut scl = OutputOpenDrain::new(self.scl.reborrow(), Level::High, Speed::Low);
         let mut sda = OutputOpenDrain::new(self.sda.reborrow(), Level::High, Speed::Low);
@@ -100,8 +100,8 @@ impl embedded_hal_async::i2c::I2c for I2cBus {
     }
 }
 
-/// The configuration of a sensor bus: 400 kHz, and no transfer longer than 10 ms (the longest takes 0.3 ms; the HAL
-/// sees some missing acknowledges only by its time-out, of one second unless told).
+/// Configuration of the sensor bus: 400 kHz; timeout 10 ms, since the longest transfer takes 0.3 ms, and the HAL
+/// detects some missing acknowledges only by its timeout (default 1 s).
 pub fn config() -> Config {
     let mut config = Config::default();
     config.frequency = embassy_stm32::time::Hertz(400_000);

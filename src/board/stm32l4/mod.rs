@@ -1,4 +1,4 @@
-//! STM32L4: wrappers that make the HAL's drivers survive what happens on real wires, and why the chip was reset.
+//! STM32L4: fault-tolerant wrappers of the HAL's drivers, and the reset cause.
 
 pub mod flash;
 pub mod i2c;

@@ -1,16 +1,16 @@
-//! Why the module started.
+//! Reset cause.
 
 use autoswing::health::ResetCause;
 use embassy_stm32::pac;
 
 use crate::board::last_words;
 
-/// To be called once, first of all: it forgets the answer.
+/// Returns and clears the reset cause. Call once, first of all.
 pub fn cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
     let last_words = last_words::take();
-    // Power-on and brown-out first, for then memory is undefined. The reset pin last: every reset pulls it.
+    // Brown-out first, since memory is then undefined. Reset pin last, since every reset sets its flag.
     match last_words {
         _ if flags.borrstf() => ResetCause::PowerOn,
         Some(text) => ResetCause::Panic(text),

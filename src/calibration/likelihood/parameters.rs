@@ -1,61 +1,56 @@
-//! One set of unknowns, as the matrix, the vector and the angle that they are.
+//! One set of unknowns as matrix, vector and angle.
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Prediction;
-use super::unknowns::{INCLINATION, Vector13, d, w};
+use super::FieldPrediction;
+use super::unknowns::{INCLINATION_INDEX, Vector13, d_index, w_index};
 use crate::calibration::inverse;
-use crate::frames::{Field, Tilt};
+use crate::frames::{AttitudeRotation, Field};
 
-/// One set of unknowns, in the unit of field: the corrected field is `W x + d`, `x` being the field less the mean of
-/// all samples. `d` stands for `b = mean - W^-1 d`: with `b` itself, samples that hardly move along an axis could not
-/// tell the axis' scale from its hard iron but by the difference of two large sums, for which `f32` has too few digits.
+/// One set of unknowns in units of field: the corrected field is `W x + d`, with `x` the field minus the mean of all
+/// samples. `d` replaces `b = mean - W^-1 d`: with `b`, scale and hard iron of an axis with little variation would
+/// differ only in the last digits of large `f32` sums.
 #[derive(Clone, Debug)]
-pub(in crate::calibration) struct Parameters {
-    /// Takes the field in mount axes to the body frame.
+pub(in crate::calibration) struct ModelParameters {
     pub w: Matrix3<f32>,
-    /// The corrected field where the measured one is the mean of all samples.
+    /// Corrected field of a measurement equal to the mean.
     pub d: Vector3<f32>,
-    /// Inclination of the Earth field, radians, positive down.
     pub inclination_rad: f32,
 }
 
-impl Parameters {
-    /// From the unknowns, in the order of [`unknowns`](super::unknowns).
+impl ModelParameters {
     pub fn new(unknowns: &Vector13) -> Self {
         Self {
-            w: Matrix3::from_fn(|row, column| unknowns[w(row, column)]),
-            d: Vector3::from_fn(|axis, _| unknowns[d(axis)]),
-            inclination_rad: unknowns[INCLINATION],
+            w: Matrix3::from_fn(|row, column| unknowns[w_index(row, column)]),
+            d: Vector3::from_fn(|axis, _| unknowns[d_index(axis)]),
+            inclination_rad: unknowns[INCLINATION_INDEX],
         }
     }
 
-    /// The unknowns; `None` if one is not a finite number.
+    /// Vector of unknowns; `None` if not finite.
     pub fn unknowns(&self) -> Option<Vector13> {
         let mut unknowns = Vector13::zeros();
         for i in 0..3 {
             for j in 0..3 {
-                unknowns[w(i, j)] = self.w[(i, j)];
+                unknowns[w_index(i, j)] = self.w[(i, j)];
             }
-            unknowns[d(i)] = self.d[i];
+            unknowns[d_index(i)] = self.d[i];
         }
-        unknowns[INCLINATION] = self.inclination_rad;
+        unknowns[INCLINATION_INDEX] = self.inclination_rad;
         unknowns.iter().all(|u| u.is_finite()).then_some(unknowns)
     }
 
-    /// From the hard iron to the mean of all samples: `W^-1 d`. `None` when `W` has no inverse.
-    pub fn mean_from_b(&self) -> Option<Vector3<f32>> {
+    /// Mean field minus hard iron, `W^-1 d`; `None` when `W` is singular.
+    pub fn mean_minus_hard_iron(&self) -> Option<Vector3<f32>> {
         inverse(&self.w).map(|field_from_body| field_from_body * self.d)
     }
 
-    /// What these parameters make of a measurement, given as the field less the mean, at the tilt of its attitude.
-    pub fn predict(&self, x: Vector3<f32>, tilt: &Tilt) -> Prediction {
-        Prediction::new(x, &(self.w * x + self.d), tilt)
+    pub fn predict(&self, x: Vector3<f32>, tilt: &AttitudeRotation) -> FieldPrediction {
+        FieldPrediction::new(x, &(self.w * x + self.d), tilt)
     }
 
-    /// The field less the mean, noise-free, at an attitude and a heading: `W^-1 (C^T h - d)`. `None` when `W` has no
-    /// inverse.
-    pub fn expected_field(&self, tilt: &Tilt, heading_rad: f32) -> Option<Vector3<f32>> {
+    /// Noise-free field minus the mean, at an attitude and heading: `W^-1 (C^T h - d)`. `None` when `W` is singular.
+    pub fn expected_field(&self, tilt: &AttitudeRotation, heading_rad: f32) -> Option<Vector3<f32>> {
         let level = Field::earth(1.0, self.inclination_rad, heading_rad);
         Some(inverse(&self.w)? * (tilt.body(level).ut - self.d))
     }

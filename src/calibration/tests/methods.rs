@@ -1,20 +1,21 @@
-//! Each method on the data it is for.
+//! Each method on its intended data.
 
 use core::f32::consts::TAU;
 
 use nalgebra::Matrix3;
 
 use super::NO_PRIOR;
-use super::synthetic::{Airframe, Flight, Random, largest, level_circle, mean, rms, sample};
+use super::synthetic::{Airframe, Flight, Random, level_circle, max_abs, mean, rms, sample};
 use crate::calibration::four_ellipse;
-use crate::calibration::ladder::{self, Procedure};
+use crate::calibration::method_selection::{self, Procedure};
 use crate::calibration::{
-    Consider, Envelope, Mark, Method, Part, Prior, Quality, Sample, Samples, Solution, SolveError, Solver, solve,
+    ConsiderSigmas, Envelope, Mark, Method, Prior, Quality, Sample, SamplePart, Samples, Solution, SolveError, Solver,
+    solve,
 };
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
-/// A turn at constant bank and no pitch, nothing wrong: what the paper assumes.
+/// Turn at constant bank and zero pitch without noise, as the paper assumes.
 fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
     let attitude = Attitude::from_deg(bank_deg, 0.0);
     let sense = if bank_deg < 0.0 { -1.0 } else { 1.0 };
@@ -31,8 +32,7 @@ fn airframe(a: Matrix3<f32>, b_ut: [f32; 3]) -> Airframe {
     Airframe { a, b_ut: b_ut.into(), total_ut: 50.0, inclination_rad: 0.94 }
 }
 
-/// Without coupling between the axes all four phases are zero, as the hypothesis says, so that nothing is lost. f32
-/// samples and their squares leave 0.02 deg.
+/// Without axis coupling the phase hypothesis holds exactly. f32 rounding leaves 0.02 deg.
 #[test]
 fn four_ellipses_recover_a_diagonal_airframe_exactly() {
     let airframe = airframe(Matrix3::from_diagonal(&[0.9, 1.15, 1.02].into()), [12.0, -7.0, 20.0]);
@@ -42,15 +42,14 @@ fn four_ellipses_recover_a_diagonal_airframe_exactly() {
         for inclination_rad in [None, Some(airframe.inclination_rad)] {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
             let solution = solve(Method::FourEllipse, samples, &prior).unwrap();
-            let error = largest(&airframe.errors_deg(&solution.calibration));
+            let error = max_abs(&airframe.errors_deg(&solution.calibration));
             assert!(error < 0.02, "{left_deg} {right_deg} {inclination_rad:?}: {error} deg");
         }
     }
 }
 
-/// A told inclination is taken as it is, in place of the vertical field that the turns show.
 #[test]
-fn four_ellipses_believe_a_told_inclination() {
+fn four_ellipses_use_a_configured_inclination() {
     let airframe = airframe(Matrix3::identity(), [12.0, -7.0, 20.0]);
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
     let samples = Samples { left: &left, right: &right, ..Samples::default() };
@@ -61,36 +60,35 @@ fn four_ellipses_believe_a_told_inclination() {
     }
 }
 
-/// Coupling of the axes is what the four ellipses get wrong and the two planes do not.
 #[test]
-fn four_ellipses_lose_what_two_planes_keep() {
+fn axis_coupling_needs_two_planes() {
     let coupled = Matrix3::new(0.98, 0.03, -0.02, -0.02, 0.92, -0.02, -0.01, 0.02, 0.99);
     let airframe = airframe(coupled, [9.0, -1.0, 0.0]);
     let (left, right) = (circle(&airframe, -20.0, 72), circle(&airframe, 20.0, 72));
     let samples = Samples { left: &left, right: &right, ..Samples::default() };
-    let error = |method| largest(&airframe.errors_deg(&solve(method, samples, &NO_PRIOR).unwrap().calibration));
+    let error = |method| max_abs(&airframe.errors_deg(&solve(method, samples, &NO_PRIOR).unwrap().calibration));
     assert!((0.5..4.0).contains(&error(Method::FourEllipse)), "{}", error(Method::FourEllipse));
     assert!(error(Method::TwoPlane) < 0.02, "{}", error(Method::TwoPlane));
 }
 
-/// The ellipse's shape is exact; the hypothesis costs a constant, mounting included. Attitude that wanders by half a
-/// degree is 1.4 deg of heading at 70 deg of inclination, of which 48 samples leave a seventh, twice that at the worst
-/// heading, and 50 airframes find three sigmas of it.
+/// The ellipse's shape is exact; the phase hypothesis causes a constant error, mounting included. Half a degree of
+/// attitude wander is 1.4 deg of heading at 70 deg of inclination; 48 samples reduce it to a seventh, twice that at the
+/// worst heading. Limit: three sigma for 50 airframes.
 #[test]
-fn level_flight_is_right_but_for_a_constant() {
+fn level_flight_leaves_a_constant_error() {
     let mut worst: f32 = 0.0;
     for seed in 0..50 {
         let mut random = Random(300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let samples = level_circle(&airframe, 48, &mut random);
         let level = Samples { level: &samples, ..Samples::default() };
-        assert_eq!(ladder::choose(level, Procedure::Level), Ok(Method::Level));
+        assert_eq!(method_selection::select_method(level, Procedure::Level), Ok(Method::Level));
         let solution = solve(Method::Level, level, &NO_PRIOR).unwrap();
         let errors = airframe.errors_at_deg(&solution.calibration, &[0.0]);
         let constant = mean(&errors);
         let rest: Vec<f32> = errors.iter().map(|e| e - constant).collect();
         assert!(rms(&rest) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&rest));
-        worst = worst.max(largest(&rest));
+        worst = worst.max(max_abs(&rest));
     }
     assert!(worst < 1.2, "{worst} deg");
 }
@@ -109,15 +107,15 @@ fn level_flight_at_too_few_headings_is_refused() {
     };
     let solve = |legs: &[Sample]| solve(Method::Level, Samples { level: legs, ..Samples::default() }, &NO_PRIOR);
     assert!(matches!(solve(&legs(4)), Err(SolveError::TooFewHeadings { need: 5, .. })), "{:?}", solve(&legs(4)));
-    assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(Part::Level));
+    assert_eq!(solve(&legs(1)).map(|_| ()).unwrap_err(), SolveError::NotAnEllipse(SamplePart::Level));
     let solution = solve(&legs(5)).unwrap();
-    // Five headings leave no sample to spare: 0.1 uT in 29 uT is 0.2 deg, three sigmas.
-    assert!(largest(&airframe.errors_at_deg(&solution.calibration, &[0.0])) < 0.6);
+    // Five headings leave no redundancy: 0.1 uT in 29 uT is 0.2 deg, three sigma.
+    assert!(max_abs(&airframe.errors_at_deg(&solution.calibration, &[0.0])) < 0.6);
 }
 
-/// Twelve headings tilted either way, as in Liu 2007 section 4, each given to half a degree.
+/// Twelve headings tilted either way, as in Liu 2007 section 4, each known to 0.5 deg.
 #[test]
-fn a_swing_with_tilt_finds_everything() {
+fn a_tilted_swing_determines_all_coefficients() {
     for seed in 0..50 {
         let mut random = Random(700 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
@@ -137,10 +135,9 @@ fn a_swing_with_tilt_finds_everything() {
     }
 }
 
-/// On the ground nothing is tilted: level headings come out right, mounting included, which no other method on level
-/// ground can do. Banked headings do not, and the uncertainty says so.
+/// A level swing determines level headings including the mounting, but not banked ones.
 #[test]
-fn a_swing_on_level_ground_is_right_there_and_knows_that_it_is_not_elsewhere() {
+fn a_level_swing_is_accurate_level_and_honest_when_banked() {
     for seed in 0..50 {
         let mut random = Random(900 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
@@ -157,7 +154,7 @@ fn a_swing_on_level_ground_is_right_there_and_knows_that_it_is_not_elsewhere() {
         assert!(rms(&level) < 1.5, "seed {seed}: {} deg", rms(&level));
         assert_eq!(solution.quality.envelope, Envelope::Level);
         assert!(rms(&level) < 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {} deg", rms(&level));
-        // Somewhere in a turn the sigma is what a bank without vertical knowledge deserves.
+        // Banked headings have a larger sigma.
         let banks_deg = [30.0, -30.0];
         let banked = rms(&airframe.errors_at_deg(&solution.calibration, &banks_deg));
         assert!(banked < 3.0 * rms(&sigmas_deg(&solution, &banks_deg)), "seed {seed}: {banked} deg");
@@ -170,16 +167,15 @@ fn too_few_marks_are_refused() {
     let mark = Mark { sample: sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0)), heading_rad: 1.0 };
     let solve =
         |marks: &[Mark]| solve(Method::CompassSwing, Samples { marks, ..Samples::default() }, &NO_PRIOR).map(|_| ());
-    let missing = SolveError::TooFewSamples { part: Part::Marks, have: 3, need: 4 };
+    let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
     assert_eq!(solve(&[mark; 3]), Err(missing));
-    // One heading six times is one heading.
     assert!(solve(&[mark; 6]).is_err());
 }
 
-/// Tumbled by hand through all attitudes, no attitude known. What is left is the rotation that a symmetric `W` hides;
-/// here the airframe is symmetric and aligned, so nothing is.
+/// Bench calibration without attitude. The rotation hidden by a symmetric `W` is zero here: the airframe is symmetric
+/// and aligned.
 #[test]
-fn tumbling_finds_shape_and_centre() {
+fn tumbling_determines_shape_and_centre() {
     for seed in 0..50 {
         let mut random = Random(1100 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 0.0, [-70.0, 70.0]);
@@ -187,7 +183,7 @@ fn tumbling_finds_shape_and_centre() {
             .map(|_| {
                 let attitude = Attitude {
                     roll_rad: random.uniform(-3.1, 3.1),
-                    // Evenly over the sphere.
+                    // Uniform over the sphere.
                     pitch_rad: random.uniform(-1.0, 1.0).asin(),
                 };
                 let heading_rad = random.uniform(0.0, TAU);
@@ -196,7 +192,7 @@ fn tumbling_finds_shape_and_centre() {
             })
             .collect();
         let samples = Samples { left: &tumbled, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
+        assert_eq!(method_selection::select_method(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
         let solution = solve(Method::Ellipsoid, samples, &NO_PRIOR).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         assert!(rms(&errors) < 0.6, "seed {seed}: {} deg", rms(&errors));
@@ -204,25 +200,24 @@ fn tumbling_finds_shape_and_centre() {
     }
 }
 
-/// Many ellipsoids go through two ellipses (Liu 2007 section 2).
+/// Many ellipsoids contain two given ellipses (Liu 2007 section 2).
 #[test]
 fn turns_do_not_determine_an_ellipsoid() {
     for seed in 0..20 {
         let mut random = Random(1300 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-60.0, 60.0]);
-        let flight = Flight { wander_deg: 0.5, ..Flight::REAL };
+        let flight = Flight { wander_deg: 0.5, ..Flight::TYPICAL };
         let recorded = flight.fly(&airframe, &mut random);
         let result = solve(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
-        let open = matches!(result, Err(SolveError::NotDetermined(Part::All) | SolveError::NotConverged));
+        let open = matches!(result, Err(SolveError::NotDetermined(SamplePart::All) | SolveError::NotConverged));
         assert!(open, "seed {seed}: {:?}", result.map(|s| s.quality));
     }
 }
 
-/// What a swing on level ground does not see is mostly the vertical response, of which the inclination is the larger half: told
-/// to the 0.3 deg that the field model and the ground below leave, it takes two thirds of the error of banked headings, which
-/// were 5.5 deg without.
+/// A level swing leaves the vertical response unobservable, mainly the inclination. Configured to 0.3 deg (field model
+/// and local geology), it removes two thirds of the banked error of 5.5 deg.
 #[test]
-fn a_told_inclination_makes_a_level_swing_better_in_turns() {
+fn a_configured_inclination_improves_a_level_swing_when_banked() {
     let (mut free, mut told) = (Vec::new(), Vec::new());
     for seed in 0..50_u8 {
         let mut random = Random(5000 + u64::from(seed));
@@ -247,10 +242,8 @@ fn a_told_inclination_makes_a_level_swing_better_in_turns() {
     assert!(rms(&told) < 0.4 * rms(&free), "{} {}", rms(&told), rms(&free));
 }
 
-/// A told inclination may only help, also one that is 0.3 deg off, as the field model's is; a wrong one by two degrees must
-/// not do harm beyond what it says.
 #[test]
-fn a_told_inclination_is_used_with_care() {
+fn a_wrong_configured_inclination_does_little_harm() {
     let mut told = Vec::new();
     let mut free = Vec::new();
     let mut near = Vec::new();
@@ -258,7 +251,7 @@ fn a_told_inclination_is_used_with_care() {
     for seed in 0..40 {
         let mut random = Random(1500 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let recorded = Flight { bank_deg: 15.0, ..Flight::REAL }.fly(&airframe, &mut random);
+        let recorded = Flight { bank_deg: 15.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let error = |inclination_rad: Option<f32>| {
             let prior = Prior { inclination_rad, ..NO_PRIOR };
             let solution = solve(Method::MaximumLikelihood, recorded.turns(), &prior).unwrap();
@@ -274,44 +267,42 @@ fn a_told_inclination_is_used_with_care() {
     assert!(rms(&wrong) < 1.5 * rms(&free), "{} {}", rms(&wrong), rms(&free));
 }
 
-/// One side and level flight: less sharp, but it knows.
 #[test]
-fn one_side_and_level_flight_are_enough_and_know_how_much() {
+fn one_side_and_level_flight_have_an_honest_expected_error() {
     let mut ratios = Vec::new();
     for seed in 0..50 {
         let mut random = Random(1700 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
-        let turns = Flight { attitude_bias_deg: 0.0, ..Flight::REAL }.fly(&airframe, &mut random);
+        let turns = Flight { attitude_bias_deg: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let level = level_circle(&airframe, 60, &mut random);
         let samples = Samples { left: &turns.left, level: &level, ..Samples::default() };
-        assert_eq!(ladder::choose(samples, Procedure::Turns), Ok(Method::MaximumLikelihood));
+        assert_eq!(method_selection::select_method(samples, Procedure::Turns), Ok(Method::MaximumLikelihood));
         let solution = solve(Method::MaximumLikelihood, samples, &NO_PRIOR).unwrap();
         ratios.push(rms(&airframe.errors_deg(&solution.calibration)) / solution.quality.expected_rms_deg);
     }
-    assert!(largest(&ratios) < 3.0, "{}", largest(&ratios));
+    assert!(max_abs(&ratios) < 3.0, "{}", max_abs(&ratios));
 }
 
-/// The sigma of a heading without the noise of a reading and the expected error are two sums of the same, where no error
-/// of attitude is considered that stays the same: that is in the expected error alone.
+/// Without consider states, heading sigma without sensor noise and expected error agree; with them only the expected
+/// error grows.
 #[test]
 fn sigma_over_the_envelope_is_the_expected_error() {
     let mut random = Random(3);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
-    let flight = Flight::REAL.fly(&airframe, &mut random);
-    let solved = |consider: Consider| {
-        let solver = Solver::with_consider(Method::MaximumLikelihood, flight.turns(), &NO_PRIOR, consider);
+    let flight = Flight::TYPICAL.fly(&airframe, &mut random);
+    let solved = |consider: ConsiderSigmas| {
+        let solver = Solver::with_consider_sigmas(Method::MaximumLikelihood, flight.turns(), &NO_PRIOR, consider);
         solver.unwrap().run(flight.turns()).unwrap()
     };
-    let (solution, usual) = (solved(Consider::NOTHING), solved(Consider::DEFAULT));
+    let (solution, usual) = (solved(ConsiderSigmas::ZERO), solved(ConsiderSigmas::DEFAULT));
     assert_eq!(solution.uncertainty, usual.uncertainty);
     assert!(usual.quality.expected_rms_deg > 1.5 * solution.quality.expected_rms_deg);
     let sigmas_deg = sigmas_deg(&solution, &[-30.0, 0.0, 30.0]);
     let Quality { expected_rms_deg, expected_worst_deg, .. } = solution.quality;
     assert!((rms(&sigmas_deg) - expected_rms_deg).abs() < 1e-4, "{} {expected_rms_deg}", rms(&sigmas_deg));
-    assert!((largest(&sigmas_deg) - expected_worst_deg).abs() < 1e-4);
+    assert!((max_abs(&sigmas_deg) - expected_worst_deg).abs() < 1e-4);
 }
 
-/// Sigma of headings at twelve headings and these banks, without the noise of a reading.
 fn sigmas_deg(solution: &Solution, banks_deg: &[f32]) -> Vec<f32> {
     let Solution { calibration, uncertainty, .. } = solution;
     let mut quiet = *uncertainty;

@@ -1,57 +1,53 @@
-//! What the solver promises: accuracy here, each method in `methods`, every reason to refuse in `refusals`, faults in
-//! `robustness`, samples of two airframes in `constancy`, what is tried again in `second_thoughts`, symmetries in
-//! `symmetry`, which method when and what to fly in `guidance`, small values in `basics`, the likelihood's derivatives
-//! in `derivatives`, samples of no side in `any`, its noise and damping in `likelihood`, its sigmas in `forecast`, how late
-//! the attitude is in `latency`, iron that goes with the current in `current`.
+//! Tests of the solver. This file: accuracy.
 
-mod any;
-mod basics;
-mod constancy;
-mod current;
+mod change_detection;
 pub(crate) mod derivatives;
-mod forecast;
-mod guidance;
+mod expected_error;
+mod free_flight;
 mod latency;
 mod likelihood;
+mod manoeuvre_advice;
 mod methods;
-mod refusals;
+mod motor_current;
+mod rejections;
 mod robustness;
-mod second_thoughts;
+mod second_starts;
 mod symmetry;
 pub(crate) mod synthetic;
+mod value_types;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::ladder::{self, Procedure};
+use super::method_selection::{self, Procedure};
 use super::{
-    Calibration, Method, Orientation, Part, Prior, Samples, Side, SolveError, rows, solve, two_plane, verification,
+    Calibration, Method, Orientation, Prior, SamplePart, Samples, Side, SolveError, matrix_rows, solve, two_plane,
+    verification,
 };
 use crate::frames::Field;
-use synthetic::{Airframe, Flight, Random, Recorded, largest, mean, quantile, rms, vector};
+use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
 
 const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 };
 
-fn solved(recorded: &Recorded) -> Result<super::Solution, SolveError> {
+fn solved(recorded: &RecordedTurns) -> Result<super::Solution, SolveError> {
     solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
 }
 
-/// Soft iron to 30 %, hard iron to 3 H0, mounting to 20 deg: the worst airframes there are.
-fn harsh(random: &mut Random) -> Airframe {
+/// Worst plausible airframes: soft iron 30 %, hard iron 3 H0, mounting 20 deg.
+fn harsh_airframe(random: &mut Random) -> Airframe {
     Airframe::random(random, 0.3, 3.0, 20.0, [-60.0, 75.0])
 }
 
-/// At constant bank and zero pitch the closed form leaves nothing out. f32 samples carry 7 digits; a conic takes the
-/// square root of them, and 0.05 deg is what is left on the worst of these airframes.
+/// Exact at constant bank and zero pitch. A conic loses half of f32's digits: 0.05 deg at worst.
 #[test]
 fn two_planes_are_exact_on_perfect_turns() {
     for seed in 0..50 {
         let mut random = Random(seed);
-        let airframe = harsh(&mut random);
-        let mut flight = Flight { bank_deg: random.uniform(15.0, 45.0), ..Flight::PERFECT };
+        let airframe = harsh_airframe(&mut random);
+        let mut flight = Flight { bank_deg: random.uniform(15.0, 45.0), ..Flight::NOISE_FREE };
         flight.samples = 200;
         let mut recorded = flight.fly(&airframe, &mut random);
         for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
-            // The generator flies at 2 deg of pitch; the closed form is exact at none.
+            // The generator flies at 2 deg of pitch; the closed form requires zero.
             let heading = sample
                 .attitude
                 .level(Field::new(airframe.a.try_inverse().unwrap() * (sample.field.ut - airframe.b_ut)));
@@ -61,22 +57,22 @@ fn two_planes_are_exact_on_perfect_turns() {
         let planes = two_plane::solve(recorded.turns(), &Matrix3::identity()).unwrap();
         let w = planes.a_ut.try_inverse().unwrap().cast::<f32>();
         let none = Calibration::uncalibrated(Orientation::NONE);
-        let calibration = Calibration { w: rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
-        let error = largest(&airframe.errors_deg(&calibration));
+        let calibration =
+            Calibration { w: matrix_rows(&w), b_ut: planes.b_ut.cast::<f32>().into(), total_ut: 1.0, ..none };
+        let error = max_abs(&airframe.errors_deg(&calibration));
         assert!(error < 0.05, "seed {seed}: {error} deg");
     }
 }
 
-/// With the attitude of every sample known, wandering attitude costs nothing but f32's digits.
 #[test]
 fn maximum_likelihood_is_exact_without_noise() {
     for seed in 0..50 {
         let mut random = Random(seed);
-        let airframe = harsh(&mut random);
-        let flight = Flight { wander_deg: 2.0, ..Flight::PERFECT };
+        let airframe = harsh_airframe(&mut random);
+        let flight = Flight { wander_deg: 2.0, ..Flight::NOISE_FREE };
         let solution = solved(&flight.fly(&airframe, &mut random)).unwrap();
-        let error = largest(&airframe.errors_deg(&solution.calibration));
-        // The priors pull by their share of the information: the residual floors leave 0.1 deg at worst.
+        let error = max_abs(&airframe.errors_deg(&solution.calibration));
+        // The priors pull against the residual floors: 0.1 deg at worst.
         assert!(error < 0.1, "seed {seed}: {error} deg");
     }
 }
@@ -85,8 +81,8 @@ fn maximum_likelihood_is_exact_without_noise() {
 fn every_start_converges() {
     for seed in 0..200 {
         let mut random = Random(1000 + seed);
-        let airframe = harsh(&mut random);
-        let flight = Flight { bank_deg: random.uniform(15.0, 45.0), sensor_noise_ut: 0.3, ..Flight::REAL };
+        let airframe = harsh_airframe(&mut random);
+        let flight = Flight { bank_deg: random.uniform(15.0, 45.0), sensor_noise_ut: 0.3, ..Flight::TYPICAL };
         let solution = solved(&flight.fly(&airframe, &mut random)).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let errors = airframe.errors_deg(&solution.calibration);
         let expected = solution.quality.expected_rms_deg;
@@ -94,16 +90,15 @@ fn every_start_converges() {
     }
 }
 
-/// The product's promise on ordinary airframes, and that the expected error is honest.
 #[test]
-fn accuracy_and_its_forecast() {
+fn accuracy_and_expected_error() {
     let mut actual = Vec::new();
     let mut constant = Vec::new();
     let mut ratios = Vec::new();
     for seed in 0..100 {
         let mut random = Random(5000 + seed);
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
-        let solution = solved(&Flight::REAL.fly(&airframe, &mut random)).unwrap();
+        let solution = solved(&Flight::TYPICAL.fly(&airframe, &mut random)).unwrap();
         let errors = airframe.errors_deg(&solution.calibration);
         actual.push(rms(&errors));
         constant.push(mean(&errors).abs());
@@ -112,26 +107,26 @@ fn accuracy_and_its_forecast() {
     println!(
         "rms median {} worst {}; constant worst {}; actual/expected median {} worst {}, mean square {}",
         quantile(&actual, 0.5),
-        largest(&actual),
-        largest(&constant),
+        max_abs(&actual),
+        max_abs(&constant),
         quantile(&ratios, 0.5),
-        largest(&ratios),
+        max_abs(&ratios),
         mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>())
     );
     assert!(quantile(&actual, 0.5) <= 0.4);
-    assert!(largest(&actual) <= 1.0);
-    assert!(largest(&constant) <= 0.6);
-    assert!(largest(&ratios) <= 3.0);
-    // One would be a perfect forecast; the samples' own scatter and 100 flights allow half of it either way.
+    assert!(max_abs(&actual) <= 1.0);
+    assert!(max_abs(&constant) <= 0.6);
+    assert!(max_abs(&ratios) <= 3.0);
+    // Ideally 1; 100 flights allow half of it either way.
     let mean_square = mean(&ratios.iter().map(|r| r * r).collect::<Vec<_>>());
     assert!((0.5..1.5).contains(&mean_square), "{mean_square}");
 }
 
 #[test]
-fn every_right_angle_mounting_is_solved_and_a_wrong_one_named() {
+fn every_right_angle_mounting_is_solved_and_a_wrong_one_reported() {
     let mut random = Random(7);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [60.0, 60.0]);
-    let recorded = Flight::REAL.fly(&airframe, &mut random);
+    let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
     for mount in Orientation::all() {
         let turned = recorded.in_mount(mount);
         let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
@@ -149,21 +144,21 @@ fn every_right_angle_mounting_is_solved_and_a_wrong_one_named() {
 }
 
 #[test]
-fn what_cannot_be_solved_is_refused_with_its_reason() {
+fn unsolvable_samples_are_rejected_with_a_reason() {
     let mut random = Random(11);
     let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 50.0]);
-    let good = Flight::REAL.fly(&airframe, &mut random);
-    let refused = |change: &dyn Fn(&mut Recorded)| {
+    let good = Flight::TYPICAL.fly(&airframe, &mut random);
+    let refused = |change: &dyn Fn(&mut RecordedTurns)| {
         let mut recorded = good.clone();
         change(&mut recorded);
         solved(&recorded).map(|s| s.quality.expected_rms_deg)
     };
     let one_side = Samples { left: &[], ..good.turns() };
-    let missing = ladder::choose(one_side, Procedure::Turns);
-    assert!(matches!(missing, Err(SolveError::TooFewSamples { part: Part::Turns(Side::Left), have: 0, .. })));
+    let missing = method_selection::select_method(one_side, Procedure::Turns);
+    assert!(matches!(missing, Err(SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 0, .. })));
     assert_eq!(refused(&|r| r.right[3].field.ut.y = f32::NAN), Err(SolveError::NotFinite));
     assert_eq!(refused(&|r| r.left[9].attitude.roll_rad = f32::NAN), Err(SolveError::NotFinite));
-    // The source's roll has the wrong sign: what it calls right turns are left ones.
+    // Inverted roll: right turns are labelled left.
     let reversed = refused(&|r| {
         core::mem::swap(&mut r.left, &mut r.right);
         for s in r.left.iter_mut().chain(&mut r.right) {
@@ -171,14 +166,12 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
         }
     });
     assert!(reversed.is_err(), "{reversed:?}");
-    // A held heading: either no solution, or one that says how little it knows.
     let held = refused(&|r| {
         for s in r.left.iter_mut().chain(&mut r.right) {
             s.field = airframe.field(s.attitude, 1.0);
         }
     });
     assert!(held.is_err() || held.is_ok_and(|expected_deg| expected_deg > 3.0), "{held:?}");
-    // Magnetic chaos.
     let mut noise = Random(3);
     let mut chaos = good.clone();
     for s in chaos.left.iter_mut().chain(&mut chaos.right) {
@@ -191,23 +184,23 @@ fn what_cannot_be_solved_is_refused_with_its_reason() {
 fn verification_prefers_the_truth() {
     let mut random = Random(21);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [60.0, 60.0]);
-    let held_back = Flight::REAL.fly(&airframe, &mut random);
+    let held_back = Flight::TYPICAL.fly(&airframe, &mut random);
     let truth = Calibration {
-        w: rows(&airframe.a.try_inverse().unwrap()),
+        w: matrix_rows(&airframe.a.try_inverse().unwrap()),
         b_ut: airframe.b_ut.into(),
         inclination_rad: airframe.inclination_rad,
         total_ut: airframe.total_ut,
         latency_s: 0.0,
-        current: crate::calibration::CurrentIron::NONE,
+        motor_current: crate::calibration::MotorCurrentInterference::NONE,
     };
     let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
-    // 2 uT of hard iron is about 4 deg of heading in this field.
+    // 2 uT of hard iron are about 4 deg of heading in this field.
     let moved = Calibration { b_ut: (airframe.b_ut + Vector3::new(2.0, 0.0, 0.0)).into(), ..truth };
     for worse in [uncalibrated, moved] {
-        let scores = verification::verify(held_back.turns(), true, &truth, &worse);
-        assert!(scores.candidate < scores.incumbent, "{scores:?}");
+        let scores = verification::score_held_back(held_back.turns(), true, &truth, &worse);
+        assert!(scores.candidate < scores.active, "{scores:?}");
     }
-    let none = Recorded { left: Vec::new(), right: Vec::new() };
-    let scores = verification::verify(none.turns(), true, &truth, &uncalibrated);
-    assert!(scores.candidate.is_nan() && scores.incumbent.is_nan());
+    let none = RecordedTurns { left: Vec::new(), right: Vec::new() };
+    let scores = verification::score_held_back(none.turns(), true, &truth, &uncalibrated);
+    assert!(scores.candidate.is_nan() && scores.active.is_nan());
 }

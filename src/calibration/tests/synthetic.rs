@@ -1,39 +1,37 @@
-//! Synthetic turns for unit tests: an independent, small model of what a sensor sees. The full world is host-sim's.
+//! Synthetic turns: a small sensor model for unit tests, independent of the host simulator.
 
 use core::f32::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
-use crate::calibration::response::Start;
+use crate::calibration::starting_point::StartingPoint;
 use crate::calibration::{Calibration, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 
-/// A vector whose components are evenly distributed within a bound either way.
 pub fn vector(random: &mut Random, bound: f32) -> Vector3<f32> {
     Vector3::from_fn(|_, _| random.uniform(-bound, bound))
 }
 
-/// Noise that forgets with time constant `tau_s`.
 struct GaussMarkov {
     sigma: f32,
-    keep: f32,
+    correlation: f32,
     value: f32,
 }
 
 impl GaussMarkov {
     fn new(random: &mut Random, sigma: f32, tau_s: f32, step_s: f32) -> Self {
-        Self { sigma, keep: (-step_s / tau_s).exp(), value: sigma * random.normal() }
+        Self { sigma, correlation: (-step_s / tau_s).exp(), value: sigma * random.normal() }
     }
 
     fn next(&mut self, random: &mut Random) -> f32 {
-        self.value = self.keep * self.value + self.sigma * (1.0 - self.keep * self.keep).sqrt() * random.normal();
+        self.value = self.correlation * self.value
+            + self.sigma * (1.0 - self.correlation * self.correlation).sqrt() * random.normal();
         self.value
     }
 }
 
-/// An airframe in a field.
 #[derive(Clone, Copy, Debug)]
 pub struct Airframe {
     pub a: Matrix3<f32>,
@@ -43,9 +41,8 @@ pub struct Airframe {
 }
 
 impl Airframe {
-    /// A solve that begins at what is true.
-    pub(in crate::calibration) fn exact_start(&self) -> Start {
-        Start {
+    pub(in crate::calibration) fn exact_start(&self) -> StartingPoint {
+        StartingPoint {
             unit_ut: self.total_ut,
             w: self.a.try_inverse().unwrap(),
             b: self.b_ut / self.total_ut,
@@ -53,7 +50,7 @@ impl Airframe {
         }
     }
 
-    /// Soft iron to `soft` (relative), hard iron to `hard` H0, mounting to `mount_deg`.
+    /// Random soft iron up to `soft` (relative), hard iron up to `hard` H0, mounting error up to `mount_deg`.
     pub fn random(random: &mut Random, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> Self {
         let inclination_rad = random.uniform(inclination_deg[0], inclination_deg[1]).to_radians();
         let total_ut = random.uniform(40.0, 60.0);
@@ -76,12 +73,11 @@ impl Airframe {
         Field::new(self.a * attitude.body(level).ut + self.b_ut)
     }
 
-    /// Heading errors in degrees at exact field and attitude, twelve headings by level, right and left bank.
+    /// Heading errors at exact field and attitude, degrees: twelve headings at 0, 25 and -25 deg of bank.
     pub fn errors_deg(&self, calibration: &Calibration) -> Vec<f32> {
         self.errors_at_deg(calibration, &[0.0, 25.0, -25.0])
     }
 
-    /// The same at other banks.
     pub fn errors_at_deg(&self, calibration: &Calibration, banks_deg: &[f32]) -> Vec<f32> {
         let mut errors = Vec::new();
         for &bank_deg in banks_deg {
@@ -96,7 +92,6 @@ impl Airframe {
     }
 }
 
-/// A sample at an attitude and heading, with noise.
 pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_ut: f32, random: &mut Random) -> Sample {
     let noise = Vector3::from_fn(|_, _| random.normal() * noise_ut);
     Sample {
@@ -107,7 +102,7 @@ pub fn sample(airframe: &Airframe, attitude: Attitude, heading_rad: f32, noise_u
     }
 }
 
-/// A circle without bank, as a multirotor or a boat turns: noise of sensor and attitude as in [`Flight::REAL`].
+/// Level circle of a multirotor or boat, with typical noise.
 pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> Vec<Sample> {
     (0..samples)
         .map(|i| {
@@ -125,9 +120,9 @@ pub fn level_circle(airframe: &Airframe, samples: u16, random: &mut Random) -> V
         .collect()
 }
 
-/// A multirotor: it yaws once each way in hover, then yaws slowly on while it is pushed to all sides by 15 deg, four times
-/// a second. Which way it tilts has nothing to do with which way it turns.
-pub fn hovered(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
+/// Multirotor at 4 Hz: yaws once each way in hover, then yaws slowly with tilts of 15 deg to all sides, independent of
+/// the yaw.
+pub fn multirotor_samples(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<Sample> {
     const STEP_S: f32 = 0.25;
     let mut heading_rad = random.uniform(0.0, TAU);
     (0..400_u16)
@@ -156,12 +151,11 @@ pub fn hovered(airframe: &Airframe, noise_deg: f32, random: &mut Random) -> Vec<
         .collect()
 }
 
-/// How turns are flown and measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
     pub bank_deg: f32,
     pub samples: u16,
-    /// Wander of bank and pitch, 1 sigma, correlated over 1.5 s.
+    /// Bank and pitch wander, 1 sigma, correlated over 1.5 s.
     pub wander_deg: f32,
     pub sensor_noise_ut: f32,
     /// Attitude noise, 1 sigma, correlated over 0.5 s.
@@ -171,8 +165,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// Constant attitude, nothing wrong.
-    pub const PERFECT: Self = Self {
+    pub const NOISE_FREE: Self = Self {
         bank_deg: 25.0,
         samples: 150,
         wander_deg: 0.0,
@@ -182,20 +175,20 @@ impl Flight {
         bank_scale: 0.0,
     };
 
-    /// Light weather, a good autopilot, LIS3MDL readings averaged by eight.
-    pub const REAL: Self = Self {
+    /// Light weather, good autopilot, LIS3MDL readings averaged by eight.
+    pub const TYPICAL: Self = Self {
         wander_deg: 2.0,
         sensor_noise_ut: 0.12,
         attitude_noise_deg: 0.3,
         attitude_bias_deg: 0.2,
         bank_scale: 0.01,
-        ..Self::PERFECT
+        ..Self::NOISE_FREE
     };
 
-    pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> Recorded {
+    pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> RecordedTurns {
         let bias =
             Attitude::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
-        Recorded {
+        RecordedTurns {
             left: self.turn(airframe, random, Side::Left, bias),
             right: self.turn(airframe, random, Side::Right, bias),
         }
@@ -214,14 +207,14 @@ impl Flight {
                 let truth = Attitude::from_deg(roll_deg, pitch_deg);
                 heading_rad += STEP_S * 9.81 * truth.roll_rad.tan() / 22.0;
                 let error_deg = noise.each_mut().map(|n| n.next(random));
-                let told =
+                let reported =
                     Attitude::from_deg(roll_deg * (1.0 + self.bank_scale) + error_deg[0], pitch_deg + error_deg[1]);
                 let sensor_noise = Vector3::from_fn(|_, _| random.normal() * self.sensor_noise_ut);
                 Sample {
                     field: Field::new(airframe.field(truth, heading_rad).ut + sensor_noise),
                     attitude: Attitude {
-                        roll_rad: told.roll_rad + bias.roll_rad,
-                        pitch_rad: told.pitch_rad + bias.pitch_rad,
+                        roll_rad: reported.roll_rad + bias.roll_rad,
+                        pitch_rad: reported.pitch_rad + bias.pitch_rad,
                     },
                     time: WrappingMillis::new(u32::from(i) * 500),
                     rates: Rates::NONE,
@@ -231,19 +224,17 @@ impl Flight {
     }
 }
 
-/// The samples of a flight.
 #[derive(Clone, Debug)]
-pub struct Recorded {
+pub struct RecordedTurns {
     pub left: Vec<Sample>,
     pub right: Vec<Sample>,
 }
 
-impl Recorded {
+impl RecordedTurns {
     pub fn turns(&self) -> Samples<'_> {
         Samples { left: &self.left, right: &self.right, ..Samples::default() }
     }
 
-    /// The same flight with the chip mounted otherwise.
     pub fn in_mount(&self, mount: Orientation) -> Self {
         let sensor_from_body = mount.body_from_sensor().transpose();
         let turned = |s: &Sample| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s };
@@ -259,11 +250,10 @@ pub fn mean(values: &[f32]) -> f32 {
     values.iter().sum::<f32>() / values.len() as f32
 }
 
-pub fn largest(values: &[f32]) -> f32 {
+pub fn max_abs(values: &[f32]) -> f32 {
     values.iter().fold(0.0, |largest, v| largest.max(v.abs()))
 }
 
-/// The p-th fraction of sorted values.
 pub fn quantile(values: &[f32], fraction: f32) -> f32 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f32::total_cmp);

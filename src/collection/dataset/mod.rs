@@ -1,227 +1,209 @@
-//! Samples of left turns, right turns and level flight, in buffers of fixed capacity, evenly spread over heading.
+//! Sample buffers for left turns, right turns and level flight, spread over heading.
 
-use super::buffer::Buffer;
-use super::kept::Room;
-use super::part::{Apart, Config, PartSamples, Purpose};
-use super::spread::Spread;
+use super::buffer::BorrowedBuffer;
+use super::d_optimal_selection::DOptimalSelection;
+use super::part::{PartConfig, PartSamples, SampleUse, TumbleConfig};
+use super::retained_samples::PartMemory;
 use crate::calibration::{Calibration, Quality, Sample, Samples, Side};
 use crate::frames::{Attitude, wrap_pi};
 use crate::trig;
+use crate::trig::Length as _;
 
 pub use super::circle::SECTORS;
 pub use super::part::Coverage;
 
-/// Samples for the fit, a side: 16 a sector. 4.6 KB.
+/// Fit samples per turn side: 16 per sector. 4.6 KB.
 pub const FIT_CAPACITY: usize = 16 * SECTORS;
 
-/// Samples held back for verification, a side: 5 a sector. 1.4 KB.
+/// Verification samples per turn side: 5 per sector. 1.4 KB.
 pub(super) const HELD_BACK_CAPACITY: usize = 5 * SECTORS;
 
-/// Samples of level flight for the fit: 5 a sector and some. 1.5 KB.
+/// Fit samples of level flight: 5 per sector, rounded up. 1.5 KB.
 pub(super) const LEVEL_FIT_CAPACITY: usize = 64;
 
-/// Samples of level flight held back. 0.5 KB.
+/// Verification samples of level flight. 0.5 KB.
 pub(super) const LEVEL_HELD_BACK_CAPACITY: usize = 20;
 
-/// Samples held back of a part, at the fewest, when it is complete: verification must not ask for more.
-pub(crate) const HELD_BACK_WHEN_COMPLETE: u16 = Config::LEVEL.held_back_when_complete();
-const _: () = assert!(HELD_BACK_WHEN_COMPLETE <= Config::TURNS.held_back_when_complete());
+/// Smallest number of held-back samples in a complete part; verification must not require more.
+pub(crate) const MIN_HELD_BACK_WHEN_COMPLETE: u16 = PartConfig::LEVEL.min_held_back_when_complete();
+const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= PartConfig::TURNS.min_held_back_when_complete());
 
-// A part that could not be filled would never be complete.
-const _: () = assert!(Config::TURNS.fits(FIT_CAPACITY) && Config::LEVEL.fits(LEVEL_FIT_CAPACITY));
-const _: () = assert!(Apart::DEFAULT.target as usize <= FIT_CAPACITY);
-const _: () = assert!(Config::TURNS.held_back_when_complete() as usize <= HELD_BACK_CAPACITY);
-const _: () = assert!(Config::LEVEL.held_back_when_complete() as usize <= LEVEL_HELD_BACK_CAPACITY);
+// Every part must be able to become complete.
+const _: () =
+    assert!(PartConfig::TURNS.fits_capacity(FIT_CAPACITY) && PartConfig::LEVEL.fits_capacity(LEVEL_FIT_CAPACITY));
+const _: () = assert!(TumbleConfig::DEFAULT.target as usize <= FIT_CAPACITY);
+const _: () = assert!(PartConfig::TURNS.min_held_back_when_complete() as usize <= HELD_BACK_CAPACITY);
+const _: () = assert!(PartConfig::LEVEL.min_held_back_when_complete() as usize <= LEVEL_HELD_BACK_CAPACITY);
 
-/// A field that differs by less is the same, microtesla: three sigmas of a sample's noise.
-const MIN_MOVE_UT: f32 = 1.0;
+/// Smallest change of the field between distinct samples, microtesla: three sigma of an averaged sample.
+const MIN_FIELD_CHANGE_UT: f32 = 1.0;
 
-/// So is an attitude, radians: 1.5 deg.
-const MIN_TILT_RAD: f32 = 0.026;
+/// Smallest change of the attitude between distinct samples, radians (1.5 deg).
+const MIN_ATTITUDE_CHANGE_RAD: f32 = 0.026;
 
-fn has_moved(last: &Sample, sample: &Sample) -> bool {
+fn is_distinct(last: &Sample, sample: &Sample) -> bool {
     let tilt_rad = trig::hypot(
         wrap_pi(sample.attitude.roll_rad - last.attitude.roll_rad),
         sample.attitude.pitch_rad - last.attitude.pitch_rad,
     );
-    (sample.field.ut - last.field.ut).norm() >= MIN_MOVE_UT || tilt_rad >= MIN_TILT_RAD
+    (sample.field.ut - last.field.ut).length() >= MIN_FIELD_CHANGE_UT || tilt_rad >= MIN_ATTITUDE_CHANGE_RAD
 }
 
-/// The samples of both sides and of level flight, each in the order of time.
 #[derive(Debug)]
 pub(super) struct Dataset<'a> {
     left: PartSamples<'a>,
     right: PartSamples<'a>,
     level: PartSamples<'a>,
-    /// Distance that samples of all attitudes keep now, microtesla.
-    apart_ut: f32,
-    /// What those to solve with told together when one was last held against all of them.
-    known: Spread,
+    /// Minimum distance between samples of all attitudes, microtesla; grows when the buffer is full.
+    min_distance_ut: f32,
+    /// Information of the free-flight fit samples.
+    selection: DOptimalSelection,
 }
 
-/// Words of a dataset: all that its samples do not tell.
-pub(super) type Words = [u32; 7];
+pub(super) type DatasetWords = [u32; 7];
 
 impl<'a> Dataset<'a> {
-    /// With what the memory holds of samples by its words; with none for words of nothing.
     pub fn new(
-        left: &'a mut Room<FIT_CAPACITY, HELD_BACK_CAPACITY>,
-        right: &'a mut Room<FIT_CAPACITY, HELD_BACK_CAPACITY>,
-        level: &'a mut Room<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
-        words: Words,
+        left: &'a mut PartMemory<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+        right: &'a mut PartMemory<FIT_CAPACITY, HELD_BACK_CAPACITY>,
+        level: &'a mut PartMemory<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
+        words: DatasetWords,
     ) -> Self {
         let [of_left @ .., right_lengths, right_counts, level_lengths, level_counts, apart] = words;
         Self {
             left: PartSamples::new(&mut left.fit, &mut left.held_back, of_left),
             right: PartSamples::new(&mut right.fit, &mut right.held_back, [right_lengths, right_counts]),
             level: PartSamples::new(&mut level.fit, &mut level.held_back, [level_lengths, level_counts]),
-            apart_ut: f32::from_bits(apart),
-            known: Spread::NONE,
+            min_distance_ut: f32::from_bits(apart),
+            selection: DOptimalSelection::NONE,
         }
     }
 
-    /// Its words.
-    pub fn words(&self) -> Words {
-        let ([a, b], [c, d], [e, f]) = (self.left.words(), self.right.words(), self.level.words());
-        [a, b, c, d, e, f, self.apart_ut.to_bits()]
+    pub fn encode(&self) -> DatasetWords {
+        let ([a, b], [c, d], [e, f]) = (self.left.encode(), self.right.encode(), self.level.encode());
+        [a, b, c, d, e, f, self.min_distance_ut.to_bits()]
     }
 
-    /// All its samples.
-    pub fn all(&self) -> [&[Sample]; 6] {
+    pub fn all_buffers(&self) -> [&[Sample]; 6] {
         let Self { left, right, level, .. } = self;
         [left.fit(), left.held_back(), right.fit(), right.held_back(), level.fit(), level.held_back()]
     }
 
-    /// How many samples were taken, or looked at more closely than that they come too soon; wraps.
-    pub fn taken(&self) -> u16 {
-        self.left.taken().wrapping_add(self.right.taken()).wrapping_add(self.level.taken())
+    pub fn taken_count(&self) -> u16 {
+        self.left.taken_count().wrapping_add(self.right.taken_count()).wrapping_add(self.level.taken_count())
     }
 
-    /// Offers a sample of a turn; keeps it if it adds something.
     pub fn push_turn(&mut self, side: Side, sample: Sample) {
         match side {
-            Side::Left => self.left.push(&Config::TURNS, sample),
-            Side::Right => self.right.push(&Config::TURNS, sample),
+            Side::Left => self.left.push_by_sector(&PartConfig::TURNS, sample),
+            Side::Right => self.right.push_by_sector(&PartConfig::TURNS, sample),
         }
     }
 
-    /// Offers a sample of level flight; keeps it if it adds something.
     pub fn push_level(&mut self, sample: Sample) {
-        self.level.push(&Config::LEVEL, sample);
+        self.level.push_by_sector(&PartConfig::LEVEL, sample);
     }
 
-    /// Offers a sample of whatever attitude; keeps it if it is far from the others. They lie where left turns would, of
-    /// which there are none then.
-    pub fn push_any(&mut self, sample: Sample) {
-        self.left.push_apart(&Config::TURNS, &mut self.apart_ut, sample);
+    /// Stores a sample of any attitude if it is far from the others, in the left-turn buffer.
+    pub fn push_tumbled(&mut self, sample: Sample) {
+        self.left.push_by_distance(&PartConfig::TURNS, &mut self.min_distance_ut, sample);
     }
 
-    /// Offers a sample of whatever is flown; keeps it if it tells more than one of those that are there. They lie where
-    /// those of turns and level flight would, of which there are none then. Whether it is another measurement than the
-    /// last, kept or not.
-    pub fn push_spread(&mut self, sample: Sample) -> bool {
-        let is_news = self.is_news(&sample);
+    /// Stores a free-flight sample in place of the least informative one, in any buffer. Returns whether it is finite
+    /// and distinct.
+    pub fn push_free_flight(&mut self, sample: Sample) -> bool {
+        let is_news = self.is_new_measurement(&sample);
         if is_news {
-            self.exchange(sample);
+            self.replace_weakest(sample);
         }
         is_news
     }
 
-    /// How many of whatever was flown were kept, at first or in place of others; wraps. Counted with the right piece,
-    /// whichever they lie in.
-    pub fn kept(&self) -> u16 {
-        self.right.taken()
+    /// Number of free-flight samples stored, including replacements; wraps. Counted in the right-turn part.
+    pub fn stored_free_flight(&self) -> u16 {
+        self.right.taken_count()
     }
 
-    /// From now on samples of whatever is flown are chosen by coefficients that fit as well as this.
-    pub fn learn(&mut self, calibration: &Calibration, quality: &Quality) {
-        self.known.learn(calibration, quality);
+    pub fn use_trial_solution(&mut self, calibration: &Calibration, quality: &Quality) {
+        self.selection.use_trial_solution(calibration, quality);
     }
 
-    /// Whether they are.
-    #[cfg(test)]
-    pub fn has_learnt(&self) -> bool {
-        self.known.has_learnt()
+    pub fn uses_trial_solution(&self) -> bool {
+        self.selection.uses_trial_solution()
     }
 
-    fn exchange(&mut self, sample: Sample) {
-        // Counted with the left piece, whichever it will lie in.
-        let purpose = self.left.take(&Config::TURNS, &sample);
-        if self.pieces(purpose).into_iter().any(|piece| piece.push(sample)) {
-            self.right.count();
+    fn replace_weakest(&mut self, sample: Sample) {
+        // The left-turn part counts free-flight samples for the hold-back cycle.
+        let purpose = self.left.assign_use(&PartConfig::TURNS, &sample);
+        if self.buffers(purpose).into_iter().any(|piece| piece.push(sample)) {
+            self.right.count_sample();
             return;
         }
-        if purpose == Purpose::Fit && !self.known.may_gain(&sample) {
+        if purpose == SampleUse::Fit && !self.selection.may_exceed_weakest(&sample) {
             return;
         }
-        let Self { left, right, level, known, .. } = self;
+        let Self { left, right, level, selection: known, .. } = self;
         let any = match purpose {
-            Purpose::Fit => [left.fit(), right.fit(), level.fit()],
-            Purpose::Verification => [left.held_back(), right.held_back(), level.held_back()],
+            SampleUse::Fit => [left.fit(), right.fit(), level.fit()],
+            SampleUse::Verification => [left.held_back(), right.held_back(), level.held_back()],
         };
         let lengths = any.map(<[_]>::len);
-        let samples = Samples { left: core::slice::from_ref(&sample), any, ..Samples::default() };
-        let mut of_verification = known.of_others();
-        let known = if purpose == Purpose::Fit { known } else { &mut of_verification };
-        let weakest = known.weakest(samples);
-        // The first is the new one.
+        let samples = Samples { left: core::slice::from_ref(&sample), unassigned: any, ..Samples::default() };
+        let mut of_verification = known.for_other_set();
+        let known = if purpose == SampleUse::Fit { known } else { &mut of_verification };
+        let weakest = known.find_weakest(samples);
         let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
-        self.right.count();
-        for (piece, length) in self.pieces(purpose).into_iter().zip(lengths) {
+        self.right.count_sample();
+        for (piece, length) in self.buffers(purpose).into_iter().zip(lengths) {
             if place < length {
-                return piece.replace(place, sample);
+                return piece.remove_and_push(place, sample);
             }
             place -= length;
         }
     }
 
-    fn pieces(&mut self, purpose: Purpose) -> [&mut Buffer<'a, Sample>; 3] {
-        [self.left.of(purpose), self.right.of(purpose), self.level.of(purpose)]
+    fn buffers(&mut self, purpose: SampleUse) -> [&mut BorrowedBuffer<'a, Sample>; 3] {
+        [self.left.buffer_mut(purpose), self.right.buffer_mut(purpose), self.level.buffer_mut(purpose)]
     }
 
-    /// Whether a sample is a measurement, and another than the last one: who stands tells nothing twice, and may stand
-    /// beside a hangar.
-    fn is_news(&self, sample: &Sample) -> bool {
-        let kept = [self.spread(), self.spread_held_back()].into_iter().flat_map(|samples| samples.any);
-        let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.since(last.time));
+    /// Whether a sample is finite and differs from the last stored one. A parked aircraft adds no information, and may
+    /// be near the iron of a hangar.
+    fn is_new_measurement(&self, sample: &Sample) -> bool {
+        let kept =
+            [self.free_flight_fit(), self.free_flight_held_back()].into_iter().flat_map(|samples| samples.unassigned);
+        let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.ms_since(last.time));
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
         let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|c| c.is_finite());
-        is_measurement && last.is_none_or(|last| has_moved(last, sample))
+        is_measurement && last.is_none_or(|last| is_distinct(last, sample))
     }
 
-    /// Samples of whatever was flown to solve with.
-    pub fn spread(&self) -> Samples<'_> {
-        Samples { any: [self.left.fit(), self.right.fit(), self.level.fit()], ..Samples::default() }
+    pub fn free_flight_fit(&self) -> Samples<'_> {
+        Samples { unassigned: [self.left.fit(), self.right.fit(), self.level.fit()], ..Samples::default() }
     }
 
-    /// The same to verify with.
-    pub fn spread_held_back(&self) -> Samples<'_> {
+    pub fn free_flight_held_back(&self) -> Samples<'_> {
         let any = [self.left.held_back(), self.right.held_back(), self.level.held_back()];
-        Samples { any, ..Samples::default() }
+        Samples { unassigned: any, ..Samples::default() }
     }
 
-    /// How many there are of whatever was flown. What they are worth is not in their number.
-    pub fn spread_coverage(&self) -> Coverage {
-        let number = |samples: Samples<'_>| samples.number_of_any() as u16;
-        let (samples, held_back) = (number(self.spread()), number(self.spread_held_back()));
+    pub fn free_flight_coverage(&self) -> Coverage {
+        let number = |samples: Samples<'_>| samples.unassigned_count() as u16;
+        let (samples, held_back) = (number(self.free_flight_fit()), number(self.free_flight_held_back()));
         Coverage { samples, held_back, ..Coverage::default() }
     }
 
-    /// Forgets all samples.
     pub fn clear(&mut self) {
         self.left.clear();
         self.right.clear();
         self.level.clear();
-        self.apart_ut = Apart::DEFAULT.distance_ut;
-        self.known.forget();
+        self.min_distance_ut = TumbleConfig::DEFAULT.initial_distance_ut;
+        self.selection.reset();
     }
 
-    /// Samples to solve with, without marks.
     pub fn fit(&self) -> Samples<'_> {
         Samples { left: self.left.fit(), right: self.right.fit(), level: self.level.fit(), ..Samples::default() }
     }
 
-    /// Samples to verify with; none of them is among those of [`fit`](Self::fit).
     pub fn held_back(&self) -> Samples<'_> {
         Samples {
             left: self.left.held_back(),
@@ -231,16 +213,15 @@ impl<'a> Dataset<'a> {
         }
     }
 
-    /// How well the turns of a side are covered; samples of all attitudes count as left turns.
-    pub fn turns(&self, side: Side) -> Coverage {
+    /// Samples of all attitudes count as left turns.
+    pub fn turn_coverage(&self, side: Side) -> Coverage {
         match side {
             Side::Left => self.left.coverage(),
             Side::Right => self.right.coverage(),
         }
     }
 
-    /// How well level flight is covered.
-    pub fn level(&self) -> Coverage {
+    pub fn level_coverage(&self) -> Coverage {
         self.level.coverage()
     }
 }

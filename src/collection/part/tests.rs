@@ -1,42 +1,39 @@
-use super::super::testing::{on_circle, sample};
+use super::super::test_samples::{circle_sample, sample};
 use super::*;
 
-/// An empty part of such buffers.
-fn part(fit: usize, held_back: usize) -> PartSamples<'static> {
+fn empty_part(fit: usize, held_back: usize) -> PartSamples<'static> {
     let room = |number| vec![sample([0.0; 3], 0); number].leak();
     PartSamples::new(room(fit), room(held_back), [0; 2])
 }
 
-/// A buffer of so much room with these in it.
-fn buffer(room: usize, samples: impl IntoIterator<Item = Sample>) -> Buffer<'static, Sample> {
-    let mut buffer = Buffer::new(vec![sample([0.0; 3], 0); room].leak(), 0);
+fn buffer(room: usize, samples: impl IntoIterator<Item = Sample>) -> BorrowedBuffer<'static, Sample> {
+    let mut buffer = BorrowedBuffer::new(vec![sample([0.0; 3], 0); room].leak(), 0);
     samples.into_iter().for_each(|sample| assert!(buffer.push(sample)));
     buffer
 }
 
-/// Offers a sample every so many milliseconds, from just before the milliseconds wrap; how many are kept.
-fn kept_at(spacing_ms: u32, number: u32) -> usize {
-    let mut part = part(100, 100);
+/// Number of samples stored at this interval, across a wrap of the clock.
+fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
+    let mut part = empty_part(100, 100);
     for i in 0..number {
-        part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000)));
+        part.push_by_sector(&PartConfig::TURNS, sample([i as f32, 0.0, 0.0], (i * spacing_ms).wrapping_sub(1000)));
     }
     part.fit().len() + part.held_back().len()
 }
 
 #[test]
 fn samples_are_taken_every_four_tenths_of_a_second() {
-    assert_eq!(kept_at(400, 40), 40);
-    assert_eq!(kept_at(399, 40), 20, "every other one");
-    assert_eq!(kept_at(100, 40), 10, "every fourth one");
+    assert_eq!(stored_at_interval(400, 40), 40);
+    assert_eq!(stored_at_interval(399, 40), 20, "every other one");
+    assert_eq!(stored_at_interval(100, 40), 10, "every fourth one");
 }
 
-/// The same for samples of all attitudes, however far apart.
 #[test]
 fn tumbled_samples_are_taken_every_four_tenths_of_a_second() {
     for (spacing_ms, kept) in [(400, 20), (399, 10)] {
-        let mut part = part(100, 100);
+        let mut part = empty_part(100, 100);
         for i in 0..20 {
-            part.push_apart(&Config::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * spacing_ms));
+            part.push_by_distance(&PartConfig::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * spacing_ms));
         }
         assert_eq!(part.fit().len() + part.held_back().len(), kept);
     }
@@ -44,70 +41,69 @@ fn tumbled_samples_are_taken_every_four_tenths_of_a_second() {
 
 #[test]
 fn every_fourth_sample_is_held_back() {
-    let mut part = part(100, 100);
+    let mut part = empty_part(100, 100);
     for i in 0..13 {
-        part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
+        part.push_by_sector(&PartConfig::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
     }
-    let times = |samples: &[Sample]| samples.iter().map(|s| s.time.count() / 400).collect::<Vec<_>>();
+    let times = |samples: &[Sample]| samples.iter().map(|s| s.time.as_ms() / 400).collect::<Vec<_>>();
     assert_eq!(times(part.held_back()), [3, 7, 11]);
     assert_eq!(times(part.fit()), [0, 1, 2, 4, 5, 6, 8, 9, 10, 12]);
 }
 
-/// Forgetting starts the rounds of four anew, too, and the spacing.
+/// The hold-back cycle and the sample interval restart.
 #[test]
-fn a_part_begins_anew() {
-    let mut part = part(12, 8);
+fn clearing_restarts_a_part() {
+    let mut part = empty_part(12, 8);
     for i in 0..3 {
-        part.push(&Config::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
+        part.push_by_sector(&PartConfig::TURNS, sample([i as f32, 0.0, 0.0], i * 400));
     }
     part.clear();
-    part.push(&Config::TURNS, sample([0.0; 3], 801));
+    part.push_by_sector(&PartConfig::TURNS, sample([0.0; 3], 801));
     assert_eq!((part.fit().len(), part.held_back().len()), (1, 0));
 }
 
-/// Samples whose time is their sector, and then their age: sector 3 is the most crowded.
-fn crowded() -> Buffer<'static, Sample> {
+/// Samples at `100 sector + age`; sector 3 is the most crowded.
+fn crowded_buffer() -> BorrowedBuffer<'static, Sample> {
     buffer(6, [100, 301, 302, 500, 303, 700].map(|time_ms| sample([0.0; 3], time_ms)))
 }
 
-fn times(samples: &Buffer<'_, Sample>) -> Vec<u32> {
-    samples.as_slice().iter().map(|s| s.time.count()).collect()
+fn times(samples: &BorrowedBuffer<'_, Sample>) -> Vec<u32> {
+    samples.as_slice().iter().map(|s| s.time.as_ms()).collect()
 }
 
-fn by_time(sample: &Sample) -> usize {
-    sample.time.count() as usize / 100
+fn sector_from_time(sample: &Sample) -> usize {
+    sample.time.as_ms() as usize / 100
 }
 
 #[test]
 fn a_full_buffer_gives_up_the_oldest_of_the_most_crowded_sector() {
-    let mut samples = crowded();
-    insert(&mut samples, sample([0.0; 3], 1100), by_time);
+    let mut samples = crowded_buffer();
+    insert_balanced(&mut samples, sample([0.0; 3], 1100), sector_from_time);
     assert_eq!(times(&samples), [100, 302, 500, 303, 700, 1100]);
-    insert(&mut samples, sample([0.0; 3], 0), by_time);
+    insert_balanced(&mut samples, sample([0.0; 3], 0), sector_from_time);
     assert_eq!(times(&samples), [100, 500, 303, 700, 1100, 0]);
 }
 
 #[test]
 fn a_full_buffer_takes_no_more_of_its_most_crowded_sector() {
-    let mut samples = crowded();
-    insert(&mut samples, sample([0.0; 3], 399), by_time);
-    assert_eq!(samples.as_slice(), crowded().as_slice());
+    let mut samples = crowded_buffer();
+    insert_balanced(&mut samples, sample([0.0; 3], 399), sector_from_time);
+    assert_eq!(samples.as_slice(), crowded_buffer().as_slice());
 }
 
 #[test]
-fn a_buffer_with_room_takes_what_it_gets() {
+fn a_buffer_with_room_accepts_all() {
     let mut samples = buffer(3, []);
     for time_ms in [300, 301, 302] {
-        insert(&mut samples, sample([0.0; 3], time_ms), by_time);
+        insert_balanced(&mut samples, sample([0.0; 3], time_ms), sector_from_time);
     }
     assert_eq!(times(&samples), [300, 301, 302]);
 }
 
-/// 8 samples in each of 12 sectors and 132 in all; one less of either is not enough, and a crowded sector does not
-/// stand in for a poor one.
+/// 8 samples in each of 12 sectors and 132 in all.
 #[test]
 fn a_turn_is_complete_with_every_sector_filled_and_enough_in_all() {
-    let turns = |counts: &[u16; SECTORS], samples| percent_of_turn(&Config::TURNS, counts, samples);
+    let turns = |counts: &[u16; SECTORS], samples| percent_of_turn(&PartConfig::TURNS, counts, samples);
     let mut counts = [8; SECTORS];
     assert_eq!(turns(&counts, 132), 100);
     assert_eq!(turns(&counts, 131), 99);
@@ -117,7 +113,7 @@ fn a_turn_is_complete_with_every_sector_filled_and_enough_in_all() {
     counts = [50; SECTORS];
     counts[0] = 0;
     assert_eq!(turns(&counts, 132), 91);
-    let level = |counts: &[u16; SECTORS], samples| percent_of_turn(&Config::LEVEL, counts, samples);
+    let level = |counts: &[u16; SECTORS], samples| percent_of_turn(&PartConfig::LEVEL, counts, samples);
     assert_eq!((level(&[4; SECTORS], 48), level(&[4; SECTORS], 47), level(&[3; SECTORS], 48)), (100, 97, 75));
 }
 
@@ -130,39 +126,40 @@ fn percent_is_rounded_down_and_ends_at_a_hundred() {
     assert_eq!((percent(u16::MAX, 1), percent(5, 0)), (100, 100));
 }
 
-/// A circle of a radius, passed four times, so many samples of it for the fit; how well it is covered.
-fn circled(radius_ut: f32, fit: u16) -> Coverage {
-    let mut part = part(200, 70);
-    // Of each four the last one is held back.
+fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
+    let mut part = empty_part(200, 70);
+    // The last of each four is held back.
     for i in 0..u32::from(fit + (fit - 1) / 3) {
         let (sin, cos) = (i as f32 * 30.5).to_radians().sin_cos();
-        part.push(&Config::TURNS, sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400));
+        part.push_by_sector(&PartConfig::TURNS, sample([radius_ut * cos, radius_ut * sin, 40.0], i * 400));
     }
     assert_eq!(part.fit().len(), usize::from(fit));
     part.coverage()
 }
 
 #[test]
-fn headings_are_told_apart_on_a_circle_of_four_microtesla_with_ten_samples() {
+fn headings_are_resolved_on_a_circle_of_four_microtesla_with_ten_samples() {
     let sectors = |coverage: Coverage| (coverage.sectors > 0, coverage.percent > 0);
-    assert_eq!(sectors(circled(4.1, 60)), (true, true));
-    assert_eq!(sectors(circled(3.9, 60)), (false, false));
-    assert_eq!(sectors(circled(20.0, 10)), (true, true));
-    assert_eq!(sectors(circled(20.0, 9)), (false, false));
-    assert_eq!((circled(3.9, 60).samples, circled(3.9, 60).held_back), (60, 19), "they are counted all the same");
-    assert_eq!(circled(20.0, 150).percent, 100);
+    assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
+    assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
+    assert_eq!(sectors(circle_coverage(20.0, 10)), (true, true));
+    assert_eq!(sectors(circle_coverage(20.0, 9)), (false, false));
+    assert_eq!(
+        (circle_coverage(3.9, 60).samples, circle_coverage(3.9, 60).held_back),
+        (60, 19),
+        "they are counted all the same"
+    );
+    assert_eq!(circle_coverage(20.0, 150).percent, 100);
 }
 
-/// A circle is known from whichever buffer has samples: it gives the fit its sectors, and a full buffer of either kind
-/// new headings for old ones.
 #[test]
 fn the_circle_is_that_of_both_buffers() {
     let offer = |hold_back_every: u16| {
-        let config = Config { hold_back_every, ..Config::TURNS };
-        let mut part = part(12, 12);
+        let config = PartConfig { hold_back_cycle: hold_back_every, ..PartConfig::TURNS };
+        let mut part = empty_part(12, 12);
         for i in 0..36_u32 {
             let heading_deg = if i < 12 { i as f32 * 2.0 } else { i as f32 * 30.0 };
-            part.push(&config, Sample { time: WrappingMillis::new(i * 400), ..on_circle(heading_deg) });
+            part.push_by_sector(&config, Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) });
         }
         part
     };
@@ -170,18 +167,20 @@ fn the_circle_is_that_of_both_buffers() {
     assert!(all_fit.coverage().sectors >= 11, "{:?}", all_fit.coverage());
     for samples in [all_fit.fit(), all_held_back.held_back()] {
         assert_eq!(samples.len(), 12);
-        assert!(samples.iter().filter(|s| s.time.count() >= 12 * 400).count() >= 10, "{samples:?}");
+        assert!(samples.iter().filter(|s| s.time.as_ms() >= 12 * 400).count() >= 10, "{samples:?}");
     }
 }
 
-/// A sector counts once it has one sample: ten samples within 25 deg lie in one sector or two.
 #[test]
 fn sectors_with_a_sample_are_counted() {
-    let mut part = part(200, 70);
+    let mut part = empty_part(200, 70);
     for i in 0..14_u32 {
-        // Twelve all round make the circle known, eleven sectors hold one sample each at the most.
+        // Two arcs of 18 deg: at most four sectors.
         let heading_deg = if i < 7 { i as f32 * 3.0 } else { 180.0 + (i - 7) as f32 * 3.0 };
-        part.push(&Config::TURNS, Sample { time: WrappingMillis::new(i * 400), ..on_circle(heading_deg) });
+        part.push_by_sector(
+            &PartConfig::TURNS,
+            Sample { time: WrappingMillis::new(i * 400), ..circle_sample(heading_deg) },
+        );
     }
     assert!((2..=4).contains(&part.coverage().sectors), "{:?}", part.coverage());
 }
@@ -192,16 +191,19 @@ fn complete_is_a_hundred_percent() {
     assert!(!Coverage { percent: 99, ..Coverage::NONE }.is_complete());
 }
 
-/// Once complete, even a circle that is lost (a sample far away) takes nothing back.
+/// A distant sample spoils the circle.
 #[test]
 fn a_complete_part_stays_complete() {
-    let mut part = part(200, 70);
+    let mut part = empty_part(200, 70);
     for i in 0..190_u32 {
-        part.push(&Config::TURNS, Sample { time: WrappingMillis::new(i * 400), ..on_circle(i as f32 * 13.0) });
+        part.push_by_sector(
+            &PartConfig::TURNS,
+            Sample { time: WrappingMillis::new(i * 400), ..circle_sample(i as f32 * 13.0) },
+        );
     }
     assert!(part.coverage().is_complete());
     for i in 190..194_u32 {
-        part.push(&Config::TURNS, sample([900.0, 0.0, 0.0], i * 400));
+        part.push_by_sector(&PartConfig::TURNS, sample([900.0, 0.0, 0.0], i * 400));
         assert!(part.coverage().is_complete(), "{:?}", part.coverage());
     }
 }
@@ -209,26 +211,34 @@ fn a_complete_part_stays_complete() {
 #[test]
 fn thinning_leaves_the_first_of_each_crowd() {
     let mut samples = buffer(8, [0.0, 1.0, 2.0, 3.0, 2.5, 10.0].map(|x| sample([x, 0.0, 0.0], 0)));
-    thin(&mut samples, 2.0);
+    remove_close_samples(&mut samples, 2.0);
     assert_eq!(samples.as_slice().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 
-/// One that cannot be held back for lack of room is used for the fit.
 #[test]
 fn a_full_held_back_buffer_of_all_attitudes_leaves_the_sample_to_the_fit() {
-    let mut part = part(12, 1);
+    let mut part = empty_part(12, 1);
     for i in 0..8 {
-        part.push_apart(&Config::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
+        part.push_by_distance(&PartConfig::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
     }
     assert_eq!((part.fit().len(), part.held_back().len()), (7, 1));
 }
 
 #[test]
 fn a_part_can_be_filled_by_what_its_buffer_holds() {
-    let config = Config { target: 48, sector_target: 4, min_samples: 10, ..Config::TURNS };
-    assert!(config.fits(48) && !config.fits(47), "either target");
-    assert!(!Config { target: 49, ..config }.fits(48));
-    assert!(!Config { sector_target: 5, ..config }.fits(59) && Config { sector_target: 5, ..config }.fits(60));
-    assert!(!Config { min_samples: 49, ..config }.fits(100) && Config { min_samples: 48, ..config }.fits(100));
-    assert_eq!((Config::TURNS.held_back_when_complete(), Config::LEVEL.held_back_when_complete()), (43, 15));
+    let config = PartConfig { target: 48, sector_samples: 4, min_samples: 10, ..PartConfig::TURNS };
+    assert!(config.fits_capacity(48) && !config.fits_capacity(47), "either target");
+    assert!(!PartConfig { target: 49, ..config }.fits_capacity(48));
+    assert!(
+        !PartConfig { sector_samples: 5, ..config }.fits_capacity(59)
+            && PartConfig { sector_samples: 5, ..config }.fits_capacity(60)
+    );
+    assert!(
+        !PartConfig { min_samples: 49, ..config }.fits_capacity(100)
+            && PartConfig { min_samples: 48, ..config }.fits_capacity(100)
+    );
+    assert_eq!(
+        (PartConfig::TURNS.min_held_back_when_complete(), PartConfig::LEVEL.min_held_back_when_complete()),
+        (43, 15)
+    );
 }

@@ -1,31 +1,30 @@
-//! A collection of whatever is flown: it is tried while it goes on, tells what is missing, and ends when it is good.
+//! Collections in flight with trial solves.
 
 use super::*;
 use crate::calibration::Manoeuvre;
-use crate::calibration::tests::synthetic::hovered;
+use crate::calibration::tests::synthetic::multirotor_samples;
 use nalgebra::Vector3;
 
-/// A hundred seconds of a multirotor, four samples a second: yaw turns for forty, then pushes to all sides.
+/// 100 s of a multirotor, 4 samples/s: 40 s of yaw turns, then tilts to all sides.
 fn hover(seed: u64) -> Vec<Sample> {
-    hovered(&airframe(), 0.3, &mut Random(seed))
+    multirotor_samples(&airframe(), 0.3, &mut Random(seed))
 }
 
-impl Bed {
+impl TestBed {
     fn wanting(accuracy_deg: f32) -> Self {
         let mut bed = Self::new();
-        bed.saved(Command::Set(Setting::Accuracy(accuracy_deg))).unwrap();
+        bed.saved(Command::Set(SettingChange::Accuracy(accuracy_deg))).unwrap();
         bed.done(Command::CalStart(Procedure::Flight));
         bed
     }
 
-    /// Takes samples, their time counted from its own, and runs each trial to its end. What ended the collection, and after
-    /// how many samples; nothing if it goes on.
-    fn hover(&mut self, samples: &[Sample]) -> Option<(Outcome, usize)> {
+    /// Processes samples and trial solves; returns the outcome and the number of samples at the end.
+    fn hover(&mut self, samples: &[Sample]) -> Option<(SolveOutcome, usize)> {
         self.hover_and_see(samples, &mut |_| ())
     }
 
-    /// The same; what each trial that did not end it found is seen.
-    fn hover_and_see(&mut self, samples: &[Sample], see: &mut dyn FnMut(Prospect)) -> Option<(Outcome, usize)> {
+    /// With a callback after each trial.
+    fn hover_and_see(&mut self, samples: &[Sample], see: &mut dyn FnMut(TrialResult)) -> Option<(SolveOutcome, usize)> {
         let began = self.now;
         for (number, sample) in samples.iter().enumerate() {
             self.now = began.wrapping_add(250 * number as u32);
@@ -33,7 +32,7 @@ impl Bed {
             assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
             let tries = self.compass.is_busy();
             while self.compass.is_busy() {
-                assert_eq!(self.compass.state(), State::Collecting, "nobody asked for a solve");
+                assert_eq!(self.compass.state(), ModuleState::Collecting, "nobody asked for a solve");
                 match self.compass.step(Event::Advance) {
                     Effect::None => {}
                     end => return Some((self.settle(end), number)),
@@ -46,8 +45,8 @@ impl Bed {
         None
     }
 
-    fn prospect(&mut self) -> Option<Prospect> {
-        self.report().prospect
+    fn prospect(&mut self) -> Option<TrialResult> {
+        self.report().last_trial
     }
 }
 
@@ -55,20 +54,19 @@ impl Bed {
 fn it_ends_by_itself_when_it_is_as_good_as_wanted() {
     let mut ends = Vec::new();
     for accuracy_deg in [1.5, 0.5] {
-        let mut bed = Bed::wanting(accuracy_deg);
+        let mut bed = TestBed::wanting(accuracy_deg);
         let (outcome, samples) = bed.hover(&hover(1)).unwrap();
         let expected_deg = outcome.unwrap().quality.expected_rms_deg;
         assert!(expected_deg <= accuracy_deg, "{expected_deg}");
-        assert_eq!(bed.compass.state(), State::Calibrated);
-        let calibration = bed.compass.in_use().unwrap().calibration;
+        assert_eq!(bed.compass.state(), ModuleState::Calibrated);
+        let calibration = bed.compass.active_record().unwrap().calibration;
         assert!(rms(&airframe().errors_deg(&calibration)) < 3.0 * expected_deg);
         ends.push(samples);
     }
-    // Yaw turns alone do not do it, and what is wanted more exactly takes longer.
+    // Yaw turns alone do not suffice; higher accuracy takes longer.
     assert!(ends[0] > 160 && ends[0] < ends[1], "{ends:?}");
 }
 
-/// With iron by current one trial that is good enough may be so by chance, and is not enough; without it, it is.
 #[test]
 fn with_iron_by_current_good_is_what_is_so_twice_running() {
     for (ut_per_a, good_before) in [(0.4, 1), (0.0, 0)] {
@@ -78,66 +76,61 @@ fn with_iron_by_current_good_is_what_is_so_twice_running() {
             sample.rates = sample.rates.with_current(Some(current_a));
             sample.field.ut += Vector3::new(0.6, -0.7, 0.4) * ut_per_a * current_a;
         }
-        let (mut bed, mut good) = (Bed::wanting(1.5), 0);
+        let (mut bed, mut good) = (TestBed::wanting(1.5), 0);
         let (outcome, _) = bed
             .hover_and_see(&samples, &mut |prospect| {
                 good += usize::from(prospect.expected_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
             })
             .unwrap();
         assert!(outcome.unwrap().quality.expected_rms_deg <= 1.5);
-        assert_eq!(bed.compass.in_use().unwrap().calibration.current.is_used(), ut_per_a > 0.0);
+        assert_eq!(bed.compass.active_record().unwrap().calibration.motor_current.is_applied(), ut_per_a > 0.0);
         assert_eq!(good, good_before, "{ut_per_a}");
     }
 }
 
-/// Wanted is what no flight gives: the collection goes on, told by what the trial found, and tells how good it is; another
-/// one begins untold.
+/// At an unreachable accuracy the trial's solution serves for sample selection; a new collection discards it.
 #[test]
 fn it_goes_on_while_it_is_not_good_enough() {
-    let mut bed = Bed::wanting(0.2);
-    assert!(bed.prospect().is_none() && !bed.compass.collector.has_learnt(), "not tried");
+    let mut bed = TestBed::wanting(0.2);
+    assert!(bed.prospect().is_none() && !bed.compass.collector.uses_trial_solution(), "not tried");
     assert!(bed.hover(&hover(2)[..300]).is_none());
-    assert!(bed.compass.collector.has_learnt());
-    let Some(Prospect { expected_deg: Some(expected_deg), refusal: None, .. }) = bed.prospect() else {
+    assert!(bed.compass.collector.uses_trial_solution());
+    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bed.prospect() else {
         panic!("{:?}", bed.prospect())
     };
     assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
-    // What is asked for takes what there is.
-    assert_eq!(bed.done(Command::CalSolve(None)), State::Solving);
+    assert_eq!(bed.done(Command::CalSolve(None)), ModuleState::Solving);
     let end = bed.solve();
     let found = bed.settle(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
     bed.compass.collector.begin(Procedure::Flight);
-    assert!(!bed.compass.collector.has_learnt());
+    assert!(!bed.compass.collector.uses_trial_solution());
 }
 
-/// After yaw turns alone a tilt is missing, and whoever asks for a solve after a second of it is told so; before it, that
-/// there was none.
 #[test]
-fn what_is_missing_is_told() {
-    let mut bed = Bed::wanting(1.0);
+fn the_recommended_manoeuvre_is_reported() {
+    let mut bed = TestBed::wanting(1.0);
     assert!(bed.hover(&hover(3)[..160]).is_none());
     bed.done(Command::CalSolve(None));
     let end = bed.solve();
     let refusal = bed.settle(end).unwrap_err();
     assert!(refusal.to_string().contains("deg; the attitude tilts by 1.1 deg at most; tilt by 15"), "{refusal}");
-    let mut bed = Bed::wanting(1.0);
+    let mut bed = TestBed::wanting(1.0);
     assert!(bed.hover(&hover(3)[..164]).is_none());
     let prospect = bed.prospect().unwrap();
-    assert!(matches!(prospect.missing, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
+    assert!(matches!(prospect.missing_manoeuvre, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
     bed.done(Command::CalSolve(None));
     let end = bed.solve();
     let refusal = bed.settle(end).unwrap_err();
     assert_eq!(refusal.code(), "not-accurate");
     assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
-    // The advice of the last trial is there to be asked for, in flight too.
     assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
 }
 
-/// Ten seconds, and ten measurements, and not before forty samples: of four a second one in some is held back.
+/// From 40 samples on; some of four per second are held back.
 #[test]
 fn trials_are_ten_seconds_apart() {
-    let mut bed = Bed::wanting(0.2);
+    let mut bed = TestBed::wanting(0.2);
     let mut began = Vec::new();
     for (number, sample) in hover(4).into_iter().enumerate().take(200) {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
@@ -151,10 +144,9 @@ fn trials_are_ten_seconds_apart() {
     assert!(began.windows(2).all(|pair| pair[1].0 - pair[0].0 == 40), "{began:?}");
 }
 
-/// Whoever stands after flying is not tried again: nothing has come. The flight goes on where it was.
 #[test]
 fn standing_is_no_reason_to_try_again() {
-    let mut bed = Bed::wanting(0.2);
+    let mut bed = TestBed::wanting(0.2);
     let flown = hover(5);
     assert!(bed.hover(&flown[..80]).is_none());
     let mut tried = 0;
@@ -172,8 +164,7 @@ fn standing_is_no_reason_to_try_again() {
     assert_ne!(bed.prospect(), before);
 }
 
-/// A vehicle that never tilts is good for level headings; it is over when a minute has shown no tilt, not when the first
-/// second has none. Ten samples a second, turning at 20 deg/s.
+/// At 10 samples/s and 20 deg/s, without tilt: ends only after a minute.
 #[test]
 fn what_may_still_tilt_is_waited_for() {
     let rover = |tilt_deg: f32, samples: u16| -> Vec<Sample> {
@@ -191,7 +182,7 @@ fn what_may_still_tilt_is_waited_for() {
             .collect()
     };
     let ends_after = |tilt_deg: f32| {
-        let mut bed = Bed::wanting(3.0);
+        let mut bed = TestBed::wanting(3.0);
         for (number, sample) in rover(tilt_deg, 1500).into_iter().enumerate() {
             bed.compass.step(Event::Sample(sample));
             while bed.compass.is_busy() {
@@ -203,16 +194,16 @@ fn what_may_still_tilt_is_waited_for() {
         usize::MAX
     };
     let (level, tilted) = (ends_after(9.0), ends_after(11.0));
-    // Most are news; trials are a hundred samples apart.
+    // Most samples are distinct; trials are 100 samples apart.
     assert!((600..1000).contains(&level), "{level}");
     assert!(tilted < 400, "{tilted}");
 }
 
-/// What asks for nothing that the trial rests on waits for it no longer than for a step; all else ends it.
+/// Queries do not interrupt a trial, other commands do.
 #[test]
-fn a_trial_is_in_nobody_s_way() {
+fn commands_take_precedence_over_trials() {
     let trying = || {
-        let mut bed = Bed::wanting(0.2);
+        let mut bed = TestBed::wanting(0.2);
         for (number, sample) in hover(7).into_iter().enumerate() {
             bed.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
             if bed.compass.is_busy() {
@@ -223,29 +214,28 @@ fn a_trial_is_in_nobody_s_way() {
         bed
     };
     let mut bed = trying();
-    assert_eq!(bed.report().state, State::Collecting);
+    assert_eq!(bed.report().state, ModuleState::Collecting);
     assert!(bed.compass.is_busy(), "a look changes nothing");
-    assert_eq!(bed.done(Command::CalStop), State::Uncalibrated);
+    assert_eq!(bed.done(Command::CalStop), ModuleState::Uncalibrated);
     assert!(!bed.compass.is_busy());
     let mut bed = trying();
-    assert_eq!(bed.done(Command::CalSolve(None)), State::Solving);
+    assert_eq!(bed.done(Command::CalSolve(None)), ModuleState::Solving);
     assert_eq!(bed.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
     let mut bed = trying();
-    bed.saved(Command::Set(Setting::Inclination(Some(55.0)))).unwrap();
-    assert_eq!((bed.compass.state(), bed.compass.is_busy()), (State::Collecting, false));
+    bed.saved(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
+    assert_eq!((bed.compass.state(), bed.compass.is_busy()), (ModuleState::Collecting, false));
     let mut bed = trying();
-    assert_eq!(bed.done(Command::CalAbort), State::Uncalibrated);
+    assert_eq!(bed.done(Command::CalAbort), ModuleState::Uncalibrated);
     assert!(bed.prospect().is_none() && !bed.compass.is_busy());
     let mut bed = trying();
-    assert_eq!(bed.done(Command::CalStartAgain(None)), State::Collecting);
+    assert_eq!(bed.done(Command::CalStartNew(None)), ModuleState::Collecting);
     assert!(!bed.compass.is_busy() && bed.prospect().is_none());
 }
 
-/// A wrong mounting shows in each trial: it is told while it is flown, and the collection goes on.
 #[test]
 fn what_would_be_refused_is_told_in_flight() {
-    let mut bed = Bed::new();
-    bed.saved(Command::Set(Setting::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    let mut bed = TestBed::new();
+    bed.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
     bed.done(Command::CalStart(Procedure::Flight));
     assert!(bed.hover(&hover(8)).is_none());
     let prospect = bed.prospect().unwrap();
@@ -253,19 +243,18 @@ fn what_would_be_refused_is_told_in_flight() {
         panic!("{prospect:?}")
     };
     assert_eq!((found, prospect.expected_deg), (Orientation::NONE, None));
-    // Mended, it goes on with what was collected.
-    bed.saved(Command::Set(Setting::Mount(Orientation::NONE))).unwrap();
+    // The samples are usable with the corrected mounting.
+    bed.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
     bed.done(Command::CalSolve(None));
     let end = bed.solve();
     assert!(bed.settle(end).is_ok());
 }
 
-/// A second flight that shows nothing new is over, too, and says that the calibration in use stays.
 #[test]
 fn a_flight_that_is_no_better_ends() {
     let mut refused = 0;
     for seed in 0..8 {
-        let mut bed = Bed::wanting(0.5);
+        let mut bed = TestBed::wanting(0.5);
         let (first, _) = bed.hover(&hover(20 + seed)).unwrap();
         first.unwrap();
         bed.done(Command::CalStart(Procedure::Flight));
@@ -275,8 +264,7 @@ fn a_flight_that_is_no_better_ends() {
     assert!(refused >= 1, "{refused}");
 }
 
-impl Bed {
-    /// Runs a trial that does not end the collection.
+impl TestBed {
     fn solve_trial(&mut self) {
         while self.compass.is_busy() {
             assert!(matches!(self.compass.step(Event::Advance), Effect::None));

@@ -1,31 +1,31 @@
-//! What outlives a restart: a collection that is under way, and what is remembered in flash.
+//! Restarts: the collection in RAM, and stored values.
 
 use testkit::random::Random as Bits;
 
 use super::*;
-use crate::calibration::tests::synthetic::hovered;
-use crate::settings::{PORTS, PortNumber, ProtocolKind};
+use crate::calibration::tests::synthetic::multirotor_samples;
+use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 
-const SILENT: [ProtocolKind; PORTS] = [ProtocolKind::Auto; PORTS];
-const FOUND: [ProtocolKind; PORTS] = [ProtocolKind::Mavlink, ProtocolKind::Nmea];
+const SILENT: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Auto; PORT_COUNT];
+const FOUND: [ProtocolKind; PORT_COUNT] = [ProtocolKind::Mavlink, ProtocolKind::Nmea];
 
-/// A module's memory and flash, with the clock of its samples.
+/// RAM and flash contents, sample clock.
 struct Module {
-    kept: Kept,
-    stored: Stored,
+    kept: RetainedSamples,
+    stored: StoredValues,
     now: u32,
     writes: u32,
 }
 
 impl Module {
     fn new() -> Self {
-        Self { kept: Kept::EMPTY, stored: Stored::default(), now: 0, writes: 0 }
+        Self { kept: RetainedSamples::EMPTY, stored: StoredValues::default(), now: 0, writes: 0 }
     }
 
-    /// Starts it, with a clock that begins anew, armed, and does something with it.
+    /// Starts the armed module at clock zero and runs a test on it.
     fn run<T>(&mut self, run: impl FnOnce(&mut Run<'_>) -> T) -> T {
-        let mut compass = Compass::new(Policy::DEFAULT, &self.stored, &mut self.kept);
-        compass.step(Event::SensorFound(SENSOR, READINGS));
+        let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &self.stored, &mut self.kept);
+        compass.step(Event::SensorDetected(SENSOR, READINGS));
         compass.step(Event::Armed(Some(true)));
         self.now = 100;
         let mut started = Run { compass, stored: &mut self.stored, now: &mut self.now, writes: &mut self.writes };
@@ -34,16 +34,15 @@ impl Module {
         result
     }
 
-    /// Loses its power: memory holds anything.
     fn lose_power(&mut self) {
         let mut random = Bits(1);
-        self.kept.change(|_| random.bits() as u32);
+        self.kept.transform_words(|_| random.bits() as u32);
     }
 }
 
 struct Run<'a> {
     compass: Compass<'a>,
-    stored: &'a mut Stored,
+    stored: &'a mut StoredValues,
     now: &'a mut u32,
     writes: &'a mut u32,
 }
@@ -53,18 +52,17 @@ impl Run<'_> {
         self.compass.step(Event::Command(command, WrappingMillis::new(*self.now)))
     }
 
-    /// Looks at what the ports speak, as is done between two events, and writes what is to be written.
-    fn look(&mut self, spoken: [ProtocolKind; PORTS]) {
-        if let Effect::Save = self.compass.step(Event::Spoken(spoken, WrappingMillis::new(*self.now))) {
-            let Some(Change::Remembered(remembered)) = self.compass.to_save() else { panic!() };
+    /// Passes detected protocols as in idle time; saves if requested.
+    fn look(&mut self, spoken: [ProtocolKind; PORT_COUNT]) {
+        if let Effect::Save = self.compass.step(Event::ProtocolsDetected(spoken, WrappingMillis::new(*self.now))) {
+            let Some(StoreChange::Remembered(remembered)) = self.compass.to_save() else { panic!() };
             self.stored.remembered = remembered;
             *self.writes += 1;
             assert!(matches!(self.compass.step(Event::Saved(Ok(()))), Effect::None));
         }
     }
 
-    /// Flies these, with every trial to its end, until the collection is over: how it ended.
-    fn fly(&mut self, samples: &[Sample]) -> Option<Outcome> {
+    fn fly(&mut self, samples: &[Sample]) -> Option<SolveOutcome> {
         for sample in samples {
             *self.now += 250;
             let sample = Sample { time: WrappingMillis::new(*self.now), ..*sample };
@@ -74,32 +72,33 @@ impl Run<'_> {
                 match self.compass.step(Event::Advance) {
                     Effect::None => self.look(SILENT),
                     Effect::Save => {
-                        let Some(Change::Generations { current, .. }) = self.compass.to_save() else { panic!() };
+                        let Some(StoreChange::Generations { current, .. }) = self.compass.to_save() else { panic!() };
                         self.stored.generations.current = current.copied();
                         self.stored.remembered.is_collecting = false;
-                        let Effect::Notify(outcome) = self.compass.step(Event::Saved(Ok(()))) else { panic!() };
+                        let Effect::Notify(Message::Solved(outcome)) = self.compass.step(Event::Saved(Ok(()))) else {
+                            panic!()
+                        };
                         return Some(outcome);
                     }
-                    Effect::Notify(outcome) => return Some(outcome),
-                    Effect::Reply(_) => panic!("nobody asked"),
+                    Effect::Notify(Message::Solved(outcome)) => return Some(outcome),
+                    other => panic!("nobody asked: {other:?}"),
                 }
             }
         }
         None
     }
 
-    fn report(&mut self) -> Report {
+    fn report(&mut self) -> StatusReport {
         let Effect::Reply(Ok(Reply::Report(report))) = self.command(Command::Report) else { panic!() };
         report
     }
 }
 
 fn hover() -> Vec<Sample> {
-    hovered(&airframe(), 0.3, &mut Random(1))
+    multirotor_samples(&airframe(), 0.3, &mut Random(1))
 }
 
-/// A flight that is restarted after any number of samples, once or every fifteen seconds, is calibrated by the same flying,
-/// and as well: within a quarter of a degree, half of the accuracy that is wanted, of the one that is not.
+/// Accuracies agree within 0.25 deg, with one restart or one every 15 s.
 #[test]
 fn a_collection_that_is_restarted_ends_as_one_that_is_not() {
     let flown = hover();
@@ -124,16 +123,14 @@ fn a_collection_that_is_restarted_ends_as_one_that_is_not() {
     }
 }
 
-/// Who began it, whether it is stopped, and that another start needs the same words as before.
 #[test]
-fn it_is_whose_it_was() {
+fn control_of_a_collection_survives_restarts() {
     let flown = hover();
     let mut module = Module::new();
-    module.run(|run| assert!(run.fly(&flown[..60]).is_none() && run.report().is_auto));
+    module.run(|run| assert!(run.fly(&flown[..60]).is_none() && run.report().is_automatic));
     let samples = module.run(|run| {
         let report = run.report();
-        assert!(report.is_auto && report.state == State::Collecting);
-        // It rests on the ground, over a restart too.
+        assert!(report.is_automatic && report.state == ModuleState::Collecting);
         run.compass.step(Event::Armed(Some(false)));
         assert!(run.fly(&flown[60..100]).is_none() && run.report().awaits_arming);
         report.progress.left.samples
@@ -145,19 +142,21 @@ fn it_is_whose_it_was() {
     module.run(|run| {
         let refusal = run.command(Command::CalStart(Procedure::Flight));
         assert!(matches!(refusal, Effect::Reply(Err(Refusal::Collecting { .. }))), "a person's: {refusal:?}");
-        run.compass.collector.forgive_restarts();
+        run.compass.collector.reset_restart_count();
         run.command(Command::CalStop);
     });
     module.run(|run| {
         assert!(run.fly(&flown[100..160]).is_none());
         let report = run.report();
-        assert_eq!((report.state, report.progress.left.samples), (State::Uncalibrated, samples), "nor does it begin");
-        assert!(matches!(run.command(Command::CalSolve(None)), Effect::Reply(Ok(Reply::Done(State::Solving)))));
+        assert_eq!(
+            (report.state, report.progress.left.samples),
+            (ModuleState::Uncalibrated, samples),
+            "nor does it begin"
+        );
+        assert!(matches!(run.command(Command::CalSolve(None)), Effect::Reply(Ok(Reply::Done(ModuleState::Solving)))));
     });
 }
 
-/// A restart in a solve that was asked for, or in a trial, finds the samples; after the end of one, whatever came of it, there
-/// is nothing, and the module begins by itself as at any start.
 #[test]
 fn a_solve_does_not_take_the_samples_with_it_and_its_end_does() {
     let flown = hover();
@@ -174,18 +173,22 @@ fn a_solve_does_not_take_the_samples_with_it_and_its_end_does() {
         panic!("a trial after forty samples");
     });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().is_auto), (State::Collecting, false));
+        assert_eq!((run.compass.state(), run.report().is_automatic), (ModuleState::Collecting, false));
         run.command(Command::CalSolve(Some(Method::TwoPlane)));
         let mut steps = 0;
         while run.compass.is_busy() && steps < 1000 {
             run.compass.step(Event::Advance);
             steps += 1;
         }
-        assert!(matches!(run.compass.last(), Some(Err(_))), "no turns: {:?}", run.compass.last());
+        assert!(
+            matches!(run.compass.last_outcome(), Some(Message::Solved(Err(_)))),
+            "no turns: {:?}",
+            run.compass.last_outcome()
+        );
     });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left.samples), (State::Uncalibrated, 0));
-        assert_eq!(run.compass.last(), None, "it was told");
+        assert_eq!((run.compass.state(), run.report().progress.left.samples), (ModuleState::Uncalibrated, 0));
+        assert_eq!(run.compass.last_outcome(), None, "it was told");
     });
     module.run(|run| {
         run.command(Command::CalStart(Procedure::Flight));
@@ -195,22 +198,21 @@ fn a_solve_does_not_take_the_samples_with_it_and_its_end_does() {
     module.run(|run| assert_eq!(run.report().progress.left.samples, 0));
 }
 
-/// A calibration was stored, and the restart came before the samples were given up: they are not solved again.
 #[test]
 fn what_has_been_calibrated_is_not_collected_on() {
     let mut module = Module::new();
     module.run(|run| assert!(run.fly(&hover()[..60]).is_none()));
-    module.stored.generations.current = Some(Record { sensor: SENSOR, ..record(1) });
+    module.stored.generations.current = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
     module.run(|run| {
-        assert_eq!((run.compass.state(), run.report().progress.left.samples), (State::Calibrated, 0));
-        assert_eq!(run.compass.last(), None);
+        assert_eq!((run.compass.state(), run.report().progress.left.samples), (ModuleState::Calibrated, 0));
+        assert_eq!(run.compass.last_outcome(), None);
     });
 }
 
-/// It is noted once that there is something to lose, and once that there is not: two writes a collection, and one where a
-/// calibration is written at its end. When the power goes between, it is told, once.
+/// Two writes per collection, at its first samples and its end; one if it ends with a calibration. A loss is reported
+/// once.
 #[test]
-fn a_collection_that_went_with_the_power_is_told() {
+fn a_collection_lost_with_the_power_is_reported() {
     let flown = hover();
     let mut module = Module::new();
     module.run(|run| {
@@ -219,45 +221,44 @@ fn a_collection_that_went_with_the_power_is_told() {
         run.fly(&flown[4..80]);
         assert_eq!(*run.writes, 1);
     });
-    module.run(|run| assert_eq!((run.compass.last(), *run.writes), (None, 1), "it is not lost"));
+    module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 1), "it is not lost"));
     module.lose_power();
     module.run(|run| {
-        assert_eq!(run.compass.last(), Some(&Err(Refusal::CollectionLost)));
-        assert_eq!(run.compass.glance(), Glance::Waiting, "no trouble");
+        assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
+        assert_eq!(run.compass.indicator_state(), IndicatorState::Idle, "no trouble");
         run.look(SILENT);
-        assert_eq!((run.stored.remembered, *run.writes), (Remembered::NOTHING, 2));
+        assert_eq!((run.stored.remembered, *run.writes), (StartupValues::NOTHING, 2));
     });
     module.lose_power();
-    module.run(|run| assert_eq!((run.compass.last(), *run.writes), (None, 2), "told once"));
+    module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 2), "told once"));
     module.run(|run| assert!(run.fly(&flown).is_some_and(|end| end.is_ok())));
     module.lose_power();
-    module.run(|run| assert_eq!((run.compass.last(), *run.writes), (None, 3), "stored with the calibration"));
+    module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 3), "stored with the calibration"));
 }
 
-/// Memory that is not a collection's after all is lost as well, and is never solved; whatever restarts the module again and
-/// again while it has this collection is the third time.
+/// Corrupted memory and repeated unexpected restarts count as a loss.
 #[test]
-fn a_collection_that_is_damaged_is_told() {
+fn a_damaged_collection_is_reported() {
     let flown = hover();
     let mut module = Module::new();
     module.run(|run| assert!(run.fly(&flown[..80]).is_none()));
     let mut damaged = Module { kept: module.kept.clone(), stored: module.stored, now: 0, writes: 0 };
     let mut at = 0;
-    damaged.kept.change(|word| {
+    damaged.kept.transform_words(|word| {
         at += 1;
         if at == 100 { word ^ 1 } else { word }
     });
     damaged.run(|run| {
-        assert_eq!(run.compass.last(), Some(&Err(Refusal::CollectionLost)));
+        assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
         assert_eq!(run.report().progress.left.samples, 0);
     });
     for _ in 0..3 {
-        module.run(|run| assert_eq!(run.compass.last(), None));
+        module.run(|run| assert_eq!(run.compass.last_outcome(), None));
     }
-    module.run(|run| assert_eq!(run.compass.last(), Some(&Err(Refusal::CollectionLost))));
+    module.run(|run| assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost)));
 }
 
-/// A reboot that was asked for, and a trial that ended, are no sign of that.
+/// Requested restarts and completed trials reset the counter.
 #[test]
 fn restarts_that_are_asked_for_do_not_count() {
     let flown = hover();
@@ -265,29 +266,28 @@ fn restarts_that_are_asked_for_do_not_count() {
     module.run(|run| assert!(run.fly(&flown[..60]).is_none()));
     for _ in 0..6 {
         module.run(|run| {
-            assert_eq!(run.compass.state(), State::Collecting);
+            assert_eq!(run.compass.state(), ModuleState::Collecting);
             run.compass.step(Event::Armed(Some(false)));
-            assert!(matches!(run.command(Command::Restart), Effect::Reply(Ok(_))));
+            assert!(matches!(run.command(Command::PrepareRestart), Effect::Reply(Ok(_))));
         });
     }
     for _ in 0..6 {
         module.run(|run| {
-            assert_eq!(run.compass.state(), State::Collecting);
-            assert!(run.fly(&flown[60..62]).is_none() && run.report().prospect.is_some(), "a trial");
+            assert_eq!(run.compass.state(), ModuleState::Collecting);
+            assert!(run.fly(&flown[60..62]).is_none() && run.report().last_trial.is_some(), "a trial");
         });
     }
 }
 
-/// From both sides of five seconds; only what is another than before is written, of a port that is to find it; silence and
-/// what somebody has chosen are not.
+/// After 5 s of detection; not for silence and configured protocols.
 #[test]
-fn what_ports_have_found_is_written_once() {
+fn detected_protocols_are_written_once() {
     let mut module = Module::new();
     let at = |run: &mut Run<'_>, ms: u32, spoken| {
         *run.now = ms;
         run.look(spoken);
-        // The other port speaks sentences, or in a firmware without them searches, too.
-        let [found, _] = run.stored.remembered.found;
+        // The other port may be NMEA, or detecting in a firmware without NMEA.
+        let [found, _] = run.stored.remembered.detected_protocols;
         (found, *run.writes)
     };
     let other = [ProtocolKind::Msp, ProtocolKind::Nmea];
@@ -307,21 +307,20 @@ fn what_ports_have_found_is_written_once() {
     });
     module.run(|run| {
         assert_eq!((at(run, 1000, other), at(run, 9000, other)), ((msp, 2), (msp, 2)), "as it was stored");
-        let chosen = Setting::Protocol(PortNumber::One, ProtocolKind::Mavlink);
+        let chosen = SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink);
         assert!(matches!(run.command(Command::Set(chosen)), Effect::Save));
         run.compass.step(Event::Saved(Ok(())));
         assert_eq!((at(run, 10_000, FOUND), at(run, 20_000, FOUND)), ((msp, 2), (msp, 2)), "chosen");
     });
 }
 
-/// Flash that refuses is asked once, not ten times a second.
 #[test]
 fn a_save_that_fails_is_not_tried_again() {
-    let mut bed = Bed::new();
+    let mut bed = TestBed::new();
     let mut saves = 0;
     for second in 0..60 {
         let now = WrappingMillis::new(second * 1000);
-        if let Effect::Save = bed.compass.step(Event::Spoken(FOUND, now)) {
+        if let Effect::Save = bed.compass.step(Event::ProtocolsDetected(FOUND, now)) {
             saves += 1;
             assert!(matches!(bed.compass.step(Event::Saved(Err(StoreError::Flash))), Effect::None));
         }
@@ -329,17 +328,16 @@ fn a_save_that_fails_is_not_tried_again() {
     assert_eq!(saves, 1);
 }
 
-/// A solve is not held up by it.
 #[test]
 fn nothing_is_written_in_a_solve() {
-    let mut bed = Bed::new();
+    let mut bed = TestBed::new();
     bed.done(Command::CalStart(Procedure::Turns));
     bed.fly(&turns(&airframe(), 1));
     assert!(bed.compass.is_busy());
-    assert!(matches!(bed.compass.step(Event::Spoken(SILENT, WrappingMillis::new(0))), Effect::None));
+    assert!(matches!(bed.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
     assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
     let end = bed.solve();
     assert!(bed.settle(end).is_ok());
-    // What was never noted needs no note that it is over.
-    assert!(matches!(bed.compass.step(Event::Spoken(SILENT, WrappingMillis::new(0))), Effect::None));
+    // A collection without stored flag needs no second write.
+    assert!(matches!(bed.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
 }

@@ -1,32 +1,27 @@
-//! A calibration: its coefficients, what to expect of it, and what would make it better.
+//! Replies about a calibration: coefficients, expected accuracy, possible improvements.
 
 use core::fmt::{self, Display, Write};
 
-use super::error;
-use crate::calibration::{Advice, Calibration, CurrentIron, Envelope, Latency, Quality};
-use crate::compass::{Report, Summary, Verdict};
-use crate::wire::decimal::Decimal;
+use super::refusal;
+use crate::calibration::{Advice, AttitudeLatency, Calibration, MotorCurrentInterference};
+use crate::compass::{CalibrationSummary, StatusReport};
+use crate::decimal::Decimal;
+use crate::messages::{ExpectedErrorText, Refusal};
 
-/// `cal show`.
+/// Writes the reply to `cal show`.
 ///
 /// # Errors
 ///
-/// What `out` says.
-pub fn calibration(out: &mut impl Write, report: &Report) -> fmt::Result {
-    let Some(record) = &report.current else {
-        return error(
-            out,
-            "no-calibration",
-            "nothing is stored; cal start, then fly, and status tells what is missing",
-        );
-    };
-    writeln!(out, "ok {}", Numbered(record))?;
+/// Those of `out`.
+pub fn calibration(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    let Some(record) = &report.stored_calibration else { return refusal(out, &Refusal::NoStoredCalibration) };
+    writeln!(out, "ok {}", CalibrationTitle(record))?;
     coefficients(out, record)?;
-    let before = if report.has_previous { "kept, cal undo brings it back" } else { "none" };
+    let before = if report.can_undo { "kept, cal undo brings it back" } else { "none" };
     writeln!(out, "before: {before}")
 }
 
-fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
+fn coefficients(out: &mut impl Write, record: &CalibrationSummary) -> fmt::Result {
     let calibration = &record.calibration;
     for (name, row) in ["wx", "wy", "wz"].iter().zip(&calibration.w) {
         let [x, y, z] = row.map(Decimal::<5>);
@@ -42,10 +37,10 @@ fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
         "fit: {} samples, norm {} %, inclination {} deg",
         quality.samples,
         Decimal::<2>(quality.norm_residual * 100.0),
-        Decimal::<2>(quality.dip_residual_deg)
+        Decimal::<2>(quality.inclination_residual_deg)
     )?;
     latency(out, calibration, quality.latency)?;
-    current(out, &calibration.current)?;
+    write_interference(out, &calibration.motor_current)?;
     writeln!(
         out,
         "sensor: {} at {:02x}, mount {}",
@@ -55,71 +50,46 @@ fn coefficients(out: &mut impl Write, record: &Summary) -> fmt::Result {
     )
 }
 
-/// How much older the attitude is than the source's own latency says: what is used of it, or else what was found.
-pub(super) fn latency(out: &mut impl Write, calibration: &Calibration, found: Option<Latency>) -> fmt::Result {
-    let Some(Latency { found_s, sigma_s }) = found else { return writeln!(out, "latency: not known") };
+/// Writes the attitude latency in excess of that reported by the source: the applied one, otherwise the estimate.
+pub(super) fn latency(out: &mut impl Write, calibration: &Calibration, found: Option<AttitudeLatency>) -> fmt::Result {
+    let Some(AttitudeLatency { estimate_s: found_s, sigma_s }) = found else {
+        return writeln!(out, "latency: not known");
+    };
     let (shown_s, used) =
         if calibration.uses_latency() { (calibration.latency_s, "used") } else { (found_s, "not used") };
     let [shown_ms, sigma_ms] = [shown_s, sigma_s].map(|seconds| Decimal::<0>(seconds * 1e3));
     writeln!(out, "latency: {shown_ms} ms, sigma {sigma_ms} ms, {used}")
 }
 
-/// What each ampere adds to the field, where that is used, and by which currents it was sought.
-pub(super) fn current(out: &mut impl Write, iron: &CurrentIron) -> fmt::Result {
-    if iron.spread_a == 0.0 {
+/// Writes the motor-current interference, whether it is applied, and the currents it was estimated from.
+pub(super) fn write_interference(out: &mut impl Write, iron: &MotorCurrentInterference) -> fmt::Result {
+    if iron.current_sigma_a == 0.0 {
         return writeln!(out, "current: not known");
     }
-    let [mean_a, spread_a] = [iron.mean_a, iron.spread_a].map(Decimal::<1>);
+    let [mean_a, spread_a] = [iron.mean_current_a, iron.current_sigma_a].map(Decimal::<1>);
     let ([x, y, z], sigma) = (iron.ut_per_a.map(Decimal::<3>), Decimal::<3>(iron.sigma_ut_per_a));
-    let used = if iron.is_used() { "used" } else { "not used" };
+    let used = if iron.is_applied() { "used" } else { "not used" };
     writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {used}; {mean_a} A, sigma {spread_a}")
 }
 
-/// Which one, and what to expect of it.
-pub(super) struct Numbered<'a>(pub &'a Summary);
+pub(super) struct CalibrationTitle<'a>(pub &'a CalibrationSummary);
 
-impl Display for Numbered<'_> {
+impl Display for CalibrationTitle<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Summary { serial, quality, .. } = self.0;
-        write!(f, "number {serial} of {}, {}", quality.method.name(), Expected(quality))
+        let CalibrationSummary { serial, quality, .. } = self.0;
+        write!(f, "number {serial} of {}, {}", quality.method.name(), ExpectedErrorText(quality))
     }
 }
 
-pub(super) struct Expected<'a>(pub &'a Quality);
-
-impl Display for Expected<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (rms, worst) = (Decimal::<2>(self.0.expected_rms_deg), Decimal::<2>(self.0.expected_worst_deg));
-        let envelope = match self.0.envelope {
-            Envelope::Banked => "",
-            Envelope::Level => ", level only",
-        };
-        write!(f, "expected error {rms} deg rms, sigma {worst} deg at the worst heading{envelope}")
-    }
-}
-
-/// What to expect, and what it rests on.
-pub(super) struct Judged<'a>(pub &'a Verdict);
-
-impl Display for Judged<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        Expected(&self.0.quality).fmt(f)?;
-        match self.0.attitude_cost {
-            Some(cost) => write!(f, "; a degree of attitude error costs {} deg", Decimal::<2>(cost)),
-            None => Ok(()),
-        }
-    }
-}
-
-/// `cal advise`.
 pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
-    let [expected, weakest, with_it] = [advice.expected_deg, advice.weakest_deg, advice.with_it_deg].map(Decimal::<2>);
+    let [expected, weakest, with_it] =
+        [advice.expected_deg, advice.weakest_deg, advice.expected_after_deg].map(Decimal::<2>);
     writeln!(out, "ok expected error {expected} deg rms")?;
     writeln!(out, "weakest: {}, {weakest} deg: {}", advice.weakest.name(), advice.weakest)?;
     let assumed = [
-        (advice.assumed.soft_iron, " soft iron"),
-        (advice.assumed.mounting, " mounting"),
-        (advice.assumed.hard_iron, " hard iron"),
+        (advice.unobservable.soft_iron, " soft iron"),
+        (advice.unobservable.mounting, " mounting"),
+        (advice.unobservable.hard_iron, " hard iron"),
     ];
     if assumed.iter().any(|(is, _)| *is) {
         write!(out, "assumed, for want of samples:")?;
@@ -128,7 +98,7 @@ pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
         }
         writeln!(out)?;
     }
-    if advice.gains() {
+    if advice.is_worthwhile() {
         writeln!(out, "advice: {}: {expected} -> {with_it} deg", advice.manoeuvre)
     } else {
         writeln!(out, "advice: none; nothing to fly would make it noticeably better")
@@ -140,32 +110,36 @@ mod tests {
     use super::*;
     use crate::calibration::Orientation;
 
-    /// So that who looks at a calibration sees whether the autopilot has told a current, and what came of it.
+    /// The reply shows whether the autopilot reported a current, and the estimated interference.
     #[test]
     fn what_goes_with_the_current_is_said() {
-        let said = |iron: CurrentIron| {
+        let said = |iron: MotorCurrentInterference| {
             let mut out = heapless::String::<96>::new();
-            current(&mut out, &iron).unwrap();
+            write_interference(&mut out, &iron).unwrap();
             out
         };
-        let found = CurrentIron { ut_per_a: [0.25, -0.125, 0.5], sigma_ut_per_a: 0.004, mean_a: 14.25, spread_a: 6.5 };
+        let found = MotorCurrentInterference {
+            ut_per_a: [0.25, -0.125, 0.5],
+            sigma_ut_per_a: 0.004,
+            mean_current_a: 14.3,
+            current_sigma_a: 6.5,
+        };
         assert_eq!(said(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
-        let unused = CurrentIron { ut_per_a: [0.0; 3], ..found };
+        let unused = MotorCurrentInterference { ut_per_a: [0.0; 3], ..found };
         assert_eq!(said(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
-        assert_eq!(said(CurrentIron::NONE), "current: not known\n");
+        assert_eq!(said(MotorCurrentInterference::NONE), "current: not known\n");
     }
 
-    /// What is used is said to be, with the number in use; what was only found is not used; and without rates nothing is
-    /// known.
+    /// An applied latency is shown with its value; an estimate is not applied; without rates the latency is unknown.
     #[test]
     fn a_latency_is_said_to_be_used_or_not() {
-        let said = |latency_s: f32, found: Option<Latency>| {
+        let said = |latency_s: f32, found: Option<AttitudeLatency>| {
             let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::NONE) };
             let mut out = heapless::String::<64>::new();
             latency(&mut out, &calibration, found).unwrap();
             out
         };
-        let found = |found_s: f32| Some(Latency { found_s, sigma_s: 0.0031 });
+        let found = |found_s: f32| Some(AttitudeLatency { estimate_s: found_s, sigma_s: 0.0031 });
         assert_eq!(said(0.0412, found(0.0424)), "latency: 41 ms, sigma 3 ms, used\n");
         assert_eq!(said(-0.066, found(-0.066)), "latency: -66 ms, sigma 3 ms, used\n");
         assert_eq!(said(0.0, found(0.0084)), "latency: 8 ms, sigma 3 ms, not used\n");

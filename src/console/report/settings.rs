@@ -1,15 +1,14 @@
-//! Settings, as `status` shows them and as a command that changes one tells it.
+//! Settings in the replies to `status` and to commands that change one.
 
 use core::fmt::{self, Write};
 
-use crate::compass::Report;
-use crate::earth::{EarthField, Here, MODEL, Place, Validity};
-use crate::settings::{AttitudeError, PortNumber, PortSettings, Setting};
-use crate::wire::decimal::{AsTyped, Decimal};
+use crate::compass::StatusReport;
+use crate::decimal::{Decimal, ShortestDecimal};
+use crate::earth::{EarthField, LocalField, MODEL_NAME, ModelValidity, Position};
+use crate::settings::{AttitudeError, PortNumber, PortSettings, SettingChange};
 
-/// Settings that are told together.
 #[derive(Clone, Copy)]
-pub(super) enum Line {
+pub(super) enum SettingGroup {
     Stream,
     Declination,
     Inclination,
@@ -21,7 +20,7 @@ pub(super) enum Line {
     Vision,
 }
 
-impl Line {
+impl SettingGroup {
     pub const ALL: [Self; 10] = [
         Self::Stream,
         Self::Declination,
@@ -35,58 +34,68 @@ impl Line {
         Self::Vision,
     ];
 
-    pub const fn of(setting: Setting) -> Self {
+    pub const fn containing(setting: SettingChange) -> Self {
         match setting {
-            Setting::StreamOn(_) | Setting::StreamRateHz(_) | Setting::StreamHeading(_) => Self::Stream,
-            Setting::Declination(_) => Self::Declination,
-            Setting::Inclination(_) => Self::Inclination,
-            Setting::Mount(_) => Self::Mount,
-            Setting::AttitudeError(_) => Self::AttitudeError,
-            Setting::Accuracy(_) => Self::Accuracy,
-            Setting::Auto(_) => Self::Auto,
-            Setting::Protocol(port, _) | Setting::Baud(port, _) => Self::Port(port),
-            Setting::Vision(_) => Self::Vision,
+            SettingChange::StreamOn(_) | SettingChange::StreamRateHz(_) | SettingChange::StreamHeading(_) => {
+                Self::Stream
+            }
+            SettingChange::Declination(_) => Self::Declination,
+            SettingChange::Inclination(_) => Self::Inclination,
+            SettingChange::Mount(_) => Self::Mount,
+            SettingChange::AttitudeError(_) => Self::AttitudeError,
+            SettingChange::Accuracy(_) => Self::Accuracy,
+            SettingChange::Auto(_) => Self::Auto,
+            SettingChange::Protocol(port, _) | SettingChange::Baud(port, _) => Self::Port(port),
+            SettingChange::Vision(_) => Self::Vision,
         }
     }
 }
 
-/// Some settings, with what stands between their name and them.
-pub(super) fn setting_line(out: &mut impl Write, line: Line, between: &str, report: &Report) -> fmt::Result {
-    let Report { settings, here, .. } = report;
+/// Writes a line of settings, with `between` after its name.
+pub(super) fn setting_line(
+    out: &mut impl Write,
+    line: SettingGroup,
+    between: &str,
+    report: &StatusReport,
+) -> fmt::Result {
+    let StatusReport { settings, local_field: here, .. } = report;
     let field = here.field();
     match line {
-        Line::Stream => {
+        SettingGroup::Stream => {
             let on = on_or_off(settings.stream_on);
             let (rate_hz, heading) = (settings.stream_rate_hz, settings.stream_heading.name());
             write!(out, "stream{between}{on}, {rate_hz} Hz, {heading} heading")
         }
-        Line::Declination => {
+        SettingGroup::Declination => {
             let by_model_deg = field.and_then(|field| field.declination_deg);
             degrees(out, "declination", between, [settings.declination_deg, by_model_deg], "not set")
         }
-        Line::Inclination => {
+        SettingGroup::Inclination => {
             let by_model_deg = field.map(|field| field.inclination_deg);
             let without = "not set, found from the samples";
             degrees(out, "inclination", between, [settings.inclination_deg, by_model_deg], without)
         }
-        Line::Mount => {
+        SettingGroup::Mount => {
             write!(out, "mount{between}{}, align {} deg", settings.mount.name(), Decimal::<1>(settings.align_deg))
         }
-        Line::AttitudeError => {
+        SettingGroup::AttitudeError => {
             let AttitudeError { bias_deg, bank_percent } = settings.attitude_error;
-            let (bias, bank) = (AsTyped(bias_deg, 2), AsTyped(bank_percent, 1));
+            let (bias, bank) = (ShortestDecimal(bias_deg, 2), ShortestDecimal(bank_percent, 1));
             write!(out, "attitude-error{between}{bias} deg, {bank} % of bank, 1 sigma")
         }
-        Line::Accuracy => write!(out, "accuracy{between}{} deg wanted", AsTyped(settings.accuracy_deg, 1)),
-        Line::Auto => {
-            let words = if settings.auto_on { "collects by itself while uncalibrated" } else { "collects when asked" };
+        SettingGroup::Accuracy => {
+            write!(out, "accuracy{between}{} deg wanted", ShortestDecimal(settings.accuracy_deg, 1))
+        }
+        SettingGroup::Auto => {
+            let words =
+                if settings.auto_on { "collects automatically while uncalibrated" } else { "collects when asked" };
             write!(out, "auto{between}{}, {words}", on_or_off(settings.auto_on))
         }
-        Line::Port(port) => {
-            let PortSettings { protocol, baud } = settings.ports.of(port);
+        SettingGroup::Port(port) => {
+            let PortSettings { protocol, baud } = settings.ports.port(port);
             write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.name(), baud.name())
         }
-        Line::Vision => write!(out, "vision{between}{}", on_or_off(settings.tells_vision)),
+        SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
     }
 }
 
@@ -94,7 +103,7 @@ const fn on_or_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// What was entered, or else what the field model says.
+/// Writes the entered value, otherwise that of the field model.
 fn degrees(
     out: &mut impl Write,
     name: &str,
@@ -104,32 +113,29 @@ fn degrees(
 ) -> fmt::Result {
     write!(out, "{name}{between}")?;
     match (entered_deg, by_model_deg) {
-        (Some(deg), _) => write!(out, "{} deg", AsTyped(deg, 1)),
+        (Some(deg), _) => write!(out, "{} deg", ShortestDecimal(deg, 1)),
         (None, Some(deg)) => write!(out, "{} deg, by the field model", Decimal::<1>(deg)),
         (None, None) => out.write_str(without),
     }
 }
 
-/// What the field model is worth today, and of where it is; no line where the firmware has none.
-pub(super) fn field_model(out: &mut impl Write, here: &Here) -> fmt::Result {
-    if !cfg!(feature = "wmm") {
-        return Ok(());
-    }
-    write!(out, "field model: {MODEL}, ")?;
+/// Writes the field model's validity, date and position, and the field there.
+pub(super) fn field_model(out: &mut impl Write, here: &LocalField) -> fmt::Result {
+    write!(out, "field model: {MODEL_NAME}, ")?;
     out.write_str(match here.validity() {
         None => "no date yet",
-        Some(Validity::TooEarly) => "not used before 2025-01-01",
-        Some(Validity::Valid) => "valid until 2029-12-31",
-        Some(Validity::Overdue) => "too old since 2029-12-31, used until 2034-12-31",
-        Some(Validity::TooOld) => "too old, not used since 2034-12-31",
+        Some(ModelValidity::TooEarly) => "not used before 2025-01-01",
+        Some(ModelValidity::Valid) => "valid until 2029-12-31",
+        Some(ModelValidity::Extrapolated) => "too old since 2029-12-31, used until 2034-12-31",
+        Some(ModelValidity::TooOld) => "too old, not used since 2034-12-31",
     })?;
-    if let Some(day) = here.day() {
-        let (year, month, day) = day.date();
+    if let Some(day) = here.date() {
+        let (year, month, day) = day.year_month_day();
         write!(out, "; {year}-{month:02}-{day:02}")?;
     }
-    match here.place() {
+    match here.position() {
         None => out.write_str(", no position yet")?,
-        Some(Place { latitude_deg, longitude_deg, .. }) => {
+        Some(Position { latitude_deg, longitude_deg, .. }) => {
             let north = side(latitude_deg, "N", "S");
             let east = side(longitude_deg, "E", "W");
             write!(out, ", {} {north} {} {east}", Decimal::<1>(latitude_deg.abs()), Decimal::<1>(longitude_deg.abs()))?;
@@ -148,26 +154,24 @@ const fn side(deg: f32, positive: &'static str, negative: &'static str) -> &'sta
     if deg < 0.0 { negative } else { positive }
 }
 
-#[cfg(feature = "wmm")]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::earth::Day;
+    use crate::earth::Date;
 
     fn line(place: Option<[f32; 2]>, days: Option<u64>) -> String {
-        let mut here = Here::NOWHERE;
+        let mut here = LocalField::UNKNOWN;
         if let Some([latitude_deg, longitude_deg]) = place {
-            here.is_at(Place::new(latitude_deg, longitude_deg, 100.0).unwrap());
+            here.set_position(Position::new(latitude_deg, longitude_deg, 100.0).unwrap());
         }
         if let Some(days) = days {
-            here.is_on(Day::from_unix_s(days * 86_400).unwrap());
+            here.set_date(Date::from_unix_s(days * 86_400).unwrap());
         }
         let mut out = String::new();
         field_model(&mut out, &here).unwrap();
         out
     }
 
-    /// What is missing, what it is worth, and of where it is.
     #[test]
     fn the_field_model_says_what_it_is_worth() {
         let dresden = Some([51.1, 13.7]);
@@ -194,7 +198,6 @@ mod tests {
         }
     }
 
-    /// What was entered is shown as it was typed, what the model says to a tenth.
     #[test]
     fn degrees_say_where_they_are_from() {
         for (degrees, words) in [

@@ -1,101 +1,91 @@
-//! `status`: everything there is to know.
+//! `status`: state, settings and counters.
 
 use core::fmt::{self, Display, Write};
 
-use super::calibration::{Judged, latency};
-use super::settings::{Line, field_model, setting_line};
-use super::{Moved, Reason, Reset};
-use crate::calibration::CURRENT_IS_LOOKED_FOR;
-use crate::calibration::ladder::Procedure;
+use super::Reset;
+use super::calibration::latency;
+use super::settings::{SettingGroup, field_model, setting_line};
+use crate::calibration::method_selection::Procedure;
 use crate::collection::dataset::{Coverage, SECTORS};
-use crate::compass::{Prospect, Report, State};
+use crate::compass::{ModuleState, StatusReport, TrialResult};
+use crate::decimal::{Decimal, ShortestDecimal};
 use crate::frames::Attitude;
-use crate::health::{Counts, Health, StackUse};
+use crate::health::{Counts, Diagnostics, StackUse};
+use crate::messages::Message;
 use crate::settings::ProtocolKind;
-use crate::wire::decimal::{AsTyped, Decimal};
 
-/// `status`.
+/// Writes the reply to `status`.
 ///
 /// # Errors
 ///
-/// What `out` says.
-pub fn status(out: &mut impl Write, report: &Report, health: &Health) -> fmt::Result {
+/// Those of `out`.
+pub fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
-    current(out, health.current_a)?;
+    write_motor_current(out, health.current_a)?;
     progress(out, report)?;
-    if let (State::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
-        prospect(out, report.prospect.as_ref(), report.settings.accuracy_deg)?;
+    if let (ModuleState::Collecting, Procedure::Flight) = (report.state, report.progress.procedure) {
+        write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
-    match &report.current {
+    match &report.stored_calibration {
         Some(record) => {
-            writeln!(out, "calibration: number {}, {}", record.serial, Judged(&record.verdict()))?;
+            writeln!(out, "calibration: number {}, {}", record.serial, record.expected_accuracy())?;
             latency(out, &record.calibration, record.quality.latency)?;
         }
         None => writeln!(out, "calibration: none")?,
     }
-    match &report.last {
-        Some(Ok(_)) => writeln!(out, "last solve: ok")?,
-        Some(Err(refusal)) => {
-            writeln!(out, "last solve: {}: {}", refusal.code(), Reason(refusal, health.loss))?;
-        }
+    match &report.last_outcome {
+        Some(Message::Solved(Ok(_))) => writeln!(out, "last solve: ok")?,
+        Some(message) => writeln!(out, "last solve: {}: {}", message.code(), message.text())?,
         None => writeln!(out, "last solve: none")?,
     }
-    for line in Line::ALL {
+    for line in SettingGroup::ALL {
         setting_line(out, line, ": ", report)?;
-        if let Line::Port(port) = line {
-            spoken(out, report.settings.ports.of(port).protocol, health.port(port))?;
-        }
-        if matches!(line, Line::Vision) && report.settings.tells_vision && !ProtocolKind::Mavlink.is_here() {
-            out.write_str(", not in this firmware")?;
+        if let SettingGroup::Port(port) = line {
+            write_detected_protocol(out, report.settings.ports.port(port).protocol, health.port_protocol(port))?;
         }
         writeln!(out)?;
     }
-    field_model(out, &report.here)?;
-    counters(out, &health.counts)?;
-    if let Some(StackUse { used, size }) = health.stack {
+    field_model(out, &report.local_field)?;
+    counters(out, &health.event_counts)?;
+    if let Some(StackUse { used_bytes: used, size_bytes: size }) = health.stack_use {
         writeln!(out, "stack: {used} of {size} bytes used at most")?;
     }
-    writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset))
+    writeln!(out, "up: {} s, started by {}", health.uptime_s, Reset(&health.reset_cause))
 }
 
-/// The current that the motors draw.
-fn current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Result {
+fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Result {
     match current_a {
         Some(amperes) => writeln!(out, "current: {} A", Decimal::<1>(amperes)),
-        None if CURRENT_IS_LOOKED_FOR => writeln!(out, "current: not told"),
-        None => writeln!(out, "current: not in this firmware"),
+        None => writeln!(out, "current: not reported"),
     }
 }
 
-/// What stands in for a protocol that this firmware does not have, and what was found on a port that finds out.
-fn spoken(out: &mut impl Write, chosen: ProtocolKind, spoken: ProtocolKind) -> fmt::Result {
-    if !chosen.is_here() {
-        write!(out, ", not in this firmware, so {}", chosen.in_force().name())?;
-    }
-    match (chosen.in_force(), spoken) {
-        (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", nobody heard yet"),
+/// Writes the detected protocol of a port that is set to `auto`.
+fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, spoken: ProtocolKind) -> fmt::Result {
+    match (chosen, spoken) {
+        (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),
         (ProtocolKind::Auto, spoken) => write!(out, ", found {}", spoken.name()),
         _ => Ok(()),
     }
 }
 
-fn progress(out: &mut impl Write, report: &Report) -> fmt::Result {
+fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
-    let by_itself = if report.is_auto { ", by itself" } else { "" };
+    let by_itself = if report.is_automatic { ", automatic" } else { "" };
     let waits = if report.awaits_arming { ", when the autopilot arms" } else { "" };
     writeln!(out, "collection: {}{by_itself}{waits}", progress.procedure.name())?;
     match progress.procedure {
         Procedure::Turns => {
-            writeln!(out, "left: {}", Side(&progress.left))?;
-            writeln!(out, "right: {}", Side(&progress.right))?;
-            writeln!(out, "level: {}", Side(&progress.level))
+            writeln!(out, "left: {}", CoverageText(&progress.left))?;
+            writeln!(out, "right: {}", CoverageText(&progress.right))?;
+            writeln!(out, "level: {}", CoverageText(&progress.level))
         }
-        Procedure::Level => writeln!(out, "level: {}", Side(&progress.level)),
+        Procedure::Level => writeln!(out, "level: {}", CoverageText(&progress.level)),
         Procedure::Swing => {
             writeln!(out, "marks: {}", progress.marks)?;
-            writeln!(out, "level: {}", Side(&progress.level))
+            writeln!(out, "level: {}", CoverageText(&progress.level))
         }
         Procedure::Flight | Procedure::Tumble => {
             let Coverage { samples, held_back, .. } = progress.left;
@@ -104,14 +94,21 @@ fn progress(out: &mut impl Write, report: &Report) -> fmt::Result {
     }
 }
 
-/// How good a collection in flight is by now, and what it lacks.
-fn prospect(out: &mut impl Write, prospect: Option<&Prospect>, wanted_deg: f32) -> fmt::Result {
+/// Writes the expected accuracy of a collection in flight, and the missing manoeuvre.
+fn write_expected_accuracy(out: &mut impl Write, prospect: Option<&TrialResult>, wanted_deg: f32) -> fmt::Result {
     out.write_str("collecting: ")?;
-    let Some(Prospect { expected_deg, missing, is_at_floor, is_stalled, refusal }) = prospect else {
+    let Some(TrialResult {
+        expected_deg,
+        missing_manoeuvre: missing,
+        is_limited_by_attitude: is_at_floor,
+        is_stalled,
+        refusal,
+    }) = prospect
+    else {
         return writeln!(out, "not tried yet");
     };
     if let Some(expected_deg) = *expected_deg {
-        write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), AsTyped(wanted_deg, 1))?;
+        write!(out, "expected {} deg, wanted {}", Decimal::<1>(expected_deg), ShortestDecimal(wanted_deg, 1))?;
     }
     match (missing, refusal) {
         (Some(manoeuvre), _) => write!(out, "; missing: {manoeuvre}")?,
@@ -121,14 +118,14 @@ fn prospect(out: &mut impl Write, prospect: Option<&Prospect>, wanted_deg: f32) 
         (None, Some(_)) => {}
     }
     match refusal {
-        Some(refusal) if expected_deg.is_none() || !refusal.is_for_want_of_samples() => {
+        Some(refusal) if expected_deg.is_none() || !refusal.is_curable_by_samples() => {
             writeln!(out, "{}{}: {refusal}", if expected_deg.is_some() { "; " } else { "" }, refusal.code())
         }
         _ => writeln!(out),
     }
 }
 
-fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
+fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
     match health.sensor {
         Some(identity) => writeln!(out, "sensor: {} at {:02x}", identity.model.name(), identity.address)?,
         None => writeln!(out, "sensor: not found")?,
@@ -138,7 +135,7 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
             let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
             writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
         }
-        None => writeln!(out, "attitude: none comes on any port")?,
+        None => writeln!(out, "attitude: none received")?,
     }
     match health.heading {
         Ok(heading) => {
@@ -147,16 +144,16 @@ fn heading_lines(out: &mut impl Write, health: &Health) -> fmt::Result {
         }
         Err(why) => writeln!(out, "heading: none, {}", why.code()),
     }?;
-    match &health.iron {
-        Some(iron) => writeln!(out, "iron: moved by {}", Moved(iron)),
-        None => writeln!(out, "iron: as calibrated, as far as is sure"),
+    match &health.hard_iron_change {
+        Some(iron) => writeln!(out, "hard iron: changed by {}", Message::HardIronChanged(*iron).text()),
+        None => writeln!(out, "hard iron: no change detected"),
     }
 }
 
 fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(
         out,
-        "readings: {}, {} overruns, {} errors, {} upsets mended",
+        "readings: {}, {} overruns, {} errors, {} register upsets repaired",
         counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_upsets
     )?;
     writeln!(
@@ -183,9 +180,9 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     writeln!(out, "saves: {}, {} failed", counts.saves, counts.store_errors)
 }
 
-struct Side<'a>(&'a Coverage);
+struct CoverageText<'a>(&'a Coverage);
 
-impl Display for Side<'_> {
+impl Display for CoverageText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Coverage { samples, held_back, sectors, percent } = *self.0;
         write!(f, "{percent} %, {sectors} of {SECTORS} sectors, {samples} samples, {held_back} held back")

@@ -1,63 +1,64 @@
-//! The World Magnetic Model WMM2025: the field of the Earth's core, and how it changes.
+//! World Magnetic Model WMM2025: the field of the Earth's core and its secular variation.
 //!
-//! Equations and constants: Chulliat et al., *The US/UK World Magnetic Model for 2025-2030: Technical Report*, NOAA 2024,
-//! section 1.2 (doi:10.25923/prbc-s316). The coefficients are the work of the U.S. Government, `WMM2025.COF` of
-//! <https://www.ncei.noaa.gov/products/world-magnetic-model>, and not subject to copyright.
+//! Equations and constants: Chulliat et al., *The US/UK World Magnetic Model for 2025-2030: Technical Report*, NOAA
+//! 2024, section 1.2 (doi:10.25923/prbc-s316). Coefficients: `WMM2025.COF` of
+//! <https://www.ncei.noaa.gov/products/world-magnetic-model>, a work of the U.S. Government, not subject to copyright.
 //!
-//! By its own error model (section 3.4), which counts the rocks that it knows nothing of, it is good to 0.20 deg of
-//! inclination, 0.14 uT, and `sqrt(0.26^2 + (5.4 uT / H)^2)` deg of declination where the horizontal field is `H`; 1 sigma.
+//! Errors by the report's error model (section 3.4), crustal field included, 1 sigma: inclination 0.20 deg, field
+//! strength 0.14 uT, declination `sqrt(0.26^2 + (5.4 uT / H)^2)` deg, `H` being the horizontal field.
 //!
-//! The crate `world_magnetic_model` (1.2025) does the same and takes 11 KB of flash more: it has two models in it, and sines by
-//! way of `f64`, which a Cortex-M4 has no hardware for.
+//! The crate `world_magnetic_model` (1.2025) needs 11 KB more flash: it contains two models and computes sines in
+//! `f64`, which a Cortex-M4 emulates.
 
-use super::{Day, Place};
+use super::{Date, Position};
 use crate::trig;
+use crate::trig::sqrt;
 
-/// The Earth's field somewhere on some day.
+/// Earth's magnetic field at a position and date.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EarthField {
-    /// Declination, degrees, east positive; none where the horizontal field is less than 2 uT, the model's "blackout zone"
-    /// around the magnetic poles.
+    /// Declination, degrees, east positive; `None` below 2 uT of horizontal field, the model's blackout zone around the
+    /// magnetic poles.
     pub declination_deg: Option<f32>,
     /// Inclination, degrees, positive down.
     pub inclination_deg: f32,
-    /// Total intensity, microtesla.
+    /// Field strength, microtesla.
     pub total_ut: f32,
 }
 
-/// The name of the model.
-pub const MODEL: &str = "WMM2025";
+/// Name of the model.
+pub const MODEL_NAME: &str = "WMM2025";
 
-/// Less horizontal field than this has no declination, nanotesla.
-const BLACKOUT_NT: f32 = 2_000.0;
+/// Limit of the blackout zone, horizontal nanotesla.
+const MIN_HORIZONTAL_NT: f32 = 2_000.0;
 
-/// What the model is worth on a day.
+/// Validity of the model on a date.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Validity {
-    /// Before it began: the clock is wrong, since this firmware is younger. Not used.
+pub enum ModelValidity {
+    /// Before 2025: the clock is wrong, since the firmware is younger. Not used.
     TooEarly,
-    /// Of 2025 to 2029, as it was made for.
+    /// 2025 to 2029, the model's intended period.
     Valid,
-    /// Of 2030 to 2034: used, because who flies by a true heading must not lose it overnight on some New Year, and because
-    /// it is little worse. WMM2020, gone on with in the same way until 2030, is off WMM2025 by 0.31 deg of declination RMS
-    /// where `H` is 6 uT and more, within 0.6 deg at 95 % of all places: as much as a valid model itself is off.
-    Overdue,
-    /// Later. Not used.
+    /// 2030 to 2034. Still used, so that true heading does not disappear on a New Year's Day: WMM2020 extrapolated to
+    /// 2030 differs from WMM2025 by 0.31 deg of declination RMS (95 %: 0.6 deg) where `H` is at least 6 uT, about the
+    /// error of a valid model.
+    Extrapolated,
+    /// From 2035. Not used.
     TooOld,
 }
 
-impl Validity {
-    /// On a day.
+impl ModelValidity {
+    /// Validity on a date.
     #[must_use]
-    pub const fn on(day: Day) -> Self {
+    pub const fn on_date(day: Date) -> Self {
         /// 2025-01-01, 2030-01-01 and 2035-01-01, days since 1970-01-01.
         const VALID: u16 = 20_089;
         const OVERDUE: u16 = 21_915;
         const TOO_OLD: u16 = 23_741;
-        match day.since_1970() {
+        match day.days_since_1970() {
             ..VALID => Self::TooEarly,
             VALID..OVERDUE => Self::Valid,
-            OVERDUE..TOO_OLD => Self::Overdue,
+            OVERDUE..TOO_OLD => Self::Extrapolated,
             TOO_OLD.. => Self::TooOld,
         }
     }
@@ -65,25 +66,25 @@ impl Validity {
     /// Whether the model is used.
     #[must_use]
     pub const fn is_used(self) -> bool {
-        matches!(self, Self::Valid | Self::Overdue)
+        matches!(self, Self::Valid | Self::Extrapolated)
     }
 }
 
 impl EarthField {
-    /// The field by the model; none on a day on which it is not [used](Validity::is_used), and none without the Cargo
-    /// feature `wmm`.
+    /// Computes the model field; `None` on a date without a usable model, or without the
+    /// Cargo feature `wmm`.
     ///
-    /// A height above the sea is taken for one above the ellipsoid: they differ by 0.1 km at most, the field by 0.005 %.
+    /// The height above sea level is used as ellipsoidal height: they differ by at most 0.1 km, the field by 0.005 %.
     #[must_use]
     #[inline(never)]
-    pub fn of(place: Place, day: Day) -> Option<Self> {
-        // Without the feature all of the model is dead code.
-        if !cfg!(feature = "wmm") || !Validity::on(day).is_used() {
+    pub fn from_model(place: Position, day: Date) -> Option<Self> {
+        // Without the feature the compiler removes the model.
+        if !ModelValidity::on_date(day).is_used() {
             return None;
         }
-        let [north, east, down] = components_nt(place, years(day));
+        let [north, east, down] = components_nt(place, years_since_epoch(day));
         let horizontal = trig::hypot(north, east);
-        let has_declination = horizontal >= BLACKOUT_NT;
+        let has_declination = horizontal >= MIN_HORIZONTAL_NT;
         Some(Self {
             declination_deg: has_declination.then(|| libm::atan2f(east, north).to_degrees()),
             inclination_deg: libm::atan2f(down, horizontal).to_degrees(),
@@ -92,101 +93,99 @@ impl EarthField {
     }
 }
 
-/// Years since 2025.0. A leap day moves it by 0.003, in which no component changes by 0.5 nT.
-fn years(day: Day) -> f32 {
+/// Years since 2025.0. Ignoring leap days costs 0.003 years, in which no component changes by 0.5 nT.
+fn years_since_epoch(day: Date) -> f32 {
     /// 2025-01-01, days since 1970-01-01.
     const EPOCH: f32 = 20_089.0;
-    (f32::from(day.since_1970()) - EPOCH) / 365.25
+    (f32::from(day.days_since_1970()) - EPOCH) / 365.25
 }
 
-/// Where a place is, seen from the middle of the Earth (eqs. 7, 8).
-struct Geocentric {
-    /// The reference radius 6371.2 km over the distance.
+/// Geocentric position (eqs. 7, 8).
+struct GeocentricPosition {
+    /// Reference radius 6371.2 km over the geocentric distance.
     ratio: f32,
-    /// Colatitude, its sine and cosine.
+    /// Sine and cosine of the colatitude.
     sin: f32,
     cos: f32,
-    /// Sine and cosine of the geocentric latitude less the geodetic one.
-    turn: (f32, f32),
+    /// Sine and cosine of geocentric minus geodetic latitude.
+    latitude_difference: (f32, f32),
 }
 
-impl Geocentric {
-    fn of(place: Place) -> Self {
+impl GeocentricPosition {
+    fn from_position(place: Position) -> Self {
         /// WGS 84: semi-major axis, metres; first eccentricity squared.
         const AXIS_M: f32 = 6_378_137.0;
         const ECCENTRICITY_SQUARED: f32 = 0.006_694_38;
         const REFERENCE_M: f32 = 6_371_200.0;
-        /// At a pole itself there is no north; so near to it there is.
-        const LEAST_SIN: f32 = 1e-6;
+        /// North is undefined at the pole; this keeps the division finite.
+        const MIN_SIN_COLATITUDE: f32 = 1e-6;
         let (sin_latitude, cos_latitude) = trig::sin_cos(place.latitude_deg.to_radians());
-        let curvature_m = AXIS_M / libm::sqrtf(1.0 - ECCENTRICITY_SQUARED * sin_latitude * sin_latitude);
+        let curvature_m = AXIS_M / sqrt(1.0 - ECCENTRICITY_SQUARED * sin_latitude * sin_latitude);
         let from_axis_m = (curvature_m + place.height_m) * cos_latitude;
         let from_equator_m = (curvature_m * (1.0 - ECCENTRICITY_SQUARED) + place.height_m) * sin_latitude;
         let distance_m = trig::hypot(from_axis_m, from_equator_m);
-        let (sin, cos) = ((from_axis_m / distance_m).max(LEAST_SIN), from_equator_m / distance_m);
+        let (sin, cos) = ((from_axis_m / distance_m).max(MIN_SIN_COLATITUDE), from_equator_m / distance_m);
         let turn = (cos * cos_latitude - sin * sin_latitude, sin * cos_latitude + cos * sin_latitude);
-        Self { ratio: REFERENCE_M / distance_m, sin, cos, turn }
+        Self { ratio: REFERENCE_M / distance_m, sin, cos, latitude_difference: turn }
     }
 }
 
-/// Schmidt's semi-normalised associated Legendre function `P` of a degree `n` and an order `m`, and its derivative by the
-/// colatitude. Those of the degree before are kept, from which the next ones follow:
-/// `sqrt(n^2 - m^2) P(n) = (2n-1) cos P(n-1) - sqrt((n-1)^2 - m^2) P(n-2)`.
-struct Schmidt {
-    p: f32,
-    slope: f32,
-    before: (f32, f32),
+/// Schmidt semi-normalised associated Legendre function `P` of degree `n` and order `m`, and its derivative by
+/// colatitude. Recursion over degree: `sqrt(n^2 - m^2) P(n) = (2n-1) cos P(n-1) - sqrt((n-1)^2 - m^2) P(n-2)`.
+struct LegendreFunction {
+    value: f32,
+    derivative: f32,
+    previous: (f32, f32),
     /// `sqrt(n^2 - m^2)`.
     root: f32,
 }
 
-impl Schmidt {
-    /// The first of an order, whose degree is the order: none is before it.
+impl LegendreFunction {
     const fn first((p, slope): (f32, f32)) -> Self {
-        Self { p, slope, before: (0.0, 0.0), root: 0.0 }
+        Self { value: p, derivative: slope, previous: (0.0, 0.0), root: 0.0 }
     }
 
-    /// On from this degree to the next.
     fn advance(&mut self, degree: f32, order: f32, (sin, cos): (f32, f32)) {
-        let Self { p, slope, before: (p_before, slope_before), root } = *self;
-        let next_root = libm::sqrtf((degree + 1.0) * (degree + 1.0) - order * order);
+        let Self { value: p, derivative: slope, previous: (p_before, slope_before), root } = *self;
+        let next_root = sqrt((degree + 1.0) * (degree + 1.0) - order * order);
         let odd = 2.0 * degree + 1.0;
         *self = Self {
-            p: (odd * cos * p - root * p_before) / next_root,
-            slope: (odd * (cos * slope - sin * p) - root * slope_before) / next_root,
-            before: (p, slope),
+            value: (odd * cos * p - root * p_before) / next_root,
+            derivative: (odd * (cos * slope - sin * p) - root * slope_before) / next_root,
+            previous: (p, slope),
             root: next_root,
         };
     }
 }
 
-/// North, east and down (eqs. 10 to 12, 17), nanotesla; years since 2025.0.
-fn components_nt(place: Place, years: f32) -> [f32; 3] {
-    let Geocentric { ratio, sin, cos, turn: (sin_turn, cos_turn) } = Geocentric::of(place);
+/// North, east and down components (eqs. 10 to 12, 17), nanotesla.
+fn components_nt(place: Position, years: f32) -> [f32; 3] {
+    let GeocentricPosition { ratio, sin, cos, latitude_difference: (sin_turn, cos_turn) } =
+        GeocentricPosition::from_position(place);
     let (sin_longitude, cos_longitude) = trig::sin_cos(place.longitude_deg.to_radians());
     let (mut north, mut east, mut down) = (0.0, 0.0, 0.0);
     let mut coefficients = COEFFICIENTS.iter();
-    // Of the order `m`: its first function, the power of the ratio there, sine and cosine of `m` times the longitude.
+    // For order `m`: first function, power of the ratio, sine and cosine of `m` times longitude.
     let (mut first, mut first_power, mut sin_m, mut cos_m) = ((1.0, 0.0), ratio * ratio, 0.0, 1.0);
     for m in 0..=DEGREE {
         let order = f32::from(m);
         if m > 0 {
-            let factor = if m == 1 { 1.0 } else { libm::sqrtf(1.0 - 0.5 / order) };
+            let factor = if m == 1 { 1.0 } else { sqrt(1.0 - 0.5 / order) };
             first = (factor * sin * first.0, factor * (sin * first.1 + cos * first.0));
             first_power *= ratio;
             (sin_m, cos_m) =
                 (sin_m * cos_longitude + cos_m * sin_longitude, cos_m * cos_longitude - sin_m * sin_longitude);
         }
-        let (mut function, mut power) = (Schmidt::first(first), first_power);
+        let (mut function, mut power) = (LegendreFunction::first(first), first_power);
         for n in m..=DEGREE {
             let degree = f32::from(n);
-            // There is no pole alone: degree 0 has no coefficients.
+            // Degree 0 (magnetic monopole) has no coefficients.
             if n > 0 {
-                let [g, h] = at(coefficients.next().copied().unwrap_or_default(), n, m, years);
+                let [g, h] = coefficients_at(coefficients.next().copied().unwrap_or_default(), n, m, years);
                 let along = power * (g * cos_m + h * sin_m);
-                north += along * function.slope;
-                east += power * (g * sin_m - h * cos_m) * order * function.p / sin;
-                down -= along * (degree + 1.0) * function.p;
+                north += along * function.derivative;
+                east += power * (g * sin_m - h * cos_m) * order * function.value / sin;
+                down -= along * (degree + 1.0) * function.value;
             }
             function.advance(degree, order, (sin, cos));
             power *= ratio;
@@ -195,8 +194,8 @@ fn components_nt(place: Place, years: f32) -> [f32; 3] {
     [north * cos_turn - down * sin_turn, east, north * sin_turn + down * cos_turn]
 }
 
-/// A pair of coefficients so many years after 2025.0, nanotesla.
-fn at(tenths: [i16; 4], degree: u8, order: u8, years: f32) -> [f32; 2] {
+/// Coefficients `g`, `h` at `years` after 2025.0, nanotesla.
+fn coefficients_at(tenths: [i16; 4], degree: u8, order: u8, years: f32) -> [f32; 2] {
     let [g, h, g_rate, h_rate] = tenths.map(|tenths| f32::from(tenths) * 0.1);
     let [g_beyond, h_beyond] = match (degree, order) {
         (1, 0) => [-30_000.0, 0.0],
@@ -206,11 +205,11 @@ fn at(tenths: [i16; 4], degree: u8, order: u8, years: f32) -> [f32; 2] {
     [g + g_beyond + g_rate * years, h + h_beyond + h_rate * years]
 }
 
-/// The largest degree `n`, and order `m`.
+/// Largest degree `n` and order `m`.
 const DEGREE: u8 = 12;
 
-/// `g`, `h` at 2025.0 and their yearly changes, in tenths of a nanotesla; by order, and within each by degree. The dipole is
-/// beyond an `i16`: the first `g` is 30,000 nT less than here, the first `h` of order 1 is 3,000 nT more (see [`at`]).
+/// `g`, `h` at 2025.0 and their yearly changes, tenths of a nanotesla, by order and then degree. The dipole exceeds
+/// `i16`: 30,000 nT are added to the first `g`, 3,000 nT subtracted from the first `h` of order 1.
 #[rustfmt::skip]
 const COEFFICIENTS: [[i16; 4]; 90] = [
     // m = 0
@@ -250,6 +249,5 @@ const COEFFICIENTS: [[i16; 4]; 90] = [
     [-7, 2, -1, -1],
 ];
 
-#[cfg(feature = "wmm")]
 #[cfg(test)]
 mod tests;

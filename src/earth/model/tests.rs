@@ -1,29 +1,26 @@
-//! The model against NOAA's test values.
-
 use super::*;
 
 /// 2025-01-01, days since 1970-01-01: `date -d 2025-01-01 +%s` over 86400.
 const EPOCH: u64 = 20_089;
 
-fn place(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Place {
-    Place::new(latitude_deg, longitude_deg, height_m).unwrap()
+fn place(latitude_deg: f32, longitude_deg: f32, height_m: f32) -> Position {
+    Position::new(latitude_deg, longitude_deg, height_m).unwrap()
 }
 
-/// Days after 2025-01-01.
-fn day(after: u64) -> Day {
-    Day::from_unix_s((EPOCH + after) * 86_400).unwrap()
+/// Date `after` days after 2025-01-01.
+fn day(after: u64) -> Date {
+    Date::from_unix_s((EPOCH + after) * 86_400).unwrap()
 }
 
-/// Days of a year of the test values, which are in the middle of years, too.
-fn of_year(year: f32) -> Day {
+fn date_in_year(year: f32) -> Date {
     day(((year - 2025.0) * 365.25).round() as u64)
 }
 
-/// A line of NOAA's test values: year, height in kilometres, latitude, longitude; north, east, down in nanotesla.
-type Line = ([f32; 4], [f32; 3]);
+/// NOAA test value: year, height in kilometres, latitude, longitude; north, east, down in nanotesla.
+type TestValue = ([f32; 4], [f32; 3]);
 
-/// `WMM2025_TEST_VALUES.txt`, all of it (longitude 240 is -120 here), and some of `WMM2025_TestValues.txt`.
-const LINES: [Line; 22] = [
+/// All of `WMM2025_TEST_VALUES.txt` (longitude 240 is -120 here), and a part of `WMM2025_TestValues.txt`.
+const TEST_VALUES: [TestValue; 22] = [
     ([2025.0, 0.0, 80.0, 0.0], [6521.6, 145.9, 54791.5]),
     ([2025.0, 0.0, 0.0, 120.0], [39677.8, -109.6, -10580.2]),
     ([2025.0, 0.0, -80.0, -120.0], [6117.5, 15751.9, -52022.5]),
@@ -48,15 +45,14 @@ const LINES: [Line; 22] = [
     ([2027.5, 73.0, -72.0, 95.0], [-2912.4, -12984.1, -55399.2]),
 ];
 
-/// To 0.3 nT: a few of the last digits that an `f32` of 50,000 nT has (0.004 nT) for each of 90 terms, the values' own
-/// rounding of 0.05 nT, and up to a day of 120 nT a year. A coefficient that is wrong by its last digit, 0.1 nT, may pass:
-/// that is for the next test.
+/// Tolerance 0.3 nT: rounding of 0.004 nT in `f32` for each of 90 terms, 0.05 nT in the test values, one day of 120 nT
+/// per year. The next test finds smaller errors of coefficients.
 #[test]
-fn it_gives_noaa_s_test_values() {
+fn noaa_test_values_are_reproduced() {
     let mut worst: f32 = 0.0;
-    for ([year, height_km, latitude_deg, longitude_deg], expected) in LINES {
+    for ([year, height_km, latitude_deg, longitude_deg], expected) in TEST_VALUES {
         let place = place(latitude_deg, longitude_deg, 1000.0 * height_km);
-        let found = components_nt(place, years(of_year(year)));
+        let found = components_nt(place, years_since_epoch(date_in_year(year)));
         for (found, expected) in found.into_iter().zip(expected) {
             worst = worst.max((found - expected).abs());
         }
@@ -64,9 +60,9 @@ fn it_gives_noaa_s_test_values() {
     assert!(worst < 0.3, "{worst} nT");
 }
 
-/// The sums of the columns of `WMM2025.COF`, nanotesla and nanotesla a year, and the sums of their squares.
+/// Column sums of `WMM2025.COF`, nanotesla and nanotesla per year, and sums of squares.
 #[test]
-fn the_coefficients_are_noaa_s() {
+fn coefficients_match_noaa() {
     let expected = [
         (0.0, [-26454.1, 892_709_016.49, 487.8, 31_884_145.94]),
         (1.0, [-26481.8, 891_973_004.28, 432.8, 31_890_867.7]),
@@ -76,12 +72,12 @@ fn the_coefficients_are_noaa_s() {
         let mut coefficients = COEFFICIENTS.iter();
         for m in 0..=DEGREE {
             for n in m.max(1)..=DEGREE {
-                let [g, h] = at(*coefficients.next().unwrap(), n, m, years).map(f64::from);
+                let [g, h] = coefficients_at(*coefficients.next().unwrap(), n, m, years).map(f64::from);
                 found = [found[0] + g, found[1] + g * g, found[2] + h, found[3] + h * h];
             }
         }
         assert!(coefficients.next().is_none());
-        // An `f32` of 30,000 has 0.002, of which the square is 60.
+        // An `f32` of 30,000 has a resolution of 0.002, squared 60.
         for (found, (expected, bound)) in
             found.into_iter().zip([(sum, 0.02), (squares, 100.0), (h_sum, 0.02), (h_squares, 10.0)])
         {
@@ -90,17 +86,17 @@ fn the_coefficients_are_noaa_s() {
     }
 }
 
-/// Declination, inclination and total field of four lines, as the second file has them, rounded to 0.01 deg; and days are
-/// 0.001 years off its years, in which declination changes by less than 0.001 deg.
+/// Four lines of the second file, rounded to 0.01 deg. The date differs by 0.001 years, less than 0.001 deg of
+/// declination.
 #[test]
-fn components_become_what_a_compass_needs() {
+fn components_give_declination_inclination_and_strength() {
     for (line, declination_deg, inclination_deg, total_ut) in [
         (13, 0.50, 64.10, 55.626_62),
         (14, -5.49, -67.50, 57.054_75),
         (15, 20.28, -52.11, 41.280_52),
         (21, -102.64, -76.49, 56.974_93),
     ] {
-        let field = of_line(LINES[line]);
+        let field = field_of_test_value(TEST_VALUES[line]);
         let found_deg = field.declination_deg.unwrap();
         assert!((found_deg - declination_deg).abs() < 0.006, "{line}: {found_deg}");
         assert!((field.inclination_deg - inclination_deg).abs() < 0.006, "{line}: {}", field.inclination_deg);
@@ -108,50 +104,48 @@ fn components_become_what_a_compass_needs() {
     }
 }
 
-fn of_line(([year, height_km, latitude_deg, longitude_deg], _): Line) -> EarthField {
-    EarthField::of(place(latitude_deg, longitude_deg, 1000.0 * height_km), of_year(year)).unwrap()
+fn field_of_test_value(([year, height_km, latitude_deg, longitude_deg], _): TestValue) -> EarthField {
+    EarthField::from_model(place(latitude_deg, longitude_deg, 1000.0 * height_km), date_in_year(year)).unwrap()
 }
 
-/// One degree from the north pole the horizontal field is 1504 nT by the test value; 2 uT divide what has a declination
-/// from what has none.
+/// The horizontal field is 1504 nT one degree from the north pole; the limit is 2 uT.
 #[test]
 fn near_a_magnetic_pole_there_is_no_declination() {
-    let near = of_line(LINES[12]);
+    let near = field_of_test_value(TEST_VALUES[12]);
     assert_eq!(near.declination_deg, None);
     assert!((near.inclination_deg - 88.47).abs() < 0.006 && (near.total_ut - 56.214_42).abs() < 0.000_3, "{near:?}");
     let (mut with, mut without) = (0, 0);
     for north in 0..400_u16 {
         let place = place(70.0 + 0.05 * f32::from(north), 140.0, 0.0);
         let [x, y, _] = components_nt(place, 0.0);
-        let field = EarthField::of(place, day(0)).unwrap();
+        let field = EarthField::from_model(place, day(0)).unwrap();
         assert_eq!(field.declination_deg.is_some(), trig::hypot(x, y) >= 2_000.0, "{place:?}");
         *(if field.declination_deg.is_some() { &mut with } else { &mut without }) += 1;
     }
     assert!(with > 20 && without > 20, "{with} {without}");
 }
 
-/// At the poles, beside them, where longitude begins and ends, and wherever a place can be, the field is one that the Earth
-/// has: 22 to 70 uT, to 100 km of height.
+/// Poles, date line, limits of position; Earth's field is 22 to 70 uT up to 100 km.
 #[test]
-fn everywhere_on_earth_there_is_a_field() {
+fn every_position_has_a_plausible_field() {
     for latitude_deg in [-90.0, -89.999_99, -60.0, -1e-7, 0.0, 30.0, 89.999_99, 90.0] {
         for longitude_deg in [-180.0, -90.0, 1e-7, 180.0] {
             for height_m in [-1_000.0, 0.0, 100_000.0] {
-                let field = EarthField::of(place(latitude_deg, longitude_deg, height_m), day(700)).unwrap();
+                let field = EarthField::from_model(place(latitude_deg, longitude_deg, height_m), day(700)).unwrap();
                 let is_one = field.inclination_deg.abs() <= 90.0 && (21.0..70.0).contains(&field.total_ut);
                 assert!(is_one && field.declination_deg.is_none_or(f32::is_finite), "{latitude_deg} {field:?}");
             }
         }
     }
-    let at = |longitude_deg| EarthField::of(place(-20.0, longitude_deg, 0.0), day(0)).unwrap();
+    let at = |longitude_deg| EarthField::from_model(place(-20.0, longitude_deg, 0.0), day(0)).unwrap();
     let (east, west) = (at(180.0), at(-180.0));
     assert!((east.total_ut - west.total_ut).abs() < 1e-4, "{east:?} {west:?}");
 }
 
-/// There north turns by a degree for each of longitude, and the field there stays the same.
+/// North turns with longitude, the field is constant.
 #[test]
 fn at_the_pole_only_north_turns() {
-    let at = |longitude_deg| EarthField::of(place(-90.0, longitude_deg, 2_800.0), day(0)).unwrap();
+    let at = |longitude_deg| EarthField::from_model(place(-90.0, longitude_deg, 2_800.0), day(0)).unwrap();
     let first = at(0.0);
     for longitude_deg in [-150.0, -30.0, 10.0, 90.0, 170.0] {
         let field = at(longitude_deg);
@@ -164,20 +158,19 @@ fn at_the_pole_only_north_turns() {
     }
 }
 
-/// The last day and the first of each.
 #[test]
-fn it_is_used_for_ten_years() {
+fn the_model_is_used_for_ten_years() {
     for (after, date, validity) in [
-        (-1, (2024, 12, 31), Validity::TooEarly),
-        (0, (2025, 1, 1), Validity::Valid),
-        (1825, (2029, 12, 31), Validity::Valid),
-        (1826, (2030, 1, 1), Validity::Overdue),
-        (3651, (2034, 12, 31), Validity::Overdue),
-        (3652, (2035, 1, 1), Validity::TooOld),
+        (-1, (2024, 12, 31), ModelValidity::TooEarly),
+        (0, (2025, 1, 1), ModelValidity::Valid),
+        (1825, (2029, 12, 31), ModelValidity::Valid),
+        (1826, (2030, 1, 1), ModelValidity::Extrapolated),
+        (3651, (2034, 12, 31), ModelValidity::Extrapolated),
+        (3652, (2035, 1, 1), ModelValidity::TooOld),
     ] {
-        let day = Day::from_unix_s(EPOCH.saturating_add_signed(after) * 86_400).unwrap();
-        assert_eq!((day.date(), Validity::on(day)), (date, validity));
-        let is_used = matches!(validity, Validity::Valid | Validity::Overdue);
-        assert_eq!(EarthField::of(place(50.0, 10.0, 0.0), day).is_some(), is_used, "{date:?}");
+        let day = Date::from_unix_s(EPOCH.saturating_add_signed(after) * 86_400).unwrap();
+        assert_eq!((day.year_month_day(), ModelValidity::on_date(day)), (date, validity));
+        let is_used = matches!(validity, ModelValidity::Valid | ModelValidity::Extrapolated);
+        assert_eq!(EarthField::from_model(place(50.0, 10.0, 0.0), day).is_some(), is_used, "{date:?}");
     }
 }

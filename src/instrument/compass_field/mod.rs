@@ -1,20 +1,19 @@
-//! The field that an autopilot's compass is to read.
+//! Field for an autopilot's compass.
 //!
-//! From reading to what is told there is one affine map: the calibration in force, turned by the alignment, in the true
-//! strength. A heading made of what is told, in level flight, is ours.
+//! An affine map converts a reading to the output: the active calibration, rotated by the alignment, scaled to the true
+//! field strength. In level flight the output field yields the reported heading.
 //!
 //! # The alignment
 //!
-//! Alignment adds `a` to every heading. In level flight `(x, y) = H (cos psi, -sin psi)` (see the [crate docs](crate)), and
-//! what is told is to be `H (cos(psi + a), -sin(psi + a))`, which is `(x cos a + y sin a, y cos a - x sin a)`.
+//! Alignment adds `a` to every heading. In level flight `(x, y) = H (cos psi, -sin psi)` (see the [crate docs](crate));
+//! the output must be `H (cos(psi + a), -sin(psi + a))`, which is `(x cos a + y sin a, y cos a - x sin a)`.
 //!
-//! # Another correction in flight
+//! # Change of correction in flight
 //!
-//! An autopilot steers by what it is told, so in the air another correction is not taken at once: what is told goes from
-//! the old map to the new one with a weight that grows evenly, slowly enough that the heading made of it never turns by
-//! more than [`MAX_TURN_DEG_S`] on account of it. If yet another correction comes meanwhile, the map that is told by then
-//! is frozen, and what is told goes from there to the newest one. On the ground a correction is taken at once; so is one
-//! after which nothing was told before.
+//! The autopilot uses this field for steering, so in flight the change to a new correction is gradual: the output moves
+//! linearly from the old map to the new one, slowly enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A
+//! further correction starts from the blended map of that moment. On the ground, and if there was no output before, a
+//! correction applies at once.
 
 #[cfg(test)]
 mod tests;
@@ -24,46 +23,47 @@ use core::f32::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use super::Correction;
-use crate::calibration::{Calibration, Uncertainty, inverse};
+use crate::calibration::{Calibration, HeadingUncertainty, inverse};
 use crate::frames::{Attitude, Body, Field, Level, Sensor, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig;
 
-/// A heading made of what is told turns by no more than this on account of another correction, degrees a second.
+/// Largest heading rate caused by a new correction, degrees per second.
 const MAX_TURN_DEG_S: f32 = 1.0;
 
-/// Headings that are looked at for it, and what may be missed between them: deviations are circles and ovals of a heading,
-/// and of an oval a 24th of the circle shows 97 % of the largest.
-const HEADINGS: u8 = 24;
-const MISSED: f32 = 1.05;
+/// Headings at which the rate is evaluated, and a margin for the maximum between them: deviations are one- and
+/// two-cycle curves of the heading, of which 24 points reach 97 % of the maximum.
+const EVALUATED_HEADINGS: u8 = 24;
+const SAMPLING_MARGIN: f32 = 1.05;
 
-/// No change takes longer, seconds. One that would, by 130 deg or more, is of headings that were none.
+/// Longest blend, seconds. Only a change of 130 deg or more would need longer, and then the old headings were useless.
 const MAX_BLEND_S: f32 = 300.0;
 
-/// Inclination where none is known, radians: 70 deg, steep, where iron turns a heading by much.
-const STEEP_RAD: f32 = 1.22;
+/// Inclination assumed if unknown, radians: 70 deg, where iron has a large effect on the heading.
+const DEFAULT_INCLINATION_RAD: f32 = 1.22;
 
-/// Strengths that differ by a larger factor than this are not of the same field.
-const MAX_SCALE: f32 = 2.0;
+/// Largest accepted ratio of true to measured field strength.
+const MAX_STRENGTH_RATIO: f32 = 2.0;
 
-/// An attitude that stays within so much, radians, is one at rest: 0.3 deg, what a source rounds to tenths may noise...
+/// Attitude change below which the aircraft is at rest, radians: 0.3 deg, above the noise of a source with 0.1 deg
+/// resolution.
 const AT_REST_RAD: f32 = 0.005;
 
-/// ... if it does for so long, microseconds, ...
+/// Duration of a constant attitude that counts as rest, microseconds.
 const AT_REST_US: u64 = 2_000_000;
 
-/// ... with no longer a gap in its reports than this, microseconds.
+/// Longest gap between attitude reports during rest, microseconds.
 const MAX_GAP_US: u64 = 500_000;
 
-/// From the field that is read to the one that is told: `w m + c`, a row for each axis of the body.
+/// Affine map from sensor to body field: `w m + c`, one row per body axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Map([[f32; 4]; 3]);
+struct FieldMap([[f32; 4]; 3]);
 
-impl Map {
-    /// That of a calibration, turned by an alignment, in the true strength if that is known.
+impl FieldMap {
+    /// Map of a calibration, rotated by the alignment and scaled to the true strength.
     fn new(calibration: &Calibration, correction: &Correction) -> Self {
         let (sin, cos) = trig::sin_cos(correction.align_deg.to_radians());
-        let scale = scale(calibration, correction);
+        let scale = strength_ratio(calibration, correction);
         let [x, y, z] = calibration.w.map(|row| Vector3::from(row) * scale);
         let b_ut = calibration.b_vector_ut();
         Self([x * cos + y * sin, y * cos - x * sin, z].map(|row| [row.x, row.y, row.z, -row.dot(&b_ut)]))
@@ -76,8 +76,7 @@ impl Map {
         Field::from_ut(row(x), row(y), row(z))
     }
 
-    /// On the way from here to another one.
-    fn toward(&self, other: &Self, weight: f32) -> Self {
+    fn interpolate(&self, other: &Self, weight: f32) -> Self {
         let Self(mut map) = *self;
         for (from, to) in map.as_flattened_mut().iter_mut().zip(other.0.as_flattened()) {
             *from += weight * (to - *from);
@@ -85,7 +84,6 @@ impl Map {
         Self(map)
     }
 
-    /// What is read where this is told; none if the map cannot be turned round.
     fn inverse(&self) -> Option<impl Fn(Field<Body>) -> Field<Sensor>> {
         let Self([x, y, z]) = *self;
         let inverse = inverse(&Matrix3::from_fn(|row, column| self.0[row][column]))?;
@@ -94,140 +92,134 @@ impl Map {
     }
 }
 
-/// By how much the true strength is more than the sensor's; 1 if it is not known, or cannot be of the same field.
-fn scale(calibration: &Calibration, correction: &Correction) -> f32 {
+/// True over measured field strength; 1 if unknown or implausible.
+fn strength_ratio(calibration: &Calibration, correction: &Correction) -> f32 {
     let scale = correction.total_ut.map_or(1.0, |total_ut| total_ut / calibration.total_ut);
-    if (MAX_SCALE.recip()..=MAX_SCALE).contains(&scale) { scale } else { 1.0 }
+    if (MAX_STRENGTH_RATIO.recip()..=MAX_STRENGTH_RATIO).contains(&scale) { scale } else { 1.0 }
 }
 
-/// How long going from one map to another takes at [`MAX_TURN_DEG_S`], seconds: by the heading of level flight in the field
-/// of the calibration that the new one is of.
-#[inline(never)]
-fn blend_s(from: &Map, to: &Map, calibration: &Calibration, correction: &Correction) -> f32 {
+/// Duration of a blend at [`MAX_TURN_DEG_S`], seconds, in level flight.
+fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, correction: &Correction) -> f32 {
     let Some(read) = to.inverse() else { return 0.0 };
-    let inclination_rad = if correction.knows_inclination { calibration.inclination_rad } else { STEEP_RAD };
-    let total_ut = calibration.total_ut * scale(calibration, correction);
+    let inclination_rad =
+        if correction.has_valid_inclination { calibration.inclination_rad } else { DEFAULT_INCLINATION_RAD };
+    let total_ut = calibration.total_ut * strength_ratio(calibration, correction);
     let turn_rad = |heading: u8| {
-        let heading_rad = TAU / f32::from(HEADINGS) * f32::from(heading);
+        let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
         let after = Attitude::default().body(Field::<Level>::earth(total_ut, inclination_rad, heading_rad));
-        fastest_turn_rad(from.apply(read(after)), after)
+        max_turn_rad_per_weight(from.apply(read(after)), after)
     };
-    let worst_rad = (0..HEADINGS).map(turn_rad).fold(0.0, f32::max);
-    (worst_rad.to_degrees() * MISSED / MAX_TURN_DEG_S).min(MAX_BLEND_S)
+    let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
+    (worst_rad.to_degrees() * SAMPLING_MARGIN / MAX_TURN_DEG_S).min(MAX_BLEND_S)
 }
 
-/// How fast the heading turns where it turns fastest, while the field goes from one to another as a weight goes from 0 to 1,
-/// radians. On a straight line that is where it comes nearest to the origin: the area that is swept there is the same
-/// everywhere.
-fn fastest_turn_rad(from: Field<Body>, to: Field<Body>) -> f32 {
+/// Largest heading rate, radians per unit of weight, while the field moves linearly between two values. It occurs at
+/// the point of the line nearest to the origin, since the line sweeps area at a constant rate.
+fn max_turn_rad_per_weight(from: Field<Body>, to: Field<Body>) -> f32 {
     let (from, to) = (from.ut.xy(), to.ut.xy());
     let way = to - from;
     let nearest = from + way * (-from.dot(&way) / way.norm_squared()).clamp(0.0, 1.0);
     from.perp(&to).abs() / nearest.norm_squared()
 }
 
-/// Whether the attitude is that of something at rest.
 #[derive(Debug)]
-struct Rest {
-    /// Where it has stayed since an instant.
-    since: Option<(Timestamp, Attitude)>,
-    /// The last report.
+struct RestDetector {
+    /// First attitude of the present rest, and its time.
+    rest_start: Option<(Timestamp, Attitude)>,
     last: Timestamp,
 }
 
-impl Rest {
-    fn see(&mut self, at: Timestamp, attitude: Attitude) {
+impl RestDetector {
+    fn update(&mut self, at: Timestamp, attitude: Attitude) {
         let stays = |(_, from): &(Timestamp, Attitude)| {
             wrap_pi(attitude.roll_rad - from.roll_rad).abs() <= AT_REST_RAD
                 && (attitude.pitch_rad - from.pitch_rad).abs() <= AT_REST_RAD
                 && at.us_since(self.last) <= MAX_GAP_US
         };
-        self.since = self.since.filter(stays).or(Some((at, attitude)));
+        self.rest_start = self.rest_start.filter(stays).or(Some((at, attitude)));
         self.last = at;
     }
 
-    fn lasts_at(&self, now: Timestamp) -> bool {
-        now.us_since(self.last) <= MAX_GAP_US && self.since.is_some_and(|(since, _)| now.us_since(since) >= AT_REST_US)
+    fn is_at_rest(&self, now: Timestamp) -> bool {
+        now.us_since(self.last) <= MAX_GAP_US
+            && self.rest_start.is_some_and(|(since, _)| now.us_since(since) >= AT_REST_US)
     }
 }
 
-/// A way from one map to another.
 #[derive(Clone, Copy, Debug)]
-struct Blend {
-    from: Map,
-    begun: Timestamp,
-    seconds: f32,
+struct MapBlend {
+    from: FieldMap,
+    started_at: Timestamp,
+    duration_s: f32,
 }
 
-impl Blend {
-    /// How much of the newer map is told; none when it is all of it.
+impl MapBlend {
+    /// Weight of the new map; `None` once complete.
     fn weight(&self, at: Timestamp) -> Option<f32> {
-        let weight = at.us_since(self.begun) as f32 * 1e-6 / self.seconds;
+        let weight = at.us_since(self.started_at) as f32 * 1e-6 / self.duration_s;
         (weight < 1.0).then_some(weight)
     }
 }
 
-/// What is told. 0.1 KB.
+/// Output state. 0.1 KB.
 #[derive(Debug)]
 pub(super) struct CompassField {
-    /// None: nothing is to be told.
-    to: Option<Map>,
-    blend: Option<Blend>,
+    target_map: Option<FieldMap>,
+    blend: Option<MapBlend>,
     had_calibration: bool,
-    rest: Rest,
-    /// The last reading.
+    rest_detector: RestDetector,
     last: Timestamp,
 }
 
 impl CompassField {
-    /// Of a module that knows nothing yet.
-    pub const NEW: Self = Self {
-        to: None,
+    pub const INITIAL: Self = Self {
+        target_map: None,
         blend: None,
         had_calibration: false,
-        rest: Rest { since: None, last: Timestamp::START },
+        rest_detector: RestDetector { rest_start: None, last: Timestamp::START },
         last: Timestamp::START,
     };
 
-    /// Takes the attitude of a report.
-    pub fn see_attitude(&mut self, at: Timestamp, attitude: Attitude) {
-        self.rest.see(at, attitude);
+    pub fn update_attitude(&mut self, at: Timestamp, attitude: Attitude) {
+        self.rest_detector.update(at, attitude);
     }
 
-    /// Another correction, or the calibration in force without what was learnt beyond it. It may be the same as before.
+    /// Applies a correction, possibly the same one, with the calibration as stored.
     #[inline(never)]
-    pub fn correct_with(&mut self, correction: &Correction, in_force: Option<&(Calibration, Uncertainty)>) {
+    pub fn set_correction(&mut self, correction: &Correction, in_force: Option<&(Calibration, HeadingUncertainty)>) {
         self.had_calibration |= in_force.is_some();
-        let before = self.to;
+        let before = self.target_map;
         let now = self.last;
-        let from = before.map(|to| self.told_by(now, &to));
-        self.follow(correction, in_force);
-        if self.to == before {
+        let from = before.map(|to| self.effective_map_at(now, &to));
+        self.apply_adjustment(correction, in_force);
+        if self.target_map == before {
             return;
         }
-        let is_in_air = correction.is_armed.unwrap_or_else(|| !self.rest.lasts_at(now));
-        self.blend = match (from, self.to, in_force) {
-            (Some(from), Some(to), Some((calibration, _))) if is_in_air => {
-                Some(Blend { from, begun: now, seconds: blend_s(&from, &to, calibration, correction) })
-            }
+        let is_in_air = correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
+        self.blend = match (from, self.target_map, in_force) {
+            (Some(from), Some(to), Some((calibration, _))) if is_in_air => Some(MapBlend {
+                from,
+                started_at: now,
+                duration_s: blend_duration_s(&from, &to, calibration, correction),
+            }),
             _ => None,
         };
     }
 
-    /// The calibration in force is adjusted a little: that is told at once.
-    pub fn follow(&mut self, correction: &Correction, in_force: Option<&(Calibration, Uncertainty)>) {
-        self.to = match in_force {
-            Some((calibration, _)) => Some(Map::new(calibration, correction)),
-            // An autopilot that has been told a corrected field must never be told another.
+    /// Applies the monitor's small adjustments, without a blend.
+    pub fn apply_adjustment(&mut self, correction: &Correction, in_force: Option<&(Calibration, HeadingUncertainty)>) {
+        self.target_map = match in_force {
+            Some((calibration, _)) => Some(FieldMap::new(calibration, correction)),
+            // After a corrected field the raw field must never be output.
             None if self.had_calibration => None,
-            None => correction.mount.map(|mount| Map::new(&Calibration::uncalibrated(mount), correction)),
+            None => correction.mount.map(|mount| FieldMap::new(&Calibration::uncalibrated(mount), correction)),
         };
     }
 
-    /// What is told of a reading.
-    pub fn tell(&mut self, at: Timestamp, field: Field<Sensor>) -> Option<Field<Body>> {
+    /// Output for a reading.
+    pub fn output_field(&mut self, at: Timestamp, field: Field<Sensor>) -> Option<Field<Body>> {
         self.last = at;
-        let after = self.to.as_ref()?.apply(field);
+        let after = self.target_map.as_ref()?.apply(field);
         let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.weight(at)?))) else {
             self.blend = None;
             return Some(after);
@@ -236,9 +228,8 @@ impl CompassField {
         Some(Field::new(before.ut + (after.ut - before.ut) * weight))
     }
 
-    /// The map that is told by now, on the way to this one.
-    fn told_by(&self, now: Timestamp, to: &Map) -> Map {
-        let on_the_way = self.blend.as_ref().and_then(|blend| Some(blend.from.toward(to, blend.weight(now)?)));
+    fn effective_map_at(&self, now: Timestamp, to: &FieldMap) -> FieldMap {
+        let on_the_way = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(to, blend.weight(now)?)));
         on_the_way.unwrap_or(*to)
     }
 }

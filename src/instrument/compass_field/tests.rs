@@ -1,17 +1,16 @@
 use super::super::*;
 use super::*;
-use crate::attitude::Source;
+use crate::attitude::SenderId;
 use crate::time::WrappingMillis;
 use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
 const BEGIN_US: u64 = 1_000_000;
 
-/// Corrects with this, and sees to what follows of it, as whoever drives it does after the next reading.
 fn correct(instrument: &mut Instrument, correction: Correction) {
-    instrument.correct_with(correction);
-    assert!(instrument.has_to_watch());
-    instrument.watch();
+    instrument.set_correction(correction);
+    assert!(instrument.is_monitor_update_due());
+    instrument.update_monitor();
 }
 
 fn at(us: u64) -> Timestamp {
@@ -22,14 +21,14 @@ fn calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::NONE) }
 }
 
-/// Another calibration of the same aircraft: soft iron and hard iron that turn headings by up to some 12 deg.
+/// Another calibration of the same aircraft; headings differ by up to 12 deg.
 fn another() -> Calibration {
     let w = [[1.05, 0.04, 0.0], [0.03, 0.97, 0.02], [-0.02, 0.0, 1.0]];
     Calibration { w, b_ut: [3.0, -4.0, 2.0], ..calibration() }
 }
 
 fn corrected(calibration: Calibration) -> Correction {
-    Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE }
+    Correction { calibration: Some((calibration, HeadingUncertainty::NONE)), ..Correction::NONE }
 }
 
 fn armed(is_armed: bool, correction: &Correction) -> Correction {
@@ -37,7 +36,7 @@ fn armed(is_armed: bool, correction: &Correction) -> Correction {
 }
 
 fn with(correction: Correction) -> Instrument {
-    let mut instrument = Instrument::new(Config::new(PERIOD_US as u32));
+    let mut instrument = Instrument::new(InstrumentConfig::new(PERIOD_US as u32));
     correct(&mut instrument, correction);
     instrument
 }
@@ -50,14 +49,12 @@ fn read(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate 
     instrument.on_reading(at(us), Reading { field, saturated: false, overrun: false })
 }
 
-/// An attitude that is true at this time.
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
-    let (source, sender_time) = (Source::default(), WrappingMillis::default());
-    let arrival = at(us).shifted_us(attitude::Config::DEFAULT.latency_us);
-    instrument.on_attitude(arrival, Report { source, sender_time, attitude, rates_rad_s: [0.0; 3] });
+    let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+    let arrival = at(us).plus_signed_us(attitude::AttitudeConfig::DEFAULT.latency_us);
+    instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, rates_rad_s: [0.0; 3] });
 }
 
-/// The heading that an autopilot makes of it in level flight, degrees.
 fn heading_deg(field: Field<Body>) -> f32 {
     Attitude::default().level(field).heading_rad().to_degrees()
 }
@@ -68,33 +65,31 @@ fn turned_deg(from: Field<Body>, to: Field<Body>) -> f32 {
 
 const SOME: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
 
-/// The same to some last digits of f32.
 fn is_near(told: Option<Field<Body>>, expected: Field<Body>) -> bool {
     told.is_some_and(|told| (told.ut - expected.ut).norm() < 2e-5)
 }
 
-/// To f32's last digits: at every heading and alignment the heading of what is told is the one that is told as such.
 #[test]
 fn headings_made_of_what_is_told_are_ours_in_level_flight() {
     for align_deg in [0.0, 5.0, -30.0, 179.0] {
         for heading in (0_u16..360).step_by(15) {
             let mut instrument = with(Correction { align_deg, ..corrected(another()) });
             report(&mut instrument, 0, Attitude::default());
-            // The field whose correction is the Earth's.
+            // Sensor field whose correction is the Earth's field.
             let read_ut = inverse(&another().w_matrix()).unwrap()
                 * sensed(f32::from(heading).to_radians(), Attitude::default()).ut
                 + another().b_vector_ut();
             let estimate = read(&mut instrument, 0, Field::new(read_ut));
             let ours_deg = estimate.heading.unwrap().magnetic_deg();
-            let off_deg = wrap_pi((heading_deg(estimate.compass.unwrap()) - ours_deg).to_radians()).to_degrees();
+            let off_deg = wrap_pi((heading_deg(estimate.compass_field.unwrap()) - ours_deg).to_radians()).to_degrees();
             assert!(off_deg.abs() < 1e-3, "align {align_deg} heading {heading}: {off_deg}");
-            assert!((estimate.compass.unwrap().total_ut() - 50.0).abs() < 1e-3);
-            assert!((estimate.compass.unwrap().ut.z - estimate.body.unwrap().ut.z).abs() < 1e-4);
+            assert!((estimate.compass_field.unwrap().total_ut() - 50.0).abs() < 1e-3);
+            assert!((estimate.compass_field.unwrap().ut.z - estimate.body_field.unwrap().ut.z).abs() < 1e-4);
         }
     }
 }
 
-/// 47.5 uT where the sensor reads 50; what cannot be of the same field leaves the sensor's own scale.
+/// Ratios beyond 2 keep the sensor's scale.
 #[test]
 fn the_strength_is_the_true_one_where_it_is_known() {
     for (total_ut, told_ut) in [
@@ -109,63 +104,60 @@ fn the_strength_is_the_true_one_where_it_is_known() {
     ] {
         let mut instrument = with(Correction { total_ut, ..corrected(calibration()) });
         report(&mut instrument, 0, Attitude::default());
-        let told = read(&mut instrument, 0, sensed(0.7, Attitude::default())).compass.unwrap();
+        let told = read(&mut instrument, 0, sensed(0.7, Attitude::default())).compass_field.unwrap();
         assert!((told.total_ut() - told_ut).abs() < 1e-3, "{total_ut:?}: {told:?}");
         assert!((heading_deg(told) - 0.7_f32.to_degrees()).abs() < 1e-3);
     }
 }
 
-/// The autopilot has to find its compass before there is a calibration; but until it is known which chip it is, nobody
-/// knows that there is none.
+/// Autopilots look for a compass at start-up, when it is unknown whether a calibration is stored for the chip.
 #[test]
 fn an_uncalibrated_module_tells_what_it_reads() {
     let mut instrument = with(Correction::NONE);
-    assert_eq!(read(&mut instrument, 0, SOME).compass, None);
+    assert_eq!(read(&mut instrument, 0, SOME).compass_field, None);
     let mount = Orientation::from_name("yaw90");
     correct(&mut instrument, Correction { mount, ..Correction::NONE });
     let estimate = read(&mut instrument, PERIOD_US, SOME);
     assert_eq!(estimate.heading, Err(NoHeading::Uncalibrated));
-    // A chip turned to the right has its y where the tail is.
-    assert_eq!(estimate.compass, Some(Field::from_ut(5.0, 20.0, 40.0)));
+    // A chip rotated to the right has its y axis towards the tail.
+    assert_eq!(estimate.compass_field, Some(Field::from_ut(5.0, 20.0, 40.0)));
     let saturated = Reading { field: SOME, saturated: true, overrun: false };
-    assert_eq!(instrument.on_reading(at(2 * PERIOD_US), saturated).compass, None);
-    assert_eq!(instrument.on_silence(at(1_000_000)).compass, None);
+    assert_eq!(instrument.on_reading(at(2 * PERIOD_US), saturated).compass_field, None);
+    assert_eq!(instrument.on_silence(at(1_000_000)).compass_field, None);
 }
 
-/// What an autopilot steers by must not change into something else.
 #[test]
 fn what_is_read_is_never_told_after_a_calibration_was_in_use() {
     let mount = Some(Orientation::NONE);
     let mut instrument = with(Correction { mount, ..corrected(calibration()) });
-    assert!(read(&mut instrument, 0, SOME).compass.is_some());
+    assert!(read(&mut instrument, 0, SOME).compass_field.is_some());
     correct(&mut instrument, Correction { mount, ..Correction::NONE });
-    assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass, None);
+    assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass_field, None);
     correct(&mut instrument, Correction { mount, ..corrected(another()) });
-    assert!(is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass, another().apply(SOME)), "at once");
+    assert!(is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, another().apply(SOME)), "at once");
 }
 
-/// Attitude missing, stale, frozen: the compass needs none.
+/// Attitude missing, stale, frozen.
 #[test]
 fn an_attitude_that_fails_leaves_the_compass() {
     let level = Attitude::default();
     let mut instrument = with(corrected(calibration()));
     let missing = read(&mut instrument, 0, sensed(1.0, level));
-    assert_eq!((missing.heading, missing.compass.is_some()), (Err(NoHeading::AttitudeStale), true));
+    assert_eq!((missing.heading, missing.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
     report(&mut instrument, 0, level);
     let stale = read(&mut instrument, 900_000, sensed(1.0, level));
-    assert_eq!((stale.heading, stale.compass.is_some()), (Err(NoHeading::AttitudeStale), true));
-    // Fine values that move, and then those that do not.
+    assert_eq!((stale.heading, stale.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
     for i in 0..30 {
         report(&mut instrument, 1_000_000 + i * 20_000, Attitude::from_deg(0.003 * i.min(20) as f32, 0.0));
         let field = Field::new(sensed(1.0, level).ut * (1.0 + 1e-4 * i as f32));
         let estimate = read(&mut instrument, 1_000_000 + i * 20_000 + 20_001, field);
-        assert!(estimate.compass.is_some(), "{:?}", estimate.heading);
+        assert!(estimate.compass_field.is_some(), "{:?}", estimate.heading);
     }
     let estimate = read(&mut instrument, 1_600_002, sensed(1.0, level));
-    assert_eq!((estimate.heading, estimate.compass.is_some()), (Err(NoHeading::AttitudeFrozen), true));
+    assert_eq!((estimate.heading, estimate.compass_field.is_some()), (Err(NoHeading::AttitudeFrozen), true));
 }
 
-/// Without an attitude the strength alone judges, 20 % either way; with one the inclination does as well.
+/// Without an attitude only the strength is checked, within 20 %.
 #[test]
 fn without_an_attitude_the_strength_judges() {
     let told = |times: f32, attitude: Option<Attitude>| {
@@ -173,7 +165,7 @@ fn without_an_attitude_the_strength_judges() {
         if let Some(attitude) = attitude {
             report(&mut instrument, 0, attitude);
         }
-        read(&mut instrument, 0, Field::new(sensed(1.0, Attitude::default()).ut * times)).compass.is_some()
+        read(&mut instrument, 0, Field::new(sensed(1.0, Attitude::default()).ut * times)).compass_field.is_some()
     };
     for (times, expected) in [(1.0, true), (1.199, true), (1.201, false), (0.801, true), (0.799, false)] {
         assert_eq!(told(times, None), expected, "{times}");
@@ -183,16 +175,15 @@ fn without_an_attitude_the_strength_judges() {
     assert!(!told(1.0, Some(Attitude::from_deg(0.0, 40.0))), "a dip that is not the Earth's");
 }
 
-/// An instrument whose watch says so, with an attitude until now.
 fn judged(verdict: Result<(), NoHeading>) -> Instrument {
     let mut instrument = with(corrected(calibration()));
     report(&mut instrument, 0, Attitude::default());
-    instrument.watch.set_verdict(verdict);
-    instrument.watched_at = at(0);
+    instrument.monitor.set_validity(verdict);
+    instrument.monitored_at = at(0);
     instrument
 }
 
-/// The watch's verdict on the field counts with and without an attitude; that on the attitude does not.
+/// The verdict on the field applies with and without attitude; that on the attitude does not matter.
 #[test]
 fn what_the_watch_says_of_the_field_silences() {
     let field = sensed(1.0, Attitude::default());
@@ -204,37 +195,42 @@ fn what_the_watch_says_of_the_field_silences() {
     ] {
         let mut instrument = judged(verdict);
         let estimate = read(&mut instrument, 0, field);
-        assert_eq!((estimate.heading.err(), estimate.compass.is_some()), (verdict.err(), told));
+        assert_eq!((estimate.heading.err(), estimate.compass_field.is_some()), (verdict.err(), told));
         let stale = read(&mut instrument, 1_000_000, field);
-        assert_eq!((stale.heading, stale.compass.is_some()), (Err(NoHeading::AttitudeStale), told), "{verdict:?}");
+        assert_eq!(
+            (stale.heading, stale.compass_field.is_some()),
+            (Err(NoHeading::AttitudeStale), told),
+            "{verdict:?}"
+        );
     }
-    // A contradicted attitude in a field of another strength.
     let strong = Field::new(field.ut * 1.3);
-    assert_eq!(read(&mut judged(Err(NoHeading::AttitudeContradicted)), 0, strong).compass, None);
-    // A disturbance passes, also when the attitude that would show it does not come back; iron that has moved stays.
+    assert_eq!(read(&mut judged(Err(NoHeading::AttitudeContradicted)), 0, strong).compass_field, None);
+    // Without attitude a disturbance times out; changed hard iron does not.
     for (verdict, us, told) in [
         (NoHeading::FieldDisturbed, 10_000_000, false),
         (NoHeading::FieldDisturbed, 10_000_001, true),
         (NoHeading::FieldChanged, 3_600_000_000, false),
     ] {
-        assert_eq!(read(&mut judged(Err(verdict)), us, field).compass.is_some(), told, "{verdict:?} after {us} us");
+        assert_eq!(
+            read(&mut judged(Err(verdict)), us, field).compass_field.is_some(),
+            told,
+            "{verdict:?} after {us} us"
+        );
     }
 }
 
-/// What the watch has learnt is in what is told: hard iron, which `in_force` holds.
 #[test]
 fn what_is_told_is_by_the_calibration_in_force() {
     let mut instrument = with(corrected(calibration()));
     let iron = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
-    instrument.in_force = Some((iron, Uncertainty::NONE));
-    instrument.compass_field.follow(&instrument.correction, instrument.in_force.as_ref());
-    assert!(is_near(read(&mut instrument, 0, SOME).compass, iron.apply(SOME)));
-    // Arming changes nothing of it, and nothing is blended.
+    instrument.monitored_calibration = Some((iron, HeadingUncertainty::NONE));
+    instrument.compass_field.apply_adjustment(&instrument.correction, instrument.monitored_calibration.as_ref());
+    assert!(is_near(read(&mut instrument, 0, SOME).compass_field, iron.apply(SOME)));
     correct(&mut instrument, armed(true, &corrected(calibration())));
-    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass, iron.apply(SOME)));
+    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, iron.apply(SOME)));
 }
 
-/// Everything that the watch does, through the instrument: iron of 2 uT that appears is taken out of what is told.
+/// Full path through the monitor: 2 uT of added hard iron are compensated.
 #[test]
 fn iron_that_moves_is_followed() {
     let mut instrument = with(corrected(calibration()));
@@ -245,36 +241,35 @@ fn iron_that_moves_is_followed() {
         let heading_rad = 20_f32.to_radians() * us as f32 * 1e-6;
         let attitude = Attitude::from_deg(5.0 + 0.1 * random.normal(), 0.1 * random.normal());
         if i % 2 == 0 {
-            let (source, sender_time) = (Source::default(), WrappingMillis::default());
+            let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
             let roll_rad = 5_f32.to_radians();
             let rates_rad_s = [0.0, roll_rad.sin(), roll_rad.cos()].map(|part| 20_f32.to_radians() * part);
-            let report = Report { source, sender_time, attitude, rates_rad_s };
-            instrument.on_attitude(at(us).shifted_us(attitude::Config::DEFAULT.latency_us), report);
+            let report = AttitudeReport { sender: source, sender_time, attitude, rates_rad_s };
+            instrument.on_attitude(at(us).plus_signed_us(attitude::AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let iron = Vector3::new(2.0, 0.0, 0.0);
         let truth = sensed(heading_rad, Attitude::from_deg(5.0, 0.0)).ut;
         let estimate = read(&mut instrument, us, Field::new(truth + iron + noise));
         while instrument.next_sample().is_some() {}
-        instrument.watch();
-        last = estimate.compass.map(|told| (told.ut - noise - truth).norm());
+        instrument.update_monitor();
+        last = estimate.compass_field.map(|told| (told.ut - noise - truth).norm());
     }
-    assert!(instrument.watched_at > at(119_000_000), "the last sample");
+    assert!(instrument.monitored_at > at(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
-/// What is told of a field at all instants from one on, of a hundred a second, until it stays for a second.
 fn told(instrument: &mut Instrument, from_us: u64, seconds: u64, field: Field<Sensor>) -> Vec<Field<Body>> {
-    (0..seconds * 100).map(|i| instrument.compass_field.tell(at(from_us + i * 10_000), field).unwrap()).collect()
+    (0..seconds * 100)
+        .map(|i| instrument.compass_field.output_field(at(from_us + i * 10_000), field).unwrap())
+        .collect()
 }
 
-/// Degrees a second, the largest.
 fn fastest_deg_s(told: &[Field<Body>]) -> f32 {
     told.windows(2).map(|pair| turned_deg(pair[0], pair[1]).abs() * 100.0).fold(0.0, f32::max)
 }
 
-/// In the air a new calibration takes its time: at every heading of level flight the heading turns by at most 1 deg/s, at
-/// some heading by nearly that, and in the end all of it is there.
+/// For all headings.
 #[test]
 fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
     let mut worst = 0_f32;
@@ -284,25 +279,25 @@ fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
             + another().b_vector_ut();
         let field = Field::new(read_ut);
         let mut instrument = with(armed(true, &corrected(calibration())));
-        let before = instrument.compass_field.tell(at(0), field).unwrap();
+        let before = instrument.compass_field.output_field(at(0), field).unwrap();
         correct(&mut instrument, armed(true, &corrected(another())));
         let told = told(&mut instrument, 0, 40, field);
         assert_eq!(told[0], before);
         assert!(is_near(told.last().copied(), another().apply(field)));
         let fastest_deg_s = fastest_deg_s(&told);
-        // 0.01 for f32, whose 1e-5 deg of a heading are 1e-3 deg/s here.
+        // f32 rounding of 1e-5 deg per 10 ms is 1e-3 deg/s.
         assert!(fastest_deg_s < 1.01, "heading {heading}: {fastest_deg_s}");
         worst = worst.max(fastest_deg_s);
     }
     assert!(worst > 0.9, "{worst}");
 }
 
-/// A change of 100 deg takes its way near the middle of the circle, where headings turn fast.
+/// For a change of 100 deg the field passes near zero, where headings turn fast.
 #[test]
 fn a_large_change_is_no_faster() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
-    instrument.compass_field.tell(at(0), field);
+    instrument.compass_field.output_field(at(0), field);
     correct(&mut instrument, Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
     let told = told(&mut instrument, 0, 200, field);
     let fastest_deg_s = fastest_deg_s(&told);
@@ -310,19 +305,19 @@ fn a_large_change_is_no_faster() {
     assert!((turned_deg(told[0], told[told.len() - 1]) - 100.0).abs() < 0.01);
 }
 
-/// From what is read to the first calibration, and from one to the next in the middle of the way.
+/// From the raw field to a calibration, and to another one before the blend ends.
 #[test]
 fn a_change_on_the_way_goes_on_from_where_it_is() {
     let mount = Some(Orientation::NONE);
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
-    instrument.compass_field.tell(at(0), field);
+    instrument.compass_field.output_field(at(0), field);
     let flown = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
     correct(&mut instrument, flown(10.0));
     let mut all = told(&mut instrument, 0, 5, field);
     correct(&mut instrument, flown(-10.0));
     all.extend(told(&mut instrument, 5_000_000, 5, field));
-    // The same again does not begin anew.
+    // Repeating a correction does not restart the blend.
     correct(&mut instrument, flown(-10.0));
     all.extend(told(&mut instrument, 10_000_000, 20, field));
     assert!(fastest_deg_s(&all) < 1.01, "{}", fastest_deg_s(&all));
@@ -333,12 +328,11 @@ fn a_change_on_the_way_goes_on_from_where_it_is() {
     assert!((1_900..2_100).contains(&arrived), "15 deg more in some 15 s: {arrived}");
 }
 
-/// Landing and disarming on the way changes nothing of it.
 #[test]
 fn what_has_begun_goes_on_when_it_is_disarmed() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
-    instrument.compass_field.tell(at(0), field);
+    instrument.compass_field.output_field(at(0), field);
     let changed = Correction { align_deg: 10.0, ..corrected(calibration()) };
     correct(&mut instrument, armed(true, &changed));
     let before = told(&mut instrument, 0, 5, field);
@@ -347,12 +341,11 @@ fn what_has_begun_goes_on_when_it_is_disarmed() {
     assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
 }
 
-/// Whether a change was taken at once.
 fn is_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> bool {
     let field = sensed(0.3, Attitude::default());
-    instrument.compass_field.tell(at(us), field);
+    instrument.compass_field.output_field(at(us), field);
     correct(instrument, correction);
-    is_near(instrument.compass_field.tell(at(us + 1), field), another().apply(field))
+    is_near(instrument.compass_field.output_field(at(us + 1), field), another().apply(field))
 }
 
 #[test]
@@ -362,7 +355,6 @@ fn on_the_ground_a_new_calibration_is_taken_at_once() {
         let correction = Correction { is_armed, ..corrected(another()) };
         assert_eq!(is_at_once(&mut instrument, 0, correction), expected, "{is_armed:?}");
     }
-    // Armed counts more than rest.
     let mut instrument = with(armed(true, &corrected(calibration())));
     for i in 0..200 {
         report(&mut instrument, i * 20_000, Attitude::default());
@@ -370,10 +362,10 @@ fn on_the_ground_a_new_calibration_is_taken_at_once() {
     assert!(!is_at_once(&mut instrument, 4_000_000, armed(true, &corrected(another()))));
 }
 
-/// Where nobody says whether it is armed, an attitude that has stayed for two seconds, and still does, says that it is not.
+/// Without an armed state, two seconds of constant attitude mean on the ground.
 #[test]
 fn what_rests_is_on_the_ground() {
-    let latency_us = attitude::Config::DEFAULT.latency_us.unsigned_abs();
+    let latency_us = attitude::AttitudeConfig::DEFAULT.latency_us.unsigned_abs();
     let rests = |step_us: u64, seconds: f32, moves_deg: (f32, f32), asked_after_us: u64| {
         let mut instrument = with(corrected(calibration()));
         let steps = (seconds * 1e6) as u64 / step_us;
@@ -391,23 +383,21 @@ fn what_rests_is_on_the_ground() {
     {
         assert_eq!(rests(20_000, 3.0, moves_deg, 0), expected, "{moves_deg:?}");
     }
-    // Reports that are rare, or have ceased, say nothing.
+    // Gaps between reports and missing reports are not rest.
     assert!(rests(500_000, 3.0, (0.0, 0.0), 0) && !rests(500_001, 3.1, (0.0, 0.0), 0));
     assert!(rests(20_000, 3.0, (0.0, 0.0), 500_000) && !rests(20_000, 3.0, (0.0, 0.0), 500_001));
 }
 
-/// A roll of a half circle is the same either way.
 #[test]
 fn rest_upside_down_is_rest() {
-    let mut rest = Rest { since: None, last: at(0) };
+    let mut rest = RestDetector { rest_start: None, last: at(0) };
     for i in 0..200 {
         let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
-        rest.see(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
+        rest.update(at(i * 20_000), Attitude::from_deg(roll_deg, 0.0));
     }
-    assert!(rest.lasts_at(at(3_980_000)));
+    assert!(rest.is_at_rest(at(3_980_000)));
 }
 
-/// Whatever calibrations come, how long a change takes is a number, and no longer than that.
 #[test]
 fn a_change_always_ends() {
     let mut random = Random(9);
@@ -419,26 +409,28 @@ fn a_change_always_ends() {
         };
         let (from, to) = (any(), any());
         let correction = corrected(to);
-        let seconds = blend_s(&Map::new(&from, &correction), &Map::new(&to, &correction), &to, &correction);
+        let seconds =
+            blend_duration_s(&FieldMap::new(&from, &correction), &FieldMap::new(&to, &correction), &to, &correction);
         assert!((0.0..=MAX_BLEND_S).contains(&seconds), "{seconds}");
     }
     let flat = Calibration { w: [[0.0; 3]; 3], ..calibration() };
-    let map = Map::new(&flat, &corrected(flat));
-    assert!(blend_s(&map, &map, &flat, &corrected(flat)).abs() < 1e-9, "what cannot be turned round is taken at once");
+    let map = FieldMap::new(&flat, &corrected(flat));
+    assert!(
+        blend_duration_s(&map, &map, &flat, &corrected(flat)).abs() < 1e-9,
+        "what cannot be turned round is taken at once"
+    );
 }
 
-/// Iron turns a heading by more where the field is steep, so an unknown inclination is taken for a steep one.
 #[test]
 fn an_unknown_inclination_takes_longer() {
     let seconds = |knows_inclination| {
-        let correction = Correction { knows_inclination, ..corrected(calibration()) };
-        let from = Map::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &correction);
-        blend_s(&from, &Map::new(&calibration(), &correction), &calibration(), &correction)
+        let correction = Correction { has_valid_inclination: knows_inclination, ..corrected(calibration()) };
+        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &correction);
+        blend_duration_s(&from, &FieldMap::new(&calibration(), &correction), &calibration(), &correction)
     };
     assert!(seconds(false) > 1.3 * seconds(true), "{} {}", seconds(false), seconds(true));
 }
 
-/// Arming is no other correction: what is smoothed goes on.
 #[test]
 fn arming_is_alike() {
     let correction = corrected(calibration());
@@ -447,11 +439,11 @@ fn arming_is_alike() {
         Correction { total_ut: Some(48.0), ..correction.clone() },
         Correction { mount: Some(Orientation::NONE), ..correction.clone() },
     ];
-    assert!(changed.iter().all(|other| other.is_alike(&correction)));
+    assert!(changed.iter().all(|other| other.gives_same_headings(&correction)));
     let others = [
         corrected(another()),
         Correction { align_deg: 1.0, ..correction.clone() },
-        Correction { knows_inclination: false, ..correction.clone() },
+        Correction { has_valid_inclination: false, ..correction.clone() },
     ];
-    assert!(others.iter().all(|other| !other.is_alike(&correction)));
+    assert!(others.iter().all(|other| !other.gives_same_headings(&correction)));
 }

@@ -1,106 +1,103 @@
-//! Whether the smooth heading is believed.
+//! Agreement test between smoothed and raw heading.
 
-use super::{DEG, Step, square};
+use super::{DEG, GyroStep, square};
 
-/// What the raw heading says of the smooth one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Agreed {
-    /// They have said the same for long enough.
-    Yes,
-    /// They have not, or not for long.
-    NotYet,
-    /// They have not for so long that the filter is lost.
+pub(super) enum AgreementResult {
+    /// In agreement for long enough.
+    InAgreement,
+    /// Not in agreement, or not for long enough.
+    NotInAgreement,
+    /// Not in agreement for so long that the filter must restart.
     Lost,
 }
 
-/// Whether raw and smooth heading say the same: the mean of their difference over two seconds within three of their
-/// joint sigmas. A gyro that is quickly wrong shows sooner, in two differences one after the other of four sigmas; or
-/// of four times what they scatter from one to the next, where the raw heading is noisier than it says. A single one
-/// is nothing.
+/// Agreement test: the exponential mean of the innovation over two seconds must be within 3 sigma. A fast failure of
+/// the gyro is detected earlier, by two consecutive innovations beyond 4 sigma on the same side; if the raw heading is
+/// noisier than its sigma, the scatter of the innovations replaces that. A single outlier is ignored.
 #[derive(Clone, Debug)]
-pub(super) struct Agreement {
-    /// Mean of the difference, radians.
-    mean_rad: f32,
-    /// The difference before.
-    last_rad: f32,
-    /// What the differences scatter from one to the next: the mean of half the square of that step.
-    scatter: f32,
-    /// The difference before was too large, and to this side.
-    beyond: Option<bool>,
-    /// For how long they have agreed, up to how long they have to, seconds.
-    agreed_s: f32,
-    /// What they have yet to turn in agreement, radians.
-    owed_rad: f32,
-    /// For how long they have not, seconds.
-    against_s: f32,
-    /// See [`Self::doubt`].
-    doubt: f32,
+pub(super) struct AgreementTest {
+    mean_innovation_rad: f32,
+    last_innovation_rad: f32,
+    /// Scatter: half the mean squared difference of consecutive innovations.
+    innovation_scatter_rad2: f32,
+    last_exceeded_side: Option<bool>,
+    agreement_s: f32,
+    /// Remaining turn to demonstrate, radians.
+    required_turn_rad: f32,
+    disagreement_s: f32,
+    excess_variance_rad2: f32,
 }
 
-impl Agreement {
-    /// Mean age of what the means are of, seconds: that of two seconds in a row.
-    const MEAN_AGE_S: f32 = 1.0;
+impl AgreementTest {
+    /// Time constant of the means, seconds; equals the mean age in a 2 s window.
+    const MEAN_TIME_S: f32 = 1.0;
 
-    /// The mean difference may be so many joint sigmas.
-    const MEAN_SIGMAS: f32 = 3.0;
+    /// Limit of the mean innovation, sigmas.
+    const MEAN_GATE_SIGMAS: f32 = 3.0;
 
-    /// A single one.
-    const SINGLE_SIGMAS: f32 = 4.0;
+    /// Limit of a single innovation, sigmas.
+    const SINGLE_GATE_SIGMAS: f32 = 4.0;
 
-    /// So long they have to agree, seconds.
-    const SETTLED_S: f32 = 2.0;
+    /// Required duration of agreement, seconds.
+    const REQUIRED_AGREEMENT_S: f32 = 2.0;
 
-    /// After a contradiction they have to agree in a turn, or in as much to and fro, radians: a gyro that is wrong
-    /// agrees as long as nothing turns.
-    const PROOF_RAD: f32 = 45.0 * DEG;
+    /// Required turn after a disagreement, to either side, radians: a wrong gyro is unobservable in straight flight.
+    const REQUIRED_TURN_RAD: f32 = 45.0 * DEG;
 
-    /// After so long the filter is lost, seconds.
-    const LOST_AFTER_S: f32 = 5.0;
+    /// Disagreement after which the filter restarts, seconds.
+    const MAX_DISAGREEMENT_S: f32 = 5.0;
 
-    /// Nothing seen yet.
     pub const NEW: Self = Self {
-        mean_rad: 0.0,
-        last_rad: 0.0,
-        scatter: 0.0,
-        beyond: None,
-        agreed_s: 0.0,
-        owed_rad: 0.0,
-        against_s: 0.0,
-        doubt: 0.0,
+        mean_innovation_rad: 0.0,
+        last_innovation_rad: 0.0,
+        innovation_scatter_rad2: 0.0,
+        last_exceeded_side: None,
+        agreement_s: 0.0,
+        required_turn_rad: 0.0,
+        disagreement_s: 0.0,
+        excess_variance_rad2: 0.0,
     };
 
-    /// The filter begins anew, and what was owed before is still owed.
-    pub fn begin(&mut self) {
-        *self = Self { owed_rad: self.owed_rad, ..Self::NEW };
+    /// Restarts with the filter; a turn still required remains so.
+    pub fn restart(&mut self) {
+        *self = Self { required_turn_rad: self.required_turn_rad, ..Self::NEW };
     }
 
-    /// What the square of the mean difference is beyond its variance, radians squared: one of the two is off by that,
-    /// and it may be the smooth one.
-    pub const fn doubt(&self) -> f32 {
-        self.doubt
+    /// Excess of the squared mean innovation over its variance, rad^2: an error of the raw or the smoothed heading.
+    pub const fn excess_variance_rad2(&self) -> f32 {
+        self.excess_variance_rad2
     }
 
-    /// Takes the difference of an instant with the variance that it should have, and what the gyro has turned since the
-    /// one before.
-    pub fn see(&mut self, off_rad: f32, variance: f32, step: Step) -> Agreed {
-        let Step { step_s, turned_rad } = step;
-        let part = step_s / (Self::MEAN_AGE_S + step_s);
-        self.mean_rad += part * (off_rad - self.mean_rad);
-        self.doubt = (square(self.mean_rad) - variance).max(0.0);
-        let usual = square(Self::SINGLE_SIGMAS) * variance.max(self.scatter);
-        self.scatter += part * (0.5 * square(off_rad - self.last_rad) - self.scatter);
-        self.last_rad = off_rad;
+    /// Tests an innovation with its variance.
+    pub fn test_innovation(&mut self, off_rad: f32, variance: f32, step: GyroStep) -> AgreementResult {
+        let GyroStep { step_s, turned_rad } = step;
+        let part = step_s / (Self::MEAN_TIME_S + step_s);
+        self.mean_innovation_rad += part * (off_rad - self.mean_innovation_rad);
+        self.excess_variance_rad2 = (square(self.mean_innovation_rad) - variance).max(0.0);
+        let usual = square(Self::SINGLE_GATE_SIGMAS) * variance.max(self.innovation_scatter_rad2);
+        self.innovation_scatter_rad2 +=
+            part * (0.5 * square(off_rad - self.last_innovation_rad) - self.innovation_scatter_rad2);
+        self.last_innovation_rad = off_rad;
         let beyond = (square(off_rad) > usual).then_some(off_rad > 0.0);
-        let is_quick = beyond.is_some() && beyond == self.beyond;
-        self.beyond = beyond;
-        if is_quick || square(self.mean_rad) > square(Self::MEAN_SIGMAS) * variance {
-            (self.agreed_s, self.owed_rad) = (0.0, Self::PROOF_RAD);
-            self.against_s += step_s;
-            return if self.against_s > Self::LOST_AFTER_S { Agreed::Lost } else { Agreed::NotYet };
+        let is_quick = beyond.is_some() && beyond == self.last_exceeded_side;
+        self.last_exceeded_side = beyond;
+        if is_quick || square(self.mean_innovation_rad) > square(Self::MEAN_GATE_SIGMAS) * variance {
+            (self.agreement_s, self.required_turn_rad) = (0.0, Self::REQUIRED_TURN_RAD);
+            self.disagreement_s += step_s;
+            return if self.disagreement_s > Self::MAX_DISAGREEMENT_S {
+                AgreementResult::Lost
+            } else {
+                AgreementResult::NotInAgreement
+            };
         }
-        self.against_s = 0.0;
-        self.agreed_s = (self.agreed_s + step_s).min(Self::SETTLED_S);
-        self.owed_rad = (self.owed_rad - turned_rad.abs()).max(0.0);
-        if self.agreed_s >= Self::SETTLED_S && self.owed_rad <= 0.0 { Agreed::Yes } else { Agreed::NotYet }
+        self.disagreement_s = 0.0;
+        self.agreement_s = (self.agreement_s + step_s).min(Self::REQUIRED_AGREEMENT_S);
+        self.required_turn_rad = (self.required_turn_rad - turned_rad.abs()).max(0.0);
+        if self.agreement_s >= Self::REQUIRED_AGREEMENT_S && self.required_turn_rad <= 0.0 {
+            AgreementResult::InAgreement
+        } else {
+            AgreementResult::NotInAgreement
+        }
     }
 }

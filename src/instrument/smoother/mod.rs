@@ -1,63 +1,62 @@
-//! The smooth heading: the raw one and the attitude source's body rates in a filter of two states.
+//! Smoothed heading: a two-state Kalman filter over raw heading and gyro.
 //!
-//! Each raw heading has the error of the attitude and of the reading at its instant, which lasts for seconds; what the
-//! gyro says between two instants has next to none of it, but drifts. The filter holds the heading and the gyro's bias:
+//! The error of a raw heading is correlated over seconds; the gyro has little short-term error but drifts. States are
+//! heading `psi` and gyro bias `beta`:
 //!
 //! ```text
-//! psi  += turned - beta dt        Q_psi = 0.2^2 deg^2/s dt, and 3 % of what turned
+//! psi  += turned - beta dt        Q_psi = 0.2^2 deg^2/s dt, and 3 % of the turn
 //! beta += 0                       Q_beta = 0.002^2 (deg/s)^2/s dt
-//! z     = raw - psi               R = v 2 tau / dt, v the raw heading's variance without the coefficients' share
+//! z     = raw - psi               R = v 2 tau / dt, v = variance of the raw heading without coefficient errors
 //! ```
 //!
-//! An error that lasts for a time `tau` and is measured every `dt` weighs as much as a white one of `2 tau / dt` times
-//! its variance. What is far off weighs less.
+//! Noise of correlation time `tau` sampled every `dt` counts like white noise of `2 tau / dt` times its variance.
+//! Outliers get a larger variance.
 //!
-//! What the filter itself takes for its variance is no standard deviation to send: in simulation, with a gyro without
-//! errors, it is three times too large, on recorded flights half of what it must be. So the part of the raw heading's
-//! noise that is not smoothed away is learnt ([`Lasting`]). The coefficients' share comes on top: it is the same from
-//! one reading to the next, and no smoothing takes anything off it.
+//! The filter's own variance is not a usable accuracy: three times too large in simulation with an ideal gyro, half of
+//! the actual error on recorded flights. Therefore the fraction of raw noise that remains is estimated from the
+//! residuals. The coefficients' variance is added unchanged, because it is common to all readings.
 //!
-//! The smooth heading is told only while it and the raw one say the same ([`Agreement`]): a gyro that is wrong shows in
-//! the first turn.
+//! The smoothed heading is output only while it agrees with the raw one: a wrong gyro shows in the first turn.
 
 mod agreement;
-mod lasting;
+mod residual_noise;
 
-use crate::attitude::Turning;
+use crate::attitude::GyroHeading;
 use crate::frames::{wrap_pi, wrap_two_pi};
 use crate::heading::Heading;
 use crate::time::Timestamp;
-use agreement::{Agreed, Agreement};
-use lasting::Lasting;
+use crate::trig::sqrt;
+use agreement::{AgreementResult, AgreementTest};
+use residual_noise::ResidualNoise;
 
-/// How long the error of a raw heading lasts, seconds: that of an attitude source's filter.
-const CORRELATION_S: f32 = 2.0;
+/// Correlation time of the raw heading's error, seconds: that of an attitude source's filter.
+const NOISE_CORRELATION_S: f32 = 2.0;
 
-/// Without a raw heading for longer, the filter begins anew, microseconds.
+/// Longest gap bridged by the gyro, microseconds.
 const MAX_GAP_US: u64 = 3_000_000;
 
-/// Faster than once round a second nothing is smoothed, radians a second.
-const MAX_TURNING_RAD_S: f32 = core::f32::consts::TAU;
+/// Turn rate above which the filter stops, rad/s.
+const MAX_TURN_RATE_RAD_S: f32 = core::f32::consts::TAU;
 
-/// Of the heading by the gyro, radians squared a second: a random walk of 0.2 deg in a second. A
-/// gyro alone has a tenth of it; the rest is for angles that are not those of the rates' instant.
-const HEADING_WALK: f32 = square(0.2 * DEG);
+/// Heading process noise, rad^2/s: a random walk of 0.2 deg in a second. A gyro has a tenth of it; the rest covers
+/// attitudes not synchronous with the body rates.
+const HEADING_PROCESS_NOISE: f32 = square(0.2 * DEG);
 
-/// The same of the gyro's bias, (rad/s)^2 a second: 0.002 deg/s.
-const BIAS_WALK: f32 = square(0.002 * DEG);
+/// Gyro-bias process noise, (rad/s)^2/s: 0.002 deg/s.
+const BIAS_PROCESS_NOISE: f32 = square(0.002 * DEG);
 
-/// What is thought of the gyro's bias at the beginning, (rad/s)^2: an autopilot has taken most of it off.
-const BIAS_VARIANCE: f32 = square(0.1 * DEG);
+/// Initial variance of the gyro bias, (rad/s)^2: autopilots remove most of it.
+const INITIAL_BIAS_VARIANCE: f32 = square(0.1 * DEG);
 
-/// What a gyro and the angles it is turned by leave of a turn: 3 % of each tenth of a second, seconds.
-const SCALE_WALK_S: f32 = square(0.03) * 0.1;
+/// Scale error of the turn rate: 3 %, independent in each 0.1 s, seconds.
+const SCALE_PROCESS_NOISE_S: f32 = square(0.03) * 0.1;
 
-/// No raw heading is better than 0.05 deg, and none worse than any, radians squared.
-const LEAST_VARIANCE: f32 = square(0.05 * DEG);
-const MOST_VARIANCE: f32 = square(180.0 * DEG);
+/// Limits of a raw heading's variance, rad^2: 0.05 deg and 180 deg.
+const MIN_VARIANCE_RAD2: f32 = square(0.05 * DEG);
+const MAX_VARIANCE_RAD2: f32 = square(180.0 * DEG);
 
-/// Beyond so many sigmas, a raw heading weighs less.
-const FAR_SIGMAS: f32 = 3.0;
+/// Normalised innovation beyond which a measurement counts less.
+const OUTLIER_SIGMAS: f32 = 3.0;
 
 const DEG: f32 = core::f32::consts::PI / 180.0;
 
@@ -65,152 +64,150 @@ const fn square(x: f32) -> f32 {
     x * x
 }
 
-/// The filter, whether it is believed, and how much it takes off. 84 bytes.
+/// Filter, agreement test and remaining noise. 84 bytes.
 #[derive(Clone, Debug)]
-pub(super) struct Smoother {
-    state: Option<State>,
-    agreement: Agreement,
-    lasting: Lasting,
+pub(super) struct HeadingSmoother {
+    state: Option<SmootherState>,
+    agreement: AgreementTest,
+    residual_noise: ResidualNoise,
 }
 
-impl Smoother {
-    /// Before any heading.
+impl HeadingSmoother {
     pub const fn new() -> Self {
-        Self { state: None, agreement: Agreement::NEW, lasting: Lasting::NEW }
+        Self { state: None, agreement: AgreementTest::NEW, residual_noise: ResidualNoise::NEW }
     }
 
-    /// Forgets everything: what a heading is made with has changed.
     pub fn reset(&mut self) {
         *self = Self::new();
     }
 
-    /// Takes the raw heading of an instant and what the gyro says of it; gives the smooth one, if it is to be told.
+    /// Processes a raw heading and the gyro's turn; returns the smoothed heading if trusted.
     #[inline(never)]
-    pub fn smooth(&mut self, at: Timestamp, raw: Option<&Heading>, turning: Option<Turning>) -> Option<Heading> {
+    pub fn smooth_heading(
+        &mut self,
+        at: Timestamp,
+        raw: Option<&Heading>,
+        turning: Option<GyroHeading>,
+    ) -> Option<Heading> {
         let turning = turning?;
-        if turning.motion.heading_rad_s.abs() > MAX_TURNING_RAD_S {
+        if turning.euler_rates.heading_rad_s.abs() > MAX_TURN_RATE_RAD_S {
             self.state = None;
         }
         let raw = raw?;
         #[expect(clippy::manual_clamp, reason = "what is not a number becomes one here, and would not in a clamp")]
-        let variance = (square(raw.sigma_rad) - raw.systematic_rad2).max(LEAST_VARIANCE).min(MOST_VARIANCE);
-        let agreed = self.follow(at, raw.magnetic_rad, variance, &turning);
-        if agreed == Agreed::Lost {
-            self.agreement.begin();
-            self.lasting.begin();
-            self.state = Some(State::starting(at, raw.magnetic_rad, variance, &turning));
+        let variance =
+            (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_VARIANCE_RAD2).min(MAX_VARIANCE_RAD2);
+        let agreed = self.update_filter(at, raw.magnetic_rad, variance, &turning);
+        if agreed == AgreementResult::Lost {
+            self.agreement.restart();
+            self.residual_noise.restart();
+            self.state = Some(SmootherState::new_at(at, raw.magnetic_rad, variance, &turning));
         }
-        let state = self.state.as_ref().filter(|_| agreed == Agreed::Yes)?;
-        let noise = self.lasting.share() * variance + self.agreement.doubt();
+        let state = self.state.as_ref().filter(|_| agreed == AgreementResult::InAgreement)?;
+        let noise = self.residual_noise.remaining_fraction() * variance + self.agreement.excess_variance_rad2();
         Some(Heading {
             magnetic_rad: wrap_two_pi(state.heading_rad),
-            sigma_rad: libm::sqrtf(noise + raw.systematic_rad2),
-            systematic_rad2: raw.systematic_rad2,
+            sigma_rad: sqrt(noise + raw.systematic_variance_rad2),
+            systematic_variance_rad2: raw.systematic_variance_rad2,
         })
     }
 
-    /// Carries the filter on to a raw heading and gives it that; lost where it cannot follow.
-    fn follow(&mut self, at: Timestamp, raw_rad: f32, variance: f32, turning: &Turning) -> Agreed {
-        let Some(state) = &mut self.state else { return Agreed::Lost };
-        let Some(step) = state.predict(at, turning) else { return Agreed::Lost };
+    /// Time and measurement update; requests a restart if the filter is lost.
+    fn update_filter(&mut self, at: Timestamp, raw_rad: f32, variance: f32, turning: &GyroHeading) -> AgreementResult {
+        let Some(state) = &mut self.state else { return AgreementResult::Lost };
+        let Some(step) = state.predict(at, turning) else { return AgreementResult::Lost };
         let off_rad = wrap_pi(raw_rad - state.heading_rad);
         if !off_rad.is_finite() {
-            return Agreed::Lost; // Nothing that is not a number stays.
+            return AgreementResult::Lost; // A NaN must not enter the state.
         }
         let expected = state.variance() + variance;
-        self.lasting.see(off_rad, expected, step.step_s);
-        let agreed = self.agreement.see(off_rad, expected, step);
-        state.measure(off_rad, variance, step.step_s);
+        self.residual_noise.update(off_rad, expected, step.step_s);
+        let agreed = self.agreement.test_innovation(off_rad, expected, step);
+        state.update_measurement(off_rad, variance, step.step_s);
         agreed
     }
 }
 
-/// Heading and bias of the gyro with their covariance, `[c + u u b, u b; u b, b]`: that of the bias, how the heading
-/// hangs on it, and what is left of the heading's if the bias were known. It is a covariance whatever rounding does, as
-/// long as `b` and `c` are not negative, and both are sums and products of what is not.
+/// Heading and gyro bias with covariance `[c + u u b, u b; u b, b]`, stored as factors: bias variance `b`, regression
+/// `u` of heading on bias, conditional heading variance `c`. Positive semi-definite for any rounding, since `b` and `c`
+/// are sums and products of non-negative terms.
 #[derive(Clone, Debug)]
-struct State {
+struct SmootherState {
     at: Timestamp,
     turned_rad: f32,
-    run: u8,
+    gyro_run: u8,
     heading_rad: f32,
     bias_rad_s: f32,
-    /// `b`.
     bias_variance: f32,
-    /// `u`, seconds.
-    by_bias_s: f32,
-    /// `c`.
-    known_bias_variance: f32,
+    bias_regression_s: f32,
+    conditional_heading_variance: f32,
 }
 
-/// From one raw heading to the next.
 #[derive(Clone, Copy, Debug)]
-struct Step {
+struct GyroStep {
     step_s: f32,
-    /// By the gyro.
     turned_rad: f32,
 }
 
-impl State {
-    fn starting(at: Timestamp, heading_rad: f32, variance: f32, turning: &Turning) -> Self {
+impl SmootherState {
+    fn new_at(at: Timestamp, heading_rad: f32, variance: f32, turning: &GyroHeading) -> Self {
         Self {
             at,
-            turned_rad: turning.turned_rad,
-            run: turning.run,
+            turned_rad: turning.relative_heading_rad,
+            gyro_run: turning.run,
             heading_rad: wrap_pi(heading_rad),
             bias_rad_s: 0.0,
-            bias_variance: BIAS_VARIANCE,
-            by_bias_s: 0.0,
-            known_bias_variance: variance,
+            bias_variance: INITIAL_BIAS_VARIANCE,
+            bias_regression_s: 0.0,
+            conditional_heading_variance: variance,
         }
     }
 
-    /// Variance of the heading.
     fn variance(&self) -> f32 {
-        self.known_bias_variance + square(self.by_bias_s) * self.bias_variance
+        self.conditional_heading_variance + square(self.bias_regression_s) * self.bias_variance
     }
 
-    /// Carries it on to an instant by what the gyro has turned since. None where that is not known: after a gap, or
-    /// with another run of the gyro.
-    fn predict(&mut self, at: Timestamp, turning: &Turning) -> Option<Step> {
+    /// Time update. `None` after a gap or a restart of the gyro's integration.
+    fn predict(&mut self, at: Timestamp, turning: &GyroHeading) -> Option<GyroStep> {
         let step_us = at.us_since(self.at);
-        if turning.run != self.run || step_us > MAX_GAP_US {
+        if turning.run != self.gyro_run || step_us > MAX_GAP_US {
             return None;
         }
         let step_s = step_us as f32 * 1e-6;
-        let turned_rad = wrap_pi(turning.turned_rad - self.turned_rad);
-        (self.at, self.turned_rad) = (at, turning.turned_rad);
+        let turned_rad = wrap_pi(turning.relative_heading_rad - self.turned_rad);
+        (self.at, self.turned_rad) = (at, turning.relative_heading_rad);
         self.heading_rad = wrap_pi(self.heading_rad + turned_rad - self.bias_rad_s * step_s);
-        self.by_bias_s -= step_s;
-        let scale = SCALE_WALK_S * square(turning.motion.heading_rad_s);
-        self.known_bias_variance += (HEADING_WALK + scale) * step_s;
-        // The bias walks, and the heading hangs less on what it has become.
-        let walk = BIAS_WALK * step_s;
+        self.bias_regression_s -= step_s;
+        let scale = SCALE_PROCESS_NOISE_S * square(turning.euler_rates.heading_rad_s);
+        self.conditional_heading_variance += (HEADING_PROCESS_NOISE + scale) * step_s;
+        // Bias process noise weakens the regression of heading on bias.
+        let walk = BIAS_PROCESS_NOISE * step_s;
         let walked = self.bias_variance + walk;
-        self.known_bias_variance += square(self.by_bias_s) * self.bias_variance * walk / walked;
-        self.by_bias_s *= self.bias_variance / walked;
+        self.conditional_heading_variance += square(self.bias_regression_s) * self.bias_variance * walk / walked;
+        self.bias_regression_s *= self.bias_variance / walked;
         self.bias_variance = walked;
-        Some(Step { step_s, turned_rad })
+        Some(GyroStep { step_s, turned_rad })
     }
 
-    /// Takes a raw heading that is off by so much, with its variance; `step_s` after the one before.
-    fn measure(&mut self, off_rad: f32, variance: f32, step_s: f32) {
+    /// Measurement update with an innovation `off_rad`, `step_s` after the last one.
+    fn update_measurement(&mut self, off_rad: f32, variance: f32, step_s: f32) {
         if step_s <= 0.0 {
-            return; // The same instant again says nothing new.
+            return; // A repeated time adds no information.
         }
         let expected = self.variance() + variance;
-        let far = (square(off_rad) / (square(FAR_SIGMAS) * expected)).max(1.0);
-        let noise = far * variance * (2.0 * CORRELATION_S / step_s);
-        let known = self.known_bias_variance;
-        let heading_by_bias = self.by_bias_s * self.bias_variance;
-        let sum = known + self.by_bias_s * heading_by_bias + noise;
-        self.heading_rad = wrap_pi(self.heading_rad + off_rad * (known + self.by_bias_s * heading_by_bias) / sum);
+        let far = (square(off_rad) / (square(OUTLIER_SIGMAS) * expected)).max(1.0);
+        let noise = far * variance * (2.0 * NOISE_CORRELATION_S / step_s);
+        let known = self.conditional_heading_variance;
+        let heading_by_bias = self.bias_regression_s * self.bias_variance;
+        let sum = known + self.bias_regression_s * heading_by_bias + noise;
+        self.heading_rad =
+            wrap_pi(self.heading_rad + off_rad * (known + self.bias_regression_s * heading_by_bias) / sum);
         self.bias_rad_s += off_rad * heading_by_bias / sum;
-        // The same in factors: Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, for two.
+        // UD measurement update for two states (Bierman 1977).
         let rest = noise / (known + noise);
         self.bias_variance *= (known + noise) / sum;
-        self.by_bias_s *= rest;
-        self.known_bias_variance *= rest;
+        self.bias_regression_s *= rest;
+        self.conditional_heading_variance *= rest;
     }
 }
 

@@ -1,31 +1,28 @@
-//! The smooth heading against truths of our own.
+//! Tests of the smoothed heading on synthetic flights.
 
 use core::f32::consts::{PI, TAU};
 
 use testkit::random::Random;
 
 use super::*;
-use crate::attitude::Motion;
+use crate::attitude::EulerRates;
 
-/// Eighty readings a second.
+/// 80 Hz.
 const STEP_US: u64 = 12_500;
 const STEP_S: f32 = 0.0125;
 
-/// What a gyro makes of a rate, radians a second.
 type Gyro = fn(f32) -> f32;
 
-/// What flies: its true heading, what the gyro makes of its turns, and what the raw heading is off by.
 struct Flight {
-    smoother: Smoother,
+    smoother: HeadingSmoother,
     random: Random,
     at_us: u64,
     step_us: u64,
     heading_rad: f32,
     turned_rad: f32,
     run: u8,
-    /// What the gyro says of a rate, radians a second.
     gyro: Gyro,
-    /// Of the raw heading, as told and as it is, and how long it lasts; of the coefficients.
+    /// Raw heading: reported sigma, true sigma, correlation time; then the sigma due to coefficients.
     sigma_rad: f32,
     noise_sigma_rad: f32,
     noise_s: f32,
@@ -33,19 +30,18 @@ struct Flight {
     noise_rad: f32,
 }
 
-/// What came of an instant.
 struct Told {
-    /// Raw less true.
+    /// Raw minus true.
     raw_rad: f32,
-    /// Smooth less true, and its sigma.
+    /// Smoothed minus true, and its sigma.
     smooth: Option<(f32, f32)>,
 }
 
 impl Flight {
-    /// A good gyro, and raw headings with a noise of 1 deg that lasts for half a second.
+    /// An ideal gyro, and raw headings with 1 deg of noise, correlated over 0.5 s.
     fn new() -> Self {
         Self {
-            smoother: Smoother::new(),
+            smoother: HeadingSmoother::new(),
             random: Random(1),
             at_us: 1_000_000,
             step_us: STEP_US,
@@ -61,20 +57,19 @@ impl Flight {
         }
     }
 
-    fn turning(&self, rate_rad_s: f32) -> Turning {
-        let motion = Motion { heading_rad_s: (self.gyro)(rate_rad_s), ..Motion::default() };
-        Turning { motion, turned_rad: self.turned_rad, run: self.run }
+    fn turning(&self, rate_rad_s: f32) -> GyroHeading {
+        let motion = EulerRates { heading_rad_s: (self.gyro)(rate_rad_s), ..EulerRates::default() };
+        GyroHeading { euler_rates: motion, relative_heading_rad: self.turned_rad, run: self.run }
     }
 
     fn raw(&self) -> Heading {
         Heading {
             magnetic_rad: wrap_two_pi(self.heading_rad + self.noise_rad),
             sigma_rad: self.sigma_rad.hypot(self.coefficients_rad),
-            systematic_rad2: square(self.coefficients_rad),
+            systematic_variance_rad2: square(self.coefficients_rad),
         }
     }
 
-    /// The next instant, at this rate of turn, without telling the smoother.
     fn pass(&mut self, rate_deg_s: f32) -> f32 {
         let step_s = self.step_us as f32 * 1e-6;
         let rate_rad_s = rate_deg_s * DEG;
@@ -89,8 +84,11 @@ impl Flight {
 
     fn step(&mut self, rate_deg_s: f32) -> Told {
         let rate_rad_s = self.pass(rate_deg_s);
-        let smooth =
-            self.smoother.smooth(Timestamp::from_us(self.at_us), Some(&self.raw()), Some(self.turning(rate_rad_s)));
+        let smooth = self.smoother.smooth_heading(
+            Timestamp::from_us(self.at_us),
+            Some(&self.raw()),
+            Some(self.turning(rate_rad_s)),
+        );
         let off = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
         Told { raw_rad: self.noise_rad, smooth: smooth.map(off) }
     }
@@ -100,7 +98,7 @@ impl Flight {
         (0..steps).map(|_| self.step(rate_deg_s)).collect()
     }
 
-    /// Straight and turns to both sides, half a minute.
+    /// Straight flight and turns to both sides, 30 s.
     fn wander(&mut self) -> Vec<Told> {
         [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
             .into_iter()
@@ -122,8 +120,7 @@ fn none_told(told: &[Told]) -> bool {
     told.iter().all(|told| told.smooth.is_none())
 }
 
-/// Noise that lasts for half a second is left to a fifth by a filter that remembers some ten seconds: the square root
-/// of 0.5 s over 10 s. What is sent with it is that, within a third.
+/// A filter with 10 s of memory leaves `sqrt(0.5 s / 10 s)` of noise correlated over 0.5 s, about a fifth.
 #[test]
 fn a_smooth_heading_is_better_than_the_raw_one_and_knows_how_good_it_is() {
     let mut flight = Flight::new();
@@ -138,8 +135,6 @@ fn a_smooth_heading_is_better_than_the_raw_one_and_knows_how_good_it_is() {
     assert!(sigma_deg > 0.7 * smooth_deg && sigma_deg < 1.5 * smooth_deg, "{sigma_deg} {smooth_deg}");
 }
 
-/// Raw headings whose error lasts for a minute cannot be smoothed, and that is said: the sigma is at least half the raw
-/// one's where the error is.
 #[test]
 fn what_lasts_is_not_smoothed_away() {
     let mut flight = Flight { noise_s: 8.0, ..Flight::new() };
@@ -153,8 +148,7 @@ fn what_lasts_is_not_smoothed_away() {
     assert!(sigma_deg > 0.4 * smooth_deg && sigma_deg < 1.2, "{sigma_deg} {smooth_deg}");
 }
 
-/// A gyro that begins to drift by 1 deg/s: the mean difference to the raw heading is in the sigma before it
-/// contradicts.
+/// Gyro drift of 1 deg/s: the sigma grows with the mean innovation before the test fails.
 #[test]
 fn what_is_doubted_is_in_the_sigma() {
     let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
@@ -170,7 +164,6 @@ fn what_is_doubted_is_in_the_sigma() {
     assert!(none_told(&told[told.len() - 40..]));
 }
 
-/// The coefficients' share is not noise: neither is it smoothed away, nor does it let the filter wait for more.
 #[test]
 fn the_coefficients_share_comes_on_top() {
     let sigma_deg = |coefficients_deg: f32| {
@@ -182,8 +175,7 @@ fn the_coefficients_share_comes_on_top() {
     assert!((with - without.hypot(2.0)).abs() < 1e-3, "{with} {without}");
 }
 
-/// A gyro that turns by 0.3 deg/s of its own accord would be 90 deg off after five minutes, 4 deg where its bias was
-/// not found.
+/// A gyro bias of 0.3 deg/s adds up to 90 deg in five minutes; uncompensated, the filter would lag by 4 deg.
 #[test]
 fn the_gyro_s_bias_is_found() {
     let mut flight = Flight { gyro: |rate_rad_s| rate_rad_s + 0.3 * DEG, ..Flight::new() };
@@ -196,37 +188,36 @@ fn the_gyro_s_bias_is_found() {
     assert!(mean_rad.to_degrees().abs() < 0.15, "{}", mean_rad.to_degrees());
 }
 
-/// The filter against the textbook's, in f64 and with a whole matrix, at uneven steps; all numbers are said here once
-/// more.
+/// Reference: conventional Kalman filter in f64 at uneven steps, with its own parameters.
 #[test]
 fn the_filter_is_kalman_s() {
     let square = |x: f64| x * x;
     let deg = core::f64::consts::PI / 180.0;
     let mut random = Random(5);
-    let mut turning = Turning::default();
+    let mut turning = GyroHeading::default();
     let mut at_us = 0_u64;
-    let mut state = State::starting(Timestamp::from_us(0), 0.5, square(deg) as f32, &turning);
+    let mut state = SmootherState::new_at(Timestamp::from_us(0), 0.5, square(deg) as f32, &turning);
     let (mut psi, mut beta) = (0.5_f64, 0.0_f64);
     let mut p = [[square(deg), 0.0], [0.0, square(0.1 * deg)]];
     for i in 0..4000 {
         let step_us = u64::from(random.byte()) * 400 + 5_000;
         let dt = step_us as f64 * 1e-6;
         at_us += step_us;
-        turning.motion.heading_rad_s = random.uniform(-0.4, 0.4);
-        let turned = turning.motion.heading_rad_s * dt as f32;
-        turning.turned_rad = wrap_pi(turning.turned_rad + turned);
+        turning.euler_rates.heading_rad_s = random.uniform(-0.4, 0.4);
+        let turned = turning.euler_rates.heading_rad_s * dt as f32;
+        turning.relative_heading_rad = wrap_pi(turning.relative_heading_rad + turned);
         state.predict(Timestamp::from_us(at_us), &turning).unwrap();
         psi += f64::from(turned) - beta * dt;
-        let rate = f64::from(turning.motion.heading_rad_s);
+        let rate = f64::from(turning.euler_rates.heading_rad_s);
         let [[a, b], [_, c]] = p;
         let b = b - dt * c;
         p = [[a - 2.0 * dt * p[0][1] + dt * dt * c, b], [b, c + square(0.002 * deg) * dt]];
         p[0][0] += square(0.2 * deg) * dt + square(0.03 * rate) * 0.1 * dt;
-        // Now and then far off, to both sides.
+        // With occasional outliers.
         let off = if i % 50 == 0 { random.uniform(-0.5, 0.5) } else { random.uniform(-0.05, 0.05) };
         let v = f64::from(random.uniform(1e-4, 9e-4));
         let z = f64::from(off);
-        state.measure(off, v as f32, dt as f32);
+        state.update_measurement(off, v as f32, dt as f32);
         let far = (z * z / (9.0 * (p[0][0] + v))).max(1.0);
         let s = p[0][0] + far * v * 2.0 * 2.0 / dt;
         let k = [p[0][0] / s, p[0][1] / s];
@@ -234,7 +225,7 @@ fn the_filter_is_kalman_s() {
         beta += k[1] * z;
         let [[a, b], [_, c]] = p;
         p = [[a - k[0] * a, b - k[0] * b], [b - k[0] * b, c - k[1] * b]];
-        let u = f64::from(state.by_bias_s);
+        let u = f64::from(state.bias_regression_s);
         let found = [f64::from(state.variance()), u * f64::from(state.bias_variance), f64::from(state.bias_variance)];
         for (found, expected) in found.into_iter().zip([p[0][0], p[0][1], p[1][1]]) {
             assert!((found - expected).abs() < 2e-3 * expected.abs() + 1e-9, "{i}: {found} {expected}");
@@ -245,8 +236,7 @@ fn the_filter_is_kalman_s() {
     assert!((f64::from(state.bias_rad_s) - beta).abs() < 2e-2 * beta.abs() + 1e-5, "{} {beta}", state.bias_rad_s);
 }
 
-/// A day at ten headings a second with a gyro that is biased, now to one side and now to the other: nothing grows, and
-/// the covariance stays one.
+/// 24 hours at 10 Hz with a gyro bias that changes sign.
 #[test]
 fn a_day_leaves_nothing_behind() {
     let gyros: [Gyro; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
@@ -259,10 +249,12 @@ fn a_day_leaves_nothing_behind() {
             let rate_deg_s = if step % 600 < 200 { 12.0 } else { 0.0 };
             let told = flight.step(rate_deg_s);
             let state = flight.smoother.state.as_ref().unwrap();
-            assert!(state.known_bias_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI);
-            assert!(state.variance() < square(2.0 * DEG) && state.bias_variance < 1.1 * BIAS_VARIANCE);
+            assert!(
+                state.conditional_heading_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI
+            );
+            assert!(state.variance() < square(2.0 * DEG) && state.bias_variance < 1.1 * INITIAL_BIAS_VARIANCE);
             if step < 3_000 {
-                continue; // The bias has just changed.
+                continue; // Settling after the change of bias.
             }
             let (rad, sigma_rad) = told.smooth.unwrap();
             assert!(sigma_rad > 0.02 * DEG && sigma_rad < 3.1 * DEG, "{}", sigma_rad.to_degrees());
@@ -274,7 +266,7 @@ fn a_day_leaves_nothing_behind() {
     }
 }
 
-/// A raw heading that calls itself exact is taken for one of 0.05 deg, so that there is always something to weigh by.
+/// A sigma of zero counts as 0.05 deg.
 #[test]
 fn no_raw_heading_is_exact() {
     let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
@@ -284,8 +276,7 @@ fn no_raw_heading_is_exact() {
     }
 }
 
-/// The heading jumps by a quarter of a circle without a turn. Five seconds later the filter is lost and begins anew: what
-/// the two differed by before is over, and the sigma has not become much larger.
+/// The heading jumps by 90 deg without a turn; the filter restarts after 5 s.
 #[test]
 fn a_filter_that_was_lost_begins_anew() {
     let mut flight = Flight::new();
@@ -293,24 +284,21 @@ fn a_filter_that_was_lost_begins_anew() {
         flight.wander();
     }
     flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
-    // One that is far off is nothing yet.
     assert!(none_told(&flight.fly(18.0, 6.0)[1..]));
     flight.fly(18.0, 16.0);
     let (rad, sigma_rad) = flight.step(18.0).smooth.unwrap();
     assert!(rad.abs() < 2.0 * DEG && sigma_rad < 0.55 * DEG, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
 }
 
-/// Two seconds of agreement come first.
 #[test]
 fn nothing_is_told_before_it_has_settled() {
     let mut flight = Flight::new();
-    // The first heading is where it begins.
+    // The filter starts with the first heading.
     assert!(none_told(&flight.fly(0.0, 2.0)));
     flight.step(0.0);
     assert!(all_told(&flight.fly(0.0, 1.0)));
 }
 
-/// As long as the gap is bridged, a turn in it is known.
 #[test]
 fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
     for (gap_s, goes_on) in [(2.9, true), (3.1, false)] {
@@ -319,7 +307,11 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
         for _ in 0..(gap_s / STEP_S) as usize {
             let rate_rad_s = flight.pass(40.0);
             let at = Timestamp::from_us(flight.at_us);
-            assert_eq!(flight.smoother.smooth(at, None, Some(flight.turning(rate_rad_s))), None, "nothing to tell");
+            assert_eq!(
+                flight.smoother.smooth_heading(at, None, Some(flight.turning(rate_rad_s))),
+                None,
+                "nothing to tell"
+            );
         }
         let told = flight.step(40.0);
         assert_eq!(told.smooth.is_some(), goes_on, "{gap_s}");
@@ -329,21 +321,19 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
     }
 }
 
-/// Where the gyro's count is another one, nothing leads from one to the other; without a gyro there is nothing to tell.
 #[test]
 fn without_a_gyro_or_with_another_run_of_it_nothing_is_told() {
     let mut flight = Flight::new();
     flight.wander();
     flight.pass(0.0);
     let at = Timestamp::from_us(flight.at_us);
-    assert_eq!(flight.smoother.smooth(at, Some(&flight.raw()), None), None);
+    assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None), None);
     assert!(flight.step(0.0).smooth.is_some(), "it is back within three seconds");
     (flight.run, flight.turned_rad) = (2, -1.0);
     assert!(none_told(&flight.fly(0.0, 1.9)));
     assert!(all_told(&flight.fly(0.0, 2.0)[20..]));
 }
 
-/// Once round a second.
 #[test]
 fn too_fast_a_turn_is_not_smoothed() {
     for (rate_deg_s, is_told) in [(355.0, true), (365.0, false), (-355.0, true), (-365.0, false)] {
@@ -362,7 +352,6 @@ fn a_reset_forgets_everything() {
     assert!(none_told(&flight.fly(0.0, 2.0)));
 }
 
-/// A raw heading that is off by any amount for once, or for a tenth of a second by three sigmas.
 #[test]
 fn a_spike_of_the_raw_heading_changes_nothing() {
     let mut flight = Flight::new();
@@ -373,15 +362,14 @@ fn a_spike_of_the_raw_heading_changes_nothing() {
         let rate_rad_s = flight.pass(0.0);
         let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw() };
         let turning = flight.turning(rate_rad_s);
-        let told = flight.smoother.smooth(at(&flight), Some(&raw), Some(turning)).unwrap();
+        let told = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(turning)).unwrap();
         assert!(wrap_pi(told.magnetic_rad - flight.heading_rad).abs() < DEG);
         assert!(all_told(&flight.fly(0.0, 1.0)), "{spike_rad}");
     }
 }
 
-/// A source whose rates are not what they are taken for: as soon as the aircraft turns, the smooth heading is not told
-/// any more, before it is off by more than four sigmas and what turns within two readings; and not again after the
-/// turn.
+/// Wrong body rates: the smoothed heading is withheld from the first turn on, before its error exceeds 4 sigma, and
+/// remains so until a turn shows correct rates.
 #[test]
 fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
     let wrong: [(&str, Gyro); 4] = [
@@ -395,7 +383,6 @@ fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
         flight.wander();
         flight.gyro = gyro;
         let mut turn = flight.fly(0.0, 4.0);
-        // Into the turn as an aircraft goes.
         for rate in 0..80 {
             turn.push(flight.step(18.0 * rate as f32 / 80.0));
         }
@@ -404,14 +391,12 @@ fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
         assert!(worst_rad.to_degrees() < 5.5, "{name}: {}", worst_rad.to_degrees());
         assert!(none_told(&turn[turn.len() - 300..]), "{name}");
         assert!(none_told(&flight.fly(0.0, 20.0)), "{name}: nothing has shown that it is right");
-        // It is mended: that shows in the next turn.
         flight.gyro = |rate_rad_s| rate_rad_s;
         flight.fly(18.0, 8.0);
         assert!(all_told(&flight.fly(0.0, 2.0)), "{name}");
     }
 }
 
-/// Raw headings are five times as noisy as they say: that is what the smooth one is for.
 #[test]
 fn more_noise_than_told_is_no_contradiction() {
     let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
@@ -424,16 +409,15 @@ fn more_noise_than_told_is_no_contradiction() {
     assert!(rms_deg(told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad)) < 1.0);
 }
 
-/// Nothing that is no number stays, and no number is too large.
 #[test]
 fn what_is_not_a_number_is_forgotten() {
     let bad = [f32::NAN, f32::INFINITY, f32::MAX, 0.0];
     for (what, spoil) in [
-        ("heading", (|raw, _, bad| raw.magnetic_rad = bad) as fn(&mut Heading, &mut Turning, f32)),
+        ("heading", (|raw, _, bad| raw.magnetic_rad = bad) as fn(&mut Heading, &mut GyroHeading, f32)),
         ("sigma", |raw, _, bad| raw.sigma_rad = bad),
-        ("coefficients", |raw, _, bad| raw.systematic_rad2 = bad),
-        ("turned", |_, turning, bad| turning.turned_rad = bad),
-        ("rate", |_, turning, bad| turning.motion.heading_rad_s = bad),
+        ("coefficients", |raw, _, bad| raw.systematic_variance_rad2 = bad),
+        ("turned", |_, turning, bad| turning.relative_heading_rad = bad),
+        ("rate", |_, turning, bad| turning.euler_rates.heading_rad_s = bad),
     ] {
         for bad in bad {
             let mut flight = Flight::new();
@@ -442,7 +426,7 @@ fn what_is_not_a_number_is_forgotten() {
                 let rate_rad_s = flight.pass(0.0);
                 let (mut raw, mut turning) = (flight.raw(), flight.turning(rate_rad_s));
                 spoil(&mut raw, &mut turning, bad);
-                flight.smoother.smooth(Timestamp::from_us(flight.at_us), Some(&raw), Some(turning));
+                flight.smoother.smooth_heading(Timestamp::from_us(flight.at_us), Some(&raw), Some(turning));
             }
             flight.wander();
             flight.wander();
@@ -454,29 +438,29 @@ fn what_is_not_a_number_is_forgotten() {
 }
 
 mod agreement {
-    use super::super::agreement::{Agreed, Agreement};
-    use super::{DEG, STEP_S, Step, TAU};
+    use super::super::agreement::{AgreementResult, AgreementTest};
+    use super::{DEG, GyroStep, STEP_S, TAU};
 
     const VARIANCE: f32 = 1.0;
 
-    fn step(turned_deg: f32) -> Step {
-        Step { step_s: STEP_S, turned_rad: turned_deg * DEG }
+    fn step(turned_deg: f32) -> GyroStep {
+        GyroStep { step_s: STEP_S, turned_rad: turned_deg * DEG }
     }
 
-    /// One that has agreed for long.
-    fn settled() -> Agreement {
-        let mut agreement = Agreement::NEW;
+    fn settled() -> AgreementTest {
+        let mut agreement = AgreementTest::NEW;
         see(&mut agreement, 0.0, 10.0);
         agreement
     }
 
-    /// The same difference, in sigmas, for a time; whether all were agreed on.
-    fn see(agreement: &mut Agreement, off: f32, seconds: f32) -> bool {
-        (0..(seconds / STEP_S) as usize)
-            .fold(true, |all, _| agreement.see(off, VARIANCE, step(0.0)) == Agreed::Yes && all)
+    /// Repeats an innovation in sigmas; whether all results were in agreement.
+    fn see(agreement: &mut AgreementTest, off: f32, seconds: f32) -> bool {
+        (0..(seconds / STEP_S) as usize).fold(true, |all, _| {
+            agreement.test_innovation(off, VARIANCE, step(0.0)) == AgreementResult::InAgreement && all
+        })
     }
 
-    /// Three joint sigmas, on either side; a difference that is 1.5 sigmas more shows after about a second.
+    /// At 3.9 sigma detected within about a second.
     #[test]
     fn a_mean_of_more_than_three_sigmas_contradicts() {
         for sign in [1.0, -1.0] {
@@ -487,101 +471,104 @@ mod agreement {
         }
     }
 
-    /// With the variance there is.
     #[test]
     fn sigmas_are_those_of_the_variance() {
         let contradicts = |off: f32, variance: f32| {
             let mut agreement = settled();
-            (0..2000).any(|_| agreement.see(off, variance, step(0.0)) != Agreed::Yes)
+            (0..2000).any(|_| agreement.test_innovation(off, variance, step(0.0)) != AgreementResult::InAgreement)
         };
         assert!(!contradicts(5.8, 4.0) && contradicts(6.2, 4.0));
         assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
     }
 
-    /// Two in a row, beyond four sigmas, on one side.
+    /// Two consecutive beyond 4 sigma, on the same side.
     #[test]
     fn two_large_differences_in_a_row_contradict() {
         let all = |offs: &[f32]| {
             let mut agreement = settled();
-            offs.iter().all(|&off| agreement.see(off, VARIANCE, step(0.0)) == Agreed::Yes)
+            offs.iter().all(|&off| agreement.test_innovation(off, VARIANCE, step(0.0)) == AgreementResult::InAgreement)
         };
         assert!(all(&[3.9, 3.9, 3.9]) && all(&[-3.9, -3.9]));
         assert!(!all(&[4.1, 4.1]) && !all(&[-4.1, -4.1]));
         assert!(all(&[4.1, -4.1, 4.1]) && all(&[4.1, 0.0, 4.1, 0.0, -4.1]) && all(&[50.0, 0.0, 0.0]));
     }
 
-    /// A mean of 2.9 sigmas is doubted by what is beyond one, a mean of 0.9 is not.
+    /// Excess variance: `2.9^2 - 1`, and none below 1 sigma.
     #[test]
     fn a_mean_beyond_a_sigma_is_doubted() {
         for (off, doubt) in [(0.9, 0.0), (-0.9, 0.0), (2.9, 7.41), (-2.9, 7.41)] {
             let mut agreement = settled();
             see(&mut agreement, off, 20.0);
-            assert!((agreement.doubt() - doubt).abs() < 0.01, "{off}: {}", agreement.doubt());
+            assert!(
+                (agreement.excess_variance_rad2() - doubt).abs() < 0.01,
+                "{off}: {}",
+                agreement.excess_variance_rad2()
+            );
         }
     }
 
-    /// It has to agree for two seconds, and to turn by 45 deg meanwhile, to either side.
+    /// Two seconds of agreement and 45 deg of turn.
     #[test]
     fn after_a_contradiction_it_has_to_be_shown_in_a_turn() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
             let mut agreement = settled();
             for _ in 0..2 {
-                agreement.see(5.0, VARIANCE, step(20.0));
+                agreement.test_innovation(5.0, VARIANCE, step(20.0));
             }
             let steps = (4.0 / STEP_S) as usize;
-            let mut last = Agreed::NotYet;
+            let mut last = AgreementResult::NotInAgreement;
             for i in 0..steps {
-                last = agreement.see(0.0, VARIANCE, step(sign * turned_deg / steps as f32));
-                assert!(i as f32 * STEP_S > 1.9 || last == Agreed::NotYet);
+                last = agreement.test_innovation(0.0, VARIANCE, step(sign * turned_deg / steps as f32));
+                assert!(i as f32 * STEP_S > 1.9 || last == AgreementResult::NotInAgreement);
             }
-            assert_eq!(last == Agreed::Yes, agreed, "{turned_deg}");
-            // What is owed is owed by the next filter, too.
-            agreement.begin();
+            assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
+            // The requirement survives a restart.
+            agreement.restart();
             assert_eq!(!see(&mut agreement, 0.0, 2.1) && see(&mut agreement, 0.0, 1.0), agreed);
         }
     }
 
-    /// Five seconds.
     #[test]
     fn what_contradicts_for_long_is_lost() {
         let mut agreement = settled();
-        let lost = (0..1000).position(|_| agreement.see(TAU, VARIANCE, step(0.0)) == Agreed::Lost).unwrap();
+        let lost = (0..1000)
+            .position(|_| agreement.test_innovation(TAU, VARIANCE, step(0.0)) == AgreementResult::Lost)
+            .unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
-        // An interruption begins anew.
+        // An interruption restarts the time.
         let mut agreement = settled();
         for _ in 0..10 {
             for _ in 0..200 {
-                assert_ne!(agreement.see(5.0, VARIANCE, step(0.0)), Agreed::Lost);
+                assert_ne!(agreement.test_innovation(5.0, VARIANCE, step(0.0)), AgreementResult::Lost);
             }
             for _ in 0..2000 {
-                agreement.see(0.0, VARIANCE, step(0.1));
+                agreement.test_innovation(0.0, VARIANCE, step(0.1));
             }
         }
     }
 }
 
 mod lasting {
-    use super::super::lasting::Lasting;
+    use super::super::residual_noise::ResidualNoise;
     use super::{Random, STEP_S};
 
-    /// What is learnt of noise that lasts so long, in two minutes, on the average of many.
+    /// Mean fraction estimated from 30 runs of correlated noise.
     fn share(noise_s: f32) -> f32 {
         let mut random = Random(3);
         let kept = (-STEP_S / noise_s).exp();
         let mut sum = 0.0;
         for _ in 0..30 {
-            let (mut lasting, mut noise) = (Lasting::NEW, 2.0 * random.normal());
+            let (mut lasting, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
             for _ in 0..(240.0 / STEP_S) as usize {
                 noise = kept * noise + 2.0 * (1.0 - kept * kept).sqrt() * random.normal();
-                lasting.see(noise, 4.0, STEP_S);
+                lasting.update(noise, 4.0, STEP_S);
             }
-            sum += lasting.share();
+            sum += lasting.remaining_fraction();
         }
         sum / 30.0
     }
 
-    /// Half as much again as `tau / (tau + 5 s)`, to the chance of thirty times two minutes, and what is cut off above
-    /// one.
+    /// Expected: `1.5 tau / (tau + 5 s)`.
     #[test]
     fn the_share_is_that_of_a_mean_over_five_seconds() {
         for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
@@ -591,36 +578,39 @@ mod lasting {
         assert!(share(30.0) > 0.5, "{}", share(30.0));
     }
 
-    /// A constant difference of a sigma lasts wholly, one of two as well, one of half a sigma three eighths; the first
-    /// guess fades.
+    /// The fraction is limited to 1; half a sigma gives `1.5 * 0.25`.
     #[test]
     fn a_share_is_never_more_than_the_whole() {
         for (off, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
-            let mut lasting = Lasting::NEW;
-            assert!((lasting.share() - 0.225).abs() < 1e-6);
+            let mut lasting = ResidualNoise::NEW;
+            assert!((lasting.remaining_fraction() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
-                lasting.see(off, 1.0, STEP_S);
+                lasting.update(off, 1.0, STEP_S);
             }
-            assert!((lasting.share() - expected).abs() < 0.01, "{off}: {}", lasting.share());
+            assert!((lasting.remaining_fraction() - expected).abs() < 0.01, "{off}: {}", lasting.remaining_fraction());
         }
     }
 
-    /// After ten seconds the guess counts for half, and from two minutes on what is learnt fades in two minutes.
+    /// Averaging time grows from 10 s to two minutes.
     #[test]
     fn a_share_is_learnt_quickly_and_forgotten_slowly() {
-        let mut lasting = Lasting::NEW;
-        let quiet = |lasting: &mut Lasting, seconds: f32| {
+        let mut lasting = ResidualNoise::NEW;
+        let quiet = |lasting: &mut ResidualNoise, seconds: f32| {
             for _ in 0..(seconds / STEP_S) as usize {
-                lasting.see(0.0, 1.0, STEP_S);
+                lasting.update(0.0, 1.0, STEP_S);
             }
         };
         quiet(&mut lasting, 10.0);
-        assert!((lasting.share() - 0.1125).abs() < 0.004, "{}", lasting.share());
+        assert!((lasting.remaining_fraction() - 0.1125).abs() < 0.004, "{}", lasting.remaining_fraction());
         for _ in 0..(2000.0 / STEP_S) as usize {
-            lasting.see(1.0, 1.0, STEP_S);
+            lasting.update(1.0, 1.0, STEP_S);
         }
-        lasting.begin();
+        lasting.restart();
         quiet(&mut lasting, 120.0);
-        assert!((lasting.share() - 1.5 * (-1.0_f32).exp()).abs() < 0.01, "{}", lasting.share());
+        assert!(
+            (lasting.remaining_fraction() - 1.5 * (-1.0_f32).exp()).abs() < 0.01,
+            "{}",
+            lasting.remaining_fraction()
+        );
     }
 }

@@ -1,30 +1,33 @@
-//! What goes with the current is taken out of every reading, and of nothing else.
+//! Motor-current compensation of readings.
 
 use super::*;
-use crate::calibration::CurrentIron;
+use crate::calibration::MotorCurrentInterference;
 
-/// 0.5 uT per ampere in all, found at 20 A, give or take 10.
-const IRON: CurrentIron = CurrentIron { ut_per_a: [0.3, 0.0, 0.4], sigma_ut_per_a: 0.01, mean_a: 20.0, spread_a: 10.0 };
+/// 0.5 uT/A in total, calibrated at 20 +- 10 A.
+const IRON: MotorCurrentInterference = MotorCurrentInterference {
+    ut_per_a: [0.3, 0.0, 0.4],
+    sigma_ut_per_a: 0.01,
+    mean_current_a: 20.0,
+    current_sigma_a: 10.0,
+};
 
 const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 
 fn with_iron() -> Instrument {
     let mut instrument = instrument();
-    let calibration = Calibration { current: IRON, ..calibration() };
-    let calibration = Some((calibration, Uncertainty::NONE));
-    instrument.correct_with(Correction { calibration, knows_inclination: true, ..Correction::NONE });
+    let calibration = Calibration { motor_current: IRON, ..calibration() };
+    let calibration = Some((calibration, HeadingUncertainty::NONE));
+    instrument.set_correction(Correction { calibration, has_valid_inclination: true, ..Correction::NONE });
     instrument
 }
 
-/// What the sensor reads at a heading of 2 rad while a current flows.
 fn sensed_with(current_a: f32) -> Field<Sensor> {
     Field::new(sensed(2.0, ATTITUDE).ut + nalgebra::Vector3::from(IRON.ut_per_a) * current_a)
 }
 
-/// Two seconds of reports and readings at a current that is told; then readings alone for half a second, which is longer than
-/// an attitude holds.
+/// Two seconds of reports and readings with a current, then 0.5 s of readings without attitude.
 fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
-    let mut last = [Estimate::NOTHING; 2];
+    let mut last = [Estimate::EMPTY; 2];
     for us in (0..2_500_000).step_by(PERIOD_US as usize) {
         instrument.on_current(at(us), current_a);
         let has_attitude = us < 2_000_000;
@@ -33,28 +36,28 @@ fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
         }
         last[usize::from(!has_attitude)] = instrument.on_reading(at(us + LATENCY_US), reading(sensed_with(current_a)));
         while instrument.next_sample().is_some() {}
-        instrument.watch();
+        instrument.update_monitor();
     }
     last
 }
 
-/// Heading, field and the field of a compass are those of an aircraft without such iron, at no current as at twice the mean,
-/// with an attitude; without one the compass is judged by a strength from which the 20 uT of 40 A are taken out.
+/// Without attitude the check of the strength uses the compensated field, too (20 uT at 40 A).
 #[test]
 fn at_any_current_that_is_told_all_is_as_without_it() {
     for current_a in [0.0, 20.0, 40.0] {
         let [with, without] = fly(&mut with_iron(), current_a);
         let body = sensed(2.0, ATTITUDE).ut;
         assert!((with.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-3, "{current_a}: {with:?}");
-        assert!((with.body.unwrap().ut - body).norm() < 1e-3, "{current_a}: {with:?}");
-        assert!((with.compass.unwrap().ut - body).norm() < 0.1, "{current_a}: {with:?}");
+        assert!((with.body_field.unwrap().ut - body).norm() < 1e-3, "{current_a}: {with:?}");
+        assert!((with.compass_field.unwrap().ut - body).norm() < 0.1, "{current_a}: {with:?}");
         assert_eq!(without.heading, Err(NoHeading::AttitudeStale));
-        assert!((without.compass.unwrap().ut - body).norm() < 0.1, "{current_a}: {without:?}");
+        assert!((without.compass_field.unwrap().ut - body).norm() < 0.1, "{current_a}: {without:?}");
         assert_eq!((with.current_a, without.current_a), (Some(current_a), Some(current_a)));
     }
 }
 
-/// Three seconds long; then it is that of the mean, and the heading less sure by what its spread adds: 5 uT of 27.
+/// Valid for 3 s; afterwards the mean current is assumed, and its standard deviation of 10 A adds 5 uT to the
+/// uncertainty.
 #[test]
 fn a_current_holds_for_three_seconds() {
     for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
@@ -64,7 +67,7 @@ fn a_current_holds_for_three_seconds() {
         let then = at(silent_us + LATENCY_US);
         assert_eq!(instrument.current_a(at(silent_us)), current_a);
         assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
-        // What is read is of the mean, so that the heading is right, and how sure it is tells whether the current is known.
+        // Only the sigma differs, because the mean current is assumed.
         let mut told = with_iron();
         told.on_current(then, 20.0);
         report(&mut told, silent_us, ATTITUDE);
@@ -79,12 +82,11 @@ fn a_current_holds_for_three_seconds() {
     }
 }
 
-/// A sample keeps the current of its instant, whether or not it keeps an attitude.
 #[test]
 fn samples_keep_their_current() {
     for sample_attitude in [SampleAttitude::Interpolated, SampleAttitude::Unknown] {
         let mut instrument = instrument();
-        instrument.correct_with(Correction { sample_attitude, ..Correction::NONE });
+        instrument.set_correction(Correction { sample_attitude, ..Correction::NONE });
         let mut found = Vec::new();
         for us in (0..1_000_000).step_by(PERIOD_US as usize) {
             instrument.on_current(at(us), 16.0);

@@ -1,17 +1,17 @@
-//! What the instrument promises, without tasks and clocks.
+//! Tests of the instrument without tasks and clocks.
 
 mod current;
 
 use super::*;
-use crate::attitude::Source;
+use crate::attitude::SenderId;
 use crate::calibration::{Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
-const LATENCY_US: u64 = attitude::Config::DEFAULT.latency_us.unsigned_abs() as u64;
-/// Fields and attitudes begin here, so that nothing is before the start.
+const LATENCY_US: u64 = attitude::AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
+/// Offset so that no time is negative.
 const BEGIN_US: u64 = 1_000_000;
 
 fn at(us: u64) -> Timestamp {
@@ -19,7 +19,7 @@ fn at(us: u64) -> Timestamp {
 }
 
 fn instrument() -> Instrument {
-    Instrument::new(Config::new(PERIOD_US as u32))
+    Instrument::new(InstrumentConfig::new(PERIOD_US as u32))
 }
 
 fn calibration() -> Calibration {
@@ -28,11 +28,14 @@ fn calibration() -> Calibration {
 
 fn calibrated() -> Instrument {
     let mut instrument = instrument();
-    instrument.correct_with(Correction { calibration: Some((calibration(), Uncertainty::NONE)), ..Correction::NONE });
+    instrument.set_correction(Correction {
+        calibration: Some((calibration(), HeadingUncertainty::NONE)),
+        ..Correction::NONE
+    });
     instrument
 }
 
-/// The field at a heading and an attitude, of an aircraft without iron.
+/// Sensor field of an aircraft without iron.
 fn sensed(heading_rad: f32, attitude: Attitude) -> Field<Sensor> {
     Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut)
 }
@@ -45,10 +48,14 @@ fn saturated(field: Field<Sensor>) -> Reading {
     Reading { saturated: true, ..reading(field) }
 }
 
-/// A report of an attitude that is true at this time, on a line of the source's latency.
+/// Reports an attitude that is true at `us`, after the source's latency.
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
-    let report =
-        Report { source: Source::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s: [0.0; 3] };
+    let report = AttitudeReport {
+        sender: SenderId::default(),
+        sender_time: WrappingMillis::default(),
+        attitude,
+        rates_rad_s: [0.0; 3],
+    };
     instrument.on_attitude(at(us + LATENCY_US), report);
 }
 
@@ -74,15 +81,14 @@ fn ten_samples_a_second_are_made_of_any_sensor_s_readings() {
         (0, u16::MAX),
     ] {
         assert_eq!(readings_per_sample(period_us), readings, "{period_us} us");
-        assert_eq!(Config::new(period_us).readings_per_sample(), readings);
+        assert_eq!(InstrumentConfig::new(period_us).readings_per_sample(), readings);
     }
 }
 
-/// Eight periods: 100 ms of the reference sensor, 0.8 s of a recording at 10 Hz.
 #[test]
 fn silence_is_measured_in_periods() {
-    assert_eq!(Config::new(12_500).silence_us(), 100_000);
-    assert_eq!(Config::new(100_000).silence_us(), 800_000);
+    assert_eq!(InstrumentConfig::new(12_500).silence_us(), 100_000);
+    assert_eq!(InstrumentConfig::new(100_000).silence_us(), 800_000);
 }
 
 #[test]
@@ -94,24 +100,27 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
     assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
     assert_eq!(estimate.at, at(10_000));
     assert_eq!(estimate.attitude, Some(attitude));
-    assert_eq!(estimate.body, Some(calibration().apply(sensed(2.0, attitude))));
+    assert_eq!(estimate.body_field, Some(calibration().apply(sensed(2.0, attitude))));
 }
 
-/// A source that is 40 ms later than it is known for, in an aircraft that rolls by 1 rad/s: with a calibration that knows
-/// it, the heading is by the attitude as it was, 0.04 rad further; and a source that is early the other way. A sample
-/// keeps the attitude as the source has it, with its rates, for whoever looks at it with another calibration.
+/// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
+/// applied to them.
 #[test]
 fn a_calibration_s_latency_is_that_of_the_stream_and_not_of_the_samples() {
     for latency_s in [0.04, -0.04, 0.0] {
         let mut instrument = instrument();
         let calibration = Calibration { latency_s, ..calibration() };
-        instrument.correct_with(Correction { calibration: Some((calibration, Uncertainty::NONE)), ..Correction::NONE });
+        instrument.set_correction(Correction {
+            calibration: Some((calibration, HeadingUncertainty::NONE)),
+            ..Correction::NONE
+        });
         let rolled = |us: u64| Attitude { roll_rad: us as f32 * 1e-6 - 0.2, pitch_rad: 0.1 };
         let mut found = Vec::new();
         for us in (0..400_000).step_by(PERIOD_US as usize) {
             if us % 50_000 == 0 {
-                let (source, sender_time) = (Source::default(), WrappingMillis::default());
-                let report = Report { source, sender_time, attitude: rolled(us), rates_rad_s: [1.0, 0.0, 0.0] };
+                let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
+                let report =
+                    AttitudeReport { sender: source, sender_time, attitude: rolled(us), rates_rad_s: [1.0, 0.0, 0.0] };
                 instrument.on_attitude(at(us + LATENCY_US), report);
             }
             let estimate = instrument.on_reading(at(us), reading(sensed(1.0, rolled(us))));
@@ -123,60 +132,58 @@ fn a_calibration_s_latency_is_that_of_the_stream_and_not_of_the_samples() {
         }
         assert!(found.len() >= 3);
         for sample in found {
-            let us = u64::from(sample.time.count()) * 1000 - BEGIN_US;
-            // To the millisecond of a sample's time.
+            let us = u64::from(sample.time.as_ms()) * 1000 - BEGIN_US;
+            // Time resolution of a sample: 1 ms.
             assert!((sample.attitude.roll_rad - rolled(us).roll_rad).abs() < 2e-3, "{sample:?}");
             assert_eq!(sample.rates, Rates::from_rad_s([1.0, 0.0, 0.0]));
-            assert!((sample.attitude_after(0.04).roll_rad - sample.attitude.roll_rad - 0.04).abs() < 1e-5);
+            assert!(
+                (sample.latency_compensated_attitude(0.04).roll_rad - sample.attitude.roll_rad - 0.04).abs() < 1e-5
+            );
         }
     }
 }
 
-/// 0.3 rad is 17.2 deg; alignment turns the heading and leaves the field of the body.
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
     let mut instrument = calibrated();
     let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
-    instrument.correct_with(correction);
+    instrument.set_correction(correction);
     report(&mut instrument, 0, Attitude::default());
     let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
     let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
     assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body, Some(calibration().apply(sensed(0.3, Attitude::default()))));
+    assert_eq!(estimate.body_field, Some(calibration().apply(sensed(0.3, Attitude::default()))));
 }
 
 #[test]
 fn every_want_has_its_reason_and_the_first_of_them_is_told() {
-    // Neither calibration nor attitude.
     let estimate = instrument().on_reading(at(0), reading(SOME));
-    assert_eq!((estimate.heading, estimate.body, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
-    // A calibration, but no attitude: the field of the body needs none.
+    assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
+    // Calibration without attitude: the body field is available.
     let estimate = calibrated().on_reading(at(0), reading(SOME));
     assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
-    assert_eq!(estimate.body, Some(calibration().apply(SOME)));
-    // A saturated sensor says nothing at all.
+    assert_eq!(estimate.body_field, Some(calibration().apply(SOME)));
     let estimate = calibrated().on_reading(at(0), saturated(SOME));
-    assert_eq!((estimate.heading, estimate.body), (Err(NoHeading::SensorSaturated), None));
-    // A field that is not the Earth's.
+    assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
     let mut disturbed = calibrated();
     report(&mut disturbed, 0, Attitude::default());
     let estimate = disturbed.on_reading(at(0), reading(Field::from_ut(90.0, 0.0, 0.0)));
     assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
-    assert!(estimate.body.is_some());
+    assert!(estimate.body_field.is_some());
 }
 
 #[test]
 fn a_silent_sensor_still_has_an_attitude() {
     let mut instrument = calibrated();
-    assert_eq!(instrument.on_silence(at(0)), Estimate { at: at(0), ..Estimate::NOTHING });
+    assert_eq!(instrument.on_silence(at(0)), Estimate { at: at(0), ..Estimate::EMPTY });
     let attitude = Attitude::from_deg(3.0, 2.0);
     report(&mut instrument, 0, attitude);
     let estimate = instrument.on_silence(at(50_000));
     assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
-    assert_eq!((estimate.body, estimate.attitude), (None, Some(attitude)));
+    assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
 }
 
-/// The attitude is carried on for 200 ms, and then there is none.
+/// Extrapolation ends after 200 ms.
 #[test]
 fn a_source_that_falls_silent_takes_the_heading_with_it() {
     let mut instrument = calibrated();
@@ -186,8 +193,7 @@ fn a_source_that_falls_silent_takes_the_heading_with_it() {
     assert_eq!(instrument.on_reading(at(200_001), reading(field)).heading, Err(NoHeading::AttitudeStale));
 }
 
-/// Eight readings wait until a report after the last of them says what their attitudes were: the roll goes up by 1 deg
-/// in 12.5 ms, so that its mean over the eight is 3.5 deg.
+/// The roll grows by 1 deg per reading; the mean of eight is 3.5 deg.
 #[test]
 fn a_sample_waits_for_the_attitude_after_it() {
     let mut instrument = instrument();
@@ -201,10 +207,9 @@ fn a_sample_waits_for_the_attitude_after_it() {
     assert!((sample.attitude.roll_rad.to_degrees() - 3.5).abs() < 1e-3, "{sample:?}");
     assert_eq!(sample.field, SOME);
     assert_eq!(sample.time, at(7 * PERIOD_US / 2).wrapping_millis());
-    assert_eq!(instrument.counts().unpaired, 0);
+    assert_eq!(instrument.rejections().unpaired, 0);
 }
 
-/// A slow source: one report completes what has waited since the one before, two samples here.
 #[test]
 fn one_report_can_complete_several_samples() {
     let mut instrument = instrument();
@@ -217,7 +222,6 @@ fn one_report_can_complete_several_samples() {
     assert_eq!(samples(&mut instrument).len(), 2);
 }
 
-/// Readings of a saturated sensor never enter a sample, and do not stop the others.
 #[test]
 fn saturated_readings_are_in_no_sample() {
     let mut instrument = instrument();
@@ -229,13 +233,11 @@ fn saturated_readings_are_in_no_sample() {
         instrument.on_reading(at(i * PERIOD_US), if is_saturated { saturated(wrong) } else { reading(SOME) });
         made.extend(samples(&mut instrument));
     }
-    // 16 good ones.
     assert_eq!(made.len(), 2);
     assert!(made.iter().all(|s| (s.field.ut - SOME.ut).norm() < 1e-4), "{made:?}");
 }
 
-/// No attitude, no sample: not one with an attitude that was made up. The source's pause is 0.4 s, longer than is
-/// interpolated over.
+/// A gap of 0.4 s is too long to interpolate.
 #[test]
 fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
     let mut instrument = instrument();
@@ -244,48 +246,46 @@ fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
     }
     report(&mut instrument, 400_000, Attitude::from_deg(30.0, 0.0));
-    // The one at the very instant of the report is paired.
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.counts().unpaired, 31);
+    assert_eq!(instrument.rejections().unpaired, 31);
 }
 
-/// Without any attitude a reading waits for 0.3 s.
+/// Limit: 0.3 s.
 #[test]
 fn readings_wait_for_their_attitude_no_longer_than_it_can_come() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
-        assert_eq!(instrument.counts().unpaired, unpaired, "after {us} us");
+        assert_eq!(instrument.rejections().unpaired, unpaired, "after {us} us");
     }
-    // A sensor that saturates lets time pass as well.
     instrument.on_reading(at(899_998), saturated(SOME));
     assert!(samples(&mut instrument).is_empty());
-    assert_eq!(instrument.counts().unpaired, 4);
+    assert_eq!(instrument.rejections().unpaired, 4);
 }
 
-/// Sixty-four wait, 0.3 s at 200 Hz; a faster sensor loses the oldest, and they are counted.
+/// Capacity 64: the oldest are dropped and counted.
 #[test]
 fn what_cannot_wait_is_counted() {
-    let mut instrument = Instrument::new(Config::new(1_000));
+    let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
     report(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
         instrument.on_reading(at(i * 1_000), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.counts().unpaired, 6);
+    assert_eq!(instrument.rejections().unpaired, 6);
     report(&mut instrument, 70_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "64 are not yet a sample of 100");
-    assert_eq!(instrument.counts().unpaired, 6);
+    assert_eq!(instrument.rejections().unpaired, 6);
 }
 
-/// Three periods and a fifth, 40 ms of the reference sensor, are averaged over; a longer gap is not.
+/// Limit: 3.2 periods, 40 ms.
 #[test]
 fn a_gap_in_the_readings_starts_another_sample() {
     for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
         let mut instrument = instrument();
         let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
-        instrument.correct_with(unknown);
+        instrument.set_correction(unknown);
         for i in 0..8 {
             let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
             instrument.on_reading(at(us), reading(SOME));
@@ -294,12 +294,11 @@ fn a_gap_in_the_readings_starts_another_sample() {
     }
 }
 
-/// A tumbling needs no attitude: samples come at once, and level.
 #[test]
 fn samples_of_the_field_alone_wait_for_nothing() {
     let mut instrument = instrument();
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
-    instrument.correct_with(unknown.clone());
+    instrument.set_correction(unknown.clone());
     let mut made = Vec::new();
     for i in 0..16 {
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
@@ -307,30 +306,28 @@ fn samples_of_the_field_alone_wait_for_nothing() {
     }
     assert_eq!(made.len(), 2);
     assert!(made.iter().all(|s| s.attitude == Attitude::default() && s.field == SOME));
-    // A saturated reading is none here, either.
     instrument.on_reading(at(16 * PERIOD_US), saturated(SOME));
     assert!(samples(&mut instrument).is_empty());
 }
 
-/// Half a run of the field alone does not become a sample with attitude.
 #[test]
 fn a_sample_is_of_one_kind() {
     let mut instrument = instrument();
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
-    instrument.correct_with(unknown.clone());
+    instrument.set_correction(unknown.clone());
     for i in 0..4 {
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    instrument.correct_with(Correction::NONE);
+    instrument.set_correction(Correction::NONE);
     for i in 4..8 {
         report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
     }
     assert!(samples(&mut instrument).is_empty());
-    // Another calibration is no other kind.
+    // A change of alignment keeps the run.
     let align = Correction { align_deg: 5.0, ..Correction::NONE };
-    instrument.correct_with(align);
+    instrument.set_correction(align);
     for i in 8..12 {
         report(&mut instrument, i * PERIOD_US, Attitude::from_deg(20.0, 0.0));
         instrument.on_reading(at(i * PERIOD_US), reading(SOME));
@@ -338,17 +335,17 @@ fn a_sample_is_of_one_kind() {
     assert_eq!(samples(&mut instrument).len(), 1);
 }
 
-/// Rows of a recording at 10 Hz, each with field and attitude of one instant: each is a sample, as it is.
+/// Each row has field and attitude of one time, and becomes a sample.
 #[test]
 fn a_recording_at_10_hz_passes_unchanged() {
-    let attitude = attitude::Config { latency_us: 0, ..attitude::Config::DEFAULT };
-    let mut instrument = Instrument::new(Config { attitude, ..Config::new(100_000) });
+    let attitude = attitude::AttitudeConfig { latency_us: 0, ..attitude::AttitudeConfig::DEFAULT };
+    let mut instrument = Instrument::new(InstrumentConfig { attitude, ..InstrumentConfig::new(100_000) });
     for row in 0..50_u16 {
         let us = u64::from(row) * 100_000;
         let attitude = Attitude::from_deg(f32::from(row), -f32::from(row) / 10.0);
         let field = Field::from_ut(f32::from(row), 1.0, 2.0);
-        let report = Report {
-            source: Source::default(),
+        let report = AttitudeReport {
+            sender: SenderId::default(),
             sender_time: WrappingMillis::default(),
             attitude,
             rates_rad_s: [0.0; 3],
@@ -361,12 +358,11 @@ fn a_recording_at_10_hz_passes_unchanged() {
     }
 }
 
-/// Chips of 155 and 200 Hz in 20 s of attitude at 50 Hz: ten samples a second, or as near as whole readings come to it,
-/// none lost but those at the end.
+/// 20 s of attitude at 50 Hz with chips of 80, 155 and 200 Hz.
 #[test]
 fn a_faster_sensor_gives_as_many_samples() {
     for (period_us, in_20_s) in [(12_500, 200), (6_452, 206), (5_000, 200)] {
-        let mut instrument = Instrument::new(Config::new(period_us));
+        let mut instrument = Instrument::new(InstrumentConfig::new(period_us));
         let mut number = 0;
         let mut reported_us = 0;
         for us in (0..20_000_000_u64).step_by(period_us as usize) {
@@ -378,11 +374,10 @@ fn a_faster_sensor_gives_as_many_samples() {
             number += samples(&mut instrument).len();
         }
         assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
-        assert_eq!(instrument.counts().unpaired, 0);
+        assert_eq!(instrument.rejections().unpaired, 0);
     }
 }
 
-/// The sensor is replaced by one of another rate: what had waited is forgotten, what was counted is not.
 #[test]
 fn another_sensor_has_another_period() {
     let mut instrument = instrument();
@@ -390,17 +385,16 @@ fn another_sensor_has_another_period() {
         instrument.on_reading(at(us), reading(SOME));
         assert!(samples(&mut instrument).is_empty());
     }
-    assert_eq!(instrument.counts().unpaired, 1);
+    assert_eq!(instrument.rejections().unpaired, 1);
     instrument.set_sensor(100_000, None);
     assert_eq!(instrument.config().reading_period_us, 100_000);
     report(&mut instrument, 400_000, Attitude::default());
     assert!(samples(&mut instrument).is_empty(), "nothing waits");
     instrument.on_reading(at(400_000), reading(SOME));
     assert_eq!(samples(&mut instrument).len(), 1);
-    assert_eq!(instrument.counts().unpaired, 1);
+    assert_eq!(instrument.rejections().unpaired, 1);
 }
 
-/// Whatever arrives, whenever: an estimate, and no panic.
 #[test]
 fn nothing_that_arrives_panics() {
     let mut random = Random(7);
@@ -416,7 +410,10 @@ fn nothing_that_arrives_panics() {
         match random.bits() % 4 {
             0 => {
                 let sender_time = WrappingMillis::new(random.bits() as u32);
-                instrument.on_attitude(at, Report { source: Source::default(), sender_time, attitude, rates_rad_s });
+                instrument.on_attitude(
+                    at,
+                    AttitudeReport { sender: SenderId::default(), sender_time, attitude, rates_rad_s },
+                );
             }
             1 => drop(instrument.on_silence(at)),
             _ => drop(instrument.on_reading(at, reading(field))),
@@ -425,14 +422,12 @@ fn nothing_that_arrives_panics() {
     }
 }
 
-/// An instrument that looks for axes which repeat, with a calibration and an attitude that stays fresh.
 fn watchful() -> Instrument {
     let mut instrument = calibrated();
     instrument.set_sensor(PERIOD_US as u32, Some(16));
     instrument
 }
 
-/// The estimates and samples of a second of readings, as a source goes on; `field` is asked for each.
 fn second(
     instrument: &mut Instrument,
     from_us: u64,
@@ -442,7 +437,6 @@ fn second(
     let estimates = (0..80)
         .map(|i| {
             let us = from_us + i * PERIOD_US;
-            // Fine values that move a little.
             report(instrument, us, Attitude::from_deg(0.01 * i as f32, 0.0));
             let estimate = instrument.on_reading(at(us + LATENCY_US + 1), reading(field(i)));
             made.extend(samples(instrument));
@@ -458,14 +452,12 @@ fn reasons(estimates: &[Estimate]) -> Vec<NoHeading> {
     reasons
 }
 
-/// Noise, so that nothing repeats.
 fn noisy(random: &mut Random) -> Field<Sensor> {
     let sensed = sensed(0.5, Attitude::default()).ut;
     Field::new(sensed + nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal()))
 }
 
-/// From the sixteenth equal reading on, 0.2 s, there is neither heading nor field, and samples are made of good readings
-/// alone: 15 of the 80, and those before.
+/// Rejected from the 16th equal reading on.
 #[test]
 fn a_stuck_axis_is_told_and_makes_no_samples() {
     let mut random = Random(1);
@@ -477,8 +469,8 @@ fn a_stuck_axis_is_told_and_makes_no_samples() {
         Field::from_ut(good.x, sensed(0.5, Attitude::default()).ut.y, good.z)
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorStuck]);
-    assert!(estimates[15].heading.is_err() && estimates[15].body.is_none() && estimates[14].heading.is_ok());
-    assert_eq!(instrument.counts().stuck, 65);
+    assert!(estimates[15].heading.is_err() && estimates[15].body_field.is_none() && estimates[14].heading.is_ok());
+    assert_eq!(instrument.rejections().stuck, 65);
     assert_eq!(made.len(), 2);
 }
 
@@ -492,7 +484,7 @@ fn a_spike_is_told_and_left_out_of_its_sample() {
         Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorSpike]);
-    assert_eq!((instrument.counts().spikes, instrument.counts().saturated), (4, 0));
+    assert_eq!((instrument.rejections().spikes, instrument.rejections().saturated), (4, 0));
     let true_x = sensed(0.5, Attitude::default()).ut.x;
     assert!(made.len() >= 8 && made.iter().all(|s| (s.field.ut.x - true_x).abs() < 0.6), "{made:?}");
 }
@@ -510,10 +502,10 @@ fn an_axis_that_ends_is_told() {
         Field::from_ut(30.0, good.y, good.z)
     });
     assert_eq!(reasons(&estimates), [NoHeading::SensorClipped]);
-    assert!(instrument.counts().clipped >= 80);
+    assert!(instrument.rejections().clipped >= 80);
 }
 
-/// The fifth equal report of fine values: no heading from the next reading on, whatever the last rates would lead to.
+/// Rejected from the fifth equal report on.
 #[test]
 fn a_frozen_attitude_is_told_at_once() {
     let mut random = Random(4);
@@ -528,12 +520,11 @@ fn a_frozen_attitude_is_told_at_once() {
         .collect();
     assert_eq!(estimates.iter().position(|estimate| estimate.heading.is_err()), Some(4));
     assert_eq!(reasons(&estimates), [NoHeading::AttitudeFrozen]);
-    assert!(estimates[4].attitude.is_none() && estimates[4].body.is_some());
-    assert_eq!(instrument.counts().attitude, Doubted { frozen: 16, ..Doubted::NONE });
+    assert!(estimates[4].attitude.is_none() && estimates[4].body_field.is_some());
+    assert_eq!(instrument.rejections().attitude, RejectedReports { frozen: 16, ..RejectedReports::NONE });
 }
 
-/// Tenths of a degree that stay while the corrected field turns: about the vertical there is nothing wrong, about the
-/// nose the aircraft rolls.
+/// At a resolution of 0.1 deg a constant attitude is plausible while only the heading turns, but not in a roll.
 #[test]
 fn a_coarse_source_is_frozen_when_the_field_turns() {
     for (turns, rolls_deg_s, expected) in [(0.3, 0.0, vec![]), (0.3, 10.0, vec![NoHeading::AttitudeFrozen])] {
@@ -556,13 +547,12 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
     }
 }
 
-/// A tumbled sensor's: whatever the inclination, and only the strength that was found.
 #[test]
 fn a_correction_of_unknown_inclination_is_used_at_any() {
     for (knows_inclination, heading) in [(true, false), (false, true)] {
         let mut instrument = calibrated();
-        let correction = Correction { knows_inclination, ..instrument.correction.clone() };
-        instrument.correct_with(correction);
+        let correction = Correction { has_valid_inclination: knows_inclination, ..instrument.correction.clone() };
+        instrument.set_correction(correction);
         report(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().body(Field::earth(50.0, 1.4, 0.5)).ut);
         assert_eq!(instrument.on_reading(at(0), reading(steep)).heading.is_ok(), heading);
@@ -573,19 +563,17 @@ fn a_correction_of_unknown_inclination_is_used_at_any() {
     }
 }
 
-/// A level turn of 20 deg/s with a report and a reading every 20 ms, the rates told by this part of what they are; what
-/// the last readings give. It begins at a heading of 1 rad.
+/// True heading and estimate every 20 ms of a level turn at 20 deg/s from 1 rad, with body rates scaled by a factor.
 fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) -> Vec<(f32, Estimate)> {
     let steps = |s: f32| (s * 50.0) as u64;
     (steps(from_s)..steps(from_s + seconds))
         .map(|i| {
             let us = i * 20_000;
             let heading_rad = 1.0 + 20_f32.to_radians() * i as f32 / 50.0;
-            let report = Report {
-                source: Source::default(),
+            let report = AttitudeReport {
+                sender: SenderId::default(),
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
-                // Of a level turn: the pitch stays what it is.
                 rates_rad_s: [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
                     .map(|part| told * 20_f32.to_radians() * part),
             };
@@ -596,33 +584,31 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) ->
         .collect()
 }
 
-/// With rates, after two seconds, alignment included, and of the reading's instant: a turn of 20 deg/s is 0.4 deg in the
-/// latency of a report.
+/// After two seconds, with alignment.
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
     let mut instrument = calibrated();
     let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
-    instrument.correct_with(correction.clone());
+    instrument.set_correction(correction.clone());
     let first = turning(&mut instrument, 0.0, 2.0, 1.0);
-    assert!(first.iter().all(|(_, estimate)| estimate.smooth.is_none() && estimate.heading.is_ok()));
+    assert!(first.iter().all(|(_, estimate)| estimate.smoothed_heading.is_none() && estimate.heading.is_ok()));
     for (heading_rad, estimate) in &turning(&mut instrument, 2.0, 20.0, 1.0)[5..] {
-        let off_rad = wrap_pi(estimate.smooth.unwrap().magnetic_rad - heading_rad + 30_f32.to_radians());
+        let off_rad = wrap_pi(estimate.smoothed_heading.unwrap().magnetic_rad - heading_rad + 30_f32.to_radians());
         assert!(off_rad.to_degrees().abs() < 0.1, "{}", off_rad.to_degrees());
     }
-    // The same correction again changes nothing; another one is another heading.
-    instrument.correct_with(correction.clone());
-    assert!(turning(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_some()));
-    instrument.correct_with(Correction { align_deg: -29.5, ..correction });
-    assert!(turning(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smooth.is_none()));
+    instrument.set_correction(correction.clone());
+    assert!(turning(&mut instrument, 22.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_some()));
+    instrument.set_correction(Correction { align_deg: -29.5, ..correction });
+    assert!(turning(&mut instrument, 23.0, 1.0, 1.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none()));
 }
 
 #[test]
 fn without_rates_or_a_heading_there_is_no_smooth_one() {
     let mut instrument = calibrated();
-    assert!(turning(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smooth.is_none()));
+    assert!(turning(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none()));
     let mut instrument = calibrated();
-    assert!(turning(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smooth.is_some());
+    assert!(turning(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
     let lost = instrument.on_reading(at(10_000_000), saturated(SOME));
-    assert_eq!((lost.heading, lost.smooth), (Err(NoHeading::SensorSaturated), None));
-    assert_eq!(instrument.on_silence(at(10_200_000)).smooth, None);
+    assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
+    assert_eq!(instrument.on_silence(at(10_200_000)).smoothed_heading, None);
 }

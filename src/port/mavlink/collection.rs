@@ -1,136 +1,111 @@
-//! How a collection goes on, and what comes of it.
-
-use core::fmt::Write;
+//! Collections and calibrations as an autopilot's compass reports them: MAG_CAL_PROGRESS and MAG_CAL_REPORT.
+//!
+//! Every solve that ends a collection is reported, as success with the coefficients or as failed. A collection that
+//! ends without an outcome (aborted or stopped) is reported as failed, too, so that a ground station does not wait,
+//! unless the module is uncalibrated and waits for the next collection.
 
 use nalgebra::Vector3;
 
-use super::Line;
-use super::texts::Texts;
+use super::Transmitter;
+use super::texts::PendingTexts;
 use crate::calibration::{Calibration, Orientation};
-use crate::compass::Glance;
-use crate::port::{Facts, Pace};
-use crate::time::Timestamp;
-use crate::wire::mavlink::{MagCalReport, Outgoing};
+use crate::compass::IndicatorState;
+use crate::messages::{Message, SolveOutcome};
+use crate::port::{MessageSchedule, Snapshot};
+use crate::wire::mavlink::{MagCalReport, OutboundMessage};
 
-/// MAG_CAL_PROGRESS, messages a second.
 const PROGRESS_HZ: u8 = 2;
 
-/// A new calibration is known this long after the end of its collection, microseconds, or there is none: the two do not
-/// come by the same way.
-const SETTLED_US: u64 = 1_000_000;
-
-/// Milligauss of a microtesla.
 const MG_PER_UT: f32 = 10.0;
 
-/// What is seen of collections and calibrations.
+/// Progress of collections, and the calibration to report.
 #[derive(Debug, Default)]
-pub(super) struct Collection {
-    /// The calibration that is in use, and the noise of a reading, over the field's strength.
+pub(super) struct CollectionReporter {
+    /// The active calibration, and the noise of a reading relative to the field strength.
     calibration: Option<(Calibration, f32)>,
-    /// Counts them; wraps.
+    /// Number of calibrations that became active; wraps.
     calibrations: u8,
-    phase: Phase,
-    progress: Pace,
+    /// Tenths of progress already sent as a text; none without a collection.
+    tenths: Option<u8>,
+    /// Whether the last solve succeeded; none once it was reported.
+    outcome: Option<bool>,
+    /// Whether the pending report is a success; none without a pending report.
+    report: Option<bool>,
+    progress: MessageSchedule,
 }
 
-#[derive(Debug, Default)]
-enum Phase {
-    /// Nothing to tell.
-    #[default]
-    Idle,
-    /// A collection is under way; `before` is the count of calibrations when it began, and so many tenths of it have been
-    /// told.
-    Collecting { before: u8, tenths: u8 },
-    /// It ended at this instant with a calibration in use, but not with a new one yet.
-    Ended { before: u8, at: Timestamp },
-    /// It is to be told that it has failed, or what it has given.
-    Known { is_success: bool },
-}
-
-impl Collection {
-    /// Counts the calibrations that have come into use; wraps.
+impl CollectionReporter {
     pub const fn calibrations(&self) -> u8 {
         self.calibrations
     }
 
-    /// Whether this is another calibration than the last.
-    pub fn has_not_seen(&self, calibration: &Calibration) -> bool {
+    /// Whether a calibration differs from the last reported one.
+    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
         self.calibration.as_ref().is_none_or(|(seen, _)| seen != calibration)
     }
 
-    /// Looks at what there is to tell. To be called even while there is nobody to tell it to.
-    pub fn see(&mut self, facts: &Facts<'_>, texts: &mut Texts) {
+    /// Records the outcome of a solve; the next update contains the state after it.
+    pub fn record_outcome(&mut self, outcome: &SolveOutcome) {
+        self.outcome = Some(outcome.is_ok());
+    }
+
+    /// Tracks the module's state; must be called also while no autopilot is known.
+    pub fn update(&mut self, facts: &Snapshot<'_>, texts: &mut PendingTexts) {
         if let Some((calibration, uncertainty)) =
-            facts.calibration.filter(|(calibration, _)| self.has_not_seen(calibration))
+            facts.calibration.filter(|(calibration, _)| self.is_unreported(calibration))
         {
             self.calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibrations = self.calibrations.wrapping_add(1);
         }
-        let is_new = |before: u8| before != self.calibrations;
-        match (&mut self.phase, facts.glance) {
-            (Phase::Collecting { tenths, .. }, Glance::Collecting(percent)) => tell_further(tenths, percent, texts),
-            (_, Glance::Collecting(percent)) => {
-                self.phase = Phase::Collecting { before: self.calibrations, tenths: percent / 10 };
-                tell_tenths(percent / 10, texts);
+        // An automatic collection continues after a refused solve: that outcome does not end it.
+        let outcome = self.outcome.take();
+        match (self.tenths, facts.indicator) {
+            (tenths, IndicatorState::Collecting(percent)) => self.collect(tenths, percent, texts),
+            (Some(_), glance) => {
+                texts.push(&Message::CollectionEnded);
+                self.tenths = None;
+                self.report = outcome.or((glance != IndicatorState::Idle).then_some(false));
             }
-            (&mut Phase::Collecting { before, .. }, glance) => {
-                texts.note("collecting ended");
-                self.phase = match glance {
-                    Glance::Refused => Phase::Known { is_success: false },
-                    Glance::Calibrated => Phase::Ended { before, at: facts.now },
-                    Glance::Waiting | Glance::Collecting(_) => Phase::Idle,
-                };
-            }
-            _ => {}
-        }
-        if let Phase::Ended { before, at } = self.phase
-            && (is_new(before) || facts.now.us_since(at) > SETTLED_US)
-        {
-            self.phase = Phase::Known { is_success: is_new(before) };
+            (None, _) => self.report = outcome.or(self.report),
         }
     }
 
-    /// Sends what is due; whether it was something, and there was room for it.
-    pub fn tell(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
-        match (&self.phase, facts.glance) {
-            (Phase::Collecting { .. }, Glance::Collecting(percent)) if self.progress.is_due(facts.now, PROGRESS_HZ) => {
-                let field = facts.estimate.body.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
-                line.send(Outgoing::mag_cal_progress(percent, field.into()))
+    /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
+    fn collect(&mut self, before: Option<u8>, percent: u8, texts: &mut PendingTexts) {
+        let tenths = percent / 10;
+        let is_new = before.is_none_or(|before| tenths > before || (percent == 0 && before > 0));
+        if is_new {
+            self.tenths = Some(tenths);
+            texts.push(&Message::Collecting(10 * tenths));
+        }
+    }
+
+    /// Sends the due message; returns whether one was sent.
+    pub fn send(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        if let Some(is_success) = self.report {
+            let report = report(self.calibration.as_ref().filter(|_| is_success), facts.settings.mount);
+            let is_sent = line.send(OutboundMessage::mag_cal_report(&report));
+            if is_sent {
+                self.report = None;
             }
-            (&Phase::Known { is_success }, _) => {
-                let report = report(self.calibration.as_ref().filter(|_| is_success), facts.settings.mount);
-                let is_sent = line.send(Outgoing::mag_cal_report(&report));
-                if is_sent {
-                    self.phase = Phase::Idle;
-                }
-                is_sent
+            return is_sent;
+        }
+        match facts.indicator {
+            IndicatorState::Collecting(percent) if self.progress.is_due(facts.now, PROGRESS_HZ) => {
+                let field = facts.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
+                line.send(OutboundMessage::mag_cal_progress(percent, field.into()))
             }
             _ => false,
         }
     }
 }
 
-/// Tells another tenth, or that the collection was begun again from nothing.
-fn tell_further(tenths: &mut u8, percent: u8, texts: &mut Texts) {
-    if percent / 10 > *tenths || (percent == 0 && *tenths > 0) {
-        *tenths = percent / 10;
-        tell_tenths(*tenths, texts);
-    }
-}
-
-fn tell_tenths(tenths: u8, texts: &mut Texts) {
-    let mut text = heapless::String::<24>::new();
-    // It fits.
-    let _ = write!(text, "collecting {} %", 10 * tenths);
-    texts.note(&text);
-}
-
-/// A calibration as autopilots write theirs, in body axes: a field is turned there, an offset added, and a symmetric matrix
-/// applied, `M (R m + o)`.
+/// Converts a calibration to the form of autopilots, in body axes: the field is rotated, an offset added, and a
+/// symmetric matrix applied, `M (R m + o)`.
 ///
-/// With `W (m - b)` and the right-angle mounting `R` that is set, the offset is `-R b`, and the matrix the symmetric one
-/// nearest to `W R^T` (in the Frobenius norm): its symmetric part. What is beside the right angles of the mounting is not in
-/// it. The fitness is the noise of a reading.
+/// With `W (m - b)` and the configured right-angle mounting `R`, the offset is `-R b`, and the matrix is the symmetric
+/// one nearest to `W R^T` in the Frobenius norm, its symmetric part; the remaining rotation is dropped. The fitness is
+/// the noise of a reading.
 fn report(found: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
     let is_success = found.is_some();
     let none =

@@ -1,133 +1,152 @@
-//! MAVLink: the module as a component beside the autopilot.
+//! MAVLink: the module as component 158, a peripheral, of the autopilot's system.
 //!
-//! It is component 158, a peripheral, of the system of the autopilot that is believed (`attitude::Senders`), or of the first
-//! whose heartbeat was heard while none sends attitude. Until one is heard it sends nothing, for it does not know yet whose
-//! component it is, nor whether the line speaks MAVLink. Then it
+//! The autopilot is the selected sender of attitude, or without attitude the first autopilot that sends a heartbeat.
+//! Until one is known the module sends nothing, because neither its system nor the use of MAVLink on the line is known.
+//! Afterwards it
 //!
-//! - shows life once a second, and in what state it is;
-//! - asks the autopilot for attitude, as often as that gives it, for its current, its position and the time (`asking.rs`);
-//! - takes commands of anybody on the network that are addressed to component 158 (`orders.rs`). Those to all components are
-//!   left to the autopilot, whose own compass they are meant for;
-//! - tells texts (`texts.rs`), how a collection goes on and what comes of it (`collection.rs`), and headings as named values;
-//! - tells the heading as a pose where it is to replace the autopilot's own yaw.
+//! - sends a heartbeat with its state once a second;
+//! - requests attitude, current, position and time from the autopilot;
+//! - accepts commands to component 158 from any sender. Commands to all components are left to the autopilot, whose own
+//!   compass they are meant for;
+//! - sends texts, progress and report of collections, and headings as named values;
+//! - sends the heading as a pose if it is to replace the autopilot's own yaw.
 //!
-//! What another system, or another component of the same one, says of a current, a place or a day changes nothing, nor do
-//! the module's own messages that come back.
+//! Current, position and date from other systems or components are ignored, as are the module's own messages that come
+//! back.
 
-mod asking;
 mod collection;
 mod orders;
+mod requests;
 mod texts;
 
 use ::mavlink::dialects::common::MavState;
 
-use super::{Facts, Heard, Order, Output, Pace, Protocol};
-use crate::attitude::{Senders, Source};
+use super::{MessageSchedule, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::attitude::{SenderId, SenderSelector};
 use crate::calibration::Calibration;
-use crate::compass::{Glance, Refusal};
+use crate::compass::IndicatorState;
 use crate::frames::wrap_pi;
+use crate::messages::{Message as Notice, Refusal};
 use crate::settings::HeadingKind;
 use crate::time::Timestamp;
-use crate::wire::mavlink::{Address, Message, Outgoing, Pose, Receiver};
-use asking::Asking;
-use collection::Collection;
-use orders::Orders;
-use texts::Texts;
+use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
+use collection::CollectionReporter;
+use orders::CommandHandler;
+use requests::RequestSequence;
+use texts::PendingTexts;
 
 /// MAV_COMP_ID_PERIPHERAL.
 const COMPONENT: u8 = 158;
 
-/// Messages a second. A pose oftener than this is thrown away by autopilots, and less than three are taken for its loss.
+/// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const VISION_HZ: u8 = 50;
-/// Bytes that may wait before a pose, which is long: on a line too slow for all of them the others keep their room.
-const POSE_WAITS: usize = 64;
+/// Pending bytes above which no pose is sent: a pose is long, and on a slow line other messages keep their room.
+const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
-/// The heading and its sigma by turns.
+/// Rate of named values, heading and sigma in turn, Hz.
 const HEADING_HZ: u8 = 10;
 const PERCENT_HZ: u8 = 1;
 
-/// MAVLink on a port.
+/// MAVLink protocol of a port.
 #[derive(Debug, Default)]
 pub struct Mavlink {
     receiver: Receiver,
-    senders: Senders,
+    senders: SenderSelector,
     sequence: u8,
-    asking: Asking,
-    orders: Orders,
-    texts: Texts,
-    collection: Collection,
-    vision: Pace,
-    heartbeat: Pace,
-    heading: Pace,
-    /// Its sigma is the next to be told of a heading.
+    requests: RequestSequence,
+    orders: CommandHandler,
+    texts: PendingTexts,
+    collection: CollectionReporter,
+    vision: MessageSchedule,
+    heartbeat: MessageSchedule,
+    heading: MessageSchedule,
+    /// Whether the next named value is the heading's sigma.
     is_sigma_next: bool,
-    percent: Pace,
+    percent: MessageSchedule,
 }
 
-/// Where messages go.
-struct Line<'a> {
-    out: &'a mut Output,
+/// Numbers messages and appends them to an output.
+struct Transmitter<'a> {
+    out: &'a mut TransmitBuffer,
     own: Address,
     sequence: &'a mut u8,
 }
 
-impl Line<'_> {
-    /// Appends a message; whether there was room for it. Only those that are sent are counted: a gap in the numbers is a
-    /// message that was lost on the way.
-    fn send(&mut self, message: Outgoing) -> bool {
-        let fits = self.out.message(&[&message.frame(self.own, *self.sequence)]);
+impl Transmitter<'_> {
+    /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
+    /// means a loss on the line.
+    fn send(&mut self, message: OutboundMessage) -> bool {
+        let fits = self.out.append(&[&message.frame(self.own, *self.sequence)]);
         *self.sequence = self.sequence.wrapping_add(u8::from(fits));
         fits
     }
 }
 
 impl Mavlink {
-    /// Nobody was heard yet.
+    /// Creates the protocol without a known autopilot.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Whether this is another calibration than it was told last.
+    /// Whether a calibration differs from the last reported one.
     #[must_use]
-    pub fn has_not_seen(&self, calibration: &Calibration) -> bool {
-        self.collection.has_not_seen(calibration)
+    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
+        self.collection.is_unreported(calibration)
     }
 
-    fn take(&mut self, at: Timestamp, message: Message) -> Option<Heard> {
-        let autopilot = self.senders.autopilot(at);
-        let is_autopilot = |source: &Source| Some(*source) == autopilot;
-        let is_own = |target: Address| autopilot.is_some_and(|autopilot| concerns(target, own(autopilot)));
+    fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
+        let autopilot = self.senders.autopilot_to_query(at);
+        let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
+        let is_own =
+            |target: Address| autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)));
         match message {
-            Message::Heartbeat(heartbeat) => {
-                self.senders.hear(at, heartbeat);
+            InboundMessage::Heartbeat(heartbeat) => {
+                self.senders.update_heartbeat(at, heartbeat);
                 None
             }
-            Message::Attitude(report) if self.senders.takes(at, report.source) => {
-                self.asking.reported(at, report.sender_time);
-                Some(Heard::Attitude(report))
+            InboundMessage::Attitude(report) if self.senders.accept_attitude(at, report.sender) => {
+                self.requests.on_attitude(at, report.sender_time);
+                Some(ReceivedMessage::Attitude(report))
             }
-            Message::Attitude(_) => Some(Heard::Foreign),
-            Message::Place(source, place) => place.filter(|_| is_autopilot(&source)).map(Heard::Place),
-            Message::Day(source, day) => day.filter(|_| is_autopilot(&source)).map(Heard::Day),
-            Message::Current(source, current) => current.filter(|_| is_autopilot(&source)).map(Heard::Current),
-            Message::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
+            InboundMessage::Attitude(_) => Some(ReceivedMessage::RejectedAttitude),
+            InboundMessage::Position(source, place) => {
+                place.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Position)
+            }
+            InboundMessage::Date(source, day) => day.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Date),
+            InboundMessage::Current(source, current) => {
+                current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
+            }
+            InboundMessage::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
                 let is_armed = self.senders.is_armed(at) == Some(true);
-                self.orders.take(at, &command, is_armed).map(Heard::Asked)
+                match self.orders.process_command(at, &command, is_armed) {
+                    Ok(order) => Some(ReceivedMessage::Order(order)),
+                    Err(reason) => {
+                        self.report_refused(reason);
+                        None
+                    }
+                }
             }
-            Message::Command(_) => None,
-            Message::Acknowledgement(ack) => {
+            InboundMessage::Command(_) => None,
+            InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.source) && is_own(ack.target) {
-                    self.asking.acknowledged(at, ack);
+                    self.requests.on_acknowledgement(at, ack);
                 }
                 None
             }
         }
     }
 
-    fn tell_heading(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
-        let Facts { now, estimate, settings, .. } = *facts;
-        let smooth = estimate.smooth.filter(|_| settings.stream_heading == HeadingKind::Smooth);
+    /// Queues the reason of a refused command as a text.
+    fn report_refused(&mut self, reason: Option<Refusal>) {
+        if let Some(refusal) = reason {
+            self.texts.push(&Notice::CommandRejected(refusal));
+        }
+    }
+
+    fn send_heading(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let Snapshot { now, estimate, settings, .. } = *facts;
+        let smooth = estimate.smoothed_heading.filter(|_| settings.stream_heading == HeadingKind::Smooth);
         let heading = smooth.or(estimate.heading.ok()).filter(|_| settings.stream_on);
         let Some(heading) = heading else { return false };
         if !self.heading.is_due(now, HEADING_HZ) {
@@ -136,105 +155,111 @@ impl Mavlink {
         let (name, value) =
             if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
         self.is_sigma_next = !self.is_sigma_next;
-        line.send(Outgoing::named_value(now, name, value))
+        line.send(OutboundMessage::named_value(now, name, value))
     }
 
-    fn tell_pose(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
-        if line.out.pending().len() > POSE_WAITS {
+    fn send_pose(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        if line.out.pending().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
         let Some(pose) = pose(facts, self.collection.calibrations()) else { return false };
-        self.vision.is_due(facts.now, VISION_HZ) && line.send(Outgoing::vision(&pose))
+        self.vision.is_due(facts.now, VISION_HZ) && line.send(OutboundMessage::pose_estimate(&pose))
     }
 
-    fn tell_life(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
-        self.heartbeat.is_due(facts.now, HEARTBEAT_HZ) && line.send(Outgoing::heartbeat(state(facts.glance)))
+    fn send_heartbeat(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        self.heartbeat.is_due(facts.now, HEARTBEAT_HZ) && line.send(OutboundMessage::heartbeat(state(facts.indicator)))
     }
 
-    fn tell_percent(&mut self, facts: &Facts<'_>, line: &mut Line<'_>) -> bool {
-        let percent = f32::from(percent(facts.glance));
-        self.percent.is_due(facts.now, PERCENT_HZ) && line.send(Outgoing::named_value(facts.now, "cal_pct", percent))
+    fn send_percent(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let percent = f32::from(percent(facts.indicator));
+        self.percent.is_due(facts.now, PERCENT_HZ)
+            && line.send(OutboundMessage::named_value(facts.now, "cal_pct", percent))
     }
 }
 
-/// The module's own address beside an autopilot.
-fn own(autopilot: Source) -> Address {
-    Address { component: COMPONENT, ..Address::of(autopilot) }
+/// The module's address in an autopilot's system.
+fn own_address(autopilot: SenderId) -> Address {
+    Address { component: COMPONENT, ..Address::from_sender(autopilot) }
 }
 
-/// Whether what is for `target` is for `own`, too: 0 is everybody.
-fn concerns(target: Address, own: Address) -> bool {
+/// Whether `target` includes `own`; 0 addresses all.
+fn is_addressed_to(target: Address, own: Address) -> bool {
     [0, own.system].contains(&target.system) && [0, own.component].contains(&target.component)
 }
 
 impl Protocol for Mavlink {
-    fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
+    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         let message = self.receiver.push(byte)?;
-        Some(self.take(at, message).unwrap_or(Heard::Life))
+        Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {
         self.senders.is_armed(now)
     }
 
-    fn rejected(&self) -> u32 {
+    fn rejected_frames(&self) -> u32 {
         self.receiver.rejected
     }
 
-    /// One message at a time, for the other port's sentences of the same reading wait meanwhile. All of them together are
-    /// fewer than the slowest sensor's readings.
-    fn poll(&mut self, facts: &Facts<'_>, out: &mut Output) {
+    /// Appends one message at most, so that the other port's sentences of the same reading are not delayed. All
+    /// messages together are fewer than the slowest sensor's readings.
+    fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = facts.now;
-        self.collection.see(facts, &mut self.texts);
-        let Some(autopilot) = self.senders.autopilot(now) else { return };
+        self.collection.update(facts, &mut self.texts);
+        let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
-        let line = &mut Line { out, own: own(autopilot), sequence: &mut sequence };
-        let _is_told = self.orders.tell(line)
-            || self.tell_pose(facts, line)
-            || self.tell_life(facts, line)
-            || self.asking.tell(now, autopilot, line)
-            || self.collection.tell(facts, line)
-            || self.tell_percent(facts, line)
-            || self.texts.tell(now, line)
-            || self.tell_heading(facts, line);
+        let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
+        let _is_sent = self.orders.send(line)
+            || self.send_pose(facts, line)
+            || self.send_heartbeat(facts, line)
+            || self.requests.send(now, autopilot, line)
+            || self.collection.send(facts, line)
+            || self.send_percent(facts, line)
+            || self.texts.send(now, line)
+            || self.send_heading(facts, line);
         self.sequence = sequence;
     }
 
-    /// Tells it to who asked. Before a restart what is in the [`Output`] is to be written first.
-    fn answer(&mut self, order: Order, result: Result<(), &Refusal>) {
-        self.orders.answer(order, result);
+    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
+    /// restart.
+    fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
+        self.orders.complete_order(order, result);
+        self.report_refused(result.err().cloned());
     }
 
-    /// What is noted before an autopilot is known is told when there is one; of more than three notes the newest three.
-    fn note(&mut self, text: &str) {
-        self.texts.note(text);
+    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
+    fn queue_text(&mut self, message: &Notice) {
+        if let Notice::Solved(outcome) = message {
+            self.collection.record_outcome(outcome);
+        }
+        self.texts.push(message);
     }
 }
 
-/// What the state of a component is called.
-const fn state(glance: Glance) -> MavState {
+/// State of the module in MAVLink's terms.
+const fn state(glance: IndicatorState) -> MavState {
     match glance {
-        Glance::Waiting => MavState::MAV_STATE_UNINIT,
-        Glance::Collecting(_) => MavState::MAV_STATE_CALIBRATING,
-        Glance::Calibrated => MavState::MAV_STATE_ACTIVE,
-        Glance::Refused => MavState::MAV_STATE_CRITICAL,
+        IndicatorState::Idle => MavState::MAV_STATE_UNINIT,
+        IndicatorState::Collecting(_) => MavState::MAV_STATE_CALIBRATING,
+        IndicatorState::Calibrated => MavState::MAV_STATE_ACTIVE,
+        IndicatorState::Refused => MavState::MAV_STATE_CRITICAL,
     }
 }
 
-/// How much of a calibration there is, percent.
-const fn percent(glance: Glance) -> u8 {
+/// Progress of the calibration, percent.
+const fn percent(glance: IndicatorState) -> u8 {
     match glance {
-        Glance::Waiting | Glance::Refused => 0,
-        Glance::Collecting(percent) => percent,
-        Glance::Calibrated => 100,
+        IndicatorState::Idle | IndicatorState::Refused => 0,
+        IndicatorState::Collecting(percent) => percent,
+        IndicatorState::Calibrated => 100,
     }
 }
 
-/// The pose to tell where it is wanted, the declination known and the heading trusted: the raw heading, for the autopilot
-/// filters by itself, and roll and pitch as they were at its instant.
-fn pose(facts: &Facts<'_>, reset_counter: u8) -> Option<Pose> {
-    let Facts { estimate, settings, .. } = *facts;
-    if !settings.tells_vision {
+/// Pose, if enabled, the declination known and the heading valid: the raw heading, because the autopilot filters it,
+/// with roll and pitch of the same instant.
+fn pose(facts: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
+    let Snapshot { estimate, settings, .. } = *facts;
+    if !settings.sends_vision_yaw {
         return None;
     }
     let (declination_deg, heading, attitude) = (settings.declination_deg?, estimate.heading.ok()?, estimate.attitude?);

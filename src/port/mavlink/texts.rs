@@ -1,76 +1,91 @@
-//! Texts for whoever looks at a ground station: STATUSTEXT, which all of them show.
+//! Text messages as STATUSTEXT, which every ground station shows.
+
+use core::fmt::{self, Write};
 
 use ::mavlink::dialects::common::MavSeverity;
 
-use super::Line;
-use crate::port::Pace;
+use super::Transmitter;
+use crate::messages::{Message, Severity};
+use crate::port::MessageSchedule;
 use crate::time::Timestamp;
-use crate::wire::mavlink::Outgoing;
+use crate::wire::mavlink::OutboundMessage;
 
-/// So many texts wait. There are few of them: how a collection goes on, and what becomes of it.
+/// Capacity for texts: progress of a collection, its end, and the outcome of the solve.
 const WAITING: usize = 3;
 
-/// Characters of a text, its beginning included: five pieces. What is longer is cut.
+/// Capacity of a text with its prefix, characters: five chunks at most. Longer texts are cut.
 const LENGTH: usize = 240;
 
-/// Pieces a second: they are to leave room for headings on a slow line.
-const PIECES_HZ: u8 = 10;
+/// Rate of chunks, Hz; leaves room for headings on a slow line.
+const CHUNKS_HZ: u8 = 10;
 
-/// What a text begins with: a ground station shows those of all components in one list.
+/// Prefix of every text: a ground station shows the texts of all components in one list.
 const NAME: &str = "autoswing: ";
 
 #[derive(Debug)]
 struct Text {
     severity: MavSeverity,
-    characters: heapless::Vec<u8, LENGTH>,
+    characters: Characters,
 }
 
-/// Texts to be sent. Of more than [`WAITING`] the newest stay, and the one that was begun.
 #[derive(Debug, Default)]
-pub(super) struct Texts {
-    waiting: heapless::Vec<Text, WAITING>,
-    /// Pieces of the first that were sent.
-    sent: u8,
-    /// Of the texts of more than one piece.
-    number: u16,
-    pace: Pace,
+struct Characters(heapless::Vec<u8, LENGTH>);
+
+/// Characters beyond the capacity are cut.
+impl Write for Characters {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            let _ = self.0.push(byte);
+        }
+        Ok(())
+    }
 }
 
-impl Texts {
-    /// Takes a line.
-    pub fn note(&mut self, text: &str) {
-        let warns = ["refused", "iron-moved", "collection-lost"].iter().any(|word| text.starts_with(word));
-        let severity = if warns { MavSeverity::MAV_SEVERITY_WARNING } else { MavSeverity::MAV_SEVERITY_INFO };
-        let mut characters = heapless::Vec::new();
-        // What is too long is cut, and what is cut fits.
-        let text = text.as_bytes().trim_ascii_end();
-        let fitting = text.get(..LENGTH - NAME.len()).unwrap_or(text);
-        let _ = characters.extend_from_slice(NAME.as_bytes());
-        let _ = characters.extend_from_slice(fitting);
+/// Pending texts. When full, the oldest is dropped, except one whose first chunk was sent.
+#[derive(Debug, Default)]
+pub(super) struct PendingTexts {
+    waiting: heapless::Vec<Text, WAITING>,
+    /// Number of sent chunks of the first text.
+    sent: u8,
+    /// STATUSTEXT's `id`, counted for texts of several chunks; 0 is for texts of one chunk.
+    id: u16,
+    pace: MessageSchedule,
+}
+
+impl PendingTexts {
+    /// Queues a message.
+    pub fn push(&mut self, message: &Message) {
+        let severity = match message.severity() {
+            Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
+            Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
+        };
+        let mut characters = Characters::default();
+        let _ = write!(characters, "{NAME}{message}");
         if self.waiting.is_full() {
             self.waiting.remove(usize::from(self.sent > 0));
         }
         let _ = self.waiting.push(Text { severity, characters });
     }
 
-    /// Sends the next piece if there is one and it is due; whether so, and there was room for it.
-    pub fn tell(&mut self, now: Timestamp, line: &mut Line<'_>) -> bool {
+    /// Sends the next due chunk; returns whether one was sent.
+    pub fn send(&mut self, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
         let Some(text) = self.waiting.first() else { return false };
-        if !self.pace.is_due(now, PIECES_HZ) {
+        if !self.pace.is_due(now, CHUNKS_HZ) {
             return false;
         }
-        let is_long = text.characters.len() > Outgoing::TEXT;
-        let rest = text.characters.get(usize::from(self.sent) * Outgoing::TEXT..).unwrap_or_default();
-        let piece = rest.get(..Outgoing::TEXT).unwrap_or(rest);
-        let number = if is_long { self.number.max(1) } else { 0 };
-        if !line.send(Outgoing::text(text.severity, piece, number, self.sent)) {
+        let characters = &text.characters.0;
+        let is_long = characters.len() > OutboundMessage::TEXT;
+        let rest = characters.get(usize::from(self.sent) * OutboundMessage::TEXT..).unwrap_or_default();
+        let chunk = rest.get(..OutboundMessage::TEXT).unwrap_or(rest);
+        let id = if is_long { self.id.max(1) } else { 0 };
+        if !line.send(OutboundMessage::text(text.severity, chunk, id, self.sent)) {
             return false;
         }
         self.sent += 1;
-        // Of a text of several pieces one that is not full is the last, and an empty one if all are full.
-        if !is_long || piece.len() < Outgoing::TEXT {
+        // The last of several chunks must not be full: an empty one follows if all are.
+        if !is_long || chunk.len() < OutboundMessage::TEXT {
             self.waiting.remove(0);
-            (self.sent, self.number) = (0, number.wrapping_add(1));
+            (self.sent, self.id) = (0, id.wrapping_add(1));
         }
         true
     }

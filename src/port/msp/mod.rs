@@ -1,30 +1,30 @@
-//! MSP: the corrected field goes to the autopilot as its compass, and the autopilot is asked for its attitude.
+//! MSP: the module sends the corrected field as the autopilot's compass, and requests the autopilot's attitude.
 //!
-//! The field goes out from power-up, so that the autopilot finds its compass, and is not sent while it is not to be
-//! trusted: the autopilot then does what it does without a compass.
+//! The field is sent from power-up, so that the autopilot detects its compass, and is withheld while it is invalid: the
+//! autopilot then operates without a compass.
 //!
-//! One request for the attitude is under way at a time, so that an answer is as young as it can be: autopilots answer in
-//! 3.5 to 18 ms. As long as it is not known which firmware it is, and so which signs an attitude has, that is asked
-//! instead. The others are asked about once a second, one after the other, the current between every two of them, and nobody
-//! waits for their answers. The firmware stays one of them: an autopilot can be exchanged while the module runs.
+//! One attitude request is open at a time, so that a reply is as recent as possible: autopilots reply in 3.5 to 18 ms.
+//! Until the firmware is known, which determines the signs of the attitude, the firmware is requested instead. Other
+//! requests are sent in turn, each about once a second and every second one for the current, without waiting for
+//! replies. The firmware remains among them, because an autopilot can be exchanged while the module runs.
 
-use super::{Facts, Heard, Output, Pace, Protocol};
-use crate::attitude::{Report, Source};
+use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::attitude::{AttitudeReport, SenderId};
 use crate::time::{Timestamp, WrappingMillis};
-use crate::wire::msp::{Angles, Firmware, Function, Message, Receiver, compass, request};
+use crate::wire::msp::{Firmware, Function, MspAngles, MspReply, Receiver, compass, request};
 
-/// Readings of the compass a second: INAV forgets a compass after 250 ms, ArduPilot after 500 ms, and ArduPilot's filter
-/// takes ten a second.
+/// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
+/// Hz.
 const COMPASS_HZ: u8 = 50;
 
-/// Requests for the attitude a second, at most.
+/// Maximum rate of attitude requests, Hz.
 const ATTITUDE_HZ: u8 = 50;
 
-/// Requests for anything else a second: each of them about once, the current four times.
-const OTHERS_HZ: u8 = OTHERS.len() as u8;
+/// Rate of other requests, Hz: each about once a second, the current four times.
+const OTHERS_HZ: u8 = PERIODIC_REQUESTS.len() as u8;
 
-/// What is asked for now and then.
-const OTHERS: [Function; 8] = [
+/// Other requests, in turn.
+const PERIODIC_REQUESTS: [Function; 8] = [
     Function::Status,
     Function::Analog,
     Function::RawGps,
@@ -35,79 +35,78 @@ const OTHERS: [Function; 8] = [
     Function::Analog,
 ];
 
-/// An answer that has not come after so long does not come, microseconds: nearly three times the longest that was seen.
-const ANSWERED_WITHIN_US: u64 = 50_000;
+/// Timeout of a reply, microseconds: nearly three times the longest observed.
+const REPLY_TIMEOUT_US: u64 = 50_000;
 
-/// What the autopilot said of itself is forgotten after so long a silence, microseconds: ten answers.
-const MEMORY_US: u64 = 10_000_000;
+/// Silence after which the reported armed state expires, microseconds: ten replies.
+const ARMED_EXPIRY_US: u64 = 10_000_000;
 
-/// The only compass on this line.
+/// Number of the only compass on this line.
 const INSTANCE: u8 = 0;
 
-/// MSP with an autopilot.
+/// MSP protocol of a port.
 #[derive(Debug, Default)]
 pub struct Msp {
     receiver: Receiver,
     firmware: Option<Firmware>,
     armed: Option<(Timestamp, bool)>,
-    /// When the attitude was asked for that has not come yet, or the firmware.
-    asked_at: Option<Timestamp>,
-    compass: Pace,
-    attitude: Pace,
-    others: Pace,
-    /// Which of the others is asked for next.
+    /// Time of the open request for attitude or firmware.
+    requested_at: Option<Timestamp>,
+    compass: MessageSchedule,
+    attitude: MessageSchedule,
+    others: MessageSchedule,
+    /// Index of the next one of the other requests.
     next: usize,
 }
 
 impl Msp {
-    /// Nothing said, nothing heard.
+    /// Creates the protocol without a known autopilot.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             receiver: Receiver::new(),
             firmware: None,
             armed: None,
-            asked_at: None,
-            compass: Pace::new(),
-            attitude: Pace::new(),
-            others: Pace::new(),
+            requested_at: None,
+            compass: MessageSchedule::new(),
+            attitude: MessageSchedule::new(),
+            others: MessageSchedule::new(),
             next: 0,
         }
     }
 
-    fn take(&mut self, at: Timestamp, message: Message) -> Option<Heard> {
-        if matches!(message, Message::Attitude(_) | Message::Refused(Function::Attitude)) {
-            self.asked_at = None;
+    fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
+        if matches!(message, MspReply::Attitude(_) | MspReply::Refused(Function::Attitude)) {
+            self.requested_at = None;
         }
         match message {
-            Message::Attitude(angles) => return self.report(angles),
-            Message::RawGps(place) => return place.map(Heard::Place),
-            Message::Current(amperes) => return Some(Heard::Current(amperes)),
-            Message::Rtc(day) => return day.map(Heard::Day),
-            Message::FcVariant(firmware) => self.firmware = Some(firmware),
-            Message::Armed(is_armed) => self.armed = Some((at, is_armed)),
-            Message::Refused(_) => {}
+            MspReply::Attitude(angles) => return self.report(angles),
+            MspReply::RawGps(place) => return place.map(ReceivedMessage::Position),
+            MspReply::Current(amperes) => return Some(ReceivedMessage::Current(amperes)),
+            MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
+            MspReply::FcVariant(firmware) => self.firmware = Some(firmware),
+            MspReply::Armed(is_armed) => self.armed = Some((at, is_armed)),
+            MspReply::Refused(_) => {}
         }
         None
     }
 
-    fn report(&self, angles: Angles) -> Option<Heard> {
-        // There is one sender, without a clock and without rates.
-        let (source, sender_time) = (Source::default(), WrappingMillis::new(0));
-        let attitude = self.firmware?.attitude(angles)?;
-        Some(Heard::Attitude(Report { source, sender_time, attitude, rates_rad_s: [0.0; 3] }))
+    fn report(&self, angles: MspAngles) -> Option<ReceivedMessage> {
+        // MSP has one sender, without a clock and without body rates.
+        let (source, sender_time) = (SenderId::default(), WrappingMillis::new(0));
+        let attitude = self.firmware?.attitude_from_angles(angles)?;
+        Some(ReceivedMessage::Attitude(AttitudeReport { sender: source, sender_time, attitude, rates_rad_s: [0.0; 3] }))
     }
 
-    /// The next of the others.
-    fn other(&mut self) -> Function {
-        let [first, ..] = OTHERS;
-        let function = OTHERS.get(self.next).copied().unwrap_or(first);
-        self.next = (self.next + 1) % OTHERS.len();
+    fn next_periodic_request(&mut self) -> Function {
+        let [first, ..] = PERIODIC_REQUESTS;
+        let function = PERIODIC_REQUESTS.get(self.next).copied().unwrap_or(first);
+        self.next = (self.next + 1) % PERIODIC_REQUESTS.len();
         function
     }
 
-    /// What is asked for as often as it is answered; none of an autopilot whose signs are not known.
-    fn wanted(&self) -> Option<Function> {
+    /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
+    fn repeated_request(&self) -> Option<Function> {
         match self.firmware {
             None => Some(Function::FcVariant),
             Some(Firmware::Other) => None,
@@ -115,48 +114,48 @@ impl Msp {
         }
     }
 
-    /// Whether the next of these may be asked for: none is under way, or it does not come.
-    fn may_ask(&mut self, now: Timestamp) -> bool {
-        if self.asked_at.is_some_and(|at| now.us_since(at) < ANSWERED_WITHIN_US) {
+    /// Whether this request may be sent: none is open, or the open one has timed out.
+    fn may_request(&mut self, now: Timestamp) -> bool {
+        if self.requested_at.is_some_and(|at| now.us_since(at) < REPLY_TIMEOUT_US) {
             return false;
         }
-        if self.asked_at.take().is_some() {
-            // What has begun to come has no end.
-            self.receiver.forget();
+        if self.requested_at.take().is_some() {
+            // The rest of a partly received reply is lost.
+            self.receiver.discard_partial();
         }
         true
     }
 }
 
 impl Protocol for Msp {
-    fn byte(&mut self, at: Timestamp, byte: u8) -> Option<Heard> {
+    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         let message = self.receiver.push(byte)?;
-        Some(self.take(at, message).unwrap_or(Heard::Life))
+        Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
     fn is_armed(&self, now: Timestamp) -> Option<bool> {
-        self.armed.filter(|(at, _)| now.us_since(*at) <= MEMORY_US).map(|(_, is_armed)| is_armed)
+        self.armed.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
     }
 
-    fn rejected(&self) -> u32 {
+    fn rejected_frames(&self) -> u32 {
         self.receiver.rejected
     }
 
-    fn poll(&mut self, facts: &Facts<'_>, out: &mut Output) {
+    fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = facts.now;
-        if let Some(field) = facts.estimate.compass
+        if let Some(field) = facts.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.message(&[&compass(INSTANCE, facts.estimate.at.wrapping_millis().count(), field)]);
+            out.append(&[&compass(INSTANCE, facts.estimate.at.wrapping_millis().as_ms(), field)]);
         }
         if self.others.is_due(now, OTHERS_HZ) {
-            out.message(&[&request(self.other())]);
+            out.append(&[&request(self.next_periodic_request())]);
         }
-        if let Some(function) = self.wanted()
-            && self.may_ask(now)
+        if let Some(function) = self.repeated_request()
+            && self.may_request(now)
             && self.attitude.is_due(now, ATTITUDE_HZ)
         {
-            self.asked_at = out.message(&[&request(function)]).then_some(now);
+            self.requested_at = out.append(&[&request(function)]).then_some(now);
         }
     }
 }

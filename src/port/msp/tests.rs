@@ -1,11 +1,10 @@
 use super::*;
-use crate::compass::Glance;
-use crate::earth::{Day, Place};
+use crate::compass::IndicatorState;
+use crate::earth::{Date, Position};
 use crate::frames::{Attitude, Field};
 use crate::instrument::Estimate;
 use crate::settings::Settings;
 
-/// Estimates come 80 times a second.
 const PERIOD_US: u64 = 12_500;
 
 fn at(us: u64) -> Timestamp {
@@ -13,14 +12,18 @@ fn at(us: u64) -> Timestamp {
 }
 
 fn told(us: u64) -> Estimate {
-    Estimate { at: at(us), compass: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::NOTHING }
+    Estimate { at: at(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
 }
 
-/// The frames that are written at an instant.
 fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
-    let mut out = Output::new();
-    let facts =
-        Facts { now: at(us), estimate, settings: &Settings::DEFAULT, glance: Glance::Calibrated, calibration: None };
+    let mut out = TransmitBuffer::new();
+    let facts = Snapshot {
+        now: at(us),
+        estimate,
+        settings: &Settings::DEFAULT,
+        indicator: IndicatorState::Calibrated,
+        calibration: None,
+    };
     msp.poll(&facts, &mut out);
     let mut rest = out.pending();
     let mut frames = Vec::new();
@@ -45,11 +48,11 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// What is more than a sign of life.
-fn hear(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<Heard> {
+/// Decoded messages, without those that only show the protocol in use.
+fn hear(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<ReceivedMessage> {
     let mut heard: Vec<_> =
-        frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.byte(at(us), byte)).collect();
-    heard.retain(|heard| *heard != Heard::Life);
+        frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.process_byte(at(us), byte)).collect();
+    heard.retain(|heard| *heard != ReceivedMessage::Other);
     heard
 }
 
@@ -57,14 +60,14 @@ const ANGLES: [u8; 6] = [100, 0, 50, 0, 0, 0];
 const STATUS_ARMED: [u8; 11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0];
 const STATUS_DISARMED: [u8; 11] = [0; 11];
 
-/// One whose autopilot has said what it is.
+/// Protocol with a known firmware.
 fn known(name: &[u8]) -> Msp {
     let mut msp = Msp::new();
     assert!(hear(&mut msp, 0, b'>', Function::FcVariant, name).is_empty());
     msp
 }
 
-/// What is asked for in so many seconds, if an attitude is answered after so long a time or never.
+/// Requests within this time if an attitude reply takes this long, or never comes.
 fn asked(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
     let mut asked = Vec::new();
     let mut answer_us = None;
@@ -74,7 +77,7 @@ fn asked(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u6
             assert_eq!(hear(msp, us, b'>', Function::Attitude, &ANGLES).len(), 1);
         }
         if us % PERIOD_US == 0 {
-            for frame in poll(msp, us, &Estimate::NOTHING) {
+            for frame in poll(msp, us, &Estimate::EMPTY) {
                 asked.push((us, function(&frame)));
                 if function(&frame) == Function::Attitude as u16 {
                     answer_us = answered_after_us.map(|after_us| us + after_us);
@@ -89,7 +92,7 @@ fn number_of(asked: &[(u64, u16)], function: Function) -> usize {
     asked.iter().filter(|(_, asked)| *asked == function as u16).count()
 }
 
-/// From the first estimate on, 50 a second of the 80, each with its own reading's time; none while there is none.
+/// 50 of 80 estimates a second, each with its reading's time; nothing without a field.
 #[test]
 fn the_compass_is_told_from_power_up() {
     let mut msp = Msp::new();
@@ -102,14 +105,13 @@ fn the_compass_is_told_from_power_up() {
     }
     assert!((249..=251).contains(&number), "in 5 s: {number}");
     for i in 401..500 {
-        let distrusted = Estimate { at: at(i * PERIOD_US), ..Estimate::NOTHING };
+        let distrusted = Estimate { at: at(i * PERIOD_US), ..Estimate::EMPTY };
         assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
     }
     assert!(poll(&mut msp, 500 * PERIOD_US, &told(0)).iter().any(|frame| function(frame) == 0x1F04), "at once again");
 }
 
-/// Before it is known whose signs they are, an attitude is neither asked for nor passed on: the firmware is, 20 times a
-/// second until it answers. One that is not known says nothing of use.
+/// Only the firmware is requested, 20 times a second until it replies. An unknown firmware provides no attitude.
 #[test]
 fn without_the_firmware_there_is_no_attitude() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
@@ -121,30 +123,29 @@ fn without_the_firmware_there_is_no_attitude() {
         assert!(times.contains(&number), "{name:?}: {number}");
         assert!((9..=11).contains(&number_of(&asked, Function::Status)), "whether it is armed is of use");
     }
-    let first = poll(&mut Msp::new(), 0, &Estimate::NOTHING);
+    let first = poll(&mut Msp::new(), 0, &Estimate::EMPTY);
     assert!(first.iter().any(|frame| function(frame) == Function::FcVariant as u16), "at once");
 }
 
-/// 10 deg to the right, 5 deg up or down; no clock and no rates.
+/// 10 deg right, 5 deg up or down; no clock and no rates.
 #[test]
 fn an_attitude_is_passed_on_with_the_firmware_s_signs() {
     for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
         let heard = hear(&mut known(name), 0, b'>', Function::Attitude, &ANGLES);
-        let [Heard::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
+        let [ReceivedMessage::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
         assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
         assert_eq!((report.rates_rad_s, report.sender_time), ([0.0; 3], WrappingMillis::new(0)));
     }
-    // Another autopilot on the same line.
     let mut msp = known(b"ARDU");
     assert!(hear(&mut msp, 0, b'>', Function::FcVariant, b"INAV").is_empty());
     let heard = hear(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
-    assert!(matches!(heard[..], [Heard::Attitude(report)] if report.attitude.pitch_rad < 0.0));
+    assert!(matches!(heard[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
-/// As often as answers come: 50 a second at most, and fewer from a slow autopilot, in steps of the estimates. The others
-/// about once a second each, the current four times.
+/// 50 Hz at most, less for a slow autopilot, in steps of the estimates. Others about once a second each, the current
+/// four times.
 #[test]
 fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
     for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
@@ -152,14 +153,14 @@ fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
         let asked = asked(&mut msp, 10, Some(after_us));
         let number = number_of(&asked, Function::Attitude);
         assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
-        for other in OTHERS {
+        for other in PERIODIC_REQUESTS {
             let times = if other == Function::Analog { 4 } else { 1 };
             assert!((9 * times..=10 * times + 1).contains(&number_of(&asked, other)), "{other:?}");
         }
     }
 }
 
-/// No answer at all, and refusals: it goes on asking, every 50 ms and at the full rate.
+/// Requests continue: without replies every 50 ms, with refusals at the full rate.
 #[test]
 fn what_is_not_answered_stops_nothing() {
     let mut msp = known(b"INAV");
@@ -167,49 +168,47 @@ fn what_is_not_answered_stops_nothing() {
     let attitudes: Vec<u64> =
         unanswered.iter().filter(|(_, function)| *function == Function::Attitude as u16).map(|(us, _)| *us).collect();
     assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
-    // Not before its time, though polled just before.
+    // Not before the timeout, even if polled just before it.
     let mut msp = known(b"INAV");
-    let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::NOTHING).iter().any(|f| function(f) == 108);
+    let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::EMPTY).iter().any(|f| function(f) == 108);
     assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
-    // A refusal is an answer.
     assert!(hear(&mut msp, 51_000, b'!', Function::Attitude, &[]).is_empty());
     assert!(is_asked(&mut msp, 70_000));
     assert!(hear(&mut msp, 71_000, b'!', Function::Status, &[]).is_empty());
     assert!(!is_asked(&mut msp, 90_000), "that was not the answer to this");
 }
 
-/// Half an answer, and then nothing: the next answer is whole, and not the end of that.
+/// The reply after an incomplete one is decoded whole.
 #[test]
 fn half_an_answer_is_forgotten() {
     let mut msp = known(b"ARDU");
-    poll(&mut msp, 0, &Estimate::NOTHING);
+    poll(&mut msp, 0, &Estimate::EMPTY);
     let answer = frame(b'>', Function::Attitude as u16, &ANGLES);
-    assert!(answer[..12].iter().all(|&byte| msp.byte(at(10_000), byte).is_none()));
-    poll(&mut msp, 50_000, &Estimate::NOTHING);
-    let heard: Vec<_> = answer.iter().filter_map(|&byte| msp.byte(at(60_000), byte)).collect();
-    assert_eq!((heard.len(), msp.rejected()), (1, 0));
+    assert!(answer[..12].iter().all(|&byte| msp.process_byte(at(10_000), byte).is_none()));
+    poll(&mut msp, 50_000, &Estimate::EMPTY);
+    let heard: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(at(60_000), byte)).collect();
+    assert_eq!((heard.len(), msp.rejected_frames()), (1, 0));
 }
 
-/// Any answer tells that it is this protocol, a refusal too, and nothing else does.
+/// Replies, refusals included, and no other frames.
 #[test]
 fn an_answer_tells_who_is_there() {
     let mut msp = Msp::new();
-    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.byte(at(0), byte).is_none()));
+    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
         let answer = frame(direction, Function::FcVariant as u16, payload);
-        let heard: Vec<_> = answer.iter().map(|&byte| msp.byte(at(7), byte)).collect();
+        let heard: Vec<_> = answer.iter().map(|&byte| msp.process_byte(at(7), byte)).collect();
         let (last, before) = heard.split_last().unwrap();
-        assert_eq!((*last, before.iter().flatten().count()), (Some(Heard::Life), 0));
+        assert_eq!((*last, before.iter().flatten().count()), (Some(ReceivedMessage::Other), 0));
     }
 }
 
 #[test]
 fn a_current_is_passed_on() {
     let heard = hear(&mut Msp::new(), 0, b'>', Function::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
-    assert_eq!(heard, [Heard::Current(12.5)]);
+    assert_eq!(heard, [ReceivedMessage::Current(12.5)]);
 }
 
-/// Ten answers without one, and what was said of arming is no longer known.
 #[test]
 fn armed_is_forgotten() {
     let mut msp = Msp::new();
@@ -228,13 +227,13 @@ fn place_and_day_are_passed_on() {
     let mut gps = [2, 9, 0, 0, 0, 0, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
     gps[2..6].copy_from_slice(&500_000_000_i32.to_le_bytes());
     gps[6..10].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
-    let place = Place::new(50.0, -10.0, 300.0).unwrap();
-    assert_eq!(hear(&mut msp, 0, b'>', Function::RawGps, &gps), [Heard::Place(place)]);
+    let place = Position::new(50.0, -10.0, 300.0).unwrap();
+    assert_eq!(hear(&mut msp, 0, b'>', Function::RawGps, &gps), [ReceivedMessage::Position(place)]);
     gps[0] = 0;
     assert!(hear(&mut msp, 0, b'>', Function::RawGps, &gps).is_empty(), "no fix");
-    let day = Day::from_unix_s(1_709_164_800).unwrap();
+    let day = Date::from_unix_s(1_709_164_800).unwrap();
     let rtc = [0xE8, 0x07, 2, 29, 0, 0, 0, 0, 0];
-    assert_eq!(hear(&mut msp, 0, b'>', Function::Rtc, &rtc), [Heard::Day(day)]);
+    assert_eq!(hear(&mut msp, 0, b'>', Function::Rtc, &rtc), [ReceivedMessage::Date(day)]);
     assert!(hear(&mut msp, 0, b'>', Function::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
 }
 
@@ -243,25 +242,25 @@ fn what_is_broken_is_counted() {
     let mut msp = known(b"ARDU");
     let mut broken = frame(b'>', Function::Attitude as u16, &ANGLES);
     broken[9] ^= 1;
-    assert!(broken.iter().all(|&byte| msp.byte(at(0), byte).is_none()));
-    assert_eq!(msp.rejected(), 1);
+    assert!(broken.iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
+    assert_eq!(msp.rejected_frames(), 1);
 }
 
-/// A full output: what does not fit is not waited for.
+/// A request that does not fit into the output is not open.
 #[test]
 fn a_request_that_does_not_fit_is_made_later() {
     let mut msp = known(b"ARDU");
-    let mut out = Output::new();
-    assert!(out.message(&[&[0; 380]]));
+    let mut out = TransmitBuffer::new();
+    assert!(out.append(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
-    let facts = Facts {
+    let facts = Snapshot {
         now: at(0),
-        estimate: &Estimate::NOTHING,
+        estimate: &Estimate::EMPTY,
         settings: &settings,
-        glance: Glance::Waiting,
+        indicator: IndicatorState::Idle,
         calibration: None,
     };
     msp.poll(&facts, &mut out);
     assert_eq!(out.pending().len(), 380);
-    assert!(poll(&mut msp, 25_000, &Estimate::NOTHING).iter().any(|frame| function(frame) == 108));
+    assert!(poll(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function(frame) == 108));
 }

@@ -1,17 +1,16 @@
-//! Power that fails during a save, and again during the next one. `tests/persistence.rs` tries every pair of cuts; here
-//! it is a few second cuts after each first one.
+//! Power failures during a save, and again during the next one. `tests/persistence.rs` tests every pair of cuts of
+//! accepted calibrations; this file tests the other changes, and a few second cuts after each first one.
 
-use testkit::flash::Cut;
+use testkit::flash::CutProgress;
 use testkit::random::Random;
 
 use super::*;
 
-/// Second cuts that are tried after each first one.
+/// Second cuts per first one.
 const SECOND_CUTS: usize = 2;
 
-/// Power fails near the ends of a save, where headers and markers are written, and at every seventh of the many words
-/// between, from every fill of the region over more than one round; and after the restart somewhere in the next save.
-/// Each time the record before or the new one is found, and with power the next save succeeds.
+/// Cuts near the ends of a save and at every seventh word between, at every fill of the region, then a second cut in
+/// the next save. The old or the new record is loaded, and saves succeed.
 #[test]
 fn power_cuts_anywhere_leave_old_or_new() {
     let mut random = Random(1);
@@ -39,20 +38,60 @@ fn power_cuts_anywhere_leave_old_or_new() {
             }
         }
     }
-    // Some 20 operations of each save, cut in four ways.
+    // About 20 operations per save, cut in four ways.
     assert!(cases > 1_500, "{cases}");
 }
 
-/// What is loaded, which must be one of these.
+/// Every kind of change, cut at every operation; a retry succeeds.
+#[test]
+fn power_cuts_in_any_change_leave_all_from_before_or_all_from_after() {
+    let remembered =
+        StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto] };
+    let Generations { current, previous } = generations(9);
+    let undone = Generations { current: previous, previous: current };
+    for saves in 0..6 {
+        let mut start = Flash::new(PAGES);
+        for serial in 0..saves {
+            save_change(&mut start, StoreChange::Settings(&Settings { stream_rate_hz: 1 + serial, ..settings() }))
+                .unwrap();
+        }
+        save(&mut start, 9).unwrap();
+        for change in [
+            StoreChange::Settings(&settings()),
+            StoreChange::Remembered(remembered),
+            StoreChange::Clear,
+            change(&undone),
+            change(&generations(10)),
+        ] {
+            let old = load(&mut start).unwrap();
+            let mut complete = start.power_on();
+            save_change(&mut complete, change).unwrap();
+            let new = load(&mut complete).unwrap();
+            assert_ne!(old, new, "{change:?}");
+            for (at, cut) in (0..complete.operations).flat_map(|at| CutProgress::ALL.map(|cut| (at, cut))) {
+                let case = format!("{change:?}, {cut:?} at {at}");
+                let mut flash = start.cut_at(at, cut);
+                save_change(&mut flash, change).unwrap_err();
+                let mut flash = flash.power_on();
+                let found = load(&mut flash);
+                assert!(found == Ok(old) || found == Ok(new), "{case}: {found:?}");
+                save_change(&mut flash, change).unwrap();
+                assert_eq!(load(&mut flash), Ok(new), "{case}");
+            }
+        }
+    }
+}
+
+/// Loads the generations and asserts that they are among `allowed`.
 fn one_of(flash: &mut Flash, allowed: &[Generations], case: &str) -> Generations {
     let found = load_generations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
     assert!(allowed.contains(&found), "{case}: {found:?}");
     found
 }
 
-/// Where and how power fails in the save of these.
-fn cuts(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (Cut, u64))> + use<> {
+/// Operation and kind of each power cut during a save.
+fn cuts(flash: &Flash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
-    Cut::in_operations(complete.operations)
+    CutProgress::for_operations(complete.operations)
 }

@@ -1,8 +1,8 @@
-//! What the module understands: the messages that are looked for, and what their payloads mean.
+//! Received messages, and the decoding of their payloads.
 //!
-//! Of the library come numbers, lengths and extra bytes of messages; its deserialisers would refuse a whole message for a
-//! kind of vehicle, of autopilot or of command that is younger than the library or of another dialect, as the commands of a
-//! compass calibration are; and they do not know the fields that version 2 has added to a message.
+//! Numbers, lengths and CRC extra bytes of messages are the library's. Its deserialisers are not used: they reject a
+//! message with an unknown kind of vehicle, autopilot or command, for example the compass calibration commands of
+//! another dialect, and they ignore the extension fields of version 2.
 
 use core::array::from_fn;
 
@@ -13,72 +13,71 @@ use mavlink::dialects::common::{
 };
 
 use super::Address;
-use crate::attitude::{Heartbeat, Report, Source};
-use crate::earth::{Day, Place};
+use crate::attitude::{AttitudeReport, Heartbeat, SenderId};
+use crate::earth::{Date, Position};
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
 
-/// What the receiver understands.
+/// Decoded message.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Message {
-    /// ATTITUDE: roll and pitch with their rates.
-    Attitude(Report),
-    /// HEARTBEAT: what its sender is, and whether it is armed.
+pub enum InboundMessage {
+    /// ATTITUDE: roll, pitch and body rates.
+    Attitude(AttitudeReport),
+    /// HEARTBEAT: kind of sender, and armed state.
     Heartbeat(Heartbeat),
-    /// GLOBAL_POSITION_INT: where its sender is, if it knows.
-    Place(Source, Option<Place>),
-    /// SYSTEM_TIME: its sender's day, if it knows.
-    Day(Source, Option<Day>),
-    /// SYS_STATUS, or BATTERY_STATUS of the first battery: the current that is drawn, amperes, if its sender measures it.
-    Current(Source, Option<f32>),
+    /// GLOBAL_POSITION_INT: position of the sender, if known.
+    Position(SenderId, Option<Position>),
+    /// SYSTEM_TIME: date of the sender, if known.
+    Date(SenderId, Option<Date>),
+    /// SYS_STATUS, or BATTERY_STATUS of the first battery: current, amperes, if measured.
+    Current(SenderId, Option<f32>),
     /// COMMAND_LONG or COMMAND_INT.
-    Command(Command),
+    Command(ReceivedCommand),
     /// COMMAND_ACK.
     Acknowledgement(Acknowledgement),
 }
 
-/// A command to somebody.
+/// Received command.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command {
-    /// Who wants something.
-    pub source: Source,
-    /// From whom.
+pub struct ReceivedCommand {
+    /// Sender.
+    pub source: SenderId,
+    /// Addressee.
     pub target: Address,
-    /// What: a `MAV_CMD`.
+    /// `MAV_CMD` number.
     pub command: u16,
-    /// Counts the repetitions of a command that was not answered. A COMMAND_INT has no such count.
+    /// Number of repetitions of an unacknowledged command; 0 in a COMMAND_INT, which has none.
     pub confirmation: u8,
-    /// The first four parameters: those that are alike in both messages.
+    /// First four parameters, which have the same meaning in both messages.
     pub parameters: [f32; 4],
 }
 
-/// What became of a command.
+/// Result of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Acknowledgement {
-    /// Who says it.
-    pub source: Source,
-    /// To whom; version 1 does not tell, which is to all.
+    /// Sender.
+    pub source: SenderId,
+    /// Addressee; all in version 1, which does not contain it.
     pub target: Address,
-    /// The command: a `MAV_CMD`.
+    /// `MAV_CMD` number.
     pub command: u16,
-    /// A `MAV_RESULT`, also one that is younger than this code.
+    /// `MAV_RESULT` number, unknown ones included.
     pub result: u8,
 }
 
-/// A message that is looked for.
-pub(super) struct Wanted {
+pub(super) struct MessageSpec {
     pub id: u32,
-    /// Bytes of payload in version 1.
+    /// Payload length in version 1, bytes.
     pub length: usize,
-    /// The same with the fields that version 2 has added, before it cuts zeros off.
+    /// Payload length with the extension fields of version 2, before zeros are truncated, bytes.
     pub extended: usize,
     pub extra_crc: u8,
-    /// What a payload of a sender means; none if that is impossible.
-    pub decode: fn(Source, &[u8]) -> Option<Message>,
+    /// Decodes a sender's payload; none if its values are impossible.
+    pub decode: fn(SenderId, &[u8]) -> Option<InboundMessage>,
 }
 
-impl Wanted {
-    const fn of<M: MessageData>(decode: fn(Source, &[u8]) -> Option<Message>) -> Self {
+impl MessageSpec {
+    const fn from_library<M: MessageData>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
         Self { id: M::ID, length: M::ENCODED_LEN, extended: M::ENCODED_LEN, extra_crc: M::EXTRA_CRC, decode }
     }
 
@@ -87,36 +86,36 @@ impl Wanted {
     }
 }
 
-/// All that are looked for, the most frequent first.
-pub(super) const WANTED: [Wanted; 9] = [
-    Wanted::of::<ATTITUDE_DATA>(attitude),
-    Wanted::of::<SYS_STATUS_DATA>(system_status).extended(43),
-    Wanted::of::<HEARTBEAT_DATA>(heartbeat),
-    Wanted::of::<GLOBAL_POSITION_INT_DATA>(place),
-    Wanted::of::<BATTERY_STATUS_DATA>(battery_status).extended(54),
-    Wanted::of::<SYSTEM_TIME_DATA>(day),
-    Wanted::of::<COMMAND_LONG_DATA>(command_long),
-    Wanted::of::<COMMAND_INT_DATA>(command_int),
-    Wanted::of::<COMMAND_ACK_DATA>(acknowledgement).extended(10),
+/// Supported messages, the most frequent first.
+pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
+    MessageSpec::from_library::<ATTITUDE_DATA>(attitude),
+    MessageSpec::from_library::<SYS_STATUS_DATA>(system_status).extended(43),
+    MessageSpec::from_library::<HEARTBEAT_DATA>(heartbeat),
+    MessageSpec::from_library::<GLOBAL_POSITION_INT_DATA>(place),
+    MessageSpec::from_library::<BATTERY_STATUS_DATA>(battery_status).extended(54),
+    MessageSpec::from_library::<SYSTEM_TIME_DATA>(day),
+    MessageSpec::from_library::<COMMAND_LONG_DATA>(command_long),
+    MessageSpec::from_library::<COMMAND_INT_DATA>(command_int),
+    MessageSpec::from_library::<COMMAND_ACK_DATA>(acknowledgement).extended(10),
 ];
 
-/// The longest payload of one that is looked for.
-pub(super) const MAX_LENGTH: usize = {
+/// Longest payload of a supported message, bytes.
+pub(super) const MAX_PAYLOAD_LENGTH: usize = {
     let mut longest = 0;
     let mut at = 0;
-    while at < WANTED.len() {
-        if WANTED[at].extended > longest {
-            longest = WANTED[at].extended;
+    while at < SUPPORTED_MESSAGES.len() {
+        if SUPPORTED_MESSAGES[at].extended > longest {
+            longest = SUPPORTED_MESSAGES[at].extended;
         }
         at += 1;
     }
     longest
 };
 
-/// A payload, field by field, little endian. What version 2 has cut off is zero.
-struct Fields<'a>(&'a [u8]);
+/// Payload, read by field, little endian; truncated bytes are zero.
+struct PayloadReader<'a>(&'a [u8]);
 
-impl Fields<'_> {
+impl PayloadReader<'_> {
     fn u8(&self, at: usize) -> u8 {
         self.0.get(at).copied().unwrap_or(0)
     }
@@ -126,7 +125,7 @@ impl Fields<'_> {
     }
 
     fn u32(&self, at: usize) -> u32 {
-        // Whole, but for the last fields of a payload that was cut.
+        // Only the last fields of a truncated payload are incomplete.
         match self.0.get(at..).and_then(|rest| rest.first_chunk()) {
             Some(whole) => u32::from_le_bytes(*whole),
             None => u32::from_le_bytes(from_fn(|byte| self.u8(at + byte))),
@@ -137,7 +136,7 @@ impl Fields<'_> {
         f32::from_bits(self.u32(at))
     }
 
-    /// A number of so many units.
+    /// Signed integer, multiplied by its unit.
     fn scaled(&self, at: usize, unit: f32) -> f32 {
         self.u32(at).cast_signed() as f32 * unit
     }
@@ -147,11 +146,11 @@ impl Fields<'_> {
     }
 }
 
-fn attitude(source: Source, payload: &[u8]) -> Option<Message> {
+fn attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const ROLL: usize = 4;
     const PITCH: usize = 8;
     const RATES: usize = 16;
-    let fields = Fields(payload);
+    let fields = PayloadReader(payload);
     let (roll_rad, pitch_rad) = (fields.f32(ROLL), fields.f32(PITCH));
     let rate = |axis| {
         let rad_s = fields.f32(RATES + 4 * axis);
@@ -159,8 +158,8 @@ fn attitude(source: Source, payload: &[u8]) -> Option<Message> {
     };
     let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
     is_possible.then(|| {
-        Message::Attitude(Report {
-            source,
+        InboundMessage::Attitude(AttitudeReport {
+            sender: source,
             sender_time: WrappingMillis::new(fields.u32(0)),
             attitude: Attitude { roll_rad, pitch_rad },
             rates_rad_s: from_fn(rate),
@@ -168,17 +167,17 @@ fn attitude(source: Source, payload: &[u8]) -> Option<Message> {
     })
 }
 
-/// Angles beyond these (with room for rounding) are not roll and pitch; the comparison refuses NaN too.
+/// Limits of roll and pitch with a margin for rounding; the comparison also rejects NaN.
 const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn heartbeat(source: Source, payload: &[u8]) -> Option<Message> {
+fn heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const AUTOPILOT: usize = 5;
     const BASE_MODE: usize = 6;
-    let fields = Fields(payload);
-    Some(Message::Heartbeat(Heartbeat {
-        source,
+    let fields = PayloadReader(payload);
+    Some(InboundMessage::Heartbeat(Heartbeat {
+        sender: source,
         is_autopilot: fields.u8(AUTOPILOT) != MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
         is_armed: fields.u8(BASE_MODE) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
     }))
@@ -186,32 +185,32 @@ fn heartbeat(source: Source, payload: &[u8]) -> Option<Message> {
 
 /// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn place(source: Source, payload: &[u8]) -> Option<Message> {
+fn place(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const LATITUDE: usize = 4;
     const LONGITUDE: usize = 8;
     const HEIGHT: usize = 12;
-    let fields = Fields(payload);
+    let fields = PayloadReader(payload);
     let (latitude_deg, longitude_deg) = (fields.scaled(LATITUDE, 1e-7), fields.scaled(LONGITUDE, 1e-7));
-    Some(Message::Place(source, Place::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT, 1e-3))))
+    Some(InboundMessage::Position(source, Position::new(latitude_deg, longitude_deg, fields.scaled(HEIGHT, 1e-3))))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn system_status(source: Source, payload: &[u8]) -> Option<Message> {
+fn system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CURRENT: usize = 16;
-    Some(Message::Current(source, amperes(Fields(payload).u16(CURRENT))))
+    Some(InboundMessage::Current(source, amperes(PayloadReader(payload).u16(CURRENT))))
 }
 
-/// Of another battery than the first nothing is told: SYS_STATUS is of the first, too.
+/// Only the first battery, as in SYS_STATUS.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn battery_status(source: Source, payload: &[u8]) -> Option<Message> {
+fn battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CURRENT: usize = 30;
     const BATTERY: usize = 32;
-    let fields = Fields(payload);
+    let fields = PayloadReader(payload);
     let is_first = fields.u8(BATTERY) == 0;
-    Some(Message::Current(source, amperes(fields.u16(CURRENT)).filter(|_| is_first)))
+    Some(InboundMessage::Current(source, amperes(fields.u16(CURRENT)).filter(|_| is_first)))
 }
 
-/// Of hundredths of an ampere, of which -1 is not known.
+/// Converts hundredths of an ampere; -1 means unknown.
 fn amperes(centiamperes: u16) -> Option<f32> {
     let centiamperes = centiamperes.cast_signed();
     (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
@@ -219,29 +218,29 @@ fn amperes(centiamperes: u16) -> Option<f32> {
 
 /// Unix time in microseconds.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn day(source: Source, payload: &[u8]) -> Option<Message> {
-    let fields = Fields(payload);
+fn day(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    let fields = PayloadReader(payload);
     let unix_us = u64::from(fields.u32(4)) << 32 | u64::from(fields.u32(0));
-    Some(Message::Day(source, Day::from_unix_s(unix_us / 1_000_000)))
+    Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn command_long(source: Source, payload: &[u8]) -> Option<Message> {
+fn command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const CONFIRMATION: usize = 32;
-    Some(Message::Command(command(source, payload, Fields(payload).u8(CONFIRMATION))))
+    Some(InboundMessage::Command(command(source, payload, PayloadReader(payload).u8(CONFIRMATION))))
 }
 
-/// Has a frame of coordinates where a COMMAND_LONG has its count of repetitions; what is read before that is alike.
+/// Has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it are equal.
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn command_int(source: Source, payload: &[u8]) -> Option<Message> {
-    Some(Message::Command(command(source, payload, 0)))
+fn command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    Some(InboundMessage::Command(command(source, payload, 0)))
 }
 
-fn command(source: Source, payload: &[u8], confirmation: u8) -> Command {
+fn command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
     const COMMAND: usize = 28;
     const TARGET: usize = 30;
-    let fields = Fields(payload);
-    Command {
+    let fields = PayloadReader(payload);
+    ReceivedCommand {
         source,
         target: fields.address(TARGET),
         command: fields.u16(COMMAND),
@@ -251,12 +250,12 @@ fn command(source: Source, payload: &[u8], confirmation: u8) -> Command {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn acknowledgement(source: Source, payload: &[u8]) -> Option<Message> {
+fn acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const COMMAND: usize = 0;
     const RESULT: usize = 2;
     const TARGET: usize = 8;
-    let fields = Fields(payload);
-    Some(Message::Acknowledgement(Acknowledgement {
+    let fields = PayloadReader(payload);
+    Some(InboundMessage::Acknowledgement(Acknowledgement {
         source,
         target: fields.address(TARGET),
         command: fields.u16(COMMAND),

@@ -1,9 +1,8 @@
-//! What the module sends: frames of MAVLink 2.
+//! Messages that the module sends, as frames of MAVLink 2.
 //!
-//! The library's serialisers leave out the fields that version 2 has added to a message (whom an acknowledgement is for,
-//! which piece of a text it is, the uncertainty of a pose) and check each field for room. Here a payload is put together
-//! from numbers, in the order of the wire: the largest first, what was added last (mavlink.io, "Serialization"). Numbers
-//! and extra bytes of messages are the library's, where it has them.
+//! The library's serialisers omit extension fields (addressee of an acknowledgement, chunk of a text, covariance of a
+//! pose) and check each field for room. Here payloads are assembled in wire order: largest fields first, extension
+//! fields last (mavlink.io, "Serialization"). Message numbers and CRC extra bytes are the library's, if it has them.
 
 use mavlink::MessageData;
 use mavlink::dialects::common::{
@@ -14,101 +13,101 @@ use mavlink::dialects::common::{
 use super::{Address, V2, V2_HEADER, checksum};
 use crate::time::Timestamp;
 
-/// The longest payload: a VISION_POSITION_ESTIMATE's, with its covariance.
+/// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD: usize = 117;
 
-/// A frame to be written.
+/// Frame to write.
 pub type Frame = heapless::Vec<u8, { V2_HEADER + MAX_PAYLOAD + 2 }>;
 
-/// A message to be sent.
+/// Message to send.
 #[derive(Clone, Debug)]
-pub struct Outgoing {
-    /// Header and payload; the header holds only the message's number yet.
+pub struct OutboundMessage {
+    /// Header and payload; of the header only the message number is set.
     frame: Frame,
     extra_crc: u8,
 }
 
-/// Where the module points, for VISION_POSITION_ESTIMATE.
+/// Pose for VISION_POSITION_ESTIMATE.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// The instant that it is of.
+    /// Time of the pose.
     pub at: Timestamp,
     /// Roll, pitch and true heading, radians, -pi..pi.
     pub roll_pitch_yaw_rad: [f32; 3],
     /// Variance of the heading, square radians.
     pub yaw_variance_rad2: f32,
-    /// Counts the jumps of the heading that are none of the aircraft; wraps.
+    /// Number of heading jumps that the aircraft has not made; wraps.
     pub reset_counter: u8,
 }
 
-/// What a calibration has found, for MAG_CAL_REPORT: `corrected = M (raw + offset)`, all in body axes.
+/// Result of a calibration for MAG_CAL_REPORT: `corrected = M (raw + offset)`, in body axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MagCalReport {
-    /// Whether there is a new calibration, and it was stored.
+    /// Whether a new calibration was stored.
     pub is_success: bool,
-    /// RMS of what the calibration leaves on an axis, milligauss.
+    /// RMS residual of an axis, milligauss.
     pub fitness_mg: f32,
-    /// What is added to a raw field, milligauss.
+    /// Offset added to the raw field, milligauss.
     pub offset_mg: [f32; 3],
-    /// `M`'s diagonal: xx, yy, zz.
+    /// Diagonal of `M`: xx, yy, zz.
     pub diagonal: [f32; 3],
-    /// What is beside it, alike on both sides: xy, xz, yz.
+    /// Off-diagonal elements of `M`, which is symmetric: xy, xz, yz.
     pub off_diagonal: [f32; 3],
 }
 
-impl Outgoing {
+impl OutboundMessage {
     /// HEARTBEAT of an onboard controller that is no autopilot.
     #[must_use]
     pub fn heartbeat(state: MavState) -> Self {
         const VERSION: u8 = 3;
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
-        let mut message = Self::of::<HEARTBEAT_DATA>();
+        let mut message = Self::from_library::<HEARTBEAT_DATA>();
         message.put(&[0, 0, 0, 0, kind as u8, autopilot as u8, 0, state as u8, VERSION]);
         message
     }
 
-    /// COMMAND_LONG with MAV_CMD_SET_MESSAGE_INTERVAL: a message so many times a second, of this link.
+    /// COMMAND_LONG with MAV_CMD_SET_MESSAGE_INTERVAL: requests a message at a rate, on this link.
     #[must_use]
     pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
-        let mut message = Self::of::<COMMAND_LONG_DATA>();
+        let mut message = Self::from_library::<COMMAND_LONG_DATA>();
         message.floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
         message.put(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16).to_le_bytes());
         message.put(&[target.system, target.component, 0]);
         message
     }
 
-    /// REQUEST_DATA_STREAM: the stream that ATTITUDE belongs to (`EXTRA1`), so many times a second.
+    /// REQUEST_DATA_STREAM: requests the stream that contains ATTITUDE (`EXTRA1`) at a rate.
     #[must_use]
     pub fn request_attitude_stream(target: Address, rate_hz: u8) -> Self {
         const EXTRA1: u8 = 10;
         const START: u8 = 1;
-        // The library calls it superseded, as it is: it is for who does not know what supersedes it.
+        // By number, because the library marks it as superseded; it is for autopilots without the successor.
         let mut message = Self::new(66, 148);
         message.put(&[rate_hz, 0, target.system, target.component, EXTRA1, START]);
         message
     }
 
-    /// COMMAND_ACK to whom it concerns.
+    /// COMMAND_ACK.
     #[must_use]
     pub fn acknowledgement(target: Address, command: u16, result: MavResult) -> Self {
-        let mut message = Self::of::<COMMAND_ACK_DATA>();
+        let mut message = Self::from_library::<COMMAND_ACK_DATA>();
         message.put(&command.to_le_bytes());
-        // How much of it is done, and another result, are not told.
+        // The fields for progress and second result are unused.
         message.put(&[result as u8, 0, 0, 0, 0, 0, target.system, target.component]);
         message
     }
 
-    /// Characters of a STATUSTEXT.
+    /// Capacity of a STATUSTEXT, characters.
     pub const TEXT: usize = 50;
 
-    /// STATUSTEXT: a piece of a text, of at most [`Self::TEXT`] characters. The pieces of a text that is longer share a
-    /// number that is not 0, and the first that is shorter than a piece can be, or empty, is the last.
+    /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
+    /// and the first chunk that is not full is the last.
     #[must_use]
     pub fn text(severity: MavSeverity, piece: &[u8], number: u16, sequence: u8) -> Self {
         let mut text = [0; Self::TEXT];
         text.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
-        let mut message = Self::of::<STATUSTEXT_DATA>();
+        let mut message = Self::from_library::<STATUSTEXT_DATA>();
         message.put(&[severity as u8]);
         message.put(&text);
         message.put(&number.to_le_bytes());
@@ -116,23 +115,23 @@ impl Outgoing {
         message
     }
 
-    /// NAMED_VALUE_FLOAT; ten characters of the name are sent.
+    /// NAMED_VALUE_FLOAT; the name is cut at ten characters.
     #[must_use]
     pub fn named_value(at: Timestamp, name: &str, value: f32) -> Self {
         let mut field = [0; 10];
         field.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
-        let mut message = Self::of::<NAMED_VALUE_FLOAT_DATA>();
-        message.put(&at.wrapping_millis().count().to_le_bytes());
+        let mut message = Self::from_library::<NAMED_VALUE_FLOAT_DATA>();
+        message.put(&at.wrapping_millis().as_ms().to_le_bytes());
         message.floats(&[value]);
         message.put(&field);
         message
     }
 
-    /// MAG_CAL_PROGRESS of compass 0: how much of its calibration is done, percent, and where the field points in body axes.
-    /// Which directions it has seen is not told.
+    /// MAG_CAL_PROGRESS of compass 0: progress, percent, and direction of the field in body axes. The mask of sampled
+    /// directions is unused.
     #[must_use]
     pub fn mag_cal_progress(percent: u8, direction: [f32; 3]) -> Self {
-        // Of ArduPilot's dialect: its number and extra byte.
+        // Number and CRC extra byte from ArduPilot's dialect.
         let mut message = Self::new(191, 92);
         let status =
             if percent < 100 { MagCalStatus::MAG_CAL_RUNNING_STEP_ONE } else { MagCalStatus::MAG_CAL_RUNNING_STEP_TWO };
@@ -144,7 +143,7 @@ impl Outgoing {
     /// MAG_CAL_REPORT of compass 0.
     #[must_use]
     pub fn mag_cal_report(report: &MagCalReport) -> Self {
-        let mut message = Self::of::<MAG_CAL_REPORT_DATA>();
+        let mut message = Self::from_library::<MAG_CAL_REPORT_DATA>();
         let status = if report.is_success { MagCalStatus::MAG_CAL_SUCCESS } else { MagCalStatus::MAG_CAL_FAILED };
         message.floats(&[report.fitness_mg]);
         for three in [&report.offset_mg, &report.diagonal, &report.off_diagonal] {
@@ -154,17 +153,17 @@ impl Outgoing {
         message
     }
 
-    /// VISION_POSITION_ESTIMATE at the origin: of the covariance only the heading's variance is told, the first element
-    /// says that the position's is not known.
+    /// VISION_POSITION_ESTIMATE at the origin: of the covariance only the heading's variance is given; NaN in the first
+    /// element marks the position's as unknown.
     #[must_use]
-    pub fn vision(pose: &Pose) -> Self {
-        /// Upper right triangle of six rows: x, y, z, roll, pitch, yaw. The last is the variance of yaw.
+    pub fn pose_estimate(pose: &Pose) -> Self {
+        /// Upper right triangle over x, y, z, roll, pitch, yaw without its last element, the variance of yaw.
         const UNKNOWN: [f32; 20] = {
             let mut covariance = [0.0; 20];
             covariance[0] = f32::NAN;
             covariance
         };
-        let mut message = Self::of::<VISION_POSITION_ESTIMATE_DATA>();
+        let mut message = Self::from_library::<VISION_POSITION_ESTIMATE_DATA>();
         message.put(&pose.at.as_us().to_le_bytes());
         message.floats(&[0.0; 3]);
         message.floats(&pose.roll_pitch_yaw_rad);
@@ -174,10 +173,10 @@ impl Outgoing {
         message
     }
 
-    /// The frame, from whom and with which number: zeros at the end cut off, and closed by the CRC.
+    /// Sets sender and sequence number, truncates trailing zeros and appends the CRC.
     #[must_use]
     pub fn frame(mut self, from: Address, sequence: u8) -> Frame {
-        // A byte of payload stays.
+        // At least one byte of payload remains.
         while self.frame.len() > V2_HEADER + 1 && self.frame.last() == Some(&0) {
             self.frame.pop();
         }
@@ -191,7 +190,7 @@ impl Outgoing {
         self.frame
     }
 
-    fn of<M: MessageData>() -> Self {
+    fn from_library<M: MessageData>() -> Self {
         Self::new(M::ID, M::EXTRA_CRC)
     }
 
@@ -202,13 +201,11 @@ impl Outgoing {
         message
     }
 
-    #[inline(never)]
     fn put(&mut self, bytes: &[u8]) {
-        // There is room for the longest message.
+        // The capacity is that of the longest message.
         let _ = self.frame.extend_from_slice(bytes);
     }
 
-    #[inline(never)]
     fn floats(&mut self, numbers: &[f32]) {
         for number in numbers {
             self.put(&number.to_le_bytes());
@@ -216,5 +213,4 @@ impl Outgoing {
     }
 }
 
-/// The compasses of a report, a bit for each: the module is one.
 const COMPASSES: u8 = 1;

@@ -5,7 +5,6 @@ fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// A frame as an autopilot sends it.
 fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     let mut frame = vec![b'$', b'X', direction, 0];
     frame.extend(function.to_le_bytes());
@@ -24,18 +23,18 @@ fn attitude(roll: i16, pitch: i16) -> Vec<u8> {
     reply(Function::Attitude, &[roll.to_le_bytes(), pitch.to_le_bytes(), 359_i16.to_le_bytes()].concat())
 }
 
-fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> Message {
-    Message::Attitude(Angles { roll_decideg, pitch_decideg })
+fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
+    MspReply::Attitude(MspAngles { roll_decideg, pitch_decideg })
 }
 
-/// All messages in a stream, and how many frames were rejected.
-fn all(stream: &[u8]) -> (Vec<Message>, u32) {
+/// All messages in a stream, and the number of rejected frames.
+fn all(stream: &[u8]) -> (Vec<MspReply>, u32) {
     let mut receiver = Receiver::new();
     let messages = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
     (messages, receiver.rejected)
 }
 
-fn one(stream: &[u8]) -> Option<Message> {
+fn one(stream: &[u8]) -> Option<MspReply> {
     match all(stream) {
         (messages, 0) if messages.len() == 1 => Some(messages[0]),
         (messages, 1) if messages.is_empty() => None,
@@ -43,7 +42,7 @@ fn one(stream: &[u8]) -> Option<Message> {
     }
 }
 
-/// Byte for byte what ArduPlane and INAV took, and CRC-8/DVB-S2's check value, 0xBC of "123456789".
+/// Frames that ArduPlane and INAV accepted, and CRC-8/DVB-S2's check value, 0xBC of "123456789".
 #[test]
 fn what_is_sent_is_what_autopilots_take() {
     assert_eq!(checksum(b"123456789"), 0xBC);
@@ -62,7 +61,7 @@ fn what_is_sent_is_what_autopilots_take() {
     assert_eq!(compass(7, u32::MAX, Field::from_ut(0.0, 0.0, 0.0))[8..13], [7, 255, 255, 255, 255]);
 }
 
-/// To the nearest milligauss; what is too large is as large as can be said.
+/// Rounded to the nearest milligauss, and saturated.
 #[test]
 fn a_field_is_told_in_milligauss() {
     let told = |ut: f32| {
@@ -86,20 +85,20 @@ fn a_field_is_told_in_milligauss() {
     }
 }
 
-/// Each reply with the length that it has had from the beginning, with more, and with a byte less, which is refused.
+/// Each reply with its original length, with more, and one byte shorter, which is rejected.
 #[test]
 fn replies_are_understood_with_what_later_versions_append() {
     let status = [0, 0, 0, 0, 0, 0, 0x01, 0x02, 0, 0, 3];
     let gps = [2, 11, 0x80, 0xB2, 0xE6, 0x0E, 0x80, 0xC7, 0x1C, 0xFB, 0x2C, 0x01, 5, 0, 6, 0];
-    let place = Place::new(25.0, -82_000_000_i32 as f32 * 1e-7, 300.0);
+    let place = Position::new(25.0, -82_000_000_i32 as f32 * 1e-7, 300.0);
     let date = [0xE8, 0x07, 2, 29, 23, 59, 59, 0xE7, 0x03];
-    let day = Day::from_unix_s(1_709_164_800);
+    let day = Date::from_unix_s(1_709_164_800);
     let expected = [
-        (Function::FcVariant, b"INAV".to_vec(), Message::FcVariant(Firmware::Inav)),
-        (Function::Status, status.to_vec(), Message::Armed(true)),
-        (Function::RawGps, gps.to_vec(), Message::RawGps(place)),
+        (Function::FcVariant, b"INAV".to_vec(), MspReply::FcVariant(Firmware::Inav)),
+        (Function::Status, status.to_vec(), MspReply::Armed(true)),
+        (Function::RawGps, gps.to_vec(), MspReply::RawGps(place)),
         (Function::Attitude, hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
-        (Function::Rtc, date.to_vec(), Message::Rtc(day)),
+        (Function::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
         assert_eq!(one(&reply(function, &payload)), Some(message));
@@ -109,7 +108,7 @@ fn replies_are_understood_with_what_later_versions_append() {
             assert_eq!(one(&reply(function, &payload[1..])), None, "{function:?} that is too short");
         }
     }
-    // More than any firmware sends passes by, whole.
+    // A payload longer than any firmware's is skipped.
     let (messages, rejected) = all(&[reply(Function::Attitude, &[0; MAX_PAYLOAD + 1]), attitude(1, 2)].concat());
     assert_eq!((messages, rejected), (vec![angles_of(1, 2)], 0));
 }
@@ -124,23 +123,22 @@ fn firmwares_are_told_by_their_names() {
         (b"BTFLX", Firmware::Betaflight),
     ];
     for (name, firmware) in names {
-        assert_eq!(one(&reply(Function::FcVariant, name)), Some(Message::FcVariant(firmware)));
+        assert_eq!(one(&reply(Function::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
     }
 }
 
-/// 12.3 deg to the right, 5 deg up: as each firmware says it, and as it is.
+/// 12.3 deg right, 5 deg up: as sent by each firmware, and as decoded.
 #[test]
 fn the_sign_of_pitch_is_that_of_the_firmware() {
     let expected = Attitude::from_deg(12.3, 5.0);
     for (firmware, pitch_decideg) in [(Firmware::ArduPilot, 50), (Firmware::Inav, -50), (Firmware::Betaflight, -50)] {
-        let found = firmware.attitude(Angles { roll_decideg: 123, pitch_decideg }).unwrap();
+        let found = firmware.attitude_from_angles(MspAngles { roll_decideg: 123, pitch_decideg }).unwrap();
         assert!((found.roll_rad - expected.roll_rad).abs() < 1e-6, "{firmware:?} {found:?}");
         assert!((found.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{firmware:?} {found:?}");
     }
-    assert_eq!(Firmware::Other.attitude(Angles { roll_decideg: 0, pitch_decideg: 0 }), None);
+    assert_eq!(Firmware::Other.attitude_from_angles(MspAngles { roll_decideg: 0, pitch_decideg: 0 }), None);
 }
 
-/// Each limit from both sides.
 #[test]
 fn angles_that_cannot_be_are_refused() {
     for (roll, pitch, possible) in
@@ -151,28 +149,27 @@ fn angles_that_cannot_be_are_refused() {
     }
 }
 
-/// The first bit of the boxes, whatever the others say.
 #[test]
 fn armed_is_the_first_box() {
     for (flags, is_armed) in [([1, 0], true), ([0xFE, 0xFF], false), ([0xFF, 0], true), ([0, 1], false)] {
         let payload = [[9; 6].as_slice(), &flags, &[1, 1, 1]].concat();
-        assert_eq!(one(&reply(Function::Status, &payload)), Some(Message::Armed(is_armed)), "{flags:?}");
+        assert_eq!(one(&reply(Function::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
     }
 }
 
-/// Behind voltage, charge and signal strength, with a sign: a battery can be charged. Whatever is behind it.
+/// After voltage, charge and signal strength; signed, because a battery can be charged.
 #[test]
 fn a_current_is_in_hundredths() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
         let payload = [[7; 5].as_slice(), &bytes].concat();
-        assert_eq!(one(&reply(Function::Analog, &payload)), Some(Message::Current(amperes)));
+        assert_eq!(one(&reply(Function::Analog, &payload)), Some(MspReply::Current(amperes)));
         let longer = [&payload[..], &[9, 9]].concat();
-        assert_eq!(one(&reply(Function::Analog, &longer)), Some(Message::Current(amperes)));
+        assert_eq!(one(&reply(Function::Analog, &longer)), Some(MspReply::Current(amperes)));
         assert_eq!(one(&reply(Function::Analog, &payload[..6])), None, "too short");
     }
 }
 
-/// No fix, no place; and a place below the sea.
+/// Also below sea level.
 #[test]
 fn a_place_wants_a_fix() {
     let gps = |fix: u8, latitude: i32, height_m: i16| {
@@ -183,12 +180,11 @@ fn a_place_wants_a_fix() {
         payload.extend([0; 6]);
         one(&reply(Function::RawGps, &payload))
     };
-    let place = |latitude_deg, height_m| Some(Message::RawGps(Place::new(latitude_deg, -1.0, height_m)));
+    let place = |latitude_deg, height_m| Some(MspReply::RawGps(Position::new(latitude_deg, -1.0, height_m)));
     assert_eq!(gps(1, 315_000_000, -400), place(31.5, -400.0));
     assert_eq!(gps(2, -315_000_000, 32_767), place(-31.5, 32_767.0));
-    assert_eq!(gps(0, 315_000_000, 0), Some(Message::RawGps(None)));
-    // An answer, but no place on Earth.
-    assert_eq!(gps(2, 910_000_000, 0), Some(Message::RawGps(None)));
+    assert_eq!(gps(0, 315_000_000, 0), Some(MspReply::RawGps(None)));
+    assert_eq!(gps(2, 910_000_000, 0), Some(MspReply::RawGps(None)));
 }
 
 /// Seconds of `date -u -d ... +%s`.
@@ -198,7 +194,7 @@ fn a_day_is_a_date_or_seconds() {
         let [y0, y1] = year.to_le_bytes();
         one(&reply(Function::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
     };
-    let day = |seconds| Some(Message::Rtc(Day::from_unix_s(seconds)));
+    let day = |seconds| Some(MspReply::Rtc(Date::from_unix_s(seconds)));
     for (year, month, date, seconds) in [
         (2020, 1, 1, 1_577_836_800),
         (2024, 2, 29, 1_709_164_800),
@@ -207,33 +203,32 @@ fn a_day_is_a_date_or_seconds() {
         (2100, 3, 1, 4_107_542_400),
     ] {
         assert_eq!(of_date(year, month, date), day(seconds), "{year}-{month}-{date}");
-        assert!(Day::from_unix_s(seconds).is_some());
+        assert!(Date::from_unix_s(seconds).is_some());
     }
-    // A clock that was never set, and dates that are none.
+    // An unset clock, and invalid dates.
     for (year, month, date) in [(1900, 1, 0), (2019, 12, 31), (2026, 0, 1), (2026, 13, 1), (2026, 1, 0), (2026, 1, 32)]
     {
-        assert_eq!(of_date(year, month, date), Some(Message::Rtc(None)), "{year}-{month}-{date}");
+        assert_eq!(of_date(year, month, date), Some(MspReply::Rtc(None)), "{year}-{month}-{date}");
     }
     for year in [0, 1, u16::MAX] {
-        assert_eq!(of_date(year, 1, 1), Some(Message::Rtc(None)));
+        assert_eq!(of_date(year, 1, 1), Some(MspReply::Rtc(None)));
     }
     let of_seconds = |seconds: u32| one(&reply(Function::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
     assert_eq!(of_seconds(1_709_164_800), day(1_709_164_800));
-    assert_eq!(of_seconds(0), Some(Message::Rtc(None)));
+    assert_eq!(of_seconds(0), Some(MspReply::Rtc(None)));
     assert_eq!(one(&reply(Function::Rtc, &[0; 5])), None);
 }
 
-/// An error frame, and a reply of nothing, end the waiting.
 #[test]
 fn refusals_are_answers() {
     for function in Function::ALL {
-        assert_eq!(one(&frame(b'!', function as u16, &[])), Some(Message::Refused(function)));
-        assert_eq!(one(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])), Some(Message::Refused(function)));
-        assert_eq!(one(&reply(function, &[])), Some(Message::Refused(function)));
+        assert_eq!(one(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
+        assert_eq!(one(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])), Some(MspReply::Refused(function)));
+        assert_eq!(one(&reply(function, &[])), Some(MspReply::Refused(function)));
     }
 }
 
-/// Version 1, requests, other functions and longer ones pass by without a word.
+/// Version 1, requests, other functions and longer payloads are skipped.
 #[test]
 fn what_is_not_wanted_passes_by() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
@@ -244,22 +239,21 @@ fn what_is_not_wanted_passes_by() {
     assert_eq!(all(&stream), (vec![angles_of(1, 2), angles_of(3, 4)], 0));
 }
 
-/// What an intact frame holds is its own affair, also if it looks like another.
+/// The payload of a valid frame may look like a frame.
 #[test]
 fn a_frame_within_a_frame_is_none() {
     let payload = [&[0; 11][..], &attitude(1, 2)].concat();
     let (messages, rejected) = all(&[reply(Function::Status, &payload), vec![0; MAX_FRAME]].concat());
-    assert_eq!((messages, rejected), (vec![Message::Armed(false)], 0));
+    assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
 }
 
-/// Whatever bit of a frame is wrong, it is refused or passed by, and the next one is taken.
+/// With any flipped bit the frame is rejected or skipped, and the next one is decoded.
 #[test]
 fn a_damaged_frame_costs_itself_alone() {
     let good = attitude(123, -45);
     for bit in 0..good.len() * 8 {
         let mut bad = good.clone();
         bad[bit / 8] ^= 1 << (bit % 8);
-        // A length that lies waits for what comes later.
         let stream = [bad, good.clone(), attitude(1, 2), vec![0; MAX_FRAME]].concat();
         let mut receiver = Receiver::new();
         let found: Vec<_> = stream.iter().filter_map(|&byte| receiver.push(byte)).collect();
@@ -269,7 +263,7 @@ fn a_damaged_frame_costs_itself_alone() {
     }
 }
 
-/// Cut anywhere, the rest joined to whole frames.
+/// Truncated at any byte, and followed by whole frames.
 #[test]
 fn a_cut_frame_costs_itself_alone() {
     let good = attitude(123, -45);
@@ -279,20 +273,20 @@ fn a_cut_frame_costs_itself_alone() {
     }
 }
 
-/// The beginning of a frame, and then nothing for a while: what comes next is not its end.
+/// The frame after a pause does not continue an incomplete one.
 #[test]
 fn a_beginning_can_be_forgotten() {
     let good = attitude(123, -45);
     let mut receiver = Receiver::new();
     assert!(good[..10].iter().all(|&byte| receiver.push(byte).is_none()));
-    receiver.forget();
+    receiver.discard_partial();
     let found: Vec<_> = good.iter().filter_map(|&byte| receiver.push(byte)).collect();
     assert_eq!((found.as_slice(), receiver.rejected), (&[angles_of(123, -45)][..], 0));
     assert_eq!(good.iter().filter_map(|&byte| receiver.push(byte)).count(), 1);
 }
 
-/// 100,000 pieces of garbage with true beginnings among them: nothing is made of them but refusals and luck, and after each
-/// hundred a whole frame is understood.
+/// 100,000 pieces of garbage with valid headers: nearly all are rejected, and after each hundred a whole frame is
+/// decoded.
 #[test]
 fn nothing_that_comes_stops_the_receiver() {
     let mut random = Random(5);

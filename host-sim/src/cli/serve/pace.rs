@@ -1,27 +1,25 @@
-//! Virtual time against the clock on the wall: the only place where this program reads it.
+//! Relates virtual time to the wall clock; the only module that reads it.
 
 use std::time::{Duration, Instant};
 
-/// Longer than this nothing is caught up with: the computer slept, or cannot keep up.
+/// Largest step that is caught up; longer gaps mean that the computer slept or is overloaded.
 const LONGEST: Duration = Duration::from_millis(250);
 
-/// How fast virtual time goes.
-pub struct Pace {
+pub struct VirtualClock {
     speed: f64,
     last: Instant,
-    /// Of wall time, what was not caught up with.
+    /// Wall time that was not caught up.
     lost: Duration,
-    is_told: bool,
+    has_warned: bool,
 }
 
-impl Pace {
-    /// So many times as fast as the wall's, from now on.
+impl VirtualClock {
     pub fn new(speed: f64) -> Self {
-        Self { speed, last: Instant::now(), lost: Duration::ZERO, is_told: false }
+        Self { speed, last: Instant::now(), lost: Duration::ZERO, has_warned: false }
     }
 
-    /// Microseconds of virtual time since the last call.
-    pub fn passed_us(&mut self) -> u64 {
+    /// Virtual time since the last call, microseconds.
+    pub fn elapsed_us(&mut self) -> u64 {
         let now = Instant::now();
         let passed = now - self.last;
         self.last = now;
@@ -29,10 +27,10 @@ impl Pace {
         (passed.min(LONGEST).as_secs_f64() * self.speed * 1e6) as u64
     }
 
-    /// Once, what is to be told when much was lost.
-    pub fn complaint(&mut self) -> Option<String> {
-        let is_new = self.lost > Duration::from_secs(2) && !self.is_told;
-        self.is_told |= is_new;
+    /// A warning, returned once, if the computer is too slow.
+    pub fn take_warning(&mut self) -> Option<String> {
+        let is_new = self.lost > Duration::from_secs(2) && !self.has_warned;
+        self.has_warned |= is_new;
         is_new.then(|| format!("note: this computer does not keep up with --speed {}; it goes on slower", self.speed))
     }
 }

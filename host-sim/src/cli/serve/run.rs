@@ -1,4 +1,4 @@
-//! The module with its wires, for as long as somebody wants it.
+//! Main loop of a served module.
 
 use std::io;
 use std::net::UdpSocket;
@@ -7,40 +7,36 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::thread;
 
-use host_sim::serve::Served;
+use host_sim::serve::ServedModule;
 
-use super::pace::Pace;
-use super::wire::{Wire, reading};
-use super::{Failure, Keeper, LOOK, PIECE, print, say};
+use super::pace::VirtualClock;
+use super::wire::{Wire, read_in_thread};
+use super::{Failure, FlashWriter, LOOK, PIECE, print, print_line};
 
-/// Everything that is attached.
-pub struct Wiring {
-    /// The wires of each of the module's ports.
+pub struct Connections {
+    /// Wires of each of the module's ports.
     pub wires: Vec<Vec<Box<dyn Wire>>>,
-    /// Where somebody else's simulator sends attitudes.
     pub world: Option<UdpSocket>,
-    /// Where orders are typed.
-    pub orders: Option<Orders>,
-    /// Where the flash is kept.
+    pub orders: Option<OrderInput>,
     pub flash: Option<PathBuf>,
 }
 
-/// Datagrams that are read at a time: what floods is lost in the system's own buffer.
+/// Largest number of datagrams read in one poll; the system's buffer drops the excess.
 const DATAGRAMS: usize = 64;
 
-impl Wiring {
-    /// Until it is stopped, a wire has ended, or nobody reads what is printed.
-    pub fn run(mut self, served: &mut Served, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
-        let mut pace = Pace::new(speed);
-        let mut keeper = Keeper::new(self.flash.as_deref());
+impl Connections {
+    /// Runs until stopped, a wire has ended, or the reader has closed standard output.
+    pub fn run(mut self, served: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
+        let mut pace = VirtualClock::new(speed);
+        let mut keeper = FlashWriter::new(self.flash.as_deref());
         let mut is_malformed_told = false;
         let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
-        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::is_left() {
+        while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::poll_output_closed() {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
-                    // As on a real line, who sends faster than it carries waits.
-                    let bytes = wire.read(served.room(port).min(PIECE));
-                    served.feed(port, &bytes);
+                    // A faster sender waits, as on a real line.
+                    let bytes = wire.read(served.free_bytes(port).min(PIECE));
+                    served.send(port, &bytes);
                 }
             }
             if let Some(world) = &self.world {
@@ -49,15 +45,15 @@ impl Wiring {
             if let Some(orders) = &mut self.orders {
                 orders.carry_out(served);
             }
-            served.advance(pace.passed_us());
+            served.advance(pace.elapsed_us());
             for (port, wires) in self.wires.iter_mut().enumerate() {
-                let bytes = served.take(port);
+                let bytes = served.receive(port);
                 for wire in wires {
                     wire.write(&bytes);
                 }
             }
-            if let Some(complaint) = pace.complaint() {
-                print::complain(format_args!("{complaint}\r"));
+            if let Some(complaint) = pace.take_warning() {
+                print::print_error(format_args!("{complaint}\r"));
             }
             keeper.look(served, false)?;
             thread::sleep(LOOK);
@@ -66,39 +62,40 @@ impl Wiring {
     }
 }
 
-/// Follows what has been told; whether the first that was no attitude has been complained about.
-fn follow(world: &UdpSocket, served: &mut Served, is_told: bool) -> bool {
+/// Applies received attitudes; returns whether a malformed one has been reported.
+fn follow(world: &UdpSocket, served: &mut ServedModule, is_told: bool) -> bool {
     let mut datagram = [0; 256];
     let mut is_told = is_told;
     for _ in 0..DATAGRAMS {
         let Ok(length) = world.recv(&mut datagram) else { break };
-        if let Err(error) = served.told(&datagram[..length])
+        if let Err(error) = served.follow_datagram(&datagram[..length])
             && !is_told
         {
-            print::complain(format_args!("error {}: {error}; more of them are only counted, see status", error.code()));
+            print::print_error(format_args!(
+                "error {}: {error}; more of them are only counted, see status",
+                error.code()
+            ));
             is_told = true;
         }
     }
     is_told
 }
 
-/// Lines of standard input.
-pub struct Orders {
-    typed: Receiver<Vec<u8>>,
+pub struct OrderInput {
+    input: Receiver<Vec<u8>>,
     line: Vec<u8>,
 }
 
-/// What is longer is no order.
+/// Largest length of an order, bytes.
 const LONGEST_LINE: usize = 256;
 
-impl Orders {
-    /// What is typed from now on.
-    pub fn typed() -> Self {
-        Self { typed: reading(io::stdin()), line: Vec::new() }
+impl OrderInput {
+    pub fn from_stdin() -> Self {
+        Self { input: read_in_thread(io::stdin()), line: Vec::new() }
     }
 
-    fn carry_out(&mut self, served: &mut Served) {
-        while let Ok(bytes) = self.typed.try_recv() {
+    fn carry_out(&mut self, served: &mut ServedModule) {
+        while let Ok(bytes) = self.input.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
                     answer(served, &std::mem::take(&mut self.line));
@@ -110,14 +107,14 @@ impl Orders {
     }
 }
 
-fn answer(served: &mut Served, line: &[u8]) {
+fn answer(served: &mut ServedModule, line: &[u8]) {
     let line = String::from_utf8_lossy(line);
     if line.len() > LONGEST_LINE {
-        say("error line-too-long: an order has at most 256 characters");
+        print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
-        match served.order(&line) {
-            Ok(answer) => say(&answer),
-            Err(error) => say(&format!("error {}: {error}", error.code())),
+        match served.execute_line(&line) {
+            Ok(answer) => print_line(&answer),
+            Err(error) => print_line(&format!("error {}: {error}", error.code())),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Wires out of this program: pseudo-terminals, TCP on the loopback, the terminal it runs in. None of them waits.
+//! Non-blocking connections: pseudo-terminals, TCP on the loopback interface, and the program's own terminal.
 
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
@@ -17,50 +17,49 @@ use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 
 use super::super::print;
 
-/// A wire with somebody at its far end, or nobody.
+/// A connection whose far end may be absent.
 pub trait Wire {
-    /// What has come in, so many bytes at most.
+    /// Returns received bytes, at most `most`.
     fn read(&mut self, most: usize) -> Vec<u8>;
 
-    /// Sends; what nobody takes is lost, as on any wire.
+    /// Sends bytes; they are lost if nobody receives.
     fn write(&mut self, bytes: &[u8]);
 
-    /// Whether nothing will ever come or go any more.
+    /// Whether the connection is closed for good.
     fn has_ended(&self) -> bool {
         false
     }
 }
 
-/// Bytes that a slow listener is behind before he loses some: six seconds of a full line.
+/// Largest backlog of a slow receiver, bytes: six seconds of a full line.
 const BACKLOG: usize = 65_536;
 
-/// A stream that does not wait, with what it has not taken yet.
-struct Stream<S> {
-    far: S,
+/// A non-blocking stream with a backlog of unsent bytes.
+struct BufferedStream<S> {
+    endpoint: S,
     backlog: VecDeque<u8>,
-    /// Nobody is at the far end.
-    is_away: bool,
+    is_disconnected: bool,
 }
 
-impl<S: Read + Write> Stream<S> {
+impl<S: Read + Write> BufferedStream<S> {
     fn new(far: S) -> Self {
-        Self { far, backlog: VecDeque::new(), is_away: false }
+        Self { endpoint: far, backlog: VecDeque::new(), is_disconnected: false }
     }
 
     fn read(&mut self, most: usize) -> Vec<u8> {
         let mut bytes = vec![0; most];
-        let read = match self.far.read(&mut bytes) {
+        let read = match self.endpoint.read(&mut bytes) {
             Ok(0) if most > 0 => Err(ErrorKind::UnexpectedEof.into()),
             read => read,
         };
-        // A pseudo-terminal that nobody has opened says that it cannot be read.
-        self.is_away = read.as_ref().is_err_and(|error: &io::Error| !is_passing(error));
+        // Reading a pseudo-terminal that nobody has opened fails.
+        self.is_disconnected = read.as_ref().is_err_and(|error: &io::Error| !is_passing(error));
         bytes.truncate(read.unwrap_or(0));
         bytes
     }
 
     fn write(&mut self, bytes: &[u8]) {
-        if self.is_away {
+        if self.is_disconnected {
             self.backlog.clear();
             return;
         }
@@ -68,11 +67,11 @@ impl<S: Read + Write> Stream<S> {
             self.backlog.extend(bytes);
         }
         while !self.backlog.is_empty() {
-            match self.far.write(self.backlog.as_slices().0) {
+            match self.endpoint.write(self.backlog.as_slices().0) {
                 Ok(written) if written > 0 => drop(self.backlog.drain(..written)),
                 Err(error) if is_passing(&error) => return,
                 _ => {
-                    self.is_away = true;
+                    self.is_disconnected = true;
                     return;
                 }
             }
@@ -84,10 +83,9 @@ fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// A pseudo-terminal for a terminal program, or whoever expects a serial port. It goes with this value.
+/// A pseudo-terminal, closed when dropped.
 pub struct Pty {
-    ours: Stream<File>,
-    /// What the others open.
+    master: BufferedStream<File>,
     pub path: PathBuf,
 }
 
@@ -98,29 +96,28 @@ impl Pty {
         unlockpt(&ours)?;
         let path = PathBuf::from(ptsname(&ours, Vec::new())?.to_string_lossy().into_owned());
         rustix::io::ioctl_fionbio(&ours, true)?;
-        // Opened and closed once: before that it cannot tell that nobody is there.
+        // Opened and closed once: before that, an absent far end is not reported.
         make_raw(&open_serial(&path)?)?;
-        Ok(Self { ours: Stream::new(File::from(ours)), path })
+        Ok(Self { master: BufferedStream::new(File::from(ours)), path })
     }
 }
 
 impl Wire for Pty {
     fn read(&mut self, most: usize) -> Vec<u8> {
-        self.ours.read(most)
+        self.master.read(most)
     }
 
     fn write(&mut self, bytes: &[u8]) {
-        self.ours.write(bytes);
+        self.master.write(bytes);
     }
 }
 
-/// A pseudo-terminal or serial port of somebody else's.
 fn open_serial(path: &Path) -> io::Result<File> {
     let flags = (OFlags::NOCTTY | OFlags::NONBLOCK).bits().cast_signed();
     OpenOptions::new().read(true).write(true).custom_flags(flags).open(path)
 }
 
-/// As a wire: nothing echoed, nothing translated, nothing obeyed. Gives how it was before.
+/// Disables echo, translation and control characters; returns the previous settings.
 fn make_raw(terminal: impl AsFd) -> io::Result<Termios> {
     let before = tcgetattr(&terminal)?;
     let mut raw = before.clone();
@@ -129,19 +126,17 @@ fn make_raw(terminal: impl AsFd) -> io::Result<Termios> {
     Ok(before)
 }
 
-/// A TCP port on the loopback. All who connect hear the same, and what any of them sends goes in.
+/// A TCP port on the loopback interface. All clients receive the same bytes and may send.
 pub struct TcpPort {
     listener: TcpListener,
-    clients: Vec<Stream<TcpStream>>,
-    /// Its number.
+    clients: Vec<BufferedStream<TcpStream>>,
     pub port: u16,
 }
 
-/// More than so many at a time are turned away.
+/// Largest number of clients; further ones are disconnected.
 const CLIENTS: usize = 8;
 
 impl TcpPort {
-    /// This one, or of 0 any that is free.
     pub fn open(port: u16) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         listener.set_nonblocking(true)?;
@@ -152,9 +147,9 @@ impl TcpPort {
     fn accept(&mut self) {
         while let Ok((client, _)) = self.listener.accept() {
             if self.clients.len() < CLIENTS && client.set_nonblocking(true).is_ok() {
-                // A byte late is late; without this it is only slower.
+                // Failure only adds delay.
                 let _ = client.set_nodelay(true);
-                self.clients.push(Stream::new(client));
+                self.clients.push(BufferedStream::new(client));
             }
         }
     }
@@ -167,31 +162,28 @@ impl Wire for TcpPort {
         for client in &mut self.clients {
             bytes.extend(client.read(most - bytes.len()));
         }
-        self.clients.retain(|client| !client.is_away);
+        self.clients.retain(|client| !client.is_disconnected);
         bytes
     }
 
     fn write(&mut self, bytes: &[u8]) {
         self.clients.iter_mut().for_each(|client| client.write(bytes));
-        self.clients.retain(|client| !client.is_away);
+        self.clients.retain(|client| !client.is_disconnected);
     }
 }
 
-/// A module that is served by somebody else.
-pub struct Connection<S>(Stream<S>);
+pub struct Connection<S>(BufferedStream<S>);
 
-/// One at a pseudo-terminal, or a board at a serial port.
-pub fn serial(path: &Path) -> io::Result<Connection<File>> {
+pub fn connect_serial(path: &Path) -> io::Result<Connection<File>> {
     let port = open_serial(path)?;
     make_raw(&port)?;
-    Ok(Connection(Stream::new(port)))
+    Ok(Connection(BufferedStream::new(port)))
 }
 
-/// One at a TCP port of this computer.
-pub fn tcp(port: u16) -> io::Result<Connection<TcpStream>> {
+pub fn connect_tcp(port: u16) -> io::Result<Connection<TcpStream>> {
     let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port))?;
     stream.set_nonblocking(true)?;
-    Ok(Connection(Stream::new(stream)))
+    Ok(Connection(BufferedStream::new(stream)))
 }
 
 impl<S: Read + Write> Wire for Connection<S> {
@@ -204,41 +196,47 @@ impl<S: Read + Write> Wire for Connection<S> {
     }
 
     fn has_ended(&self) -> bool {
-        self.0.is_away
+        self.0.is_disconnected
     }
 }
 
 /// Ctrl-], as in telnet.
 const LEAVE: u8 = 0x1D;
 
-/// After the last of what a script types, its answers are waited for until there is a pause of this length.
+/// Pause in the answers after the last piped input that ends the session.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The terminal that this program runs in, or whatever it reads and writes instead.
+/// The program's terminal, or its redirected input and output.
 pub struct Terminal {
-    typed: Receiver<Vec<u8>>,
-    waiting: VecDeque<u8>,
-    is_left: bool,
-    /// When something came last, once nothing more will be typed.
-    ending: Option<Instant>,
-    before: Option<Termios>,
+    input: Receiver<Vec<u8>>,
+    pending: VecDeque<u8>,
+    is_closed: bool,
+    /// Time of the last output after the end of the input.
+    last_activity: Option<Instant>,
+    saved_settings: Option<Termios>,
 }
 
 impl Terminal {
-    /// Makes it a wire to the module, until this value is gone.
+    /// Switches the terminal to raw mode until dropped.
     pub fn open() -> io::Result<Self> {
         let stdin = io::stdin();
         let before = if stdin.is_terminal() { Some(make_raw(&stdin)?) } else { None };
-        Ok(Self { typed: reading(stdin), waiting: VecDeque::new(), is_left: false, ending: None, before })
+        Ok(Self {
+            input: read_in_thread(stdin),
+            pending: VecDeque::new(),
+            is_closed: false,
+            last_activity: None,
+            saved_settings: before,
+        })
     }
 
     fn listen(&mut self) {
         loop {
-            match self.typed.try_recv() {
-                Ok(bytes) => self.waiting.extend(bytes),
+            match self.input.try_recv() {
+                Ok(bytes) => self.pending.extend(bytes),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
-                    self.ending.get_or_insert_with(Instant::now);
+                    self.last_activity.get_or_insert_with(Instant::now);
                     return;
                 }
             }
@@ -249,39 +247,39 @@ impl Terminal {
 impl Wire for Terminal {
     fn read(&mut self, most: usize) -> Vec<u8> {
         self.listen();
-        let bytes: Vec<u8> = self.waiting.drain(..most.min(self.waiting.len())).collect();
-        let is_typed_by_a_person = self.before.is_some();
-        self.is_left |= is_typed_by_a_person && bytes.contains(&LEAVE);
+        let bytes: Vec<u8> = self.pending.drain(..most.min(self.pending.len())).collect();
+        let is_typed_by_a_person = self.saved_settings.is_some();
+        self.is_closed |= is_typed_by_a_person && bytes.contains(&LEAVE);
         bytes
     }
 
     fn write(&mut self, bytes: &[u8]) {
         if !bytes.is_empty() {
-            self.ending = self.ending.map(|_| Instant::now());
+            self.last_activity = self.last_activity.map(|_| Instant::now());
         }
-        print::bytes(bytes);
-        // Nobody looks any more.
-        self.is_left |= print::is_lost();
+        print::print_bytes(bytes);
+        // The reader closed the output.
+        self.is_closed |= print::has_output_failed();
     }
 
     fn has_ended(&self) -> bool {
-        let is_answered = |last: Instant| self.waiting.is_empty() && last.elapsed() > PAUSE;
-        self.is_left || self.ending.is_some_and(is_answered)
+        let is_answered = |last: Instant| self.pending.is_empty() && last.elapsed() > PAUSE;
+        self.is_closed || self.last_activity.is_some_and(is_answered)
     }
 }
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        if let Some(before) = &self.before {
-            // There is nobody left to tell.
+        if let Some(before) = &self.saved_settings {
+            // An error cannot be reported here.
             let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
         }
     }
 }
 
-/// What comes of something that waits, from a thread that does the waiting; it disconnects at its end.
-pub fn reading(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
-    // Who types faster than he is heard waits: a file or a pipe without end does not fill the memory.
+/// Reads a blocking source in a thread; the channel disconnects at its end.
+pub fn read_in_thread(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
+    // A bounded channel, so that an endless source does not fill the memory.
     let (sender, receiver) = mpsc::sync_channel(16);
     thread::spawn(move || {
         let mut bytes = [0; 1024];

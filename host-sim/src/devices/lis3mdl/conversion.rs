@@ -1,77 +1,79 @@
-//! When the LIS3MDL converts, and what comes out.
+//! Conversion timing, noise and quantisation of the LIS3MDL.
 
 use autoswing::frames::{Field, Sensor};
 use nalgebra::Vector3;
 
-use super::registers::{Conversion, FAST_RATE_HZ, Mode, Registers};
+use super::registers::{Conversion, FAST_RATE_HZ, MeasurementSettings, Registers};
 use crate::random::Random;
 
 /// Counts per gauss at full scale 4, 8, 12, 16 gauss (data sheet, table 2).
 const COUNTS_PER_GAUSS: [f64; 4] = [6842.0, 3421.0, 2281.0, 1711.0];
 const UT_PER_GAUSS: f64 = 100.0;
-/// RMS noise in ultra-high-performance mode, gauss (data sheet, table 2: 3.2 and 4.1 milligauss at 12 gauss).
+/// RMS noise in ultra-high-performance mode at 12 gauss (data sheet, table 2).
 const NOISE_XY_GAUSS: f64 = 3.2e-3;
 const NOISE_Z_GAUSS: f64 = 4.1e-3;
 
-/// What the self-test adds, gauss: the middle of the range that a good chip shows (data sheet, table 2).
+/// Self-test field, gauss: middle of the range specified in the data sheet, table 2.
 const SELF_TEST_GAUSS: Vector3<f64> = Vector3::new(2.0, 2.0, 0.55);
 
-/// A conversion whose result is due.
-pub(super) struct Due {
-    /// When it ended.
+pub(super) struct CompletedConversion {
+    /// Completion time.
     pub at_us: u64,
-    /// Conversions before it ended unseen.
-    pub missed: bool,
+    /// Whether earlier conversions were not read.
+    pub missed_others: bool,
 }
 
-/// The chip's sampling clock.
 #[derive(Default)]
 pub(super) struct Converter {
-    /// End of the conversion under way.
     next_us: Option<u64>,
 }
 
 impl Converter {
-    /// Starts converting anew, as after a write to a control register.
+    /// Restarts conversion, as after a write to a control register.
     pub fn restart(&mut self, registers: &Registers, now_us: u64) {
         let mode = registers.mode();
         self.next_us = (mode.conversion != Conversion::PowerDown).then(|| now_us + period_us(&mode));
     }
 
-    /// The last conversion that has ended by now, if there is one.
-    pub fn take_due(&mut self, registers: &mut Registers, now_us: u64) -> Option<Due> {
+    /// The last conversion completed by now, if any.
+    pub fn take_completed(&mut self, registers: &mut Registers, now_us: u64) -> Option<CompletedConversion> {
         let first_us = self.next_us.filter(|&next_us| next_us <= now_us)?;
         let mode = registers.mode();
         if mode.conversion == Conversion::Single {
             registers.power_down();
             self.next_us = None;
-            return Some(Due { at_us: first_us, missed: false });
+            return Some(CompletedConversion { at_us: first_us, missed_others: false });
         }
         let period_us = period_us(&mode);
         let more = (now_us - first_us) / period_us;
         let at_us = first_us + more * period_us;
         self.next_us = Some(at_us + period_us);
-        Some(Due { at_us, missed: more > 0 })
+        Some(CompletedConversion { at_us, missed_others: more > 0 })
     }
 }
 
-fn period_us(mode: &Mode) -> u64 {
+fn period_us(mode: &MeasurementSettings) -> u64 {
     (1e6 / mode.rate_hz).round() as u64
 }
 
-/// A field as the chip reports it: with noise, quantised, clamped to 16 bits.
-pub(super) fn counts(field: &Field<Sensor>, mode: &Mode, noise_scale: f64, noise: &mut Random) -> Vector3<i16> {
+/// Field as the chip reports it: with noise, quantised, clamped to 16 bits.
+pub(super) fn counts(
+    field: &Field<Sensor>,
+    mode: &MeasurementSettings,
+    noise_scale: f64,
+    noise: &mut Random,
+) -> Vector3<i16> {
     let xy = NOISE_XY_GAUSS * noise_ratio(mode.averaging_xy);
     let z = NOISE_Z_GAUSS * noise_ratio(mode.averaging_z);
     let sigma = Vector3::new(xy, xy, z) * noise_scale;
     let added = if mode.self_test { SELF_TEST_GAUSS } else { Vector3::zeros() };
     let gauss = field.ut.cast::<f64>() / UT_PER_GAUSS + added + noise.normal_vector().component_mul(&sigma);
-    // A float-to-integer cast saturates: the clamp of the chip's converter.
+    // A float-to-integer cast saturates, as the chip's converter does.
     (gauss * COUNTS_PER_GAUSS[mode.full_scale]).map(|counts| counts.round() as i16)
 }
 
-/// Noise relative to the ultra-high-performance mode. The data sheet gives only that one; the others average less, in
-/// proportion to their faster conversion, and the noise of a mean falls with the root of its length.
+/// Noise relative to ultra-high-performance mode, the only one in the data sheet. Other modes average in proportion to
+/// their conversion time; noise falls with the square root of it.
 fn noise_ratio(averaging: usize) -> f64 {
     (FAST_RATE_HZ[averaging] / FAST_RATE_HZ[3]).sqrt()
 }

@@ -1,11 +1,10 @@
-//! ST LIS3MDL three-axis magnetometer at register level, after its data sheet (DocID024204) and application note
-//! AN4602.
+//! Register-level model of the ST LIS3MDL magnetometer, after data sheet DocID024204 and application note AN4602.
 //!
 //! Modelled: identity, reset values, power-down / single / continuous conversion, data rates including `FAST_ODR`, full
 //! scales, operating modes (rate and noise), data-ready and overrun flags, block data update, byte order, self-test,
 //! address auto-increment with its wrap from the last output register to the first, soft reset, temperature. Interrupt
-//! registers only keep what is written. Not modelled: the interrupt generator, SPI, the time over which a conversion
-//! averages (a measurement is the field at the end of its conversion).
+//! registers only store values. Not modelled: interrupt generator, SPI, averaging during a conversion (a measurement is
+//! the field at the end of its conversion).
 
 mod conversion;
 mod registers;
@@ -15,7 +14,7 @@ use std::rc::Rc;
 
 use autoswing::frames::{Field, Sensor};
 
-use self::conversion::{Converter, Due};
+use self::conversion::{CompletedConversion, Converter};
 use self::registers::Registers;
 use crate::clock;
 use crate::devices::i2c::Target;
@@ -26,33 +25,33 @@ pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
 /// Address with the SA1 pin low.
 pub const ADDRESS_SA1_LOW: u8 = 0x1C;
 
-/// The field in the chip's axes at a time in microseconds of the virtual clock. The time is never in the future, and
-/// at most one measurement period (1.6 s) in the past.
+/// Field in chip axes as a function of simulation time in microseconds. The time is at most one measurement period (1.6
+/// s) in the past.
 pub type FieldSource = Box<dyn FnMut(u64) -> Field<Sensor>>;
 
-/// What differs from chip to chip.
+/// Settings of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
+pub struct Lis3mdlConfig {
     /// 7-bit I2C address.
     pub address: u8,
     /// Seed of the noise.
     pub seed: u64,
-    /// Noise relative to the data sheet's; 0 leaves only quantisation.
+    /// Noise relative to the data sheet; 0 leaves only quantisation.
     pub noise_scale: f64,
-    /// Temperature of the die, degrees Celsius.
+    /// Die temperature, degrees Celsius.
     pub temperature_c: f64,
 }
 
-impl Default for Config {
+impl Default for Lis3mdlConfig {
     fn default() -> Self {
         Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0, temperature_c: 30.0 }
     }
 }
 
-/// The chip. Attach it to a [`Bus`](crate::devices::i2c::Bus); conversions due since the last access are caught up
-/// with at the next one.
+/// Simulated chip for a [`Bus`](crate::devices::i2c::Bus). Each access first performs the conversions due since the
+/// previous access.
 pub struct Lis3mdl {
-    config: Config,
+    config: Lis3mdlConfig,
     registers: Registers,
     converter: Converter,
     source: FieldSource,
@@ -62,9 +61,9 @@ pub struct Lis3mdl {
 }
 
 impl Lis3mdl {
-    /// A chip that has just got power, in a field.
+    /// A chip after power-on.
     #[must_use]
-    pub fn new(config: Config, source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(config: Lis3mdlConfig, source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             config,
             registers: Registers::default(),
@@ -76,37 +75,36 @@ impl Lis3mdl {
         }))
     }
 
-    /// Fault: while `silent` the chip does not answer on the bus.
+    /// Fault: the chip does not acknowledge while `silent`.
     pub fn set_silent(&mut self, silent: bool) {
         self.silent = silent;
     }
 
-    /// Fault: while `frozen` new measurements are announced but repeat the old values.
+    /// Fault: while `frozen`, data-ready flags are set but values do not change.
     pub fn set_frozen(&mut self, frozen: bool) {
         self.frozen = frozen;
     }
 
-    /// Fault: the supply dipped; all registers are back at their reset values.
+    /// Fault: a supply drop resets all registers.
     pub fn power_cycle(&mut self) {
         self.registers = Registers::default();
         self.converter = Converter::default();
     }
 
-    /// Makes the conversions that are due. Of several, only the last can still be seen.
     fn catch_up(&mut self) {
-        if let Some(due) = self.converter.take_due(&mut self.registers, clock::now_us()) {
+        if let Some(due) = self.converter.take_completed(&mut self.registers, clock::now_us()) {
             self.convert(&due);
         }
     }
 
-    fn convert(&mut self, due: &Due) {
+    fn convert(&mut self, due: &CompletedConversion) {
         if !self.frozen {
             let field = (self.source)(due.at_us);
             let counts = conversion::counts(&field, &self.registers.mode(), self.config.noise_scale, &mut self.noise);
             self.registers.set_measurement(counts);
         }
         self.registers.set_temperature_c(self.config.temperature_c);
-        self.registers.announce(due.missed);
+        self.registers.set_data_ready(due.missed_others);
     }
 }
 
@@ -118,7 +116,7 @@ impl Target for Lis3mdl {
     fn write(&mut self, bytes: &[u8]) {
         self.catch_up();
         if let Some((&pointer, data)) = bytes.split_first() {
-            self.registers.point_to(pointer);
+            self.registers.set_pointer(pointer);
             for &byte in data {
                 if self.registers.write(byte) {
                     self.converter.restart(&self.registers, clock::now_us());

@@ -1,8 +1,7 @@
-//! The register file of the LIS3MDL.
+//! Register file of the LIS3MDL.
 
 use nalgebra::Vector3;
 
-/// Addresses of registers that mean something to the model.
 pub(super) mod address {
     pub const WHO_AM_I: u8 = 0x0F;
     pub const CTRL_REG1: u8 = 0x20;
@@ -35,23 +34,21 @@ const BIG_ENDIAN: u8 = 0x02;
 const ALL_AXES: u8 = 0x07;
 const ANY_AXIS_FLAG: u8 = 0x08;
 
-/// What the control registers ask for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Mode {
+pub(super) struct MeasurementSettings {
     pub conversion: Conversion,
     /// Averaging of x and y, 0 (low power) to 3 (ultra-high performance).
     pub averaging_xy: usize,
-    /// Averaging of z, likewise.
+    /// Averaging of z, 0 to 3.
     pub averaging_z: usize,
     /// Index of the full scale: 4, 8, 12, 16 gauss.
     pub full_scale: usize,
     /// Measurements per second.
     pub rate_hz: f64,
-    /// A field of its own is added to what is measured.
+    /// Whether the self-test field is added.
     pub self_test: bool,
 }
 
-/// Bits MD1:0 of `CTRL_REG3`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Conversion {
     Continuous,
@@ -62,14 +59,14 @@ pub(super) enum Conversion {
 /// Measurements per second with `FAST_ODR`, by averaging of x and y.
 pub(super) const FAST_RATE_HZ: [f64; 4] = [1000.0, 560.0, 300.0, 155.0];
 
-/// Registers, the address pointer of the bus interface, and measurements held back by block data update.
+/// Registers, address pointer, and measurements delayed by block data update.
 pub(super) struct Registers {
     bytes: [u8; COUNT],
     pointer: u8,
     auto_increment: bool,
-    /// Axes of which the low byte has been read and the high byte has not.
+    /// Bit mask of axes whose low byte was read and high byte was not.
     half_read: u8,
-    /// The last measurement in counts; axes that are half read get it late.
+    /// Last measurement in counts; block data update delays it for half-read axes.
     latest: Vector3<i16>,
 }
 
@@ -84,20 +81,20 @@ impl Default for Registers {
 }
 
 impl Registers {
-    /// The first byte of a write: where the next access goes, and whether it moves on.
-    pub fn point_to(&mut self, sub_address: u8) {
+    /// Sets address and auto-increment from the first byte of a write.
+    pub fn set_pointer(&mut self, sub_address: u8) {
         self.pointer = sub_address & ADDRESS_MASK;
         self.auto_increment = sub_address & AUTO_INCREMENT != 0;
     }
 
-    /// Writes the register at the pointer. True when the way of measuring may have changed.
+    /// Writes the register at the pointer; returns true if the measurement settings may have changed.
     pub fn write(&mut self, value: u8) -> bool {
         let register = self.pointer;
         self.advance();
         match register {
             CTRL_REG2 if value & SOFT_RESET_OR_REBOOT != 0 => *self = Self::default(),
             CTRL_REG1..=CTRL_REG5 | INT_CFG | INT_THS_L | INT_THS_H => self.bytes[usize::from(register)] = value,
-            // Everything else is read-only or reserved.
+            // Read-only or reserved.
             _ => return false,
         }
         matches!(register, CTRL_REG1..=CTRL_REG3)
@@ -114,15 +111,15 @@ impl Registers {
         value
     }
 
-    /// After the last output register comes the first: temperature is not part of a burst (confirmed by ST for this
-    /// chip, though the data sheet does not say so).
+    /// The last output register wraps to the first; temperature is not part of a burst (confirmed by ST, missing in the
+    /// data sheet).
     fn advance(&mut self) {
         if self.auto_increment {
             self.pointer = if self.pointer == OUT_Z_H { OUT_X_L } else { (self.pointer + 1) & ADDRESS_MASK };
         }
     }
 
-    /// Reading the low byte of an axis holds the pair until the high byte is read; that clears the axis's flags.
+    /// Reading a low byte locks the axis until its high byte is read, which clears the axis's flags.
     fn note_output_read(&mut self, offset: u8) {
         let axis = offset / 2;
         let bit = 1 << axis;
@@ -133,27 +130,26 @@ impl Registers {
             let ready = self.status() & ALL_AXES & !bit;
             let overrun = (self.status() >> 4) & ALL_AXES & !bit;
             self.set_status(ready, overrun);
-            self.show(usize::from(axis));
+            self.publish_axis(usize::from(axis));
         }
     }
 
-    /// A measurement is there, in counts.
+    /// Stores a new measurement, counts.
     pub fn set_measurement(&mut self, counts: Vector3<i16>) {
         self.latest = counts;
         for axis in 0..3 {
-            self.show(axis);
+            self.publish_axis(axis);
         }
     }
 
-    /// Sets the data-ready flags, and the overrun flags of axes whose data were not read; when conversions were
-    /// `missed` in between, those are all axes.
-    pub fn announce(&mut self, missed: bool) {
+    /// Sets the data-ready flags and the overrun flags of unread axes; of all axes if conversions were `missed`.
+    pub fn set_data_ready(&mut self, missed: bool) {
         let unread = if missed { ALL_AXES } else { self.status() & ALL_AXES };
         let overrun = (self.status() >> 4) & ALL_AXES;
         self.set_status(ALL_AXES, overrun | unread);
     }
 
-    /// Temperature: 8 counts a degree, 0 at 25 degrees Celsius.
+    /// Temperature: 8 counts per degree, 0 at 25 degrees Celsius.
     pub fn set_temperature_c(&mut self, temperature_c: f64) {
         if self.get(CTRL_REG1) & TEMPERATURE_ENABLE != 0 {
             let counts = ((temperature_c - 25.0) * 8.0).round() as i16;
@@ -161,17 +157,17 @@ impl Registers {
         }
     }
 
-    /// A single conversion is finished.
+    /// Ends a single conversion.
     pub fn power_down(&mut self) {
         self.bytes[usize::from(CTRL_REG3)] |= POWER_DOWN;
     }
 
-    /// What the control registers ask for.
-    pub fn mode(&self) -> Mode {
+    /// Decoded measurement settings.
+    pub fn mode(&self) -> MeasurementSettings {
         let control1 = self.get(CTRL_REG1);
         let averaging_xy = usize::from(control1 >> 5 & 3);
         let fast = control1 & 0x02 != 0;
-        Mode {
+        MeasurementSettings {
             conversion: match self.get(CTRL_REG3) & 3 {
                 0 => Conversion::Continuous,
                 1 => Conversion::Single,
@@ -185,8 +181,8 @@ impl Registers {
         }
     }
 
-    /// Puts the latest measurement of an axis where it can be read, unless block data update holds it back.
-    fn show(&mut self, axis: usize) {
+    /// Copies the latest measurement of an axis to its output registers unless block data update locks them.
+    fn publish_axis(&mut self, axis: usize) {
         let held = self.get(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read & (1 << axis) != 0;
         if !held {
             self.put_pair(OUT_X_L + 2 * axis as u8, self.latest[axis]);
@@ -201,7 +197,7 @@ impl Registers {
         self.get(STATUS_REG)
     }
 
-    /// ZYXDA tells that all axes are new, ZYXOR that any was lost.
+    /// ZYXDA is set if all axes have new data, ZYXOR if any axis was overrun.
     fn set_status(&mut self, ready: u8, overrun: u8) {
         let all_ready = if ready == ALL_AXES { ANY_AXIS_FLAG } else { 0 };
         let any_overrun = if overrun == 0 { 0 } else { ANY_AXIS_FLAG };

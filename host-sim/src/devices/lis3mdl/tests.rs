@@ -8,7 +8,7 @@ use crate::simulation::{Level, Simulation};
 const READ_XYZ: u8 = 0x28 | 0x80;
 
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
-fn on_bus<S, F>(config: Config, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
+fn on_bus<S, F>(config: Lis3mdlConfig, field_ut: impl FnMut(u64) -> [f32; 3] + 'static, script: S)
 where
     S: FnOnce(Bus, Rc<RefCell<Lis3mdl>>) -> F + 'static,
     F: Future<Output = ()> + 'static,
@@ -43,12 +43,13 @@ async fn counts(bus: &mut Bus) -> [i16; 3] {
     [0, 2, 4].map(|low| i16::from_le_bytes([bytes[low], bytes[low + 1]]))
 }
 
-/// Ultra-high performance on all axes, 80 Hz, 4 gauss, block data update, continuous: 12.5 ms a measurement.
+/// Ultra-high performance on all axes, 80 Hz (12.5 ms), 4 gauss, block data update, continuous.
 async fn start(bus: &mut Bus) {
     bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 
-const NOISE_FREE: Config = Config { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0, temperature_c: 30.0 };
+const NOISE_FREE: Lis3mdlConfig =
+    Lis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0, temperature_c: 30.0 };
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
@@ -78,7 +79,7 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
             Timer::after_millis(13).await;
             let mut bytes = [0; 8];
             bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
-            // 0.1, -0.2, 0.4 gauss at 6842 counts a gauss.
+            // 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
             assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
             assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
             assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
@@ -150,10 +151,10 @@ fn a_single_conversion_ends_in_power_down() {
     );
 }
 
-/// Between the two bytes of one axis a measurement ends: with block data update both bytes are of the old one.
+/// A measurement ends between the reads of low and high byte.
 #[test]
 fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
-    // 255 counts for the first 20 ms, then 256: a torn pair reads 511 or 0.
+    // 255 counts for the first 20 ms, then 256: mixed bytes give 511 or 0.
     let field = |at_us| if at_us < 20_000 { [3.727; 3] } else { [3.7416; 3] };
     for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
         on_bus(NOISE_FREE, field, move |mut bus, _| async move {
@@ -185,11 +186,11 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
     );
 }
 
-/// 4000 measurements fix a standard deviation to 1.1 % (1 sigma); the bound is four of them.
+/// 4000 measurements determine sigma to 1.1 %; the bound is four times that.
 #[test]
 fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
     for (mode, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
-        let config = Config { noise_scale: 1.0, ..NOISE_FREE };
+        let config = Lis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
         on_bus(
             config,
             |_| [20.0, 0.0, 40.0],
@@ -263,7 +264,7 @@ fn faults_show_on_the_bus() {
     );
 }
 
-/// 400 kHz, nine clocks a byte: address, register, address, six data bytes are 9 x 22.5 us, rounded up.
+/// Nine bytes (address, register, address, six data bytes) of 22.5 us, rounded up.
 #[test]
 fn a_transfer_takes_the_time_of_its_bytes() {
     on_bus(
@@ -277,7 +278,7 @@ fn a_transfer_takes_the_time_of_its_bytes() {
     );
 }
 
-/// Of 30 uT on x, 100 and 50 on the other axes: the self-test adds 2, 2 and 0.55 gauss, byte order swaps what is read.
+/// The self-test adds 2, 2 and 0.55 gauss.
 #[test]
 fn self_test_and_byte_order_do_what_the_data_sheet_says() {
     on_bus(

@@ -1,4 +1,4 @@
-//! The memory cells: what is stored, what may be programmed, what an interrupted operation leaves.
+//! Memory cells of the flash, and the effects of interrupted operations.
 
 use super::{FlashError, PAGE_BYTES, WORD_BYTES, Wear};
 use crate::random::Random;
@@ -6,7 +6,7 @@ use crate::random::Random;
 const ERASED: u8 = 0xFF;
 const WORDS_PER_PAGE: usize = PAGE_BYTES / WORD_BYTES;
 
-/// One step of the device: what a power cut can tear.
+/// Smallest operation, which a power cut can interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Operation {
     Program { word: usize, value: [u8; WORD_BYTES] },
@@ -15,8 +15,8 @@ pub(super) enum Operation {
 
 pub(super) struct Cells {
     bytes: Vec<u8>,
-    /// Double words programmed since the last erase. Not the same as "not all ones": a double word programmed with
-    /// ones has its error-correcting code written.
+    /// Double words programmed since the last erase. Programming all ones counts, because it writes the
+    /// error-correcting code.
     programmed: Vec<bool>,
     erases: Vec<u32>,
     writes: u64,
@@ -36,8 +36,8 @@ impl Cells {
         &self.bytes
     }
 
-    /// Takes these bytes for what is stored; a double word that is not erased has been programmed. False, and nothing
-    /// done, when there are more or fewer.
+    /// Loads a copy of the contents; double words other than all ones count as programmed. False without effect if the
+    /// size differs.
     pub fn restore(&mut self, bytes: &[u8]) -> bool {
         if bytes.len() != self.bytes.len() {
             return false;
@@ -61,7 +61,7 @@ impl Cells {
         }
     }
 
-    /// Whether the operation is allowed now.
+    /// Checks that the operation is allowed.
     pub fn check(&self, operation: Operation) -> Result<(), FlashError> {
         match operation {
             Operation::Program { word, .. } if self.programmed[word] => {
@@ -83,9 +83,9 @@ impl Cells {
         }
     }
 
-    /// Interrupts the operation. Programming: some of the bits that should fall have fallen. Erasing: of the page's
-    /// double words some are as before, some are erased, some hold neither.
-    pub fn tear(&mut self, operation: Operation, random: &mut Random) {
+    /// Applies a partial operation. Interrupted programming clears only some bits. An interrupted erase leaves each
+    /// double word unchanged, erased, or with some bits set.
+    pub fn apply_partially(&mut self, operation: Operation, random: &mut Random) {
         match operation {
             Operation::Program { word, value } => {
                 let fallen = random.bits().to_le_bytes();
@@ -94,13 +94,13 @@ impl Cells {
             Operation::Erase { page } => {
                 self.erases[page] += 1;
                 for word in page * WORDS_PER_PAGE..(page + 1) * WORDS_PER_PAGE {
-                    self.tear_erase_of(word, random);
+                    self.erase_word_partially(word, random);
                 }
             }
         }
     }
 
-    fn tear_erase_of(&mut self, word: usize, random: &mut Random) {
+    fn erase_word_partially(&mut self, word: usize, random: &mut Random) {
         match random.bits() % 3 {
             0 => {}
             1 => self.erase_word(word),

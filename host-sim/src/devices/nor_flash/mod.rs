@@ -1,8 +1,8 @@
-//! NOR flash with the rules of the STM32L4's: 2 KB pages, double words of 8 bytes that are programmed once after an
-//! erase (their error-correcting code allows no second time), and power cuts.
+//! NOR flash of the STM32L4: 2 KB pages; 8-byte double words that are programmed once per erase because of their
+//! error-correcting code; power cuts.
 //!
-//! The unit of everything is an *operation*: one double word programmed or one page erased. A cut, or dropping the
-//! future that waits for an operation, leaves that one operation torn and all before it done.
+//! An *operation* programs one double word or erases one page. A power cut, or dropping the future of an operation,
+//! leaves this operation incomplete and all earlier ones complete.
 
 mod cells;
 
@@ -16,28 +16,28 @@ use self::cells::{Cells, Operation};
 use crate::random::{Purpose, Random};
 use crate::simulation::Stop;
 
-/// Bytes of a page, the unit of erasing.
+/// Page size in bytes, the unit of erasing.
 pub const PAGE_BYTES: usize = 2048;
-/// Bytes of a double word, the unit of programming.
+/// Double-word size in bytes, the unit of programming.
 pub const WORD_BYTES: usize = 8;
 /// Time to program a double word (STM32L475 data sheet, typical 81.7 us).
 const PROGRAM_TIME: Duration = Duration::from_micros(82);
-/// Time to erase a page (typical 22.0 ms).
+/// Time to erase a page (STM32L475 data sheet, typical 22.0 ms).
 const ERASE_TIME: Duration = Duration::from_millis(22);
 
-/// What an access can fail with.
+/// Flash access error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// Offset or length is not a multiple of the word or page.
+    /// Offset or length is not a multiple of the word or page size.
     NotAligned,
-    /// The range does not lie within the device.
+    /// The range exceeds the device.
     OutOfBounds,
-    /// The double word at this offset has been programmed since its page was erased.
+    /// The double word was programmed since its page was erased.
     NotErased {
         /// Offset of the double word.
         offset: u32,
     },
-    /// The power is cut.
+    /// The device has no power.
     PowerLost,
 }
 
@@ -51,57 +51,56 @@ impl NorFlashError for FlashError {
     }
 }
 
-/// How far the operation got at which the power went.
+/// Progress of the operation that the power cut interrupts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutOutcome {
-    /// It had not begun.
+    /// Not started.
     NotBegun,
-    /// It was under way.
+    /// Partially done.
     Torn,
-    /// It was just finished, but nobody was told.
+    /// Complete, but reported as failed.
     Done,
 }
 
 impl CutOutcome {
-    /// All of them, for exhaustive tests.
+    /// All outcomes, for exhaustive tests.
     pub const ALL: [Self; 3] = [Self::NotBegun, Self::Torn, Self::Done];
 }
 
-/// A power cut to come.
-struct Cut {
+struct ScheduledPowerCut {
     /// Operations that still succeed.
     operations_left: u32,
     outcome: CutOutcome,
     stop: Stop,
 }
 
-/// What has been done to the device since it was made.
+/// Wear counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wear {
-    /// Pages erased, torn ones included.
+    /// Page erases, including incomplete ones.
     pub erases: u64,
-    /// Double words programmed, torn ones included.
+    /// Programmed double words, including incomplete ones.
     pub writes: u64,
-    /// Erases of the page that was erased most.
+    /// Erase count of the most erased page.
     pub worst_page_erases: u32,
 }
 
-struct Device {
+struct FlashDevice {
     cells: Cells,
     random: Random,
-    cut: Option<Cut>,
+    cut: Option<ScheduledPowerCut>,
     powered: bool,
 }
 
-/// The device: a handle, cloned freely. What is stored lives as long as any handle.
+/// Cloneable handle to the flash device.
 #[derive(Clone)]
-pub struct Flash(Rc<RefCell<Device>>);
+pub struct Flash(Rc<RefCell<FlashDevice>>);
 
 impl Flash {
-    /// An erased device of so many pages; the seed decides what torn operations leave behind.
+    /// An erased device with `pages` pages; the seed determines the effects of interrupted operations.
     #[must_use]
     pub fn new(pages: usize, seed: u64) -> Self {
-        Self(Rc::new(RefCell::new(Device {
+        Self(Rc::new(RefCell::new(FlashDevice {
             cells: Cells::erased(pages),
             random: Random::new(seed, Purpose::Flash),
             cut: None,
@@ -109,26 +108,26 @@ impl Flash {
         })))
     }
 
-    /// Fault: lets `operations` more operations succeed, then cuts the power at the next one and ends the run through
-    /// `stop`. Until [`power_on`](Self::power_on), everything else fails.
+    /// Fault: after `operations` more operations, the next one is interrupted by a power cut, which also ends the run
+    /// through `stop`. Accesses fail until [`power_on`](Self::power_on).
     pub fn cut_power_after(&self, operations: u32, outcome: CutOutcome, stop: Stop) {
-        self.0.borrow_mut().cut = Some(Cut { operations_left: operations, outcome, stop });
+        self.0.borrow_mut().cut = Some(ScheduledPowerCut { operations_left: operations, outcome, stop });
     }
 
-    /// Power is back; a cut that has not struck is called off.
+    /// Restores power and cancels a scheduled cut.
     pub fn power_on(&self) {
         let mut device = self.0.borrow_mut();
         device.powered = true;
         device.cut = None;
     }
 
-    /// Whether a cut has not struck.
+    /// Whether the device has power.
     #[must_use]
     pub fn is_powered(&self) -> bool {
         self.0.borrow().powered
     }
 
-    /// What has been done to the device so far.
+    /// Wear counters since creation.
     #[must_use]
     pub fn wear(&self) -> Wear {
         self.0.borrow().cells.wear()
@@ -140,25 +139,24 @@ impl Flash {
         self.0.borrow().cells.bytes().to_vec()
     }
 
-    /// Stores what [`contents`](Self::contents) gave. False, and nothing stored, when it was a device of another size.
+    /// Restores a copy from [`contents`](Self::contents). False without effect if the size differs.
     #[must_use]
     pub fn restore(&self, contents: &[u8]) -> bool {
         self.0.borrow_mut().cells.restore(contents)
     }
 
-    /// Fault: inverts bits of one byte, as radiation or age would.
+    /// Fault: inverts bits of one byte, as radiation or ageing does.
     ///
     /// # Panics
     ///
-    /// When `offset` lies outside of the device.
+    /// If `offset` is outside the device.
     pub fn flip_bits(&self, offset: usize, mask: u8) {
         self.0.borrow_mut().cells.flip_bits(offset, mask);
     }
 
-    /// Performs one operation in its time.
     async fn perform(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
         self.0.borrow_mut().before(operation)?;
-        let mut unfinished = Unfinished { flash: self, operation, finished: false };
+        let mut unfinished = OperationGuard { flash: self, operation, finished: false };
         Timer::after(duration).await;
         unfinished.finished = true;
         self.0.borrow_mut().cells.perform(operation);
@@ -166,14 +164,14 @@ impl Flash {
     }
 }
 
-/// Tears the operation if the task is dropped while it waits for it.
-struct Unfinished<'a> {
+/// Guard that leaves the operation incomplete when its future is dropped.
+struct OperationGuard<'a> {
     flash: &'a Flash,
     operation: Operation,
     finished: bool,
 }
 
-impl Drop for Unfinished<'_> {
+impl Drop for OperationGuard<'_> {
     fn drop(&mut self) {
         if !self.finished {
             self.flash.0.borrow_mut().tear(self.operation);
@@ -181,8 +179,8 @@ impl Drop for Unfinished<'_> {
     }
 }
 
-impl Device {
-    /// Checks the rules, and whether this is where the power goes.
+impl FlashDevice {
+    /// Checks power and rules, and applies a scheduled power cut.
     fn before(&mut self, operation: Operation) -> Result<(), FlashError> {
         if !self.powered {
             return Err(FlashError::PowerLost);
@@ -209,7 +207,7 @@ impl Device {
     }
 
     fn tear(&mut self, operation: Operation) {
-        self.cells.tear(operation, &mut self.random);
+        self.cells.apply_partially(operation, &mut self.random);
     }
 
     fn check_range(&self, start: u32, end: u32, unit: usize) -> Result<(), FlashError> {
@@ -273,4 +271,130 @@ fn end(offset: u32, length: usize) -> Result<u32, FlashError> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::clock;
+    use crate::simulation::{Level, RunEnd, Simulation};
+
+    const OLD: [u8; 8] = *b"old word";
+
+    fn run<T: 'static>(simulation: &mut Simulation, access: impl Future<Output = T> + 'static) -> Option<T> {
+        let result = Rc::new(RefCell::new(None));
+        let slot = Rc::clone(&result);
+        simulation.spawn(Level::Thread, "access", async move {
+            let value = access.await;
+            *slot.borrow_mut() = Some(value);
+        });
+        simulation.run_for(10_000_000);
+        result.take()
+    }
+
+    async fn write(mut flash: Flash, offset: u32, bytes: Vec<u8>) -> Result<(), FlashError> {
+        flash.write(offset, &bytes).await
+    }
+
+    async fn erase(mut flash: Flash, from: u32, to: u32) -> Result<(), FlashError> {
+        flash.erase(from, to).await
+    }
+
+    #[test]
+    fn a_word_is_programmed_once_per_erase() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let mut program = |word: [u8; 8]| run(&mut simulation, write(flash.clone(), 8, word.to_vec())).unwrap();
+        // Programming all ones writes the error-correcting code.
+        assert_eq!(program([0xFF; 8]), Ok(()));
+        assert_eq!(program(OLD), Err(FlashError::NotErased { offset: 8 }));
+        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())), Some(Ok(())));
+        assert_eq!(flash.contents()[8..16], OLD);
+        assert_eq!(flash.wear(), Wear { erases: 1, writes: 2, worst_page_erases: 1 });
+    }
+
+    #[test]
+    fn alignment_and_bounds_are_enforced() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let mut zeros = |offset, length| run(&mut simulation, write(flash.clone(), offset, vec![0; length])).unwrap();
+        assert_eq!(zeros(4, 8), Err(FlashError::NotAligned));
+        assert_eq!(zeros(0, 12), Err(FlashError::NotAligned));
+        assert_eq!(zeros(4096, 8), Err(FlashError::OutOfBounds));
+        assert_eq!(zeros(u32::MAX - 7, 16), Err(FlashError::OutOfBounds));
+        let mut clear = |from, to| run(&mut simulation, erase(flash.clone(), from, to)).unwrap();
+        assert_eq!(clear(0, 1024), Err(FlashError::NotAligned));
+        assert_eq!(clear(2048, 6144), Err(FlashError::OutOfBounds));
+        assert_eq!(clear(2048, 0), Err(FlashError::OutOfBounds));
+        assert_eq!(flash.wear(), Wear::default());
+    }
+
+    /// STM32L475 data sheet: 81.7 us per double word, 22.0 ms per page.
+    #[test]
+    fn operations_take_their_time() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 1);
+        let timed = run(&mut simulation, async move {
+            let start_us = clock::now_us();
+            write(flash.clone(), 0, vec![0; 24]).await.unwrap();
+            let written_us = clock::now_us();
+            erase(flash, 0, 4096).await.unwrap();
+            (written_us - start_us, clock::now_us() - written_us)
+        });
+        assert_eq!(timed, Some((3 * 82, 2 * 22_000)));
+    }
+
+    #[test]
+    fn a_cut_strikes_at_the_chosen_operation_and_ends_the_run() {
+        for outcome in CutOutcome::ALL {
+            let mut simulation = Simulation::new();
+            let flash = Flash::new(1, 7);
+            flash.cut_power_after(1, outcome, simulation.stop());
+            let task = write(flash.clone(), 0, [OLD, OLD, OLD].concat());
+            simulation.spawn(Level::Thread, "write", async move {
+                assert_eq!(task.await, Err(FlashError::PowerLost));
+            });
+            assert_eq!(simulation.run_for(1_000_000), RunEnd::Stopped);
+            assert!(!flash.is_powered());
+            assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Err(FlashError::PowerLost)));
+
+            flash.power_on();
+            let bytes = flash.contents();
+            assert_eq!(bytes[0..8], OLD, "what was done before the cut stays");
+            assert_eq!(bytes[16..24], [0xFF; 8], "what would have come after it never happens");
+            let second: [u8; 8] = bytes[8..16].try_into().unwrap();
+            match outcome {
+                CutOutcome::NotBegun => assert_eq!(second, [0xFF; 8]),
+                CutOutcome::Done => assert_eq!(second, OLD),
+                CutOutcome::Torn => {
+                    assert!(second != OLD && second != [0xFF; 8], "seed 7 leaves some bits fallen, some not");
+                    let never_rise = second.iter().zip(OLD).all(|(torn, wanted)| torn & wanted == wanted);
+                    assert!(never_rise, "a bit that should stay one was cleared");
+                }
+            }
+            let again = run(&mut simulation, write(flash.clone(), 8, OLD.to_vec())).unwrap();
+            assert_eq!(again.is_ok(), outcome == CutOutcome::NotBegun, "a touched word needs an erase");
+        }
+    }
+
+    #[test]
+    fn dropping_the_task_tears_what_it_waited_for() {
+        let mut simulation = Simulation::new();
+        let flash = Flash::new(2, 3);
+        assert_eq!(run(&mut simulation, write(flash.clone(), 0, OLD.repeat(256))), Some(Ok(())));
+        let erasing = erase(flash.clone(), 0, 2048);
+        simulation.spawn(Level::Thread, "erase", async move {
+            erasing.await.unwrap();
+        });
+        simulation.run_for(10_000);
+        simulation.power_off();
+
+        let page = flash.contents();
+        let (words, _) = page[..2048].as_chunks::<8>();
+        let old = words.iter().filter(|&&word| word == OLD).count();
+        let erased = words.iter().filter(|&&word| word == [0xFF; 8]).count();
+        // A third of 256 words each, within four standard deviations of 7.5.
+        assert!((55..=116).contains(&old), "{old} words as before");
+        assert!((55..=116).contains(&erased), "{erased} words erased");
+        assert_eq!(run(&mut simulation, erase(flash.clone(), 0, 2048)), Some(Ok(())));
+        assert_eq!(flash.contents()[..2048], [0xFF; 2048], "erasing again mends the page");
+    }
+}

@@ -1,9 +1,9 @@
-//! One direction of a cable: bytes on the wire, bytes received.
+//! One direction of a cable.
 
 use std::collections::VecDeque;
 use std::task::{Poll, Waker};
 
-use super::{Delivery, Timed, UartError};
+use super::{TimedByte, UartError, WakeCondition};
 
 /// Start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u64 = 10;
@@ -11,21 +11,20 @@ const MICROSECONDS_PER_SECOND: u64 = 1_000_000;
 
 pub(super) struct Line {
     baud: u64,
-    /// When the last byte has been sent, in microseconds times baud: exact, however long the line is busy.
+    /// End of the last transmission in microseconds times baud, which avoids rounding.
     free_at: u64,
-    /// Bytes sent whose time of arrival has not been looked at.
-    wire: VecDeque<Timed>,
-    /// Bytes that have arrived and wait to be read.
-    received: VecDeque<Timed>,
+    /// Sent bytes not yet moved to the receive buffer.
+    wire: VecDeque<TimedByte>,
+    received: VecDeque<TimedByte>,
     capacity: usize,
     lost_bytes: u64,
     error: Option<UartError>,
-    delivery: Delivery,
+    delivery: WakeCondition,
     reader: Option<Waker>,
 }
 
 impl Line {
-    pub fn new(baud: u32, capacity: usize, delivery: Delivery) -> Self {
+    pub fn new(baud: u32, capacity: usize, delivery: WakeCondition) -> Self {
         Self {
             baud: u64::from(baud),
             free_at: 0,
@@ -44,7 +43,7 @@ impl Line {
         self.free_at = self.free_at.max(now_us * self.baud);
         for &byte in bytes {
             self.free_at += BITS_PER_BYTE * MICROSECONDS_PER_SECOND;
-            self.wire.push_back(Timed { at_us: self.free_at_us(), byte });
+            self.wire.push_back(TimedByte { at_us: self.free_at_us(), byte });
         }
         if let Some(reader) = self.reader.take() {
             self.wake_on_delivery(&reader);
@@ -52,30 +51,30 @@ impl Line {
         }
     }
 
-    /// From now on it is this fast, at both ends; what is under way arrives as it would have.
+    /// Changes the speed at both ends; bytes in transmission keep their arrival times.
     pub fn set_baud(&mut self, baud: u32) {
         self.free_at = self.free_at_us() * u64::from(baud);
         self.baud = baud.into();
     }
 
-    /// When everything sent will have arrived.
+    /// Arrival time of the last sent byte.
     pub fn free_at_us(&self) -> u64 {
         self.free_at.div_ceil(self.baud)
     }
 
-    /// Bytes sent that have not arrived.
-    pub fn outstanding(&self, now_us: u64) -> usize {
+    /// Number of bytes in transmission.
+    pub fn bytes_in_transit(&self, now_us: u64) -> usize {
         self.wire.len() - self.wire.partition_point(|timed| timed.at_us <= now_us)
     }
 
-    /// The sender is gone: what is still to be sent never will be.
-    pub fn cut(&mut self, now_us: u64) {
+    /// Drops bytes in transmission, as when the sender is switched off.
+    pub fn drop_in_transit(&mut self, now_us: u64) {
         self.settle(now_us);
         self.wire.clear();
         self.free_at = now_us * self.baud;
     }
 
-    /// The receiver has just been switched on.
+    /// Clears the receive buffer, as when the receiver is switched on.
     pub fn clear_received(&mut self, now_us: u64) {
         self.settle(now_us);
         self.received.clear();
@@ -83,8 +82,8 @@ impl Line {
         self.reader = None;
     }
 
-    /// Takes up to `limit` bytes that have arrived.
-    pub fn take(&mut self, limit: usize, now_us: u64) -> Vec<Timed> {
+    /// Up to `limit` received bytes.
+    pub fn take_received(&mut self, limit: usize, now_us: u64) -> Vec<TimedByte> {
         self.settle(now_us);
         let count = limit.min(self.received.len());
         self.received.drain(..count).collect()
@@ -105,7 +104,7 @@ impl Line {
         self.lost_bytes
     }
 
-    /// Ready when there is a byte or an error to be taken.
+    /// Ready when a byte or an error is available.
     pub fn poll_readable(&mut self, now_us: u64, waker: &Waker) -> Poll<()> {
         self.settle(now_us);
         if self.error.is_some() || !self.received.is_empty() {
@@ -123,7 +122,7 @@ impl Line {
         }
     }
 
-    /// Moves bytes that have arrived into the receive buffer. What does not fit is lost, and the next read says so.
+    /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
     fn settle(&mut self, now_us: u64) {
         while let Some(timed) = self.wire.pop_front_if(|timed| timed.at_us <= now_us) {
             if self.received.len() < self.capacity {
@@ -141,12 +140,11 @@ impl Line {
         }
     }
 
-    /// When a reader who finds nothing now is to look again.
     fn delivery_us(&self) -> Option<u64> {
         match self.delivery {
-            Delivery::EachByte => self.wire.front().map(|timed| timed.at_us),
-            Delivery::IdleLine => {
-                // The first byte after which there is a pause, or which fills half of the buffer.
+            WakeCondition::EachByte => self.wire.front().map(|timed| timed.at_us),
+            WakeCondition::IdleLine => {
+                // First byte that is followed by a pause or fills half of the buffer.
                 let pause_us = 2 * self.byte_time_us();
                 let half = self.capacity / 2;
                 let next = self.wire.iter().skip(1).map(|timed| Some(timed.at_us)).chain([None]);

@@ -1,8 +1,7 @@
-//! A UART cable between the module and whoever is at the other end.
+//! UART cable between the module and a host.
 //!
-//! Bytes take ten bit times each and arrive one after the other. The module's end is asynchronous, has a receive
-//! buffer that can overflow and a transmit buffer that can be full, and is made anew at each start of the module; the
-//! far end is for pilots and tests: it never blocks and never loses a byte.
+//! Bytes take ten bit times each. The module's end is asynchronous, with limited receive and transmit buffers, and is
+//! recreated at each start of the module. The host's end never blocks and never loses a byte.
 
 mod line;
 
@@ -19,38 +18,38 @@ use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 use self::line::Line;
 use crate::clock;
 
-/// When a waiting reader at the module's end is woken.
+/// Condition that wakes a waiting reader at the module's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Delivery {
-    /// At every byte, as an interrupt-driven receiver does.
+pub enum WakeCondition {
+    /// Every byte, as with an interrupt-driven receiver.
     EachByte,
-    /// When the line has been idle for the time of one byte, or the buffer is half full, as a DMA receiver does.
+    /// Line idle for one byte time, or buffer half full, as with a DMA receiver.
     IdleLine,
 }
 
-/// Properties of the cable and of the module's UART.
+/// Settings of the cable and of the module's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Config {
-    /// Bits per second, both ways.
+pub struct UartConfig {
+    /// Bits per second in both directions.
     pub baud: u32,
-    /// Bytes the module's receiver can hold.
+    /// Receive buffer of the module, bytes.
     pub receive_buffer: usize,
-    /// Bytes the module's transmitter accepts before a write waits.
+    /// Transmit buffer of the module, bytes; a write waits while it is full.
     pub transmit_buffer: usize,
-    /// When the module's reader is woken.
-    pub delivery: Delivery,
+    /// Condition that wakes the module's reader.
+    pub delivery: WakeCondition,
 }
 
-impl Default for Config {
+impl Default for UartConfig {
     fn default() -> Self {
-        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, delivery: Delivery::IdleLine }
+        Self { baud: 115_200, receive_buffer: 512, transmit_buffer: 256, delivery: WakeCondition::IdleLine }
     }
 }
 
-/// What the module's receiver can report.
+/// Receive error of the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UartError {
-    /// Bytes came faster than they were read and were lost.
+    /// Bytes were lost because the receive buffer was full.
     Overrun,
     /// A stop bit was missing.
     Framing,
@@ -76,7 +75,7 @@ impl Error for UartError {
     }
 }
 
-/// A cable. Keep it as long as the simulation lives.
+/// Cable with both directions. Keep it for the whole simulation.
 pub struct Cable {
     to_module: Rc<RefCell<Line>>,
     to_host: Rc<RefCell<Line>>,
@@ -84,23 +83,23 @@ pub struct Cable {
 }
 
 impl Cable {
-    /// A cable with nothing on it.
+    /// An unused cable.
     #[must_use]
-    pub fn new(config: Config) -> Self {
+    pub fn new(config: UartConfig) -> Self {
         Self {
             to_module: Rc::new(RefCell::new(Line::new(config.baud, config.receive_buffer, config.delivery))),
-            to_host: Rc::new(RefCell::new(Line::new(config.baud, usize::MAX, Delivery::EachByte))),
+            to_host: Rc::new(RefCell::new(Line::new(config.baud, usize::MAX, WakeCondition::EachByte))),
             transmit_buffer: config.transmit_buffer,
         }
     }
 
-    /// The far end.
+    /// The host's end.
     #[must_use]
     pub fn host(&self) -> HostEnd {
         HostEnd { to_module: Rc::clone(&self.to_module), to_host: Rc::clone(&self.to_host) }
     }
 
-    /// The module's end, just switched on: what arrived before is gone. Call it once per start of the module.
+    /// The module's end after power-on; clears the receive buffer. Call it once per start of the module.
     #[must_use]
     pub fn module(&self) -> (Receiver, Transmitter) {
         self.to_module.borrow_mut().clear_received(clock::now_us());
@@ -113,16 +112,16 @@ impl Cable {
     }
 }
 
-/// A byte and when its last bit arrived.
+/// Byte with the arrival time of its last bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Timed {
-    /// Microseconds of the virtual clock.
+pub struct TimedByte {
+    /// Simulation time, microseconds.
     pub at_us: u64,
     /// The byte.
     pub byte: u8,
 }
 
-/// The far end of a cable: a handle, cloned freely. Clones share what has been received.
+/// Cloneable handle to the host's end. Clones share the received bytes.
 #[derive(Clone)]
 pub struct HostEnd {
     to_module: Rc<RefCell<Line>>,
@@ -130,47 +129,47 @@ pub struct HostEnd {
 }
 
 impl HostEnd {
-    /// Sends bytes, the first one now or as soon as the line is free.
+    /// Sends bytes as soon as the line is free.
     pub fn send(&self, bytes: &[u8]) {
         self.to_module.borrow_mut().send(bytes, clock::now_us());
     }
 
-    /// Takes what has arrived.
+    /// Returns and removes the received bytes.
     #[must_use]
     pub fn receive(&self) -> Vec<u8> {
         self.receive_timed().into_iter().map(|timed| timed.byte).collect()
     }
 
-    /// Takes what has arrived, with the time of each byte.
+    /// Returns and removes the received bytes with their arrival times.
     #[must_use]
-    pub fn receive_timed(&self) -> Vec<Timed> {
-        self.to_host.borrow_mut().take(usize::MAX, clock::now_us())
+    pub fn receive_timed(&self) -> Vec<TimedByte> {
+        self.to_host.borrow_mut().take_received(usize::MAX, clock::now_us())
     }
 
-    /// Bytes sent that have not arrived.
+    /// Number of bytes in transmission to the module.
     #[must_use]
-    pub fn unsent(&self) -> usize {
-        self.to_module.borrow().outstanding(clock::now_us())
+    pub fn bytes_in_transit(&self) -> usize {
+        self.to_module.borrow().bytes_in_transit(clock::now_us())
     }
 
-    /// Waits until there is something to [`receive`](Self::receive).
+    /// Waits until bytes are available to [`receive`](Self::receive).
     pub async fn readable(&self) {
         poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
     }
 
-    /// Fault: the module's next read fails with this error.
+    /// Fault: the module's next read returns this error.
     pub fn inject_error(&self, error: UartError) {
         self.to_module.borrow_mut().fail(error);
     }
 
-    /// Bytes that the module lost because it did not read in time, including those sent while it was off.
+    /// Number of bytes lost at the module, including those sent while it was off.
     #[must_use]
     pub fn lost_bytes(&self) -> u64 {
         self.to_module.borrow().lost_bytes()
     }
 }
 
-/// The module's receiver. Reads are free of side effects when cancelled.
+/// The module's receiver. Cancelling a read has no side effects.
 pub struct Receiver {
     line: Rc<RefCell<Line>>,
 }
@@ -189,7 +188,7 @@ impl Read for Receiver {
         if let Some(error) = line.take_error() {
             return Err(error);
         }
-        let received = line.take(buffer.len(), clock::now_us());
+        let received = line.take_received(buffer.len(), clock::now_us());
         for (slot, timed) in buffer.iter_mut().zip(&received) {
             *slot = timed.byte;
         }
@@ -197,10 +196,10 @@ impl Read for Receiver {
     }
 }
 
-/// The module's transmitter. Dropping it, as a power cut does, loses what is not out yet.
+/// The module's transmitter. Dropping it, as at a power cut, loses bytes in transmission.
 pub struct Transmitter {
     line: Rc<RefCell<Line>>,
-    /// The other direction, which is as fast.
+    /// The opposite direction, which has the same speed.
     back: Rc<RefCell<Line>>,
     buffer: usize,
 }
@@ -216,7 +215,7 @@ impl Write for Transmitter {
         }
         let free = poll_fn(|context| {
             let line = self.line.borrow();
-            match self.buffer.saturating_sub(line.outstanding(clock::now_us())) {
+            match self.buffer.saturating_sub(line.bytes_in_transit(clock::now_us())) {
                 0 => {
                     line.wake_at_next_arrival(clock::now_us(), context.waker());
                     Poll::Pending
@@ -237,7 +236,6 @@ impl Write for Transmitter {
     }
 }
 
-/// Whoever is at the far end is set alike.
 impl SetBaud for Transmitter {
     fn set_baud(&mut self, baud: Baud) {
         for line in [&self.line, &self.back] {
@@ -248,7 +246,7 @@ impl SetBaud for Transmitter {
 
 impl Drop for Transmitter {
     fn drop(&mut self) {
-        self.line.borrow_mut().cut(clock::now_us());
+        self.line.borrow_mut().drop_in_transit(clock::now_us());
     }
 }
 

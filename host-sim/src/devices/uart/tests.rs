@@ -1,10 +1,8 @@
 use super::*;
 use crate::simulation::{Level, Simulation};
 
-/// A log that tasks write and the test reads.
 type Log<T> = Rc<RefCell<Vec<T>>>;
 
-/// Spawns a reader that logs the time and content of every read.
 fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64, Result<Vec<u8>, UartError>)> {
     let log = Log::default();
     let reads = Rc::clone(&log);
@@ -18,11 +16,11 @@ fn spawn_reader(simulation: &mut Simulation, mut receiver: Receiver) -> Log<(u64
     log
 }
 
-/// 115,200 baud: 10 bits take 86.806 us; byte n ends at n times that, rounded up to the clock's tick.
+/// At 115,200 baud 10 bits take 86.806 us; arrival times are rounded up to microseconds.
 #[test]
 fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config { delivery: Delivery::EachByte, ..Config::default() });
+    let cable = Cable::new(UartConfig { delivery: WakeCondition::EachByte, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host().send(b"ab");
@@ -36,7 +34,7 @@ fn bytes_arrive_at_the_baud_rate_to_the_microsecond() {
 #[test]
 fn a_thousand_bytes_keep_the_exact_rate() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config { transmit_buffer: 2000, ..Config::default() });
+    let cable = Cable::new(UartConfig { transmit_buffer: 2000, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(&[0x55; 1000]).await.unwrap();
@@ -47,14 +45,14 @@ fn a_thousand_bytes_keep_the_exact_rate() {
     simulation.run_until(86_805);
     assert_eq!(cable.host().receive().len(), 999);
     simulation.run_until(86_806);
-    assert_eq!(cable.host().receive_timed(), [Timed { at_us: 86_806, byte: 0x55 }]);
+    assert_eq!(cable.host().receive_timed(), [TimedByte { at_us: 86_806, byte: 0x55 }]);
 }
 
-/// A DMA receiver gets a whole burst one byte time after its end; 2 x 87 us + 87 us.
+/// A DMA receiver delivers a burst one byte time after its end: 3 x 87 us.
 #[test]
 fn idle_line_delivers_bursts_whole() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config { receive_buffer: 8, ..Config::default() });
+    let cable = Cable::new(UartConfig { receive_buffer: 8, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module();
     let reads = spawn_reader(&mut simulation, receiver);
     cable.host().send(b"ab");
@@ -70,7 +68,7 @@ fn idle_line_delivers_bursts_whole() {
 #[test]
 fn a_slow_reader_loses_the_newest_bytes_and_is_told_once() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config { receive_buffer: 4, ..Config::default() });
+    let cable = Cable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module();
     cable.host().send(b"abcdefg");
     simulation.run_until(10_000);
@@ -84,7 +82,7 @@ fn a_slow_reader_loses_the_newest_bytes_and_is_told_once() {
 #[test]
 fn an_injected_error_wakes_the_reader() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config::default());
+    let cable = Cable::new(UartConfig::default());
     let (receiver, _transmitter) = cable.module();
     let reads = spawn_reader(&mut simulation, receiver);
     simulation.run_until(500);
@@ -96,7 +94,7 @@ fn an_injected_error_wakes_the_reader() {
 #[test]
 fn a_write_waits_while_the_transmit_buffer_is_full() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config { transmit_buffer: 2, ..Config::default() });
+    let cable = Cable::new(UartConfig { transmit_buffer: 2, ..UartConfig::default() });
     let (_receiver, mut transmitter) = cable.module();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"abcd").await.unwrap();
@@ -110,7 +108,7 @@ fn a_write_waits_while_the_transmit_buffer_is_full() {
 #[test]
 fn power_off_cuts_a_sentence_short_and_forgets_what_was_received() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config::default());
+    let cable = Cable::new(UartConfig::default());
     let (receiver, mut transmitter) = cable.module();
     simulation.spawn(Level::Thread, "writer", async move {
         transmitter.write_all(b"$HCHDM,1").await.unwrap();
@@ -133,7 +131,7 @@ fn power_off_cuts_a_sentence_short_and_forgets_what_was_received() {
 #[test]
 fn the_far_end_can_wait_for_bytes() {
     let mut simulation = Simulation::new();
-    let cable = Cable::new(Config::default());
+    let cable = Cable::new(UartConfig::default());
     let (_receiver, mut transmitter) = cable.module();
     let host = cable.host();
     simulation.spawn(Level::World, "pilot", async move {

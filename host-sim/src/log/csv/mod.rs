@@ -1,52 +1,50 @@
-//! A flight as a table: values separated by comma, semicolon or tab, with names in the first line.
+//! Reader for tables: values separated by comma, semicolon or tab, with column names in the first line.
 //!
 //! | column | unit, axes and sign |
 //! |---|---|
 //! | `t_s` | seconds |
-//! | `mx`, `my`, `mz` | field in body axes forward, right, down, not corrected; milligauss, or microtesla on request |
+//! | `mx`, `my`, `mz` | uncorrected field in body axes forward, right, down; milligauss, or microtesla on request |
 //! | `mx2`, `my2`, `mz2`, ... | the same of a second compass, up to the eighth |
 //! | `roll_deg`, `pitch_deg` | attitude; right wing down and nose up positive |
-//! | `use` | optional: 0 keeps a row out of fit and score |
+//! | `use` | optional: 0 excludes a row from fit and score |
 //! | `p_dps`, `q_dps`, `r_dps` | optional: body rates, deg/s, each the mean since the row before |
-//! | `yaw_ref_deg` | optional: a heading to compare with, from any north |
+//! | `yaw_ref_deg` | optional: reference heading, from any north |
 //! | `yaw_deg` | optional: the autopilot's own yaw, from true north |
 //! | `current_a` | optional: current, amperes |
-//! | `lat_deg`, `lon_deg`, `height_m` | optional: where |
-//! | `speed_m_s`, `course_deg` | optional, with those: speed and course over ground, from true north |
+//! | `lat_deg`, `lon_deg`, `height_m` | optional: position |
+//! | `speed_m_s`, `course_deg` | optional, with position: speed and course over ground, from true north |
 //! | `armed` | optional: 0 or 1 |
 //!
-//! Read by hand, a line at a time in bounded memory: quotes that never close, decimal commas and lines that are cut off are what
-//! such tables have, and the crate `csv` holds a record however long it is.
+//! Other columns are ignored, as are lines that begin with `#` and a spreadsheet's `sep=`. Column names are
+//! case-insensitive. With semicolon or tab a comma is a decimal point. Empty and `nan` mean unknown. An invalid line is
+//! skipped and counted.
 //!
-//! Others are passed over, and so are lines that begin with `#` and the `sep=` of a spreadsheet. Names may be in capitals. With
-//! semicolon or tab a comma is a decimal point. What is empty or `nan` is not known there. A line that does not hold what it
-//! must costs that line.
+//! Lines are parsed by hand in bounded memory: the crate `csv` buffers a record of any length, and real tables have
+//! unclosed quotes, decimal commas and truncated lines.
 
 mod rates;
 mod table;
-#[cfg(test)]
-mod tests;
 
 use std::fmt;
 use std::io::Read;
 
-use super::flight::{Flight, Format};
-use super::recorder::Recorder;
+use super::flight::{Flight, LogFormat};
+use super::flight_builder::FlightBuilder;
+use super::read_window::ReadWindow;
 use super::series::Series;
-use super::window::Window;
-use rates::at_the_rows;
-use table::Table;
+use rates::rates_at_rows;
+use table::TableLayout;
 
-/// The unit of the field's columns.
+/// Unit of the field columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub enum FieldUnit {
     /// Milligauss, as ArduPilot logs.
     Milligauss,
     /// Microtesla.
     Microtesla,
 }
 
-impl Unit {
+impl FieldUnit {
     const fn microtesla(self) -> f64 {
         match self {
             Self::Milligauss => 0.1,
@@ -55,17 +53,17 @@ impl Unit {
     }
 }
 
-/// Why a table cannot be read.
+/// Reason why a table cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CsvError {
-    /// The source cannot be read; why.
+    /// The source cannot be read, with the reason.
     Source(String),
-    /// A column is missing; its name.
+    /// Name of a missing required column.
     NoColumn(String),
-    /// A column of the rates is missing, though another is there; its name.
+    /// Name of a missing rate column, if others are present.
     NoRate(&'static str),
-    /// There are no rows; the first line that could have been one, its column and what stands there.
-    Empty(Option<(u64, String, String)>),
+    /// No valid row; line, column and content of the first invalid one.
+    NoRows(Option<(u64, String, String)>),
 }
 
 impl fmt::Display for CsvError {
@@ -76,8 +74,8 @@ impl fmt::Display for CsvError {
                 write!(f, "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg, named in the first line")
             }
             Self::NoRate(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
-            Self::Empty(None) => f.write_str("there are no rows"),
-            Self::Empty(Some((line, column, found))) => {
+            Self::NoRows(None) => f.write_str("there are no rows"),
+            Self::NoRows(Some((line, column, found))) => {
                 write!(f, "there are no rows; line {line}, {column}: {found:?} is not a number")
             }
         }
@@ -86,7 +84,7 @@ impl fmt::Display for CsvError {
 
 impl std::error::Error for CsvError {}
 
-/// Whether a table begins so: a line with the name of its time.
+/// Whether the first line that is no comment names the time column.
 #[must_use]
 pub fn begins_in(head: &[u8]) -> bool {
     let names = |line: &[u8]| {
@@ -102,7 +100,7 @@ fn is_comment(line: &[u8]) -> bool {
     text.is_empty() || text.starts_with(b"#") || text.starts_with(b"sep=")
 }
 
-/// What separates, by what there is most of in the first line.
+/// The most frequent separator of the header.
 fn separator(header: &str) -> char {
     [',', ';', '\t'].into_iter().max_by_key(|&separator| header.matches(separator).count()).unwrap_or(',')
 }
@@ -115,22 +113,21 @@ fn trimmed(value: &str) -> &str {
 ///
 /// # Errors
 ///
-/// What is wrong with it.
-pub fn read(mut source: impl Read, unit: Unit) -> Result<Flight, CsvError> {
+/// The table has no usable rows, or a column is missing.
+pub fn read(mut source: impl Read, unit: FieldUnit) -> Result<Flight, CsvError> {
     let unreadable = |e: std::io::Error| CsvError::Source(e.to_string());
-    let mut window = Window::new(&mut source);
+    let mut window = ReadWindow::new(&mut source);
     let mut number = 0_u64;
-    let mut table: Option<Table> = None;
-    // The first lines, until it is known whether they are in the order of time.
+    let mut table: Option<TableLayout> = None;
     let mut held = Vec::new();
-    let mut reading: Option<Reading> = None;
-    while let Some(line) = window.line().map_err(unreadable)? {
+    let mut reading: Option<TableReader> = None;
+    while let Some(line) = window.next_line().map_err(unreadable)? {
         number += 1;
         if is_comment(line.as_bytes()) {
             continue;
         }
         let Some(table) = &table else {
-            table = Some(Table::of(&line)?);
+            table = Some(TableLayout::from_header(&line)?);
             continue;
         };
         if let Some(reading) = &mut reading {
@@ -139,85 +136,198 @@ pub fn read(mut source: impl Read, unit: Unit) -> Result<Flight, CsvError> {
         }
         held.push((number, line));
         if held.len() == LOOKED_AT {
-            let began = reading.insert(Reading::of(table, &held));
+            let began = reading.insert(TableReader::from_first_lines(table, &held));
             held.drain(..).for_each(|(number, line)| began.take(table, unit, number, &line));
         }
     }
     let Some(table) = table else { return Err(CsvError::NoColumn("t_s".to_owned())) };
-    let mut reading = reading.unwrap_or_else(|| Reading::of(&table, &held));
+    let mut reading = reading.unwrap_or_else(|| TableReader::from_first_lines(&table, &held));
     held.drain(..).for_each(|(number, line)| reading.take(&table, unit, number, &line));
     reading.finish()
 }
 
-/// So many lines show whether a table is in the order of time.
+/// Lines examined for their order in time.
 const LOOKED_AT: usize = 1000;
 
-/// What is being read.
-struct Reading {
-    recorder: Recorder,
+struct TableReader {
+    recorder: FlightBuilder,
     rates: Series<3>,
     armed: Series<1>,
-    /// About the middle of the first lines' times, seconds; those of a table may count from 1970.
-    about_s: f64,
-    /// Whether the lines are sorted by something else: then times are believed as they stand, and no clock began anew.
-    is_shuffled: bool,
-    first_bad: Option<(u64, String, String)>,
+    /// Median time of the first lines, seconds. Times may be Unix time.
+    median_time_s: f64,
+    /// Whether the lines are not in order of time; then a step back is no restart of the clock.
+    is_unordered: bool,
+    first_invalid: Option<(u64, String, String)>,
 }
 
-impl Reading {
-    /// By what the first lines say of their times. Where one in ten steps goes back by more than what a clock's disorder
-    /// makes, or most go back at all, lines are not in the order of time.
-    fn of(table: &Table, held: &[(u64, String)]) -> Self {
+impl TableReader {
+    /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
+    /// clock), or two in three go back at all.
+    fn from_first_lines(table: &TableLayout, held: &[(u64, String)]) -> Self {
         const BACK_S: f64 = 3.0;
         let mut times_s: Vec<f64> =
-            held.iter().filter_map(|(_, line)| table.values(line).need(table.t_s, "t_s").ok()).collect();
+            held.iter().filter_map(|(_, line)| table.values(line).require(table.t_s, "t_s").ok()).collect();
         let steps = |is: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -BACK_S)];
         let is_shuffled = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
         times_s.sort_by(f64::total_cmp);
         let about_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
-        let recorder = Recorder::new(Format::Csv);
-        Self { recorder, rates: Series::new(), armed: Series::new(), about_s, is_shuffled, first_bad: None }
-    }
-
-    fn take(&mut self, table: &Table, unit: Unit, number: u64, line: &str) {
-        if let Err((column, found)) = table.take(line, unit, self) {
-            self.recorder.flight.counts.garbage += 1;
-            self.first_bad.get_or_insert((number, column, found));
+        let recorder = FlightBuilder::new(LogFormat::Csv);
+        Self {
+            recorder,
+            rates: Series::new(),
+            armed: Series::new(),
+            median_time_s: about_s,
+            is_unordered: is_shuffled,
+            first_invalid: None,
         }
     }
 
-    /// Where a time lies on the flight's time line, seconds.
+    fn take(&mut self, table: &TableLayout, unit: FieldUnit, number: u64, line: &str) {
+        if let Err((column, found)) = table.read_line(line, unit, self) {
+            self.recorder.flight.counts.garbage += 1;
+            self.first_invalid.get_or_insert((number, column, found));
+        }
+    }
+
+    /// Converts a time of the table to flight time, seconds.
     fn at(&mut self, t_s: f64) -> Option<f64> {
-        let since_s = t_s - self.about_s;
+        let since_s = t_s - self.median_time_s;
         if since_s.abs() >= MAX_S {
             self.recorder.flight.counts.bad_times += 1;
             None
-        } else if self.is_shuffled {
+        } else if self.is_unordered {
             Some(since_s)
         } else {
-            self.recorder.timeline.at((since_s * 1e6 + ZERO_US).round() as u64)
+            self.recorder.timeline.flight_time_s((since_s * 1e6 + ZERO_US).round() as u64)
         }
     }
 
     fn finish(mut self) -> Result<Flight, CsvError> {
-        self.rates.settle();
-        for (t_s, at) in at_the_rows(&self.rates) {
-            self.recorder.rates(t_s, at);
+        self.rates.sort_and_dedup();
+        for (t_s, at) in rates_at_rows(&self.rates) {
+            self.recorder.push_rates(t_s, at);
         }
-        self.armed.settle();
+        self.armed.sort_and_dedup();
         for row in self.armed.rows() {
-            self.recorder.armed(row.t_s, row.of[0] != 0.0);
+            self.recorder.push_armed(row.t_s, row.values[0] != 0.0);
         }
         let flight = self.recorder.finish();
-        // Of readings that are no field the rows are there.
+        // Rejected readings count as rows; the caller reports them.
         let is_empty = flight.compasses.is_empty() && flight.counts.unhealthy == 0;
-        if is_empty { Err(CsvError::Empty(self.first_bad)) } else { Ok(flight) }
+        if is_empty { Err(CsvError::NoRows(self.first_invalid)) } else { Ok(flight) }
     }
 }
 
-/// Where the first lines' times stand on the clock of a log, microseconds: times before nothing are as good as others.
+/// Clock value of the median time, microseconds, so that earlier times stay positive.
 const ZERO_US: f64 = 1e13;
 
-/// No flight is so far from its first lines, seconds.
+/// Largest distance from the first lines, seconds.
 const MAX_S: f64 = 1e6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str =
+        "t_s,extra,mx,my,mz,roll_deg,pitch_deg,use\n0,9,100,-200,400,10,-2,1\n0.1,9,101,-201,401,11,-3,0\n";
+
+    fn parsed(text: &str) -> Result<Flight, CsvError> {
+        read(text.as_bytes(), FieldUnit::Milligauss)
+    }
+
+    #[test]
+    fn columns_are_found_by_name_and_units_converted() {
+        let flight = parsed(GOOD).unwrap();
+        let rows = flight.compasses[0].field.rows();
+        assert_eq!(rows.len(), 2);
+        assert_eq!(rows[0].values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
+        assert!((flight.attitude.rows()[1].values[1].to_degrees() + 3.0).abs() < 1e-5);
+        assert_eq!(flight.usable.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 0.0]);
+        let in_ut = read(GOOD.as_bytes(), FieldUnit::Microtesla).unwrap();
+        assert_eq!(in_ut.compasses[0].field.rows()[0].values[..3], [100.0, -200.0, 400.0]);
+    }
+
+    #[test]
+    fn semicolons_tabs_decimal_commas_comments_and_ends_of_lines_are_read() {
+        let commas = parsed(GOOD).unwrap();
+        for text in [
+            GOOD.replace(',', ";").replace('.', ","),
+            GOOD.replace(',', "\t"),
+            format!("# of a boat\n\n{}", GOOD.replace('\n', "\r\n")),
+            GOOD.replace("t_s", "\u{feff}\"t_s\""),
+        ] {
+            let flight = parsed(&text).unwrap();
+            assert_eq!(flight.compasses[0].field, commas.compasses[0].field, "{text}");
+            assert!(begins_in(text.as_bytes()), "{text}");
+        }
+        assert!(!begins_in(b"time,mx\n") && !begins_in(b""));
+    }
+
+    #[test]
+    fn a_broken_line_costs_that_line() {
+        for bad in ["0.2,9,10", "0.2,9,x,-200,400,10,-2,1\n", "0.2,9,100,,400,10,-2,1\n", "0.2,9,100,inf,400,10,-2,1"] {
+            let flight = parsed(&format!("{GOOD}{bad}")).unwrap();
+            assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.garbage), (2, 1), "{bad}");
+        }
+    }
+
+    #[test]
+    fn rows_are_put_in_order_and_an_instant_counts_once() {
+        let text = format!("{GOOD}0.05,9,100,-200,400,10,-2,1\n0.1,9,0,0,0.1,0,0,1\n");
+        let flight = parsed(&text).unwrap();
+        let times: Vec<f64> = flight.compasses[0].field.rows().iter().map(|row| row.t_s).collect();
+        assert_eq!(times.len(), 3);
+        assert!(times.is_sorted() && flight.counts.repeats > 0);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        let error = |text: &str| parsed(text).unwrap_err();
+        assert_eq!(error("t_s,mx,my,mz,roll_deg\n"), CsvError::NoColumn("pitch_deg".to_owned()));
+        assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n"), CsvError::NoRows(None));
+        let bad = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
+        assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n1,1,nan,3,4,5\n"), bad);
+        for (columns, missing) in
+            [("q_dps,r_dps", "p_dps"), ("p_dps,r_dps", "q_dps"), ("q_dps,p_dps", "r_dps"), ("r_dps", "p_dps")]
+        {
+            let error = error(&format!("t_s,mx,my,mz,roll_deg,pitch_deg,{columns}\n"));
+            assert_eq!(error, CsvError::NoRate(missing));
+            assert!(error.to_string().starts_with(&format!("no column {missing};")), "{error}");
+        }
+    }
+
+    /// Converted rates of one axis.
+    fn found(read: &[(f64, Option<f32>)]) -> Vec<f32> {
+        let mut rates = Series::new();
+        for &(t_s, rate) in read {
+            if let Some(rate) = rate {
+                rates.push(t_s, [0.0, rate, -rate]);
+            }
+        }
+        rates_at_rows(&rates)
+            .into_iter()
+            .map(|(_, [p, q, r])| {
+                assert!(p.abs() < 1e-9 && (r + q).abs() < 1e-9);
+                q
+            })
+            .collect()
+    }
+
+    /// A rate of 1 per s² from zero: the mean of each second lags by half a second.
+    #[test]
+    fn a_row_s_rate_is_that_of_its_instant() {
+        let read: Vec<_> = (0..5).map(|i| (f64::from(i), Some(i as f32 - 0.5))).collect();
+        assert_eq!(found(&read), [0.5, 1.0, 2.0, 3.0, 3.5]);
+    }
+
+    /// Steps of 1 s, one of 3 s and one of 3.1 s.
+    #[test]
+    fn nothing_is_taken_from_beyond_a_gap() {
+        let read = [(0.0, 9.0), (1.0, 2.0), (2.0, 4.0), (5.0, 8.0), (6.0, 2.0), (9.1, 7.0), (10.1, 4.0), (11.1, 6.0)];
+        let expected = [2.0, 3.0, 6.0, 5.0, 2.0, 4.0, 5.0, 6.0];
+        assert_eq!(found(&read.map(|(t_s, rate)| (t_s, Some(rate)))), expected);
+        assert_eq!(found(&[(0.0, Some(1.0))]), [1.0]);
+        assert_eq!(found(&[(0.0, Some(1.0)), (1.0, Some(3.0)), (9.0, Some(5.0))]).last(), Some(&5.0));
+    }
+}

@@ -1,11 +1,10 @@
-//! Where the columns of a table stand, and what a line says in them.
+//! Columns of a table and the parser of its lines.
 
 use super::super::flight::Gps;
-use super::super::recorder::{Logged, MAX_COMPASSES};
-use super::{CsvError, Reading, Unit, separator, trimmed};
+use super::super::flight_builder::{FieldProcessing, MAX_COMPASSES};
+use super::{CsvError, FieldUnit, TableReader, separator, trimmed};
 
-/// Where the columns stand.
-pub(super) struct Table {
+pub(super) struct TableLayout {
     separator: char,
     pub t_s: usize,
     fields: Vec<(u8, [usize; 3])>,
@@ -21,11 +20,11 @@ pub(super) struct Table {
     armed: Option<usize>,
 }
 
-/// The column and what stands there.
-pub(super) type Bad = (String, String);
+/// Column name and invalid content.
+pub(super) type InvalidCell = (String, String);
 
-impl Table {
-    pub fn of(header: &str) -> Result<Self, CsvError> {
+impl TableLayout {
+    pub fn from_header(header: &str) -> Result<Self, CsvError> {
         let separator = separator(header);
         let names: Vec<&str> = header.split(separator).map(trimmed).collect();
         let find = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
@@ -54,32 +53,37 @@ impl Table {
         })
     }
 
-    pub fn values<'a>(&self, line: &'a str) -> Values<'a> {
-        Values { values: line.split(self.separator).map(trimmed).collect(), has_comma: self.separator != ',' }
+    pub fn values<'a>(&self, line: &'a str) -> LineValues<'a> {
+        LineValues {
+            values: line.split(self.separator).map(trimmed).collect(),
+            has_decimal_comma: self.separator != ',',
+        }
     }
 
-    pub fn take(&self, line: &str, unit: Unit, reading: &mut Reading) -> Result<(), Bad> {
+    pub fn read_line(&self, line: &str, unit: FieldUnit, reading: &mut TableReader) -> Result<(), InvalidCell> {
         let values = self.values(line);
-        let t_s = values.need(self.t_s, "t_s")?;
+        let t_s = values.require(self.t_s, "t_s")?;
         let [roll_deg, pitch_deg] =
-            [values.need(self.attitude[0], "roll_deg")?, values.need(self.attitude[1], "pitch_deg")?];
+            [values.require(self.attitude[0], "roll_deg")?, values.require(self.attitude[1], "pitch_deg")?];
         let mut fields = Vec::new();
         for &(number, [x, y, z]) in &self.fields {
             let given = [x, y, z].map(|index| values.get(index));
             if number == 1 || given.iter().all(Option::is_some) {
-                let field = [values.need(x, "mx")?, values.need(y, "my")?, values.need(z, "mz")?];
+                let field = [values.require(x, "mx")?, values.require(y, "my")?, values.require(z, "mz")?];
                 fields.push((number, field.map(|axis| (axis * unit.microtesla()) as f32)));
             }
         }
         let optional = |index: Option<usize>, name: &str| match index {
-            Some(index) if values.get(index).is_some() => values.need(index, name).map(Some),
+            Some(index) if values.get(index).is_some() => values.require(index, name).map(Some),
             _ => Ok(None),
         };
         let usable = optional(self.usable, "use")?;
         let reference = optional(self.reference, "yaw_ref_deg")?;
         let yaw = optional(self.yaw, "yaw_deg")?;
         let read = match self.rates.filter(|rates| rates.iter().any(|&index| values.get(index).is_some())) {
-            Some([p, q, r]) => Some([values.need(p, "p_dps")?, values.need(q, "q_dps")?, values.need(r, "r_dps")?]),
+            Some([p, q, r]) => {
+                Some([values.require(p, "p_dps")?, values.require(q, "q_dps")?, values.require(r, "r_dps")?])
+            }
             None => None,
         };
         let Some(t_s) = reading.at(t_s) else { return Ok(()) };
@@ -91,19 +95,19 @@ impl Table {
         }
         let into = &mut reading.recorder;
         for (number, field_ut) in fields {
-            into.field(number, Logged::Raw, t_s, field_ut, None);
+            into.push_field(number, FieldProcessing::BodyRaw, t_s, field_ut, None);
         }
         let angles = [roll_deg, pitch_deg, yaw.unwrap_or(f64::NAN)];
-        into.attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
+        into.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
         let flight = &mut into.flight;
         if let Some(reference) = reference {
-            flight.reference.push(t_s, [reference.to_radians() as f32]);
+            flight.reference_heading.push(t_s, [reference.to_radians() as f32]);
         }
         if let Some(usable) = usable {
             flight.usable.push(t_s, [f32::from(usable != 0.0)]);
         }
         if let Ok(Some(amperes)) = optional(self.current, "current_a") {
-            into.current(t_s, amperes as f32);
+            into.push_current(t_s, amperes as f32);
         }
         if let Some([latitude, longitude]) = self.place.map(|place| place.map(|index| values.get(index)))
             && let (Some(latitude), Some(longitude)) = (latitude, longitude)
@@ -114,38 +118,37 @@ impl Table {
                 |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |of| of as f32);
             let [speed_m_s, course_deg] = self.over_ground.map(known);
             let yaw_deg = f32::NAN;
-            into.gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
+            into.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
         }
         Ok(())
     }
 }
 
-pub(super) struct Values<'a> {
+pub(super) struct LineValues<'a> {
     values: Vec<&'a str>,
-    /// Whether a comma is a decimal point.
-    has_comma: bool,
+    has_decimal_comma: bool,
 }
 
-impl Values<'_> {
-    /// A number; none where nothing stands, or that it is none.
+impl LineValues<'_> {
+    /// The number in a column; none if empty or `nan`, NaN if invalid.
     fn get(&self, index: usize) -> Option<f64> {
         let text = self.values.get(index).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
-        // What is no number is not nothing.
+        // Invalid text must not count as absent.
         Some(self.number(text).unwrap_or(f64::NAN))
     }
 
     fn number(&self, text: &str) -> Option<f64> {
-        if self.has_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
+        if self.has_decimal_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
     }
 
-    pub fn need(&self, index: usize, column: &str) -> Result<f64, Bad> {
+    pub fn require(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {
         let bad =
             || (column.to_owned(), self.values.get(index).copied().unwrap_or_default().chars().take(40).collect());
         self.get(index).filter(|number| number.is_finite()).ok_or_else(bad)
     }
 }
 
-/// Where the columns of the rates stand: all three or none.
+/// Indices of the rate columns: all three or none.
 fn rates_in(find: &dyn Fn(&str) -> Option<usize>) -> Result<Option<[usize; 3]>, CsvError> {
     let names = ["p_dps", "q_dps", "r_dps"];
     let found = names.map(find);

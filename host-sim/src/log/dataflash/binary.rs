@@ -1,9 +1,9 @@
-//! DataFlash as bytes: `A3 95`, the number of a message, its columns in the order that a FMT message has told.
+//! Binary DataFlash: `A3 95`, message number, then the columns declared by a FMT message.
 
 use std::io::{self, Read};
 
-use super::super::flight::{Flight, Format};
-use super::super::window::Window;
+use super::super::flight::{Flight, LogFormat};
+use super::super::read_window::ReadWindow;
 use super::{Message, is_wanted, recorder, take};
 
 const MAGIC: [u8; 2] = [0xA3, 0x95];
@@ -11,8 +11,7 @@ const FMT: u8 = 128;
 const FMT_LENGTH: usize = 89;
 const HEADER: usize = 3;
 
-/// Whether a log begins with these bytes: a FMT message within the first of them.
-pub fn begins_in(head: &[u8]) -> bool {
+pub fn matches_header(head: &[u8]) -> bool {
     const WITHIN: usize = 1024;
     head.windows(HEADER).take(WITHIN).any(|at| at == [MAGIC[0], MAGIC[1], FMT])
 }
@@ -21,11 +20,11 @@ pub fn begins_in(head: &[u8]) -> bool {
 ///
 /// # Errors
 ///
-/// What the source says.
+/// The source cannot be read.
 pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
-    let mut window = Window::new(source);
-    let mut layouts: [Option<Layout>; 256] = std::array::from_fn(|_| None);
-    let mut recorder = recorder(Format::DataFlash);
+    let mut window = ReadWindow::new(source);
+    let mut layouts: [Option<MessageLayout>; 256] = std::array::from_fn(|_| None);
+    let mut recorder = recorder(LogFormat::DataFlash);
     loop {
         let bytes = window.peek(256)?;
         let [first, second, number, ..] = *bytes else { break };
@@ -33,7 +32,7 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
             None
         } else if number == FMT {
             bytes.get(..FMT_LENGTH).map(|message| {
-                if let Some((number, layout)) = Layout::told_by(message) {
+                if let Some((number, layout)) = MessageLayout::from_fmt(message) {
                     layouts[usize::from(number)] = Some(layout);
                 }
                 FMT_LENGTH
@@ -42,19 +41,18 @@ pub fn read_binary(source: &mut dyn Read) -> io::Result<Flight> {
             layouts[usize::from(number)].as_ref().and_then(|layout| {
                 let body = bytes.get(HEADER..layout.length)?;
                 if layout.is_wanted {
-                    take(&mut recorder, &layout.name, &Columns { layout, body });
+                    take(&mut recorder, &layout.name, &BinaryMessage { layout, body });
                 }
                 Some(layout.length)
             })
         };
         recorder.flight.counts.garbage += u64::from(taken.is_none());
-        window.take(taken.unwrap_or(1));
+        window.consume(taken.unwrap_or(1));
     }
     Ok(recorder.finish())
 }
 
-/// What a FMT message tells of another.
-struct Layout {
+struct MessageLayout {
     length: usize,
     name: String,
     is_wanted: bool,
@@ -64,19 +62,19 @@ struct Layout {
 struct Column {
     name: String,
     kind: u8,
-    at: usize,
+    offset: usize,
 }
 
-impl Layout {
-    /// Type, length, name (4), format (16), columns (64); none if it contradicts itself.
-    fn told_by(message: &[u8]) -> Option<(u8, Self)> {
+impl MessageLayout {
+    /// Parses number, length, name (4), format (16), columns (64); none if inconsistent.
+    fn from_fmt(message: &[u8]) -> Option<(u8, Self)> {
         let [_, _, _, number, length, rest @ ..] = message else { return None };
         let (name, kinds, names) = (words(rest.get(..4)?), words(rest.get(4..20)?), words(rest.get(20..84)?));
         let mut at = 0;
         let mut columns = Vec::new();
         let mut names = names.split(',');
         for kind in kinds.bytes() {
-            columns.push(Column { name: names.next().unwrap_or_default().trim().to_owned(), kind, at });
+            columns.push(Column { name: names.next().unwrap_or_default().trim().to_owned(), kind, offset: at });
             at += size(kind)?;
         }
         let length = usize::from(*length);
@@ -85,7 +83,7 @@ impl Layout {
     }
 }
 
-/// Bytes of a column (LogStructure.h); none of a letter that is not known.
+/// Bytes of a column by its format letter (LogStructure.h).
 const fn size(kind: u8) -> Option<usize> {
     Some(match kind {
         b'b' | b'B' | b'M' => 1,
@@ -98,25 +96,24 @@ const fn size(kind: u8) -> Option<usize> {
     })
 }
 
-/// Whether a column of a letter holds whole numbers as they are.
-pub(super) const fn is_whole(kind: u8) -> bool {
+/// Whether a format letter means an unscaled integer.
+pub(super) const fn is_unscaled_integer(kind: u8) -> bool {
     matches!(kind, b'b' | b'B' | b'h' | b'H' | b'i' | b'I' | b'q' | b'Q')
 }
 
-/// A message as it stands in the file, without its header.
-struct Columns<'a> {
-    layout: &'a Layout,
+struct BinaryMessage<'a> {
+    layout: &'a MessageLayout,
     body: &'a [u8],
 }
 
-impl Columns<'_> {
+impl BinaryMessage<'_> {
     fn bytes(&self, name: &str) -> Option<(u8, &[u8])> {
         let column = self.layout.columns.iter().find(|column| column.name == name)?;
-        Some((column.kind, self.body.get(column.at..column.at + size(column.kind)?)?))
+        Some((column.kind, self.body.get(column.offset..column.offset + size(column.kind)?)?))
     }
 }
 
-impl Message for Columns<'_> {
+impl Message for BinaryMessage<'_> {
     fn number(&self, name: &str) -> Option<f64> {
         let (kind, bytes) = self.bytes(name)?;
         Some(match (kind, bytes) {
@@ -143,8 +140,8 @@ impl Message for Columns<'_> {
         self.layout.columns.iter().any(|column| column.name == name)
     }
 
-    fn is_whole(&self, name: &str) -> bool {
-        self.bytes(name).is_some_and(|(kind, _)| is_whole(kind))
+    fn is_unscaled_integer(&self, name: &str) -> bool {
+        self.bytes(name).is_some_and(|(kind, _)| is_unscaled_integer(kind))
     }
 
     fn words(&self, name: &str) -> Option<String> {
@@ -153,7 +150,7 @@ impl Message for Columns<'_> {
     }
 }
 
-/// Words up to the first zero.
+/// Text up to the first zero byte.
 fn words(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).trim().to_owned()

@@ -1,5 +1,3 @@
-//! Messages of ArduPilot's through the years, by their names and numbers.
-
 use super::*;
 
 struct Numbers<'a>(&'a [(&'a str, f64)]);
@@ -17,20 +15,19 @@ impl Message for Numbers<'_> {
         None
     }
 
-    fn is_whole(&self, _: &str) -> bool {
+    fn is_unscaled_integer(&self, _: &str) -> bool {
         false
     }
 }
 
 fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
-    let mut recorder = recorder(Format::DataFlash);
+    let mut recorder = recorder(LogFormat::DataFlash);
     for (name, numbers) in messages {
         take(&mut recorder, name, &Numbers(numbers));
     }
     recorder.finish()
 }
 
-/// Gyros as the autopilot takes them: what its filter says that they read at rest, in degrees a second, is taken off.
 #[test]
 fn the_gyros_bias_is_taken_off() {
     let flight = taken(&[
@@ -39,10 +36,10 @@ fn the_gyros_bias_is_taken_off() {
     ]);
     let expected = [0.1 - 1_f32.to_radians(), 0.2 + 2_f32.to_radians(), 0.3 - 0.5_f32.to_radians()];
     let [row] = flight.rates.rows() else { panic!("{:?}", flight.rates) };
-    assert!(row.of.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
+    assert!(row.values.iter().zip(expected).all(|(rate, expected)| (rate - expected).abs() < 1e-6), "{row:?}");
 }
 
-/// What was CURR is BAT; a receiver without a fix in three dimensions says nothing, and one with a single antenna no yaw.
+/// CURR precedes BAT; a 2D fix is rejected; yaw 0 means a single antenna.
 #[test]
 fn currents_and_fixes_are_taken_as_they_are() {
     let fix = |us: f64, status: f64| {
@@ -51,12 +48,12 @@ fn currents_and_fixes_are_taken_as_they_are() {
     };
     let flight =
         taken(&[("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]), ("GPS", &fix(1.1e6, 2.0)), ("GPS", &fix(1.2e6, 3.0))]);
-    assert_eq!(flight.current.rows().iter().map(|row| row.of[0].round() as i32).collect::<Vec<_>>(), [13]);
+    assert_eq!(flight.current.rows().iter().map(|row| row.values[0].round() as i32).collect::<Vec<_>>(), [13]);
     let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    assert!(Gps::from_columns(row.of).yaw_deg.is_nan(), "{row:?}");
+    assert!(Gps::from_columns(row.values).yaw_deg.is_nan(), "{row:?}");
 }
 
-/// An attitude of 10, 5 and 30 deg that somebody else says than `ATT`.
+/// A message with roll, pitch 5 and yaw 30 deg.
 fn said_by(name: &str, us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
     (name.to_owned(), vec![("TimeUS", us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
 }
@@ -67,26 +64,24 @@ fn taken_of(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::Flight {
     taken(&messages)
 }
 
-/// `LOG_BITMASK` may leave `ATT` away: the filter's attitude stands in, of its first core, before the second source; and it
-/// does not where `ATT` is there.
+/// `LOG_BITMASK` may disable `ATT`.
 #[test]
 fn the_filters_attitude_stands_in_for_one_that_is_not_logged() {
     let rolls = |flight: &crate::log::Flight| {
-        flight.attitude.rows().iter().map(|row| row.of[0].to_degrees().round() as i32).collect::<Vec<_>>()
+        flight.attitude.rows().iter().map(|row| row.values[0].to_degrees().round() as i32).collect::<Vec<_>>()
     };
     let mut second_core = said_by("XKF1", 1.1e6, 12.0);
     second_core.1.push(("C", 1.0));
     let mut messages = vec![said_by("AHR2", 1e6, 20.0), said_by("XKF1", 1.05e6, 11.0), second_core];
     let flight = taken_of(&messages);
-    assert_eq!((rolls(&flight), flight.attitude_from), (vec![11], Some("XKF1")));
+    assert_eq!((rolls(&flight), flight.attitude_source), (vec![11], Some("XKF1")));
     let flight = taken_of(&messages[..1]);
-    assert_eq!((rolls(&flight), flight.attitude_from), (vec![20], Some("AHR2")));
+    assert_eq!((rolls(&flight), flight.attitude_source), (vec![20], Some("AHR2")));
     messages.push(said_by("ATT", 1.2e6, 10.0));
     let flight = taken_of(&messages);
-    assert_eq!((rolls(&flight), flight.attitude_from), (vec![10], None));
+    assert_eq!((rolls(&flight), flight.attitude_source), (vec![10], None));
 }
 
-/// Of all that may stand in the first one does, in whatever order they are logged; and of another core none.
 #[test]
 fn what_stands_in_best_does() {
     let half = 0.5_f64.sqrt();
@@ -96,24 +91,21 @@ fn what_stands_in_best_does() {
     for name in ["AHR2", "NKQ", "XKQ", "NKF1", "XKF1"] {
         let us = 1e6 + 1e5 * messages.len() as f64;
         messages.push(if name.ends_with('Q') { (name.to_owned(), q(us, 0.0)) } else { said_by(name, us, 20.0) });
-        let best = taken_of(&messages).attitude_from;
+        let best = taken_of(&messages).attitude_source;
         assert_eq!(best, Some(name));
     }
     assert!(taken_of(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());
 }
 
-/// A quarter turn of roll to the right, as the filter's quaternion.
 #[test]
 fn a_quaternion_stands_in_where_no_angles_are_logged() {
     let half = 0.5_f64.sqrt();
     let q = [("TimeUS", 1e6), ("C", 0.0), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
     let flight = taken(&[("XKQ", &q)]);
     let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
-    assert!((row.of[0].to_degrees() - 90.0).abs() < 1e-3 && row.of[2].abs() < 1e-6, "{row:?}");
+    assert!((row.values[0].to_degrees() - 90.0).abs() < 1e-3 && row.values[2].abs() < 1e-6, "{row:?}");
 }
 
-/// Until 2014 rows had no time: they stand at the stamp before them, and of several behind one the first. Where nothing has a
-/// stamp there is no field, and what is missing is counted.
 #[test]
 fn rows_without_a_stamp_stand_at_the_one_before_them() {
     let mag = |x: f64| [("MagX", x), ("MagY", 0.0), ("MagZ", 400.0)];
@@ -128,31 +120,33 @@ fn rows_without_a_stamp_stand_at_the_one_before_them() {
         ("IMU", &imu(5100.0)),
         ("MAG", &mag(400.0)),
     ]);
-    let rows: Vec<(i32, i32)> =
-        flight.compasses[0].field.rows().iter().map(|row| ((row.t_s * 1e3).round() as i32, row.of[0] as i32)).collect();
+    let rows: Vec<(i32, i32)> = flight.compasses[0]
+        .field
+        .rows()
+        .iter()
+        .map(|row| ((row.t_s * 1e3).round() as i32, row.values[0] as i32))
+        .collect();
     assert_eq!(rows, [(0, 20), (100, 40)]);
-    assert_eq!((flight.attitude.rows().len(), flight.unstamped), (1, 4));
+    assert_eq!((flight.attitude.rows().len(), flight.rows_without_time), (1, 4));
     let flight = taken(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
-    assert!(flight.compasses.is_empty() && flight.unstamped == 1);
-    // A row whose stamp cannot be read is damaged, and has none.
+    assert!(flight.compasses.is_empty() && flight.rows_without_time == 1);
     let damaged = [("TimeUS", -1.0), ("MagX", 100.0), ("MagY", 0.0), ("MagZ", 400.0)];
     assert!(taken(&[("IMU", &imu(5000.0)), ("MAG", &damaged)]).compasses.is_empty());
 }
 
-/// Offsets that are learnt in flight stand in no PARM: what a row says undoes what it had. The same in whole milligauss is
-/// what the parameter says exactly.
+/// Offsets within 1.5 mG of the parameter are rounding.
 #[test]
 fn offsets_learnt_in_flight_are_undone_as_the_rows_say() {
     let row = |us: f64, x: f64, offset: f64| {
         [("TimeUS", us), ("MagX", x), ("MagY", 0.0), ("MagZ", 400.0), ("OfsX", offset), ("OfsY", 0.0), ("OfsZ", 0.0)]
     };
-    let mut recorder = recorder(Format::DataFlash);
-    recorder.parameter("COMPASS_OFS_X", 30.7);
+    let mut recorder = recorder(LogFormat::DataFlash);
+    recorder.set_parameter("COMPASS_OFS_X", 30.7);
     for numbers in [row(1e6, 230.7, 30.0), row(1.1e6, 240.0, 40.0), row(1.2e6, 215.0, 15.0)] {
         take(&mut recorder, "MAG", &Numbers(&numbers));
     }
     let flight = recorder.finish();
     for row in flight.compasses[0].field.rows() {
-        assert!((row.of[0] - 20.0).abs() < 1e-4, "{row:?}");
+        assert!((row.values[0] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }

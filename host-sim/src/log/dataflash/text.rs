@@ -1,37 +1,37 @@
-//! DataFlash as text, as ground stations write it: a message a line, `FMT` lines telling the columns of the others.
+//! DataFlash as text: one message a line, columns declared by `FMT` lines.
 
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use super::super::flight::{Flight, Format};
-use super::super::window::Window;
-use super::binary::is_whole;
+use super::super::flight::{Flight, LogFormat};
+use super::super::read_window::ReadWindow;
+use super::binary::is_unscaled_integer;
 use super::{Message, is_wanted, recorder, take};
 
-/// No log has more kinds of messages.
 const MAX_KINDS: usize = 512;
 
 /// Reads a flight.
 ///
 /// # Errors
 ///
-/// What the source says.
+/// The source cannot be read.
 pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
-    let mut window = Window::new(source);
-    let mut columns: HashMap<String, Layout> = HashMap::new();
-    let mut recorder = recorder(Format::DataFlashText);
-    while let Some(line) = window.line()? {
+    let mut window = ReadWindow::new(source);
+    let mut columns: HashMap<String, LineLayout> = HashMap::new();
+    let mut recorder = recorder(LogFormat::DataFlashText);
+    while let Some(line) = window.next_line()? {
         let mut values = line.split(',').map(str::trim);
         let name = values.next().unwrap_or_default();
         if name == "FMT" {
             // Type, length, name, format, columns.
             if let Some(name) = values.nth(2).filter(|_| columns.len() < MAX_KINDS) {
                 let kinds = values.next().unwrap_or_default().bytes().take(32).collect();
-                columns.insert(name.to_owned(), Layout { kinds, names: values.take(32).map(str::to_owned).collect() });
+                columns
+                    .insert(name.to_owned(), LineLayout { kinds, names: values.take(32).map(str::to_owned).collect() });
             }
         } else if let Some(layout) = columns.get(name) {
             if is_wanted(name) {
-                take(&mut recorder, name, &Line { layout, values: values.collect() });
+                take(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {
             recorder.flight.counts.garbage += u64::from(!name.is_empty());
@@ -40,27 +40,26 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
     Ok(recorder.finish())
 }
 
-/// The letters and the names of a message's columns.
-struct Layout {
+struct LineLayout {
     kinds: Vec<u8>,
     names: Vec<String>,
 }
 
-struct Line<'a> {
-    layout: &'a Layout,
+struct TextMessage<'a> {
+    layout: &'a LineLayout,
     values: Vec<&'a str>,
 }
 
-impl Line<'_> {
+impl TextMessage<'_> {
     fn index(&self, name: &str) -> Option<usize> {
         self.layout.names.iter().position(|column| column == name)
     }
 }
 
-impl Message for Line<'_> {
+impl Message for TextMessage<'_> {
     fn number(&self, name: &str) -> Option<f64> {
         let number = self.values.get(self.index(name)?)?.parse::<f64>().ok()?;
-        // Some ground stations leave places as they are in the binary log.
+        // Some ground stations write the raw integer of 1e-7 deg.
         let is_raw_place = matches!(name, "Lat" | "Lng") && number.abs() > 180.0;
         Some(if is_raw_place { number * 1e-7 } else { number })
     }
@@ -69,11 +68,11 @@ impl Message for Line<'_> {
         self.index(name).is_some()
     }
 
-    fn is_whole(&self, name: &str) -> bool {
-        self.index(name).and_then(|index| self.layout.kinds.get(index)).is_some_and(|&kind| is_whole(kind))
+    fn is_unscaled_integer(&self, name: &str) -> bool {
+        self.index(name).and_then(|index| self.layout.kinds.get(index)).is_some_and(|&kind| is_unscaled_integer(kind))
     }
 
-    /// What stands last may have commas in it.
+    /// Only the last column may contain commas.
     fn words(&self, name: &str) -> Option<String> {
         let index = self.index(name)?;
         let rest = self.values.get(index..)?;

@@ -1,14 +1,12 @@
-//! What ArduPilot logged otherwise once.
-
 use super::*;
 
-/// Before 2017 CURR had hundredths of an ampere as whole numbers, and before 2015 words and events had no stamp.
+/// Before 2017 CURR had integer hundredths of an ampere; before 2015 text and events had no stamp.
 #[test]
 fn what_ardupilot_logged_otherwise_once_is_read() {
     let original = recording(&ARDUPILOT);
     let expected = |t_s: f64| 10.0 + t_s / 10.0;
     let mut lines = Vec::new();
-    for line in String::from_utf8(dataflash_text(&original)).unwrap().lines() {
+    for line in String::from_utf8(encode_dataflash_text(&original)).unwrap().lines() {
         let values: Vec<&str> = line.split(", ").collect();
         lines.push(match values[..] {
             ["FMT", .., "BAT", _, _] | ["FMT", _, _, "BAT", ..] => {
@@ -25,10 +23,10 @@ fn what_ardupilot_logged_otherwise_once_is_read() {
     lines.push("EV, 11".to_owned());
     let text = read_bytes(lines.join("\n").as_bytes()).unwrap();
     assert_eq!(text.firmware.as_deref(), Some("ArduPlane V4.6.0 (host-sim)"));
-    // It was disarmed at the last instant that had a stamp, 29.9 s after the first.
+    // Disarmed at the last stamp, 29.9 s after the first.
     assert_eq!((text.is_armed(29.8), text.is_armed(29.91)), (Some(true), Some(false)));
-    // The same as bytes: the number of another letter.
-    let mut bytes = dataflash(&original);
+    // The same in binary with an integer column.
+    let mut bytes = encode_dataflash(&original);
     let format = bytes.windows(7).position(|at| at == [0xA3, 0x95, 128, 70, 20, b'B', b'A']).unwrap();
     bytes[format + 5..format + 9].copy_from_slice(b"CURR");
     bytes[format + 12] = b'i';
@@ -38,29 +36,28 @@ fn what_ardupilot_logged_otherwise_once_is_read() {
     }
     for flight in [text, read_bytes(&bytes).unwrap()] {
         for row in flight.current.rows() {
-            let off = f64::from(row.of[0]) - expected(row.t_s);
+            let off = f64::from(row.values[0]) - expected(row.t_s);
             assert!(off.abs() < 0.006, "{:?}: {row:?}", flight.format);
         }
         assert_eq!(flight.current.rows().len(), 300);
     }
 }
 
-/// Until 2021 arming was an event among others: by a person, or by itself.
+/// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
 fn events_say_when_it_is_armed() {
-    let log = String::from_utf8(dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
     let events = [(72, 10), (74, 11), (76, 15), (78, 25), (80, 11)];
     let events = events.map(|(at_s, id)| format!("EV, {at_s}000000, {id}\n")).concat();
     let flight = read_bytes(format!("{log}FMT, 71, 12, EV, QB, TimeUS,Id\n{events}").as_bytes()).unwrap();
-    // On the flight's time line, which begins with the log at 40 s of the autopilot's clock.
+    // Flight time starts at 40 s of the autopilot's clock.
     let armed = [31.0, 33.0, 35.0, 37.0, 39.0, 41.0].map(|t_s| flight.is_armed(t_s).unwrap());
     assert_eq!(armed, [false, true, false, true, true, false]);
 }
 
-/// A second gyro, receiver and battery are other ones, and a field that its driver calls unhealthy is none.
 #[test]
 fn the_first_of_several_counts() {
-    let log = String::from_utf8(dataflash_text(&recording(&ARDUPILOT))).unwrap();
+    let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
     let more = [
         "IMU, 70000000, 1, 9, 9, 9",
         "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",

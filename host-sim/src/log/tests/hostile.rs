@@ -1,8 +1,8 @@
-//! Bytes that nobody wrote, and more of them than fit into memory.
+//! Fuzz tests and memory bounds.
 
 use super::*;
 
-/// Inputs of a reader: a small log with bytes changed, taken out, doubled and cut; some of nothing but chance.
+/// A part of a small log with bytes changed, removed, repeated; or random bytes.
 fn hostile(random: &mut Random, good: &[u8]) -> Vec<u8> {
     let mut below = |limit: usize| (random.uniform(0.0, limit.max(1) as f64) as usize).min(limit.saturating_sub(1));
     if below(10) == 0 {
@@ -28,7 +28,7 @@ fn hostile(random: &mut Random, good: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// No bytes make a reader panic, and what comes out can be gone on with: as many inputs a format.
+/// Reads random inputs of each format and builds rows from those accepted.
 fn fuzz(inputs: usize) {
     for (format, bytes, _) in each() {
         let mut random = Random::new(1, Purpose::Damage);
@@ -39,7 +39,7 @@ fn fuzz(inputs: usize) {
                 flights += 1;
                 let rows = flight.compasses.iter().map(|compass| compass.field.rows().len()).sum::<usize>();
                 assert!(rows <= input.len(), "{format:?}");
-                let rows = crate::replay::rows(&flight, &flight.compasses[0], 0.05, None).0;
+                let rows = crate::replay::build_rows(&flight, &flight.compasses[0], 0.05, None).0;
                 assert!(rows.iter().all(|row| row.t_s.is_finite()), "{format:?}");
             }
         }
@@ -52,14 +52,13 @@ fn no_bytes_make_a_reader_panic() {
     fuzz(400);
 }
 
-/// A million inputs a reader: `cargo test --release -p host-sim --lib log::tests::a_million -- --ignored`.
+/// `cargo test --release -p host-sim --lib log::tests::a_million -- --ignored`.
 #[test]
 #[ignore = "minutes, in a release build"]
 fn a_million_inputs_make_no_reader_panic() {
     fuzz(1_000_000);
 }
 
-/// A file that pretends to be longer than memory: a stream of one message, again and again.
 #[test]
 #[ignore = "reads 2 GB, in a release build"]
 fn two_gigabytes_are_read_in_bounded_memory() {
@@ -83,7 +82,7 @@ fn two_gigabytes_are_read_in_bounded_memory() {
                 } else {
                     let (number, offset) =
                         ((at - head) / self.message.len() as u64, (at - head) % self.message.len() as u64);
-                    // The clock of each: 1 ms on.
+                    // Stamps 1 ms apart.
                     let stamp = (70_000_000 + number * 1_000).to_le_bytes();
                     if (3..11).contains(&offset) { stamp[offset as usize - 3] } else { self.message[offset as usize] }
                 };
@@ -92,11 +91,11 @@ fn two_gigabytes_are_read_in_bounded_memory() {
             Ok(into.len())
         }
     }
-    let head = dataflash(&recording(&ARDUPILOT));
+    let head = encode_dataflash(&recording(&ARDUPILOT));
     let at = head.windows(3).position(|bytes| bytes == [0xA3, 0x95, 67]).unwrap();
     let length = 3 + 8 + 1 + 18 + 1 + 4;
     let message = head[at..at + length].to_vec();
-    let flight = read(&mut Endless { head, message, at: 0 }, Unit::Milligauss).unwrap();
+    let flight = read(&mut Endless { head, message, at: 0 }, FieldUnit::Milligauss).unwrap();
     assert!(flight.compasses[0].field.rows().len() <= 1 << 20);
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak_kb =

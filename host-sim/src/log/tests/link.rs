@@ -1,4 +1,4 @@
-//! MAVLink: who is believed on a link.
+//! MAVLink: selection of the autopilot on a shared link.
 
 use mavlink::dialects::common::{
     ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags,
@@ -8,28 +8,26 @@ use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
 use super::*;
 
-/// Another vehicle and a ground station on the same link are not this one.
 #[test]
 fn only_the_first_autopilot_of_a_link_counts() {
     let (own, mut other) = (recording(&ARDUPILOT), recording(&[]));
-    for instant in &mut other.instants {
+    for instant in &mut other.samples {
         instant.field_ut[0] = [1.0, 2.0, 3.0];
     }
-    let other = tlog(&other);
-    let mut both = tlog(&own);
-    // The system's number stands at 8 + 5, the checksum must be right: the other is written as it is, and renumbered.
+    let other = encode_tlog(&other);
+    let mut both = encode_tlog(&own);
+    // The second vehicle has system 2; its checksums are recomputed.
     let renumbered = renumbered(&other, 2);
     both.extend(renumbered);
     let flight = read_bytes(&both).unwrap();
     assert!(flight.counts.others > 600 && flight.systems.len() == 2, "{:?}", flight.systems);
-    assert_eq!(read_bytes(&tlog(&own)).unwrap().systems, [1]);
+    assert_eq!(read_bytes(&encode_tlog(&own)).unwrap().systems, [1]);
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
-/// Of two autopilots of one system, as of two that are tied together, the first that is heard is read, and the other is told.
 #[test]
 fn a_second_autopilot_of_the_same_system_is_told() {
-    let own = tlog(&recording(&ARDUPILOT));
+    let own = encode_tlog(&recording(&ARDUPILOT));
     let begun = read_bytes(&own).unwrap();
     assert_eq!(begun.components, [1]);
     let mut both = own;
@@ -45,16 +43,15 @@ fn a_second_autopilot_of_the_same_system_is_told() {
     assert_eq!(flight.autopilot, begun.autopilot);
 }
 
-/// A frame with a wrong checksum says nothing, though the next one follows it.
 #[test]
 fn a_damaged_frame_is_not_believed() {
-    let mut bytes = tlog(&recording(&ARDUPILOT));
+    let mut bytes = encode_tlog(&recording(&ARDUPILOT));
     let mut damaged = 0;
     let mut at = 0;
     while at + 20 < bytes.len() {
         let is_attitude = bytes[at + 15..at + 18] == [30, 0, 0];
         if is_attitude && at % 3 == 0 {
-            // The exponent of its roll.
+            // Exponent of the roll angle.
             bytes[at + 18 + 7] ^= 0x20;
             damaged += 1;
         }
@@ -65,7 +62,6 @@ fn a_damaged_frame_is_not_believed() {
     assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
 }
 
-/// The frames of a log, sent by another system.
 fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     use mavlink::Message as _;
     let (mut out, mut rest) = (Vec::new(), bytes);
@@ -82,24 +78,23 @@ fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     out
 }
 
-/// A message of the first autopilot, received so many microseconds after 1970.
 fn received<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
     let mut frame = MAVLinkV2MessageRaw::new();
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, message);
     [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
 }
 
-/// An autopilot of a kind, and its attitude 40 s after its start.
+/// A heartbeat, and an attitude 40 s after boot.
 fn begun(autopilot: MavAutopilot) -> Vec<u8> {
     let attitude = ATTITUDE_DATA { time_boot_ms: 40_000, roll: 0.1, ..Default::default() };
     [received(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), received(0, &attitude)].concat()
 }
 
-/// All that HIGHRES_IMU tells is new; the default is an acceleration alone.
+/// A message with all update flags; the default has acceleration only.
 const ALL_NEW: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
 
-/// The same with a field of PX4's: what is sent by it is in gauss.
+/// The same with a PX4 field in gauss.
 fn begun_with_field() -> Vec<u8> {
     let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
     [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(0, &field)].concat()
@@ -109,21 +104,20 @@ fn begun_with_field() -> Vec<u8> {
 fn highres_imu_is_in_gauss() {
     let flight = read_bytes(&begun_with_field()).unwrap();
     let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-    assert!(row.of.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
+    assert!(row.values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
 }
 
-/// No current is one, too; less than none is that of a battery that nobody measures.
+/// A negative current means no measurement.
 #[test]
 fn a_current_of_nothing_is_one() {
     let current =
         |at_us: u64, current_battery: i16| received(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() });
     let bytes = [begun_with_field(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
     let flight = read_bytes(&bytes).unwrap();
-    assert_eq!(flight.current.rows().iter().map(|row| row.of[0]).collect::<Vec<_>>(), [0.0, 2.5]);
+    assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
 }
 
-/// What carries no clock of its own stands as long after the last message with one as it was received after it, but two seconds
-/// at the most: a link that was away for a minute says nothing of that minute.
+/// The receiver's clock bridges at most two seconds.
 #[test]
 fn what_has_no_clock_is_put_behind_what_has_one() {
     let current = |at_us: u64| received(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
@@ -134,7 +128,6 @@ fn what_has_no_clock_is_put_behind_what_has_one() {
     }
 }
 
-/// A fix in two dimensions is none; a course that is not known is no number, nor is a speed.
 #[test]
 fn what_a_receiver_does_not_know_is_not_known() {
     let fix = |at_us: u64, fix_type: GpsFixType, [vel, cog]: [u16; 2]| {
@@ -148,13 +141,13 @@ fn what_a_receiver_does_not_know_is_not_known() {
     ];
     let flight = read_bytes(&bytes.concat()).unwrap();
     let [known, unknown] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.of));
+    let [known, unknown] = [known, unknown].map(|row| Gps::from_columns(row.values));
     assert_eq!((known.latitude_deg, known.speed_m_s, known.course_deg), (48.0, 9.0, 45.0));
     assert!(unknown.speed_m_s.is_nan() && unknown.course_deg.is_nan(), "{unknown:?}");
 }
 
-/// ArduPilot's first compass is in RAW_IMU, in milligauss; PX4's RAW_IMU is in nobody's unit, and its first compass in SCALED_IMU. One
-/// that is not there is sent as nothing.
+/// ArduPilot sends its first compass in RAW_IMU in milligauss; PX4 sends it in SCALED_IMU, and RAW_IMU in undefined
+/// units. An absent compass is zero.
 #[test]
 fn the_first_compass_is_where_each_autopilot_sends_it() {
     let (raw, scaled) = (
@@ -170,12 +163,12 @@ fn the_first_compass_is_where_each_autopilot_sends_it() {
         let bytes = [begun(autopilot), received(0, &raw), received(0, &scaled), nothing.concat()].concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-        assert!((row.of[0] - ut).abs() < 1e-4, "{row:?}");
+        assert!((row.values[0] - ut).abs() < 1e-4, "{row:?}");
         assert_eq!(flight.counts.unhealthy, 0);
     }
 }
 
-/// Some senders count from 1970 in some messages: such a one stands where it was received.
+/// Some senders use Unix time in some messages.
 #[test]
 fn a_clock_from_1970_is_not_that_of_the_start() {
     let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
@@ -186,8 +179,7 @@ fn a_clock_from_1970_is_not_that_of_the_start() {
     assert_eq!((flight.counts.restarts, flight.counts.bad_times), (0, 0));
 }
 
-/// Two vehicles that fly at the same time, and before them a ground station that says it is a generic autopilot: each is read
-/// when it is asked for, and one that is not there is named, with those that are.
+/// Two vehicles on one link, preceded by a ground station that reports a generic autopilot.
 #[test]
 fn the_vehicle_that_is_asked_for_is_read() {
     let frames = |bytes: &[u8]| {
@@ -201,31 +193,32 @@ fn the_vehicle_that_is_asked_for_is_read() {
         .collect::<Vec<_>>()
     };
     let mut other = recording(&[]);
-    other.instants.iter_mut().for_each(|instant| instant.field_ut[0] = [1.0, 2.0, 3.0]);
-    let [one, two] = [tlog(&recording(&ARDUPILOT)), renumbered(&tlog(&other), 2)].map(|bytes| frames(&bytes));
+    other.samples.iter_mut().for_each(|instant| instant.field_ut[0] = [1.0, 2.0, 3.0]);
+    let [one, two] =
+        [encode_tlog(&recording(&ARDUPILOT)), renumbered(&encode_tlog(&other), 2)].map(|bytes| frames(&bytes));
     let mut station = one[0].clone();
-    // Kind, autopilot, and the system behind eight bytes of clock.
+    // Type, autopilot; the system follows eight clock bytes.
     (station[8 + 10 + 4], station[8 + 10 + 5]) = (6, 0);
     let mut link = renumbered(&station, 255);
-    // The writer's parameters make the two unequal in number.
+    // The logs differ in length by their parameters.
     for i in 0..one.len().max(two.len()) {
         link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
     }
     for (asked, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
-        let flight = read_of(&mut &link[..], Unit::Milligauss, asked).unwrap();
+        let flight = read_system(&mut &link[..], FieldUnit::Milligauss, asked).unwrap();
         assert_eq!(flight.systems, systems, "{asked:?}");
         let rows = flight.compasses[0].field.rows();
         assert!(rows.len() >= 299, "{asked:?}: {}", rows.len());
-        let is_the_other = rows.iter().all(|row| (row.of[0] - 1.0).abs() < 0.01);
+        let is_the_other = rows.iter().all(|row| (row.values[0] - 1.0).abs() < 0.01);
         assert_eq!(is_the_other, x_ut.is_some(), "{asked:?}");
     }
-    let none = read_of(&mut &link[..], Unit::Milligauss, Some(7)).unwrap_err();
+    let none = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
     assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
-    let table = read_of(&mut &csv(&recording(&[]))[..], Unit::Milligauss, Some(1)).unwrap_err();
-    assert_eq!(table.to_string(), "there is no system 1: no vehicle says its number");
+    let table = read_system(&mut &encode_csv(&recording(&[]))[..], FieldUnit::Milligauss, Some(1)).unwrap_err();
+    assert_eq!(table.to_string(), "no system 1: no vehicle of the log has this number");
 }
 
-/// A second part of the same vehicle that says it is an autopilot, as a gimbal's controller may, is no vehicle that could be asked for.
+/// A gimbal may report itself as an autopilot.
 #[test]
 fn another_part_of_a_vehicle_is_no_other_vehicle() {
     let mut frame = MAVLinkV2MessageRaw::new();

@@ -1,4 +1,4 @@
-//! The same flight in every format, whole, damaged, and as bytes that nobody wrote.
+//! The same flight in every format, intact and damaged.
 
 mod ardupilot;
 mod hostile;
@@ -8,13 +8,15 @@ mod table;
 
 use nalgebra::Vector3;
 
-use super::csv::Unit;
-use super::write::{Instant, Recording, csv, dataflash, dataflash_text, tlog, ulog};
+use super::csv::FieldUnit;
+use super::write::{
+    FlightRecording, FlightSample, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
+};
 use super::*;
 use crate::random::{Purpose, Random};
 use crate::world::rotation::Euler;
 
-/// ArduPilot's parameters of two compasses, all of a kind that is undone.
+/// ArduPilot's parameters of two compasses; every correction is exercised.
 const ARDUPILOT: [(&str, f64); 18] = [
     ("COMPASS_OFS_X", 120.0),
     ("COMPASS_OFS_Y", -60.0),
@@ -48,95 +50,94 @@ const PX4: [(&str, f64); 9] = [
     ("SENS_BOARD_ROT", 4.0),
 ];
 
-/// Half a minute of a turn with two compasses, the second with other iron.
-fn recording(parameters: &[(&str, f64)]) -> Recording {
+/// 30 s of turning with two compasses of different hard iron.
+fn recording(parameters: &[(&str, f64)]) -> FlightRecording {
     let instants = (0..300_u64).map(|i| {
         let t_s = i as f64 / 10.0;
         let (roll, pitch, yaw) = (0.4 * (t_s / 3.0).sin(), 0.1 * (t_s / 2.0).cos(), (t_s / 4.0).sin() * 3.0);
         let euler = Euler { roll_rad: roll, pitch_rad: pitch, heading_rad: yaw };
         let field = euler.field(50.0, 1.1);
         let second = Vector3::new(field.x * 1.1 + 10.0, field.y, field.z - 20.0);
-        Instant {
-            at_us: 40_000_000 + i * 100_000,
+        FlightSample {
+            time_us: 40_000_000 + i * 100_000,
             field_ut: vec![field.into(), second.into()],
             attitude_rad: [roll, pitch, yaw],
             rates_rad_s: [0.1, -0.2, 0.3],
             heading_rad: yaw,
             velocity_m_s: [-9.0, -12.0],
-            moved_m: [0.0; 2],
+            displacement_m: [0.0; 2],
             current_a: 10.0 + t_s / 10.0,
             is_armed: true,
         }
     });
-    Recording {
-        instants: instants.collect(),
+    FlightRecording {
+        samples: instants.collect(),
         parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
         place: Some([48.0, 11.3, 500.0]),
         declination_deg: 0.0,
         is_copter: false,
-        age_s: 0.0,
+        field_latency_s: 0.0,
     }
 }
 
-/// The flight in each format, and how exactly its field is logged, microtesla.
-fn each() -> [(Format, Vec<u8>, f64); 5] {
+/// The flight in each format, and the format's field resolution, microtesla.
+fn each() -> [(LogFormat, Vec<u8>, f64); 5] {
     let (ardupilot, px4) = (recording(&ARDUPILOT), recording(&PX4));
     [
-        (Format::DataFlash, dataflash(&ardupilot), 0.12),
-        (Format::DataFlashText, dataflash_text(&ardupilot), 0.12),
-        (Format::TLog, tlog(&ardupilot), 0.12),
-        (Format::ULog, ulog(&px4), 0.001),
-        (Format::Csv, csv(&ardupilot), 0.01),
+        (LogFormat::DataFlash, encode_dataflash(&ardupilot), 0.12),
+        (LogFormat::DataFlashText, encode_dataflash_text(&ardupilot), 0.12),
+        (LogFormat::TLog, encode_tlog(&ardupilot), 0.12),
+        (LogFormat::ULog, encode_ulog(&px4), 0.001),
+        (LogFormat::Csv, encode_csv(&ardupilot), 0.01),
     ]
 }
 
 fn read_bytes(bytes: &[u8]) -> Result<Flight, LogError> {
     let mut source = bytes;
-    read(&mut source, Unit::Milligauss)
+    read(&mut source, FieldUnit::Milligauss)
 }
 
-/// Whatever the format, and whatever the autopilot had applied: the raw field in body axes, attitude, rates, current, place.
 #[test]
 fn every_format_gives_the_raw_field_in_body_axes() {
     let original = recording(&[]);
     for (format, bytes, exactly_ut) in each() {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.format, format);
-        let compasses = if format == Format::Csv { 1 } else { 2 };
+        let compasses = if format == LogFormat::Csv { 1 } else { 2 };
         assert_eq!(flight.compasses.iter().map(|c| c.number).collect::<Vec<_>>(), [1, 2][..compasses], "{format:?}");
         for (index, compass) in flight.compasses.iter().enumerate() {
-            // Before its first heartbeat nothing of a link is believed.
-            let late = original.instants.len() - compass.field.rows().len();
+            // Rows before a link's first heartbeat are ignored.
+            let late = original.samples.len() - compass.field.rows().len();
             assert!(late <= 1, "{format:?}: {late}");
-            for (row, instant) in compass.field.rows().iter().zip(&original.instants[late..]) {
-                let raw = Vector3::new(row.of[0], row.of[1], row.of[2]).map(f64::from);
+            for (row, instant) in compass.field.rows().iter().zip(&original.samples[late..]) {
+                let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
                 let off_ut = (raw - Vector3::from(instant.field_ut[index])).norm();
-                // The autopilot's matrix undone makes a count more or less than it was.
+                // The inverse soft-iron matrix scales the resolution.
                 assert!(off_ut < exactly_ut * 1.5, "{format:?} compass {}: {off_ut} uT at {}", index + 1, row.t_s);
             }
         }
-        let (row, instant) = (&flight.attitude.rows()[100], &original.instants[100]);
+        let (row, instant) = (&flight.attitude.rows()[100], &original.samples[100]);
         let [roll, pitch, yaw] = instant.attitude_rad;
         assert!(
-            (f64::from(row.of[0]) - roll).abs() < 2e-4 && (f64::from(row.of[1]) - pitch).abs() < 2e-4,
+            (f64::from(row.values[0]) - roll).abs() < 2e-4 && (f64::from(row.values[1]) - pitch).abs() < 2e-4,
             "{format:?}"
         );
-        assert!(format == Format::Csv || (f64::from(row.of[2]) - yaw).abs() < 2e-4, "{format:?}");
-        let rates = flight.rates.at(row.t_s, 1.0).unwrap();
+        assert!(format == LogFormat::Csv || (f64::from(row.values[2]) - yaw).abs() < 2e-4, "{format:?}");
+        let rates = flight.rates.interpolate(row.t_s, 1.0).unwrap();
         assert!(
             rates.iter().zip([0.1, -0.2, 0.3]).all(|(rate, expected)| (rate - expected).abs() < 1e-4),
             "{format:?}"
         );
-        let [current] = flight.current.held_at(row.t_s, 2.0).unwrap();
+        let [current] = flight.current.interpolate_or_hold(row.t_s, 2.0).unwrap();
         assert!((f64::from(current) - instant.current_a).abs() < 0.1, "{format:?}: {current}");
-        let gps = Gps::from_columns(flight.gps.rows()[5].of);
+        let gps = Gps::from_columns(flight.gps.rows()[5].values);
         assert!((gps.latitude_deg - 48.0).abs() < 1e-4 && (gps.height_m - 500.0).abs() < 0.1, "{format:?}: {gps:?}");
         let over_ground = [gps.speed_m_s, gps.course_deg.rem_euclid(360.0)];
         let is_right = (over_ground[0] - 15.0).abs() < 0.01 && (over_ground[1] - 233.13).abs() < 0.01;
         assert!(is_right, "{format:?}: {gps:?}");
-        assert_eq!(flight.counts, Counts::default(), "{format:?}");
+        assert_eq!(flight.counts, SkippedCounts::default(), "{format:?}");
         assert!(!flight.is_copter, "{format:?}");
-        assert!(flight.truth.is_empty() || format == Format::Csv);
+        assert!(flight.truth.is_empty() || format == LogFormat::Csv);
     }
 }
 
@@ -159,27 +160,27 @@ fn what_the_autopilot_says_of_itself_is_told() {
 
 #[test]
 fn a_copter_is_known_as_one() {
-    let copter = |parameters| Recording { is_copter: true, ..recording(parameters) };
+    let copter = |parameters| FlightRecording { is_copter: true, ..recording(parameters) };
     let (ardupilot, px4) = (copter(&ARDUPILOT), copter(&PX4));
-    for bytes in [dataflash(&ardupilot), dataflash_text(&ardupilot), tlog(&ardupilot), ulog(&px4)] {
+    for bytes in
+        [encode_dataflash(&ardupilot), encode_dataflash_text(&ardupilot), encode_tlog(&ardupilot), encode_ulog(&px4)]
+    {
         let flight = read_bytes(&bytes).unwrap();
         assert!(flight.is_copter, "{:?}", flight.format);
     }
 }
 
-/// Nothing, something else, or a log without what is needed.
 #[test]
 fn what_is_no_log_is_told() {
     assert!(matches!(read_bytes(b""), Err(LogError::Empty)));
     for bytes in [&b"hello"[..], b"time,x\n1,2\n", b"\x89PNG\r\n\x1a\n0000000000000000", &[0; 5000]] {
-        assert!(matches!(read_bytes(bytes), Err(LogError::Unknown)), "{bytes:?}");
+        assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
     }
-    let nothing = Recording { instants: Vec::new(), ..recording(&[]) };
-    assert!(matches!(read_bytes(&dataflash(&nothing)), Err(LogError::NoField(Format::DataFlash, 0))));
-    assert!(matches!(read_bytes(&ulog(&nothing)), Err(LogError::NoField(Format::ULog, 0))));
+    let nothing = FlightRecording { samples: Vec::new(), ..recording(&[]) };
+    assert!(matches!(read_bytes(&encode_dataflash(&nothing)), Err(LogError::NoField(LogFormat::DataFlash, 0))));
+    assert!(matches!(read_bytes(&encode_ulog(&nothing)), Err(LogError::NoField(LogFormat::ULog, 0))));
 }
 
-/// Garbage between messages costs itself, and the message that it hits.
 #[test]
 fn damage_in_the_middle_costs_little() {
     for (format, bytes, _) in each() {
@@ -195,16 +196,15 @@ fn damage_in_the_middle_costs_little() {
     }
 }
 
-/// The autopilot starts again: its clock begins anew, and time goes on.
 #[test]
 fn a_restart_in_the_file_goes_on_later() {
     let mut twice = recording(&ARDUPILOT);
-    let mut again = twice.instants.clone();
+    let mut again = twice.samples.clone();
     for instant in &mut again {
-        instant.at_us -= 35_000_000;
+        instant.time_us -= 35_000_000;
     }
-    twice.instants.extend(again);
-    for bytes in [dataflash(&twice), dataflash_text(&twice), csv(&twice), ulog(&twice)] {
+    twice.samples.extend(again);
+    for bytes in [encode_dataflash(&twice), encode_dataflash_text(&twice), encode_csv(&twice), encode_ulog(&twice)] {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.counts.restarts, 1);
         let rows = flight.compasses[0].field.rows();

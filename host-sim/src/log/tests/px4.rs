@@ -1,8 +1,6 @@
-//! What PX4 logs, and logged otherwise once.
-
 use super::*;
 
-/// The messages of a ULog, changed: kind and body.
+/// A ULog with each message's body changed by type.
 fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
     let (mut out, mut rest) = (bytes[..16].to_vec(), &bytes[16..]);
     while let [low, high, kind, after @ ..] = rest {
@@ -16,7 +14,7 @@ fn ulog_with(bytes: &[u8], change: &dyn Fn(u8, Vec<u8>) -> Vec<u8>) -> Vec<u8> {
     out
 }
 
-/// Until 1.8 PX4 logged its field and its rates in `sensor_combined` alone: the field is that of the instant that it tells.
+/// Until 1.8 field and rates were in `sensor_combined` only.
 #[test]
 fn px4s_old_sensor_combined_is_read() {
     let renamed = |body: &[u8], pairs: [(&str, &str); 2]| {
@@ -24,8 +22,8 @@ fn px4s_old_sensor_combined_is_read() {
         pairs.iter().fold(text, |text, (old, new)| text.replace(old, new)).into_bytes()
     };
     let mut one = recording(&PX4);
-    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
-    let bytes = ulog_with(&ulog(&one), &|kind, body| match (kind, &body[..]) {
+    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    let bytes = ulog_with(&encode_ulog(&one), &|kind, body| match (kind, &body[..]) {
         (b'F', text) if text.starts_with(b"vehicle_magnetometer") => renamed(
             text,
             [
@@ -39,25 +37,25 @@ fn px4s_old_sensor_combined_is_read() {
         (b'A', text) => {
             renamed(text, [("vehicle_magnetometer", "sensor_combined"), ("vehicle_angular_velocity", "none")])
         }
-        // Measured 20 ms before.
+        // Measured 20 ms earlier.
         (b'D', [0, 0, rest @ ..]) => [&[0, 0], &rest[..8], &(-20_000_i32).to_le_bytes(), &rest[12..]].concat(),
         _ => body,
     });
     let flight = read_bytes(&bytes).unwrap();
     let rows = flight.compasses[0].field.rows();
     assert_eq!((flight.compasses.len(), rows.len()), (1, 300));
-    for (row, instant) in rows.iter().zip(&one.instants) {
-        let raw = Vector3::new(row.of[0], row.of[1], row.of[2]).map(f64::from);
+    for (row, instant) in rows.iter().zip(&one.samples) {
+        let raw = Vector3::new(row.values[0], row.values[1], row.values[2]).map(f64::from);
         assert!((raw - Vector3::from(instant.field_ut[0])).norm() < 0.001, "{row:?}");
-        assert!((row.t_s + 0.02 - (instant.at_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
+        assert!((row.t_s + 0.02 - (instant.time_us as f64 / 1e6 - 40.0)).abs() < 1e-6, "{row:?}");
     }
 }
 
-/// Noise of some kilobytes in twenty places, in which headers of long messages stand by chance: each costs itself and
-/// the messages that it tears, of six an instant, so an instant at most.
+/// 20 insertions of 3 KB, in which message headers occur by chance. A sample has six messages, so each insertion costs
+/// at most one sample.
 #[test]
 fn noise_in_a_ulog_costs_itself() {
-    let mut bytes = ulog(&recording(&PX4));
+    let mut bytes = encode_ulog(&recording(&PX4));
     let mut random = Random::new(7, Purpose::Damage);
     for part in (1..=20).rev() {
         let at = bytes.len() / 40 + bytes.len() * part / 22;
@@ -68,7 +66,6 @@ fn noise_in_a_ulog_costs_itself() {
     assert!((300 - 20..=300).contains(&rows), "{rows}");
 }
 
-/// A log with more messages at its end: letter and body.
 fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
     for (kind, body) in messages {
         bytes.extend((body.len() as u16).to_le_bytes());
@@ -78,7 +75,7 @@ fn with_more(mut bytes: Vec<u8>, messages: &[(u8, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// A topic that is told from now on by this number, and a row of it at this time, microseconds.
+/// A subscription to a topic, and a row of it at a time in microseconds.
 fn subscribed(number: u8, instance: u8, topic: &str) -> (u8, Vec<u8>) {
     (b'A', [&[instance, number, 0], topic.as_bytes()].concat())
 }
@@ -87,15 +84,15 @@ fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
     (b'D', [&[number, 0][..], &at_us.to_le_bytes(), &values.concat()].concat())
 }
 
-/// A compass of priority 0 is not flown by; of others no parameter tells whether they are.
+/// Other priorities do not show which compass is used.
 #[test]
 fn a_compass_of_priority_nothing_is_not_used() {
     let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
-    let flight = read_bytes(&ulog(&recording(&parameters))).unwrap();
+    let flight = read_bytes(&encode_ulog(&recording(&parameters))).unwrap();
     assert_eq!(flight.compasses.iter().map(|compass| compass.is_used).collect::<Vec<_>>(), [None, Some(false)]);
 }
 
-/// The motors' battery is the first one: what a second one gives is not added to the field by the motors' wires.
+/// A second battery does not supply the motors.
 #[test]
 fn the_current_is_that_of_the_first_battery() {
     let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
@@ -105,13 +102,12 @@ fn the_current_is_that_of_the_first_battery() {
         row(90, 70_000_000, &[&current(33.0)]),
         row(91, 70_100_000, &[&current(2.0)]),
     ];
-    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
     assert_eq!(flight.current.rows().len(), 301);
-    assert_eq!(flight.current.rows().last().unwrap().of.map(f32::to_bits), [33.0_f32.to_bits()]);
+    assert_eq!(flight.current.rows().last().unwrap().values.map(f32::to_bits), [33.0_f32.to_bits()]);
 }
 
-/// A receiver as PX4 logs it since 1.14, without the velocity's parts: speed and course are what they are called, yaw is in
-/// radians; a fix in two dimensions is none, and a second receiver is another one.
+/// The column names since 1.14, without velocity components; a 2D fix and a second receiver are ignored.
 #[test]
 fn a_receiver_is_read_by_the_names_of_what_it_says() {
     let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
@@ -132,36 +128,34 @@ fn a_receiver_is_read_by_the_names_of_what_it_says() {
         fix(70_200_000, 3),
         second,
     ];
-    let flight = read_bytes(&with_more(ulog(&original), &messages)).unwrap();
+    let flight = read_bytes(&with_more(encode_ulog(&original), &messages)).unwrap();
     let [fix] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
-    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.of);
+    let Gps { latitude_deg, speed_m_s, course_deg, yaw_deg, .. } = Gps::from_columns(fix.values);
     assert_eq!((latitude_deg, speed_m_s), (48.0, 12.0));
     assert!((course_deg - 0.5_f32.to_degrees()).abs() < 1e-4 && (yaw_deg - 1.5_f32.to_degrees()).abs() < 1e-4);
 }
 
-/// A VTOL hovers on rotors, too, and flies where its nose points after that.
 #[test]
 fn a_vtol_is_no_copter() {
     for (is_vtol, is_copter) in [(0, true), (1, false)] {
         let messages = [subscribed(90, 0, "vehicle_status"), row(90, 70_000_000, &[&[1, is_vtol]])];
-        let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+        let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
         assert_eq!(flight.is_copter, is_copter);
     }
 }
 
-/// Armed is one of five states (2); in the others its motors stand still.
+/// Armed is state 2.
 #[test]
 fn an_arming_state_is_read() {
     let format = "vehicle_status:uint64_t timestamp;uint8_t arming_state;";
     let states = [(70, 1), (71, 2), (72, 5), (73, 2), (74, 3)];
     let mut messages = vec![(b'F', format.as_bytes().to_vec()), subscribed(90, 0, "vehicle_status")];
     messages.extend(states.map(|(at_s, state)| row(90, at_s * 1_000_000, &[&[state]])));
-    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
     let armed = [30.5, 31.5, 32.5, 33.5, 34.5].map(|t_s| flight.is_armed(t_s).unwrap());
     assert_eq!(armed, [false, true, false, true, false]);
 }
 
-/// What is sampled before it is published is of the instant at which it was sampled.
 #[test]
 fn a_sample_is_of_its_own_instant() {
     let format = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;";
@@ -171,15 +165,15 @@ fn a_sample_is_of_its_own_instant() {
         subscribed(90, 0, "vehicle_angular_velocity"),
         row(90, 70_100_000, &[&70_060_000_u64.to_le_bytes(), &rates]),
     ];
-    let flight = read_bytes(&with_more(ulog(&recording(&PX4)), &messages)).unwrap();
+    let flight = read_bytes(&with_more(encode_ulog(&recording(&PX4)), &messages)).unwrap();
     let last = flight.rates.rows().last().unwrap();
     assert!((last.t_s - 30.06).abs() < 1e-6, "{last:?}");
 }
 
-/// `sensor_mag` is raw, in the axes of the sensor, since 1.11 alone: before that it is left to the topic that says so.
+/// Before 1.11 `sensor_mag` was corrected by the driver.
 #[test]
 fn sensor_mag_is_raw_since_1_11() {
-    let nothing = Recording { instants: Vec::new(), ..recording(&PX4) };
+    let nothing = FlightRecording { samples: Vec::new(), ..recording(&PX4) };
     let format = "sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;";
     let gauss = [0.2_f32, -0.1, 0.4].map(f32::to_le_bytes).concat();
     let level = [1.0_f32, 0.0, 0.0, 0.0].map(f32::to_le_bytes).concat();
@@ -191,26 +185,26 @@ fn sensor_mag_is_raw_since_1_11() {
         row(90, 70_100_000, &[&396_809_u32.to_le_bytes(), &gauss]),
     ];
     for (minor, is_raw) in [(10, false), (11, true)] {
-        let bytes = ulog_with(&ulog(&nothing), &|kind, body| {
+        let bytes = ulog_with(&encode_ulog(&nothing), &|kind, body| {
             let version = body.windows(4).position(|bytes| bytes == [255, 0, 15, 1]).filter(|_| kind == b'I');
             version.map_or_else(|| body.clone(), |at| [&body[..at], &[255, 0, minor, 1]].concat())
         });
         let read = read_bytes(&with_more(bytes, &messages));
         if !is_raw {
-            assert!(matches!(read, Err(LogError::NoField(Format::ULog, 0))), "1.{minor}");
+            assert!(matches!(read, Err(LogError::NoField(LogFormat::ULog, 0))), "1.{minor}");
             continue;
         }
-        // Turned by 90 deg, as the parameters say: the sensor's y is the body's -x.
+        // Turned by 90 deg: the sensor's y is the body's -x.
         let flight = read.unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
-        assert!((row.of[0] - 10.0).abs() < 1e-4 && (row.of[1] - 20.0).abs() < 1e-4, "{row:?}");
+        assert!((row.values[0] - 10.0).abs() < 1e-4 && (row.values[1] - 20.0).abs() < 1e-4, "{row:?}");
     }
 }
 
-/// The same log with `sensor_mag` of the first compass beside it, every so manyeth row: its field as it is measured.
-fn with_sensor_mag(one: &Recording, every: usize) -> Vec<u8> {
+/// `sensor_mag` of the first compass is added in one sample of `every`.
+fn with_sensor_mag(one: &FlightRecording, every: usize) -> Vec<u8> {
     const TOPIC: [u8; 2] = [60, 0];
-    let (mut out, bytes) = (Vec::new(), ulog(one));
+    let (mut out, bytes) = (Vec::new(), encode_ulog(one));
     let (mut rest, mut rows) = (&bytes[16..], 0);
     out.extend(&bytes[..16]);
     let mut write = |kind: u8, body: &[u8]| {
@@ -227,8 +221,7 @@ fn with_sensor_mag(one: &Recording, every: usize) -> Vec<u8> {
         }
         if *kind == b'D' && body[..2] == [0, 0] {
             if rows % every == 0 {
-                let gauss = one.instants[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
-                // What stands there is stamp and device.
+                let gauss = one.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
                 write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
             }
             rows += 1;
@@ -238,19 +231,19 @@ fn with_sensor_mag(one: &Recording, every: usize) -> Vec<u8> {
     out
 }
 
-/// PX4 logs `sensor_mag` once a second unless it is told otherwise, and the corrected field oftener: what tells more of a
-/// flight is read, with its correction undone, and of two that come as often the one without.
+/// PX4 logs `sensor_mag` at 1 Hz by default and the corrected field faster; at equal rates the raw field is used.
 #[test]
 fn of_raw_and_corrected_field_that_which_comes_oftener_is_read() {
     let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
     let mut one = recording(&parameters);
-    one.instants.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
+    one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
     for every in [1, 10] {
         let flight = read_bytes(&with_sensor_mag(&one, every)).unwrap();
         let [compass] = flight.compasses.as_slice() else { panic!("one compass") };
         assert_eq!(compass.field.rows().len(), 300, "1 of {every}");
-        for (row, instant) in compass.field.rows().iter().zip(&one.instants) {
-            let [raw, logged] = [[row.of[0], row.of[1], row.of[2]], [row.of[3], row.of[4], row.of[5]]];
+        for (row, instant) in compass.field.rows().iter().zip(&one.samples) {
+            let [raw, logged] =
+                [[row.values[0], row.values[1], row.values[2]], [row.values[3], row.values[4], row.values[5]]];
             let original = Vector3::from(instant.field_ut[0]);
             assert!((Vector3::from(raw).map(f64::from) - original).norm() < 0.001, "1 of {every}: {row:?}");
             let corrected = Vector3::new(original.x - 12.0, original.y * 1.1, original.z);
@@ -259,22 +252,21 @@ fn of_raw_and_corrected_field_that_which_comes_oftener_is_read() {
     }
 }
 
-/// A log of a filter that is not the one in use stands in where `vehicle_attitude` is not logged.
 #[test]
 fn an_estimators_attitude_stands_in() {
-    let renamed = ulog_with(&ulog(&recording(&PX4)), &|kind, body| match kind {
+    let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|kind, body| match kind {
         b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
         _ => body,
     });
-    let [own, other] = [ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
-    assert_eq!((own.attitude_from, other.attitude_from), (None, Some("estimator_attitude")));
+    let [own, other] = [encode_ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
+    assert_eq!((own.attitude_source, other.attitude_source), (None, Some("estimator_attitude")));
     assert_eq!(own.attitude.rows(), other.attitude.rows());
 }
 
-/// After a crash the autopilot appends what it knows of it: the last message may be torn, and words follow.
+/// After a crash, hard-fault messages follow a truncated one.
 #[test]
 fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
-    let mut bytes = ulog(&recording(&PX4));
+    let mut bytes = encode_ulog(&recording(&PX4));
     bytes.truncate(bytes.len() - 10);
     let words = [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
     for _ in 0..3 {
@@ -286,14 +278,13 @@ fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
     assert!(rows >= 299, "{rows}");
 }
 
-/// What writes ULog names itself by its release, if it is PX4; who else does says its name, whichever comes first.
 #[test]
 fn who_else_writes_a_ulog_is_named() {
     for (name, firmware) in [("PX4", "PX4 1.15.0"), ("Other autopilot", "Other autopilot")] {
         let key = format!("char[{}] sys_name", name.len());
         let body = [&[key.len() as u8], key.as_bytes(), name.as_bytes()].concat();
         let message = [&(body.len() as u16).to_le_bytes()[..], b"I", &body].concat();
-        let mut bytes = ulog(&recording(&PX4));
+        let mut bytes = encode_ulog(&recording(&PX4));
         bytes.splice(16..16, message);
         assert_eq!(read_bytes(&bytes).unwrap().firmware.as_deref(), Some(firmware));
     }

@@ -1,12 +1,8 @@
-//! Tables as spreadsheets and scripts write them.
-
 use super::*;
 
-/// The table as spreadsheets and scripts write it: in capitals, with a line that names the separator, times from 1970, a
-/// reference that is not always there, lines sorted by something else or from the end.
 #[test]
 fn a_table_is_read_in_any_shape() {
-    let text = String::from_utf8(csv(&recording(&[]))).unwrap();
+    let text = String::from_utf8(encode_csv(&recording(&[]))).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let rows: Vec<&str> = rows.lines().collect();
     let each = |change: &dyn Fn(usize, Vec<String>) -> Vec<String>| {
@@ -42,22 +38,22 @@ fn a_table_is_read_in_any_shape() {
         ("from the end", from_the_end),
     ] {
         let flight = read_bytes(table.as_bytes()).unwrap();
-        assert_eq!(flight.counts, Counts::default(), "{shape}");
+        assert_eq!(flight.counts, SkippedCounts::default(), "{shape}");
         let [found, as_before] = [&flight, &expected].map(|flight| {
             let rows = flight.compasses[0].field.rows();
             rows.iter()
                 .map(|row| ((row.t_s - rows[0].t_s) * 1e3).round() as i64)
-                .zip(rows.iter().map(|row| row.of))
+                .zip(rows.iter().map(|row| row.values))
                 .collect::<Vec<_>>()
         });
         assert!(found == as_before, "{shape}");
-        let references = flight.reference.rows().len();
+        let references = flight.reference_heading.rows().len();
         assert_eq!(references, if shape == "half a reference" { 150 } else { 300 }, "{shape}");
-        assert_eq!(flight.is_armed(flight.lasts_s()[1]), Some(true), "{shape}");
+        assert_eq!(flight.is_armed(flight.time_range_s()[1]), Some(true), "{shape}");
     }
-    // A time that cannot be is counted, and a field of nothing is told.
+    // An impossible time is counted; a zero field is rejected.
     let far = read_bytes(format!("{text}1e9,1,2,3,0,0\n").as_bytes()).unwrap();
     assert_eq!(far.counts.bad_times, 1);
     let nothing = read_bytes(b"t_s,mx,my,mz,roll_deg,pitch_deg\n0,0,0,0,1,2\n").unwrap_err();
-    assert!(matches!(nothing, LogError::NoField(Format::Csv, 1)), "{nothing}");
+    assert!(matches!(nothing, LogError::NoField(LogFormat::Csv, 1)), "{nothing}");
 }

@@ -1,17 +1,16 @@
-//! Where the numbers of a row stand, and what they are.
+//! Layout of a ULog row.
 
 use std::collections::HashMap;
 
-/// A number of a row.
 #[derive(Clone, Copy)]
 pub(super) struct Column {
-    pub kind: Kind,
-    pub at: usize,
-    pub number: usize,
+    pub scalar: ScalarType,
+    pub offset: usize,
+    pub array_len: usize,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ScalarType {
     I8,
     U8,
     I16,
@@ -24,8 +23,8 @@ pub(super) enum Kind {
     F64,
 }
 
-impl Kind {
-    pub fn named(name: &str) -> Option<Self> {
+impl ScalarType {
+    pub fn from_name(name: &str) -> Option<Self> {
         Some(match name {
             "int8_t" => Self::I8,
             "uint8_t" | "bool" | "char" => Self::U8,
@@ -41,7 +40,7 @@ impl Kind {
         })
     }
 
-    pub const fn size(self) -> usize {
+    pub const fn byte_len(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -50,8 +49,8 @@ impl Kind {
         }
     }
 
-    pub fn number(self, bytes: &[u8]) -> Option<f64> {
-        let b = bytes.get(..self.size())?;
+    pub fn decode(self, bytes: &[u8]) -> Option<f64> {
+        let b = bytes.get(..self.byte_len())?;
         Some(match (self, b) {
             (Self::I8, &[a]) => f64::from(a.cast_signed()),
             (Self::U8, &[a]) => f64::from(a),
@@ -68,38 +67,37 @@ impl Kind {
     }
 }
 
-/// What a row holds, by name.
 pub(super) type Columns = HashMap<String, Column>;
 
-/// A key and what it stands for: length, then `type name`, then the value.
-pub(super) fn keyed(body: &[u8]) -> Option<(&str, &str, &[u8])> {
+/// Splits a keyed value into type, name and bytes: length, `type name`, value.
+pub(super) fn parse_keyed_value(body: &[u8]) -> Option<(&str, &str, &[u8])> {
     let (&length, rest) = body.split_first()?;
     let key = std::str::from_utf8(rest.get(..usize::from(length))?).ok()?;
     let (kind, name) = key.split_once(' ')?;
     Some((kind, name, &rest[usize::from(length)..]))
 }
 
-pub(super) struct Row<'a> {
+pub(super) struct TopicRow<'a> {
     pub columns: &'a Columns,
     pub body: &'a [u8],
 }
 
-impl Row<'_> {
+impl TopicRow<'_> {
     pub fn number(&self, name: &str) -> Option<f64> {
         let column = self.columns.get(name)?;
-        column.kind.number(self.body.get(column.at..)?)
+        column.scalar.decode(self.body.get(column.offset..)?)
     }
 
     pub fn array<const N: usize>(&self, name: &str) -> Option<[f32; N]> {
-        let column = self.columns.get(name).filter(|column| column.number >= N)?;
+        let column = self.columns.get(name).filter(|column| column.array_len >= N)?;
         let mut found = [0.0; N];
         for (i, number) in found.iter_mut().enumerate() {
-            *number = column.kind.number(self.body.get(column.at + i * column.kind.size()..)?)? as f32;
+            *number = column.scalar.decode(self.body.get(column.offset + i * column.scalar.byte_len()..)?)? as f32;
         }
         Some(found)
     }
 
-    pub fn three(&self, names: [&str; 3]) -> Option<[f32; 3]> {
+    pub fn vector(&self, names: [&str; 3]) -> Option<[f32; 3]> {
         let [x, y, z] = names.map(|name| self.number(name));
         Some([x? as f32, y? as f32, z? as f32])
     }
@@ -109,7 +107,6 @@ impl Row<'_> {
 mod tests {
     use super::*;
 
-    /// A number is what its kind says, signed or not.
     #[test]
     fn numbers_are_what_their_kind_says() {
         for (kind, number) in [
@@ -121,16 +118,16 @@ mod tests {
             ("uint32_t", 4_294_967_295.0),
             ("int64_t", -1.0),
         ] {
-            assert_eq!(Kind::named(kind).and_then(|kind| kind.number(&[0xFF; 8])), Some(number), "{kind}");
+            assert_eq!(ScalarType::from_name(kind).and_then(|kind| kind.decode(&[0xFF; 8])), Some(number), "{kind}");
         }
     }
 
-    /// A column of two numbers is none of three, though more bytes follow.
+    /// More bytes follow the array.
     #[test]
     fn an_array_is_as_long_as_it_is_told() {
-        let column = Column { kind: Kind::F32, at: 0, number: 2 };
+        let column = Column { scalar: ScalarType::F32, offset: 0, array_len: 2 };
         let columns = Columns::from([("q".to_owned(), column)]);
-        let row = Row { columns: &columns, body: &[0; 64] };
+        let row = TopicRow { columns: &columns, body: &[0; 64] };
         assert_eq!((row.array::<2>("q"), row.array::<3>("q")), (Some([0.0; 2]), None));
     }
 }

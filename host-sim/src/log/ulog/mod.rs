@@ -1,4 +1,4 @@
-//! PX4's ULog (docs.px4.io, "ULog File Format"): formats told by name, subscriptions to them, rows.
+//! Reader for PX4's ULog (docs.px4.io, "ULog File Format").
 
 mod layout;
 mod sensors;
@@ -6,53 +6,51 @@ mod sensors;
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use layout::{Column, Columns, Kind, Row, keyed};
-use sensors::Sensors;
+use layout::{Column, Columns, ScalarType, TopicRow, parse_keyed_value};
+use sensors::CompassAssignment;
 
-use super::dataflash::euler_rad;
-use super::flight::{Autopilot, Flight, Format, Gps};
-use super::recorder::{Logged, Recorder};
+use super::dataflash::quaternion_to_euler_rad;
+use super::flight::{Autopilot, Flight, Gps, LogFormat};
+use super::flight_builder::{FieldProcessing, FlightBuilder};
+use super::read_window::{MAX_PEEK, ReadWindow};
 use super::series::Series;
-use super::window::{MAX_PEEK, Window};
 
-/// A log begins so; the version and a time follow.
+/// Start of a log; version and time follow.
 pub const MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
 const FILE_HEADER: usize = 16;
 const HEADER: usize = 3;
 
-/// The letters of messages.
 const KINDS: &[u8] = b"BFIMPQARDLCSO";
 
-/// No log tells more formats, and none is nested deeper.
+/// Limits on formats and their nesting, to bound memory.
 const MAX_FORMATS: usize = 4096;
 const MAX_DEPTH: u8 = 6;
 
-/// `vehicle_status.arming_state` of an aircraft that is armed.
+/// `vehicle_status.arming_state` of an armed aircraft.
 const ARMED: u8 = 2;
 
-/// Microtesla in a gauss.
 const GAUSS_UT: f32 = 100.0;
 
 /// Reads a flight.
 ///
 /// # Errors
 ///
-/// What the source says.
+/// The source cannot be read.
 pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
-    let mut window = Window::new(source);
+    let mut window = ReadWindow::new(source);
     window.peek(FILE_HEADER)?;
-    window.take(FILE_HEADER);
-    let mut log = Log::new();
+    window.consume(FILE_HEADER);
+    let mut log = UlogReader::new();
     let mut is_lost = false;
     while let &[low, high, kind, ..] = window.peek(HEADER)? {
         let end = HEADER + usize::from(u16::from_le_bytes([low, high]));
         debug_assert!(end + HEADER <= MAX_PEEK);
         if is_lost && !is_chain(window.peek(CHAIN * (HEADER + USUAL))?) {
-            log.recorder.flight.counts.garbage += 1;
-            window.take(1);
+            log.builder.flight.counts.garbage += 1;
+            window.consume(1);
             continue;
         }
-        // The next one must follow it, or the end.
+        // A valid message is followed by another or by the end.
         let bytes = window.peek(end + HEADER)?;
         let is_followed = bytes.get(end + HEADER - 1).is_none_or(|next| KINDS.contains(next));
         let body = bytes.get(HEADER..end).filter(|_| KINDS.contains(&kind) && is_followed);
@@ -62,20 +60,20 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
             end
         } else {
             is_lost = true;
-            log.recorder.flight.counts.garbage += 1;
+            log.builder.flight.counts.garbage += 1;
             1
         };
-        window.take(taken);
+        window.consume(taken);
     }
     Ok(log.finish())
 }
 
-/// Every twentieth byte of noise looks like the header of a message, of 32 KB in the mean: after damage so many must follow one
-/// another, none of them longer than most are, bytes.
+/// Messages that must follow one another after damage, and their largest length, bytes. One byte in twenty of noise
+/// looks like a message header, with a mean length of 32 KB.
 const CHAIN: usize = 3;
 const USUAL: usize = 1024;
 
-/// Whether messages follow one another from here, or up to the end.
+/// Whether a sequence of valid message headers, or the end, follows.
 fn is_chain(bytes: &[u8]) -> bool {
     let mut rest = bytes;
     (0..CHAIN).all(|_| match *rest {
@@ -94,30 +92,30 @@ struct Topic {
     columns: Columns,
 }
 
-struct Log {
-    recorder: Recorder,
+struct UlogReader {
+    builder: FlightBuilder,
     formats: HashMap<String, String>,
     topics: HashMap<u16, Topic>,
-    /// `sensor_mag` is raw since 1.11; before that drivers corrected it.
+    /// Major and minor version. `sensor_mag` is raw since 1.11; before, drivers corrected it.
     release: Option<(u8, u8)>,
     has_angular_velocity: bool,
-    /// Field, gauss, and body rates of `sensor_combined`: until 1.8 what there was of them, since then needless.
+    /// Field, gauss, and body rates of `sensor_combined`, used for logs up to 1.8 only.
     combined: (Series<3>, Series<3>),
-    sensors: Sensors,
+    sensors: CompassAssignment,
 }
 
-impl Log {
+impl UlogReader {
     fn new() -> Self {
-        let mut recorder = Recorder::new(Format::ULog);
+        let mut recorder = FlightBuilder::new(LogFormat::ULog);
         recorder.flight.autopilot = Autopilot::Px4;
         Self {
-            recorder,
+            builder: recorder,
             formats: HashMap::new(),
             topics: HashMap::new(),
             release: None,
             has_angular_velocity: false,
             combined: (Series::new(), Series::new()),
-            sensors: Sensors::default(),
+            sensors: CompassAssignment::default(),
         }
     }
 
@@ -133,10 +131,10 @@ impl Log {
             b'D' => self.row(body),
             b'I' => self.information(body),
             b'P' => {
-                if let Some((kind, name, value)) = keyed(body)
-                    && let Some(value) = Kind::named(kind).and_then(|kind| kind.number(value))
+                if let Some((kind, name, value)) = parse_keyed_value(body)
+                    && let Some(value) = ScalarType::from_name(kind).and_then(|kind| kind.decode(value))
                 {
-                    self.recorder.parameter(name, value);
+                    self.builder.set_parameter(name, value);
                 }
             }
             _ => {}
@@ -144,14 +142,14 @@ impl Log {
     }
 
     fn information(&mut self, body: &[u8]) {
-        let Some((_, name, value)) = keyed(body) else { return };
+        let Some((_, name, value)) = parse_keyed_value(body) else { return };
         match (name, value) {
             ("ver_sw_release", &[_, patch, minor, major]) => {
                 self.release = Some((major, minor));
-                self.recorder.firmware(&format!("PX4 {major}.{minor}.{patch}"));
+                self.builder.set_firmware(&format!("PX4 {major}.{minor}.{patch}"));
             }
             ("sys_name", name) if !name.starts_with(b"PX4") => {
-                self.recorder.firmware(&String::from_utf8_lossy(name));
+                self.builder.set_firmware(&String::from_utf8_lossy(name));
             }
             _ => {}
         }
@@ -169,7 +167,7 @@ impl Log {
         }
     }
 
-    /// Where the columns of a format stand, those of formats within it by `prefix`; none where it is told wrong.
+    /// Computes the columns of a format, with nested formats by `prefix`; none if invalid.
     fn lay_out(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
         if depth > MAX_DEPTH {
             return None;
@@ -183,9 +181,9 @@ impl Log {
             if number > MAX_PEEK || *at > MAX_PEEK || into.len() > 1024 {
                 return None;
             }
-            if let Some(kind) = Kind::named(kind) {
-                into.insert(format!("{prefix}{column}"), Column { kind, at: *at, number });
-                *at += kind.size() * number;
+            if let Some(kind) = ScalarType::from_name(kind) {
+                into.insert(format!("{prefix}{column}"), Column { scalar: kind, offset: *at, array_len: number });
+                *at += kind.byte_len() * number;
             } else {
                 for i in 0..number.min(64) {
                     self.lay_out(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
@@ -198,16 +196,16 @@ impl Log {
     fn row(&mut self, body: &[u8]) {
         let [low, high, body @ ..] = body else { return };
         let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
-        let row = Row { columns: &topic.columns, body };
+        let row = TopicRow { columns: &topic.columns, body };
         let Some(us) = row.number("timestamp") else { return };
-        let Some(t_s) = self.recorder.timeline.at(us as u64) else { return };
-        // What is sampled earlier than it is published says so.
+        let Some(t_s) = self.builder.timeline.flight_time_s(us as u64) else { return };
+        // The sampling time precedes the publishing time.
         let sampled_s = row.number("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= us);
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((us - sample) / 1e6).min(1.0));
         let instance = topic.instance;
         match topic.name.as_str() {
             "sensor_mag" if self.release.is_some_and(|release| release >= (1, 11)) => {
-                if let Some(gauss) = row.three(["x", "y", "z"]) {
+                if let Some(gauss) = row.vector(["x", "y", "z"]) {
                     let id = row.number("device_id").unwrap_or(0.0) as u32;
                     self.field(true, instance, id, sampled_s, gauss);
                 }
@@ -220,30 +218,33 @@ impl Log {
             }
             "vehicle_attitude" if instance == 0 => {
                 if let Some(quaternion) = row.array("q") {
-                    self.recorder.attitude(sampled_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
+                    self.builder.push_attitude(
+                        sampled_s,
+                        quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32),
+                    );
                 }
                 if let Some(rates) =
-                    row.three(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
+                    row.vector(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
                 {
-                    self.recorder.rates(sampled_s, rates);
+                    self.builder.push_rates(sampled_s, rates);
                 }
             }
             "estimator_attitude" if instance == 0 => {
                 if let Some(quaternion) = row.array("q") {
-                    let angles_rad = euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32);
-                    self.recorder.stand_in(0, "estimator_attitude", sampled_s, angles_rad);
+                    let angles_rad = quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32);
+                    self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
                 }
             }
             "vehicle_angular_velocity" if instance == 0 => {
                 if let Some(rates) = row.array("xyz") {
-                    self.recorder.rates(sampled_s, rates);
+                    self.builder.push_rates(sampled_s, rates);
                 }
             }
             "sensor_combined" if instance == 0 => {
                 if let Some(rates) = row.array("gyro_rad") {
                     self.combined.1.push(t_s, rates);
                 }
-                // Of the instant that it tells relative to its own; where the field is not new, that of the last one.
+                // The field's time is relative; an unchanged field repeats its time.
                 let late_us = row.number("magnetometer_timestamp_relative").filter(|us| us.abs() < 1e6);
                 if let (Some(gauss), Some(late_us)) = (row.array("magnetometer_ga"), late_us) {
                     self.combined.0.push(t_s + late_us / 1e6, gauss);
@@ -251,45 +252,46 @@ impl Log {
             }
             "vehicle_attitude_groundtruth" => {
                 if let Some(quaternion) = row.array("q") {
-                    self.recorder.truth(t_s, euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
+                    self.builder
+                        .push_truth(t_s, quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
                 }
             }
-            "vehicle_gps_position" if instance == 0 => gps(&mut self.recorder, t_s, &row),
+            "vehicle_gps_position" if instance == 0 => gps(&mut self.builder, t_s, &row),
             "battery_status" if instance == 0 => {
                 if let Some(amperes) = row.number("current_a") {
-                    self.recorder.current(t_s, amperes as f32);
+                    self.builder.push_current(t_s, amperes as f32);
                 }
             }
             "vehicle_status" => {
                 if let Some(state) = row.number("arming_state") {
-                    self.recorder.armed(t_s, state as u8 == ARMED);
+                    self.builder.push_armed(t_s, state as u8 == ARMED);
                 }
-                self.recorder.flight.is_copter |= is_copter(&row);
+                self.builder.flight.is_copter |= is_copter(&row);
             }
             _ => {}
         }
     }
 
-    /// Gauss, as the sensor has it or as PX4 corrected it.
+    /// Adds a field in gauss.
     fn field(&mut self, is_raw: bool, instance: u8, id: u32, t_s: f64, gauss: [f32; 3]) {
-        let Some(index) = self.sensors.index(&self.recorder.flight.parameters, instance, id) else { return };
-        let was = if is_raw { Logged::Px4Raw(index) } else { Logged::Px4(index) };
-        self.recorder.field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
+        let Some(index) = self.sensors.compass_index(&self.builder.flight.parameters, instance, id) else { return };
+        let was = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
+        self.builder.push_field(index + 1, was, t_s, gauss.map(|axis| axis * GAUSS_UT), None);
     }
 
     fn finish(mut self) -> Flight {
         let (fields, rates) = std::mem::take(&mut self.combined);
         if self.sensors.is_empty() {
             for row in fields.rows() {
-                self.field(false, 0, 0, row.t_s, row.of);
+                self.field(false, 0, 0, row.t_s, row.values);
             }
         }
-        if self.recorder.flight.rates.is_empty() {
+        if self.builder.flight.rates.is_empty() {
             for row in rates.rows() {
-                self.recorder.rates(row.t_s, row.of);
+                self.builder.push_rates(row.t_s, row.values);
             }
         }
-        self.recorder.finish()
+        self.builder.finish()
     }
 }
 
@@ -309,8 +311,8 @@ fn is_wanted(name: &str) -> bool {
     )
 }
 
-/// Whether a `vehicle_status` is of rotors alone: a VTOL on its rotors says so, too.
-fn is_copter(row: &Row<'_>) -> bool {
+/// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.
+fn is_copter(row: &TopicRow<'_>) -> bool {
     const ROTARY_WING: f64 = 1.0;
     let is = |name: &str| row.number(name).is_some_and(|number| number != 0.0);
     let rotors =
@@ -318,15 +320,15 @@ fn is_copter(row: &Row<'_>) -> bool {
     rotors && !is("is_vtol")
 }
 
-/// Speed, m/s, and course, radians, over ground: of the velocity where it is logged, which has no jump at north.
-fn over_ground(row: &Row<'_>) -> [f64; 2] {
+/// Speed over ground, m/s, and course, radians, from the velocity if logged.
+fn over_ground(row: &TopicRow<'_>) -> [f64; 2] {
     match (row.number("vel_n_m_s"), row.number("vel_e_m_s")) {
         (Some(north), Some(east)) => [north.hypot(east), east.atan2(north)],
         _ => ["vel_m_s", "cog_rad"].map(|name| row.number(name).unwrap_or(f64::NAN)),
     }
 }
 
-fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
+fn gps(recorder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
     if row.number("fix_type").is_none_or(|fix| fix < 3.0) {
         return;
     }
@@ -337,7 +339,7 @@ fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
     let height_m = row.number("alt").map(|mm| mm / 1e3).or_else(|| row.number("altitude_msl_m")).unwrap_or(0.0);
     let [speed_m_s, course_rad] = over_ground(row);
     let yaw_rad = row.number("heading").unwrap_or(f64::NAN);
-    recorder.gps(
+    recorder.push_gps(
         t_s,
         Gps {
             latitude_deg: latitude as f32,
@@ -348,5 +350,5 @@ fn gps(recorder: &mut Recorder, t_s: f64, row: &Row<'_>) {
             yaw_deg: yaw_rad.to_degrees() as f32,
         },
     );
-    recorder.unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+    recorder.set_day_from_unix_s((row.number("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
 }

@@ -1,24 +1,23 @@
-//! Which compass a row is of.
+//! Assignment of magnetometer devices to compass numbers.
 
-use super::super::Parameters;
-use super::super::recorder::MAX_COMPASSES;
+use super::super::ParameterHistory;
+use super::super::flight_builder::MAX_COMPASSES;
 
 /// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
 const CALIBRATED: u8 = 4;
 
-/// The sensors that were heard: the instance of the topic and the device, and the index of the compass, from 0.
+/// Sensors by topic instance and device id, with compass index from 0.
 #[derive(Default)]
-pub(super) struct Sensors(Vec<((u8, u32), u8)>);
+pub(super) struct CompassAssignment(Vec<((u8, u32), u8)>);
 
-impl Sensors {
-    /// Whether none was heard.
+impl CompassAssignment {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The compass of a device: of the parameters that name it; where none do, that of the topic's instance, if no other
-    /// device has that, or the next. A device that does not say which it is is the primary one. None if there is no room.
-    pub fn index(&mut self, parameters: &Parameters, instance: u8, id: u32) -> Option<u8> {
+    /// Compass index of a device: that of its calibration parameters, else the topic's instance if free, else the next
+    /// free one. Id 0 of instance 0 is the primary device (`CAL_MAG_PRIME`). None if all indices are taken.
+    pub fn compass_index(&mut self, parameters: &ParameterHistory, instance: u8, id: u32) -> Option<u8> {
         let heard =
             |&&((other_instance, other), _): &&((u8, u32), u8)| other == id && (id != 0 || other_instance == instance);
         if let Some(&(_, index)) = self.0.iter().find(heard) {
@@ -40,16 +39,15 @@ impl Sensors {
 mod tests {
     use super::*;
 
-    /// The second instance's device has the first parameters, and the first one's none: they are not one compass, and no
-    /// device gets parameters of another. Both topics that a device is told by mean the same compass.
+    /// A device without parameters must not get those of another, and both topics of a device mean one compass.
     #[test]
     fn every_device_is_a_compass_of_its_own() {
-        let mut parameters = Parameters::default();
+        let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG2_ID", 0.0)] {
             parameters.set(0.0, name, id);
         }
-        let mut sensors = Sensors::default();
-        let mut index = |instance, id| sensors.index(&parameters, instance, id);
+        let mut sensors = CompassAssignment::default();
+        let mut index = |instance, id| sensors.compass_index(&parameters, instance, id);
         assert_eq!(index(0, 9), Some(2));
         assert_eq!(index(1, 7), Some(0));
         assert_eq!(index(2, 10), Some(3));
@@ -57,17 +55,17 @@ mod tests {
         assert_eq!([index(0, 9), index(0, 7), index(1, 10)], [Some(2), Some(0), Some(3)]);
     }
 
-    /// Of old logs, which say no device, the only one is the primary one; and what pretends to have more than there can be is
-    /// not read.
+    /// Old logs report no device id.
     #[test]
     fn a_device_that_says_nothing_is_the_primary_one() {
-        let mut parameters = Parameters::default();
+        let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG_PRIME", 8.0)] {
             parameters.set(0.0, name, id);
         }
-        assert_eq!(Sensors::default().index(&parameters, 0, 0), Some(1));
-        let mut sensors = Sensors::default();
-        let found: Vec<_> = (0..=20).map(|instance| sensors.index(&Parameters::default(), instance, 0)).collect();
+        assert_eq!(CompassAssignment::default().compass_index(&parameters, 0, 0), Some(1));
+        let mut sensors = CompassAssignment::default();
+        let found: Vec<_> =
+            (0..=20).map(|instance| sensors.compass_index(&ParameterHistory::default(), instance, 0)).collect();
         assert_eq!(found.iter().flatten().count(), usize::from(MAX_COMPASSES));
     }
 }

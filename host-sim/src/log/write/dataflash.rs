@@ -1,10 +1,10 @@
-//! DataFlash, binary and text.
+//! DataFlash writer, binary and text.
 
 use std::fmt::Write as _;
 
-use super::Recording;
+use super::FlightRecording;
 
-/// Number, name, letters and columns of the messages that are written.
+/// Number, name, format letters and columns of each message written.
 const MESSAGES: [(u8, &str, &str, &str); 8] = [
     (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
     (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
@@ -19,11 +19,10 @@ const MESSAGES: [(u8, &str, &str, &str); 8] = [
 /// GPS week 2400 began 2026-01-04.
 const WEEK: u16 = 2400;
 
-/// A value of a message.
 #[derive(Clone)]
 enum Value {
     Number(f64),
-    Words(String),
+    Text(String),
 }
 
 impl From<f64> for Value {
@@ -32,9 +31,9 @@ impl From<f64> for Value {
     }
 }
 
-/// As bytes.
+/// Encodes a recording as binary DataFlash.
 #[must_use]
-pub fn dataflash(recording: &Recording) -> Vec<u8> {
+pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (number, name, letters, columns) in MESSAGES {
         bytes.extend([0xA3, 0x95, 128, number, (3 + letters.bytes().map(size).sum::<usize>()) as u8]);
@@ -47,7 +46,7 @@ pub fn dataflash(recording: &Recording) -> Vec<u8> {
         bytes.extend([0xA3, 0x95, number]);
         for (letter, value) in letters.bytes().zip(values) {
             match value {
-                Value::Words(words) => bytes.extend(padded(words, size(letter))),
+                Value::Text(words) => bytes.extend(padded(words, size(letter))),
                 Value::Number(number) => bytes.extend(encoded(letter, *number)),
             }
         }
@@ -55,9 +54,9 @@ pub fn dataflash(recording: &Recording) -> Vec<u8> {
     bytes
 }
 
-/// As text.
+/// Encodes a recording as DataFlash text.
 #[must_use]
-pub fn dataflash_text(recording: &Recording) -> Vec<u8> {
+pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
     for (number, name, letters, columns) in MESSAGES {
         let length = 3 + letters.bytes().map(size).sum::<usize>();
@@ -68,7 +67,7 @@ pub fn dataflash_text(recording: &Recording) -> Vec<u8> {
         text.push_str(name);
         for (letter, value) in letters.bytes().zip(values) {
             let _ = match value {
-                Value::Words(words) => write!(text, ", {words}"),
+                Value::Text(words) => write!(text, ", {words}"),
                 Value::Number(number) if matches!(letter, b'f' | b'L' | b'e') => write!(text, ", {number}"),
                 Value::Number(number) => write!(text, ", {number:.0}"),
             };
@@ -78,17 +77,17 @@ pub fn dataflash_text(recording: &Recording) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Every message: its place in the list, and its values.
-fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
-    let first_us = recording.instants.first().map_or(0.0, |instant| instant.at_us as f64);
-    let words = |words: &str| Value::Words(words.to_owned());
+/// Writes each message: index in [`MESSAGES`] and values.
+fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value])) {
+    let first_us = recording.samples.first().map_or(0.0, |instant| instant.time_us as f64);
+    let words = |words: &str| Value::Text(words.to_owned());
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
     write(2, &[first_us.into(), words(firmware)]);
     for (name, value) in &recording.parameters {
         write(1, &[first_us.into(), words(name), (*value).into(), 0.0.into()]);
     }
-    for (i, instant) in recording.instants.iter().enumerate() {
-        let us = instant.at_us as f64;
+    for (i, instant) in recording.samples.iter().enumerate() {
+        let us = instant.time_us as f64;
         let mut row = |index: usize, numbers: &[f64]| {
             let values: Vec<Value> = std::iter::once(us).chain(numbers.iter().copied()).map(Value::from).collect();
             write(index, &values);
@@ -98,7 +97,7 @@ fn messages(recording: &Recording, write: &mut dyn FnMut(usize, &[Value])) {
             let (field, motor) = recording.ardupilot_ut(instant, number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
-            let [ox, oy, oz] = recording.offsets(number).map(f64::trunc);
+            let [ox, oy, oz] = recording.ardupilot_offsets_mg(number).map(f64::trunc);
             row(4, &[(number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
         }
         let [p, q, r] = instant.rates_rad_s;

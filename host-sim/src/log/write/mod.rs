@@ -1,152 +1,153 @@
-//! Small logs in the formats that are read: of simulated flights, for demonstrations and tests.
+//! Writers of simulated flights in every readable log format, for demonstrations and tests.
 
 mod dataflash;
 mod tlog;
 mod ulog;
 
-pub use dataflash::{dataflash, dataflash_text};
-pub use tlog::tlog;
-pub use ulog::ulog;
+pub use dataflash::{encode_dataflash, encode_dataflash_text};
+pub use tlog::encode_tlog;
+pub use ulog::encode_ulog;
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use autoswing::earth::{self, Day, EarthField};
+use autoswing::earth::{self, Date, EarthField};
 
 use crate::devices::uart::HostEnd;
-use crate::module::{Module, Ran};
-use crate::world::aircraft::Kind;
+use crate::module::{Module, ModuleRunEnd};
+use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::AttitudeSource;
 use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
-use crate::world::mavlink_autopilot::{BEGAN_UNIX_US, Place, XIAN};
+use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN};
 use crate::world::{World, WorldConfig};
 
-/// Ten rows a second, as autopilots log, microseconds.
+/// Recording interval, microseconds: 10 Hz, as autopilots log.
 const EVERY_US: u64 = 100_000;
 
-/// The world remembers two seconds: of a step that is longer its end is taken down, microseconds.
+/// Part of a long step that is recorded, microseconds; the world keeps 2 s of history.
 const REMEMBERED_US: u64 = 1_900_000;
 
-/// Parameters of an autopilot of either kind that corrects nothing.
+/// Parameters that mark either autopilot as known, with no correction.
 const UNTOUCHED: [&str; 4] = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "CAL_MAG0_ROT"];
 
-/// What an autopilot knew at an instant.
+/// Simulated autopilot data at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Instant {
-    /// Microseconds since its start.
-    pub at_us: u64,
-    /// The raw field of each compass, body axes, microtesla.
+pub struct FlightSample {
+    /// Time since start, microseconds.
+    pub time_us: u64,
+    /// Raw field of each compass, body axes, microtesla.
     pub field_ut: Vec<[f64; 3]>,
-    /// Its roll, pitch and yaw, radians.
+    /// Reported roll, pitch and yaw, radians.
     pub attitude_rad: [f64; 3],
     /// Body rates, rad/s.
     pub rates_rad_s: [f64; 3],
-    /// The true heading, radians: from true north where that is known, else from magnetic north, as the velocity is.
+    /// True heading, radians, from true north if the declination is known, else from magnetic north; likewise the
+    /// velocity.
     pub heading_rad: f64,
     /// Velocity over ground towards north and east, m/s.
     pub velocity_m_s: [f64; 2],
-    /// How far it has come towards north and east, metres.
-    pub moved_m: [f64; 2],
+    /// Displacement from the start towards north and east, metres.
+    pub displacement_m: [f64; 2],
     /// Current, amperes.
     pub current_a: f64,
-    /// Whether it is armed.
+    /// Whether the aircraft is armed.
     pub is_armed: bool,
 }
 
-/// A flight that was recorded.
+/// A recorded flight.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Recording {
-    /// Its instants, in order.
-    pub instants: Vec<Instant>,
+pub struct FlightRecording {
+    /// Samples in order of time.
+    pub samples: Vec<FlightSample>,
     /// The autopilot's parameters.
     pub parameters: Vec<(String, f64)>,
-    /// Latitude, longitude, degrees, and height, metres, where it began, if that is told.
+    /// Start: latitude, longitude, degrees, and height, metres.
     pub place: Option<[f64; 3]>,
-    /// Magnetic north from true north there, degrees, east positive.
+    /// Declination at the start, degrees, east positive.
     pub declination_deg: f64,
-    /// Whether its autopilot says that it is a copter.
+    /// Whether the aircraft is a copter.
     pub is_copter: bool,
-    /// How old the fields are at their instants, seconds: they were measured so much earlier.
-    pub age_s: f64,
+    /// Latency of the field, seconds.
+    pub field_latency_s: f64,
 }
 
-impl Instant {
-    /// Speed, m/s, and course, radians from north to a whole turn, over ground.
+impl FlightSample {
+    /// Speed over ground, m/s, and course, radians, 0 to 2 pi.
     fn over_ground(&self) -> [f64; 2] {
         let [north, east] = self.velocity_m_s;
         [north.hypot(east), east.atan2(north).rem_euclid(TAU)]
     }
 }
 
-impl Recording {
-    /// A recording of fields that are so old.
+impl FlightRecording {
+    /// Creates an empty recording with a field latency.
     #[must_use]
-    pub fn aged(age_s: f64) -> Self {
-        Self { age_s, ..Self::default() }
+    pub fn with_field_latency(age_s: f64) -> Self {
+        Self { field_latency_s: age_s, ..Self::default() }
     }
 
-    /// Takes down what there is at an instant, which is now or up to a second ago.
-    pub fn take(&mut self, world: &World, source: &mut AttitudeSource, at_us: u64) {
-        self.is_copter = world.config().aircraft.kind == Kind::Copter;
+    /// Appends the state of the world at a time no more than one second past.
+    pub fn record_sample(&mut self, world: &World, source: &mut AttitudeSource, at_us: u64) {
+        self.is_copter = world.config().aircraft.kind == VehicleKind::Copter;
         let (truth, reported) = (world.true_state(at_us), source.report(&world.true_state(at_us)));
-        let field = world.sensor_field(at_us.saturating_sub((self.age_s * 1e6) as u64)).ut;
+        let field = world.sensor_field(at_us.saturating_sub((self.field_latency_s * 1e6) as u64)).ut;
         let declination_rad = self.declination_deg.to_radians();
         let heading_rad = (truth.heading_rad + declination_rad).rem_euclid(TAU);
         let (sin, cos) = declination_rad.sin_cos();
         let true_north = |[north, east]: [f64; 2]| [north * cos - east * sin, north * sin + east * cos];
-        self.instants.push(Instant {
-            at_us,
+        self.samples.push(FlightSample {
+            time_us: at_us,
             field_ut: vec![[field.x, field.y, field.z].map(f64::from)],
             attitude_rad: [reported.roll_rad, reported.pitch_rad, heading_rad],
             rates_rad_s: truth.body_rates_rad_s(),
             heading_rad,
             velocity_m_s: true_north([truth.north_m_s, truth.east_m_s]),
-            moved_m: true_north([truth.north_m, truth.east_m]),
+            displacement_m: true_north([truth.north_m, truth.east_m]),
             current_a: truth.current_a(),
             is_armed: true,
         });
     }
 
-    /// It is flown here, in the field of 2026-01-01.
-    pub fn is_at(&mut self, place: Place) {
-        let Place { latitude_deg, longitude_deg, height_m } = place;
+    /// Sets the place and its declination on 2026-01-01.
+    pub fn set_place(&mut self, place: ReportedPosition) {
+        let ReportedPosition { latitude_deg, longitude_deg, height_m } = place;
         self.place = Some([latitude_deg, longitude_deg, height_m]);
-        let here = earth::Place::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
-        let field = here.zip(Day::from_unix_s(BEGAN_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::of(at, on));
+        let here = earth::Position::new(latitude_deg as f32, longitude_deg as f32, height_m as f32);
+        let field =
+            here.zip(Date::from_unix_s(START_UNIX_US / 1_000_000)).and_then(|(at, on)| EarthField::from_model(at, on));
         self.declination_deg = field.and_then(|field| field.declination_deg).map_or(0.0, f64::from);
     }
 
-    /// Latitude, longitude, degrees, and height, metres, at an instant, if that is told.
-    fn place_at(&self, instant: &Instant) -> Option<[f64; 3]> {
-        /// Of a degree of latitude, metres.
+    /// Latitude, longitude, degrees, and height, metres, of a sample.
+    fn place_at(&self, instant: &FlightSample) -> Option<[f64; 3]> {
+        /// Length of one degree of latitude, metres.
         const DEGREE_M: f64 = 111_200.0;
         let [latitude_deg, longitude_deg, height_m] = self.place?;
-        let [north_deg, east_deg] = instant.moved_m.map(|metres| metres / DEGREE_M);
+        let [north_deg, east_deg] = instant.displacement_m.map(|metres| metres / DEGREE_M);
         let shrinks = latitude_deg.to_radians().cos();
         Some([latitude_deg + north_deg, longitude_deg + east_deg / shrinks, height_m])
     }
 
-    /// A parameter; nothing where there is none.
     fn parameter(&self, name: &str) -> f64 {
         self.parameters.iter().find(|(other, _)| other == name).map_or(0.0, |&(_, value)| value)
     }
 
-    /// ArduPilot's offsets of a compass, from 1, milligauss.
-    fn offsets(&self, number: usize) -> [f64; 3] {
+    /// ArduPilot's offsets of a compass numbered from 1, milligauss.
+    fn ardupilot_offsets_mg(&self, number: usize) -> [f64; 3] {
         let index = if number == 1 { String::new() } else { number.to_string() };
         ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_OFS{index}_{axis}")))
     }
 
-    /// The field of a compass, from 1, as ArduPilot would log it, and the motors' share of it, microtesla: its formula written
-    /// out.
-    fn ardupilot_ut(&self, instant: &Instant, number: usize) -> ([f64; 3], [f64; 3]) {
+    /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
+    /// independent of the reader's code.
+    fn ardupilot_ut(&self, instant: &FlightSample, number: usize) -> ([f64; 3], [f64; 3]) {
         let index = if number == 1 { String::new() } else { number.to_string() };
         let of = |what: &str| ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{what}{index}_{axis}")));
         let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
-        let (offset, diagonal, off, motor) = (self.offsets(number), of("DIA"), of("ODI"), of("MOT"));
+        let (offset, diagonal, off, motor) = (self.ardupilot_offsets_mg(number), of("DIA"), of("ODI"), of("MOT"));
         let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
         let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {
@@ -164,14 +165,13 @@ impl Recording {
     }
 
     fn compasses(&self) -> usize {
-        self.instants.first().map_or(0, |instant| instant.field_ut.len())
+        self.samples.first().map_or(0, |instant| instant.field_ut.len())
     }
 }
 
-/// Turns both ways, by 25 and by 40 deg of bank, as an autopilot logs them ten times a second whose field is so old, seconds:
-/// as much as calibrates a compass, in four minutes.
+/// Records four minutes of turns both ways at 25 and 40 deg of bank, enough for a calibration.
 #[must_use]
-pub fn turns(world: &WorldConfig, age_s: f64) -> Recording {
+pub fn record_turns(world: &WorldConfig, age_s: f64) -> FlightRecording {
     let world = World::new(*world);
     let mut source = world.attitude_source();
     for bank_deg in [25.0, 40.0] {
@@ -180,25 +180,25 @@ pub fn turns(world: &WorldConfig, age_s: f64) -> Recording {
             world.fly(Leg::Turn { bank_deg, heading_change_deg });
         }
     }
-    let mut recording = Recording::aged(age_s);
+    let mut recording = FlightRecording::with_field_latency(age_s);
     for i in 20..2400 {
-        recording.take(&world, &mut source, i * EVERY_US);
+        recording.record_sample(&world, &mut source, i * EVERY_US);
     }
     recording
 }
 
-/// As a table, milligauss.
+/// Encodes a recording as a table, milligauss.
 #[must_use]
-pub fn csv(recording: &Recording) -> Vec<u8> {
+pub fn encode_csv(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::from(
         "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,p_dps,q_dps,r_dps,current_a,armed,lat_deg,lon_deg,height_m,\
          speed_m_s,course_deg\n",
     );
     let mut last = None;
-    for instant in &recording.instants {
+    for instant in &recording.samples {
         let field = instant.field_ut.first().copied().unwrap_or_default().map(|axis| axis * 10.0);
         let [roll, pitch, _] = instant.attitude_rad.map(f64::to_degrees);
-        // The mean of a tenth of a second, near enough: of its ends.
+        // The mean rate since the last row, approximated by the mean of both ends.
         let now = instant.rates_rad_s.map(f64::to_degrees);
         let [p, q, r] = std::array::from_fn(|axis| now[axis].midpoint(last.unwrap_or(now)[axis]));
         last = Some(now);
@@ -207,11 +207,11 @@ pub fn csv(recording: &Recording) -> Vec<u8> {
             || ",,,,".to_owned(),
             |[a, b, c]| format!("{a:.7},{b:.7},{c:.1},{speed_m_s:.2},{:.2}", course_rad.to_degrees()),
         );
-        // Writing to a string never fails.
+        // Writing to a string cannot fail.
         let _ = writeln!(
             text,
             "{:.3},{:.1},{:.1},{:.1},{roll:.2},{pitch:.2},{:.2},{p:.3},{q:.3},{r:.3},{:.2},{},{place}",
-            instant.at_us as f64 / 1e6,
+            instant.time_us as f64 / 1e6,
             field[0],
             field[1],
             field[2],
@@ -223,41 +223,41 @@ pub fn csv(recording: &Recording) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// In the format that a file's name ends with: `.bin`, `.log`, `.ulg`, `.tlog`, else a table.
+/// Encodes a recording by a file's extension: `.bin`, `.log`, `.ulg`, `.tlog`, else a table.
 #[must_use]
-pub fn named(path: &Path, recording: &Recording) -> Vec<u8> {
+pub fn encode_for_path(path: &Path, recording: &FlightRecording) -> Vec<u8> {
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("bin") => dataflash(recording),
-        Some("log") => dataflash_text(recording),
-        Some("ulg") => ulog(recording),
-        Some("tlog") => tlog(recording),
-        _ => csv(recording),
+        Some("bin") => encode_dataflash(recording),
+        Some("log") => encode_dataflash_text(recording),
+        Some("ulg") => encode_ulog(recording),
+        Some("tlog") => encode_tlog(recording),
+        _ => encode_csv(recording),
     }
 }
 
-/// A module that flies as it does, while what its autopilot would log is taken down.
-pub struct Recorded<'a, M> {
+/// Wrapper around a module that records its flight.
+pub struct RecordingModule<'a, M> {
     module: &'a mut M,
     source: AttitudeSource,
     next_us: u64,
-    /// What was taken down.
-    pub recording: Recording,
+    /// The flight so far.
+    pub recording: FlightRecording,
 }
 
-impl<'a, M: Module> Recorded<'a, M> {
-    /// From now on.
+impl<'a, M: Module> RecordingModule<'a, M> {
+    /// Starts recording now.
     pub fn new(module: &'a mut M) -> Self {
         let (source, next_us) = (module.world().attitude_source(), module.now_us());
         let parameters = UNTOUCHED.map(|name| (name.to_owned(), 0.0)).to_vec();
-        let mut recording = Recording { parameters, ..Recording::default() };
+        let mut recording = FlightRecording { parameters, ..FlightRecording::default() };
         if module.world().config().earth == Earth::default() {
-            recording.is_at(XIAN);
+            recording.set_place(XIAN);
         }
         Self { module, source, next_us, recording }
     }
 }
 
-impl<M: Module> Module for Recorded<'_, M> {
+impl<M: Module> Module for RecordingModule<'_, M> {
     fn world(&self) -> &World {
         self.module.world()
     }
@@ -278,12 +278,12 @@ impl<M: Module> Module for Recorded<'_, M> {
         self.module.now_us()
     }
 
-    fn run_until(&mut self, until_us: u64) -> Ran {
+    fn run_until(&mut self, until_us: u64) -> ModuleRunEnd {
         let ran = self.module.run_until(until_us);
         let now_us = self.module.now_us();
         self.next_us = self.next_us.max(now_us.saturating_sub(REMEMBERED_US) / EVERY_US * EVERY_US + EVERY_US);
         while self.next_us <= now_us {
-            self.recording.take(self.module.world(), &mut self.source, self.next_us);
+            self.recording.record_sample(self.module.world(), &mut self.source, self.next_us);
             self.next_us += EVERY_US;
         }
         ran

@@ -1,4 +1,4 @@
-//! MAVLink 2 with the receiver's clock, as an ArduPilot sends it.
+//! MAVLink 2 writer with the receiver's clock, as ArduPilot sends it.
 
 use mavlink::dialects::common::{
     ATTITUDE_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType, PARAM_VALUE_DATA,
@@ -6,17 +6,17 @@ use mavlink::dialects::common::{
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-use super::{Instant, Recording};
+use super::{FlightRecording, FlightSample};
 
 /// 2026-01-04, microseconds.
 const UTC_US: u64 = 1_767_484_800_000_000;
 
-/// As bytes.
+/// Encodes a recording as a MAVLink log.
 #[must_use]
-pub fn tlog(recording: &Recording) -> Vec<u8> {
-    let mut out = Frames { bytes: Vec::new(), sequence: 0, at_us: 0 };
-    for (i, instant) in recording.instants.iter().enumerate() {
-        out.at_us = instant.at_us;
+pub fn encode_tlog(recording: &FlightRecording) -> Vec<u8> {
+    let mut out = FrameWriter { bytes: Vec::new(), sequence: 0, at_us: 0 };
+    for (i, instant) in recording.samples.iter().enumerate() {
+        out.at_us = instant.time_us;
         if i % 10 == 0 {
             out.seconds(recording, instant);
         }
@@ -26,7 +26,7 @@ pub fn tlog(recording: &Recording) -> Vec<u8> {
                 out.send(&PARAM_VALUE_DATA { param_id, param_value, ..Default::default() });
             }
         }
-        let time_boot_ms = (instant.at_us / 1000) as u32;
+        let time_boot_ms = (instant.time_us / 1000) as u32;
         let [roll, pitch, yaw] = instant.attitude_rad.map(|angle| angle as f32);
         let [rollspeed, pitchspeed, yawspeed] = instant.rates_rad_s.map(|rate| rate as f32);
         out.send(&ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed });
@@ -34,7 +34,7 @@ pub fn tlog(recording: &Recording) -> Vec<u8> {
             let (field, _) = recording.ardupilot_ut(instant, number);
             let [xmag, ymag, zmag] = field.map(|axis| (axis * 10.0).round() as i16);
             match number {
-                1 => out.send(&RAW_IMU_DATA { time_usec: instant.at_us, xmag, ymag, zmag, ..Default::default() }),
+                1 => out.send(&RAW_IMU_DATA { time_usec: instant.time_us, xmag, ymag, zmag, ..Default::default() }),
                 2 => out.send(&SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
                 _ => out.send(&SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, ..Default::default() }),
             }
@@ -43,13 +43,13 @@ pub fn tlog(recording: &Recording) -> Vec<u8> {
     out.bytes
 }
 
-struct Frames {
+struct FrameWriter {
     bytes: Vec<u8>,
     sequence: u8,
     at_us: u64,
 }
 
-impl Frames {
+impl FrameWriter {
     fn send<M: MessageData>(&mut self, message: &M) {
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: self.sequence }, message);
@@ -58,15 +58,15 @@ impl Frames {
         self.bytes.extend(frame.raw_bytes());
     }
 
-    /// What is sent once a second.
-    fn seconds(&mut self, recording: &Recording, instant: &Instant) {
+    /// Sends the messages of 1 Hz.
+    fn seconds(&mut self, recording: &FlightRecording, instant: &FlightSample) {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
         base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, instant.is_armed);
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
         self.send(&HEARTBEAT_DATA { autopilot, base_mode, mavtype, ..Default::default() });
-        let time_boot_ms = (instant.at_us / 1000) as u32;
-        self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.at_us, time_boot_ms });
+        let time_boot_ms = (instant.time_us / 1000) as u32;
+        self.send(&SYSTEM_TIME_DATA { time_unix_usec: UTC_US + instant.time_us, time_boot_ms });
         let current_battery = (instant.current_a * 100.0) as i16;
         self.send(&SYS_STATUS_DATA { current_battery, ..Default::default() });
         if let Some([latitude, longitude, height]) = recording.place_at(instant) {

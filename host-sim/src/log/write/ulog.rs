@@ -1,8 +1,8 @@
-//! ULog, as a PX4 whose compasses are corrected: `vehicle_magnetometer`.
+//! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
 
-use super::Recording;
-use crate::log::Iron;
-use crate::log::Parameters;
+use super::FlightRecording;
+use crate::log::FieldCorrection;
+use crate::log::ParameterHistory;
 
 const FORMATS: [&str; 6] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
@@ -17,9 +17,9 @@ const FORMATS: [&str; 6] = [
 /// 2026-01-04, microseconds.
 const UTC_US: u64 = 1_767_484_800_000_000;
 
-/// As bytes.
+/// Encodes a recording as ULog.
 #[must_use]
-pub fn ulog(recording: &Recording) -> Vec<u8> {
+pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = b"ULog\x01\x12\x35\x01".to_vec();
     bytes.extend(0_u64.to_le_bytes());
     let mut message = |kind: u8, body: &[u8]| {
@@ -32,7 +32,7 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
     for format in FORMATS {
         message(b'F', format.as_bytes());
     }
-    let mut parameters = Parameters::default();
+    let mut parameters = ParameterHistory::default();
     for (name, value) in &recording.parameters {
         parameters.set(0.0, name, *value);
         let is_whole = name.ends_with("_ID") || name.ends_with("_ROT");
@@ -53,13 +53,14 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
         let [low, high] = (id as u16).to_le_bytes();
         message(b'A', &[&[*instance, low, high], name.as_bytes()].concat());
     }
-    let irons: Vec<Iron> = (1..=compasses).map(|number| Iron::of_px4(&parameters, number as u8)).collect();
-    for (i, instant) in recording.instants.iter().enumerate() {
+    let corrections: Vec<FieldCorrection> =
+        (1..=compasses).map(|number| FieldCorrection::from_px4(&parameters, number as u8)).collect();
+    for (i, instant) in recording.samples.iter().enumerate() {
         let mut data = |id: usize, body: &[&[u8]]| {
             let id = (id as u16).to_le_bytes();
-            message(b'D', &[&[&id, &instant.at_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
+            message(b'D', &[&[&id, &instant.time_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
         };
-        for (number, iron) in irons.iter().enumerate() {
+        for (number, iron) in corrections.iter().enumerate() {
             let raw = instant.field_ut[number];
             let gauss = iron.apply(raw.into(), instant.current_a) / 100.0;
             let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
@@ -69,7 +70,7 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
         data(compasses + 1, &[&floats(&instant.rates_rad_s)]);
         data(compasses + 2, &[&floats(&[instant.current_a]), &[1, 0, 0, 0]]);
         if i % 10 == 0 {
-            // On rotors, or on wings.
+            // Rotary or fixed wing.
             data(compasses + 4, &[&[if recording.is_copter { 1 } else { 2 }, 0]]);
         }
         if let Some([latitude, longitude, height]) = recording.place_at(instant).filter(|_| i % 2 == 0) {
@@ -79,7 +80,7 @@ pub fn ulog(recording: &Recording) -> Vec<u8> {
                 .collect();
             let ([speed_m_s, course_rad], [north, east]) = (instant.over_ground(), instant.velocity_m_s);
             let over_ground = floats(&[speed_m_s, north, east, course_rad]);
-            data(compasses + 3, &[&place, &over_ground, &(UTC_US + instant.at_us).to_le_bytes(), &[3]]);
+            data(compasses + 3, &[&place, &over_ground, &(UTC_US + instant.time_us).to_le_bytes(), &[3]]);
         }
     }
     bytes
@@ -93,7 +94,7 @@ fn floats(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|number| (*number as f32).to_le_bytes()).collect()
 }
 
-/// w, x, y, z of yaw after pitch after roll.
+/// Quaternion w, x, y, z of roll, then pitch, then yaw.
 fn quaternion([roll, pitch, yaw]: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
     [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]

@@ -1,11 +1,10 @@
-//! Which readings become rows, and with what. Flights are made by hand, ten readings a second of 20, 0 and 40 uT.
+//! Synthetic flights at 10 Hz.
 
 use super::*;
-use crate::log::{Format, Gps};
+use crate::log::{Gps, LogFormat};
 
-/// So many seconds on end, level and without a turn, attitudes ten a second.
 fn level(seconds: i32) -> Flight {
-    let mut flight = Flight::new(Format::ULog);
+    let mut flight = Flight::new(LogFormat::ULog);
     for i in 0..=10 * seconds {
         flight.attitude.push(f64::from(i) / 10.0, [0.0; 3]);
         flight.rates.push(f64::from(i) / 10.0, [0.0; 3]);
@@ -13,7 +12,7 @@ fn level(seconds: i32) -> Flight {
     flight
 }
 
-/// Readings from a second to another.
+/// Readings of 20, 0, 40 uT over an interval in seconds.
 fn compass(from_s: i32, to_s: i32) -> Compass {
     let mut compass = Compass { number: 1, ..Compass::default() };
     for i in 10 * from_s..10 * to_s {
@@ -22,15 +21,15 @@ fn compass(from_s: i32, to_s: i32) -> Compass {
     compass
 }
 
-/// The first and the last instant of rows that may be used, and how many rows may not.
+/// First and last time of usable rows, and the number of unusable rows.
 fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
-    let (rows, counted) = rows(flight, compass, age_s, None);
+    let (rows, counted) = build_rows(flight, compass, age_s, None);
     let used_s: Vec<f64> = rows.iter().filter(|row| row.usable).map(|row| row.t_s).collect();
     assert_eq!(used_s.len(), counted.used);
     ([used_s[0], used_s[used_s.len() - 1]], rows.len() - used_s.len())
 }
 
-/// A log that says it was never armed is of an autopilot that was not asked to fly; one that was says when it flew.
+/// A log that was never armed is used whole.
 #[test]
 fn rows_while_disarmed_are_left_out_if_it_ever_was_armed() {
     let (mut flight, compass) = (level(30), compass(0, 30));
@@ -38,10 +37,9 @@ fn rows_while_disarmed_are_left_out_if_it_ever_was_armed() {
         flight.armed = armed;
         assert_eq!(used(&flight, &compass, 0.0).1, unused, "{:?}", flight.armed);
     }
-    assert_eq!(rows(&flight, &compass, 0.0, None).1.disarmed, 200);
+    assert_eq!(build_rows(&flight, &compass, 0.0, None).1.disarmed, 200);
 }
 
-/// What a table keeps out is a row of the table: the field's age, by which the row is of another instant, changes nothing.
 #[test]
 fn what_is_kept_out_goes_by_the_time_that_was_logged() {
     let (mut flight, compass) = (level(30), compass(1, 21));
@@ -51,11 +49,10 @@ fn what_is_kept_out_goes_by_the_time_that_was_logged() {
     let age_s = 0.45;
     let ([from_s, to_s], unused) = used(&flight, &compass, age_s);
     assert!((from_s - (6.0 - age_s)).abs() < 1e-6 && (to_s - (20.9 - age_s)).abs() < 1e-6, "{from_s} {to_s}");
-    assert_eq!((unused, rows(&flight, &compass, age_s, None).1.kept_out), (50, 50));
+    assert_eq!((unused, build_rows(&flight, &compass, age_s, None).1.kept_out), (50, 50));
 }
 
-/// A receiver at rest drifts at up to 2 m/s, and a boat of 4 m/s moves. A hop of less than 20 s is no flight, and a log
-/// of one is taken as it is.
+/// A receiver at rest drifts at up to 2 m/s. Movement of less than 20 s is no flight.
 #[test]
 fn rows_before_it_first_moved_and_after_it_last_did_are_left_out() {
     for (m_s, moves_s, unused) in [(4.0, 25, 750), (2.0, 25, 0), (4.0, 15, 0)] {
@@ -67,17 +64,15 @@ fn rows_before_it_first_moved_and_after_it_last_did_are_left_out() {
             flight.gps.push(f64::from(i), place.columns());
         }
         let (span_s, left_out) = used(&flight, &compass(0, 100), 0.0);
-        // The row of either instant is one of the flight.
         assert!(left_out.abs_diff(unused) <= 1, "{m_s} m/s, {moves_s} s: {span_s:?} {left_out}");
         assert!(unused == 0 || (span_s[0] - 30.0).abs() < 0.11 && (span_s[1] - 55.0).abs() < 0.11, "{span_s:?}");
     }
 }
 
-/// A source of 3 Hz may lose one; over a longer gap nobody knows how it rolled.
 #[test]
 fn attitudes_are_interpolated_over_one_that_is_lost() {
     for (gap_s, is_known) in [(0.67, true), (0.8, false)] {
-        let mut flight = Flight::new(Format::ULog);
+        let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..20 {
             flight.attitude.push(f64::from(i) * gap_s, [0.0; 3]);
             flight.rates.push(f64::from(i) * gap_s, [0.0; 3]);
@@ -87,13 +82,13 @@ fn attitudes_are_interpolated_over_one_that_is_lost() {
     }
 }
 
-/// Rolling by half a radian at 2 rad/s, three attitudes a second: a straight line is off by up to 0.028 rad, the cubic
-/// with the right motions by `A w^4 h^4 / 384`, 0.0003. Rates in a wrong unit are left out: it is the straight line again.
+/// Roll with amplitude 0.5 rad and 2 rad/s, sampled at 3 Hz: linear interpolation errs by up to 0.028 rad, the cubic by
+/// `A w^4 h^4 / 384` = 0.0003 rad. Rates in a wrong unit are dropped.
 #[test]
 fn between_attitudes_it_moves_as_the_rates_say() {
     let roll = |t_s: f64| (0.5 * (2.0 * t_s).sin()) as f32;
     for (unit, most_rad) in [(1.0_f64, 0.0006), (180.0 / std::f64::consts::PI, 0.03)] {
-        let mut flight = Flight::new(Format::ULog);
+        let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..60 {
             let t_s = f64::from(i) / 3.0;
             flight.attitude.push(t_s, [roll(t_s), 0.0, 0.0]);
@@ -109,54 +104,50 @@ fn between_attitudes_it_moves_as_the_rates_say() {
     }
 }
 
-/// An attitude that turns by 5 deg without a body rate, 10 s after the start: a filter that aligns has been wrong since it
-/// began. One that does so after 100 s jumped, and only the second around that is left out. A noise of a degree is neither, and
-/// a body that does turn may tilt: its rates are those of single instants, the larger of two neighbours counts.
+/// A jump of 5 deg without rates: 10 s after the start it is alignment, so everything before is dropped; after 100 s
+/// only its window. Noise of 1 deg and turns with matching rates are accepted.
 #[test]
 fn attitudes_that_change_as_no_body_does_are_left_out() {
     let unsettled_by = |jump_s: f64, by_deg: f32, rate_deg_s: f32| {
-        let mut flight = Flight::new(Format::ULog);
+        let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..2000 {
             let t_s = f64::from(i) / 10.0;
             let is_then = (t_s - jump_s).abs() < 0.01;
             flight.attitude.push(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
             flight.rates.push(t_s, [if is_then { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
-        rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
+        build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
     };
-    // Until the jump is out of the second that is looked at.
+    // Readings are rejected until the jump has left the window.
     assert!((105..=115).contains(&unsettled_by(10.0, 5.0, 0.0)), "{}", unsettled_by(10.0, 5.0, 0.0));
     assert!((10..=25).contains(&unsettled_by(100.0, 5.0, 0.0)), "{}", unsettled_by(100.0, 5.0, 0.0));
     assert_eq!(unsettled_by(100.0, 1.0, 0.0), 0);
     assert_eq!(unsettled_by(100.0, 5.0, 40.0), 0);
 }
 
-/// A tilt may be twice what the rates tell, and 2 deg, in a second: an aircraft that rolls to and fro at 11 deg/s of which its
-/// gyros tell 5 is flown, and one at 14 is not.
+/// Limit in a window of 1 s: twice the rates plus 2 deg, so 12 deg/s at gyro rates of 5 deg/s.
 #[test]
 fn a_tilt_may_be_twice_what_the_rates_say() {
     for (roll_deg_s, is_flown) in [(11.0_f32, true), (14.0, false)] {
-        let mut flight = Flight::new(Format::ULog);
+        let mut flight = Flight::new(LogFormat::ULog);
         for i in 0_u16..1000 {
-            // Four seconds to one side, four to the other.
             let phase_s = f32::from(i % 80) / 10.0;
             let roll_deg = roll_deg_s * phase_s.min(8.0 - phase_s);
             flight.attitude.push(f64::from(i) / 10.0, [roll_deg.to_radians(), 0.0, 0.0]);
             flight.rates.push(f64::from(i) / 10.0, [5_f32.to_radians(), 0.0, 0.0]);
         }
-        let unsettled = rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
+        let unsettled = build_rows(&flight, &compass(0, 99), 0.0, None).1.unsettled;
         assert_eq!(unsettled == 0, is_flown, "{roll_deg_s} deg/s: {unsettled}");
     }
 }
 
-/// A filter that was away for two seconds, or was told no rates, begins anew, and may align again for a minute: what it said since
-/// then until it jumped, 18 s later, is left out. Of one that was there all the time it is the second around the jump.
+/// A jump 18 s after a gap of two seconds in attitude or rates is alignment.
 #[test]
 fn a_filter_aligns_again_after_a_gap() {
     for (name, has_attitude, has_rates, expected) in
         [("none", true, true, 10..=25), ("attitude", false, true, 180..=200), ("rates", true, false, 180..=200)]
     {
-        let mut flight = Flight::new(Format::ULog);
+        let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..2000 {
             let t_s = f64::from(i) / 10.0;
             let is_gap = (100.05..102.05).contains(&t_s);
@@ -168,40 +159,37 @@ fn a_filter_aligns_again_after_a_gap() {
                 flight.rates.push(t_s, [0.0; 3]);
             }
         }
-        let unsettled = rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
+        let unsettled = build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled;
         assert!(expected.contains(&unsettled), "a gap of {name}: {unsettled}");
     }
 }
 
-/// Between rows that are further apart than most logs have them the attitude is told ten times a second, as to a module; a
-/// pause of more than five seconds is one of the log.
 #[test]
 fn attitudes_are_told_between_rows_that_are_far_apart() {
     let flight = level(30);
     for (apart_s, number) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
-        let told = told_between(&flight, 5.0, 5.0 + apart_s);
+        let told = attitudes_between(&flight, 5.0, 5.0 + apart_s);
         assert_eq!(told.len(), number, "{apart_s} s");
         assert!(told.iter().all(|told| told.t_s > 5.0 && told.t_s < 5.0 + apart_s - 0.05), "{apart_s} s: {told:?}");
     }
 }
 
-/// Inverted, roll goes on from 180 to -180 deg: the mean of two readings is on the near side of both.
+/// Inverted flight across 180 deg.
 #[test]
 fn the_mean_roll_of_a_row_is_the_shorter_way_round() {
-    let mut flight = Flight::new(Format::ULog);
+    let mut flight = Flight::new(LogFormat::ULog);
     let mut compass = Compass { number: 1, ..Compass::default() };
     for (i, roll_deg) in (0_u8..).zip([179.0_f32, -179.0]) {
         let t_s = f64::from(i) * 0.05;
         flight.attitude.push(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
         compass.field.push(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
     }
-    let (rows, _) = rows(&flight, &compass, 0.0, None);
+    let (rows, _) = build_rows(&flight, &compass, 0.0, None);
     assert_eq!(rows.len(), 1);
     assert!((rows[0].attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{}", rows[0].attitude.roll_rad);
 }
 
-/// A battery is told of once a second: a current holds over two that are lost, and not for ever. Where none is known a
-/// correction is that of none.
+/// Battery status at 1 Hz with two lost is bridged.
 #[test]
 fn a_current_is_known_near_where_it_was_told() {
     let mut flight = level(30);
@@ -211,8 +199,8 @@ fn a_current_is_known_near_where_it_was_told() {
     for (t_s, current_a) in [(1.45, Some(15.0)), (7.0, None), (14.9, Some(30.0)), (15.1, None)] {
         assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
     }
-    let (mut rows, _) = rows(&flight, &compass(0, 30), 0.0, None);
-    let iron = Iron { by_current_ut: Vector3::new(0.5, 0.0, -0.25), ..Iron::none() };
+    let (mut rows, _) = build_rows(&flight, &compass(0, 30), 0.0, None);
+    let iron = FieldCorrection { motor_ut_per_a: Vector3::new(0.5, 0.0, -0.25), ..FieldCorrection::identity() };
     let mut corrected = |current_a| {
         rows[0].current_a = current_a;
         rows[0].corrected(&iron)

@@ -1,41 +1,38 @@
-//! A flight that was judged, changed in one thing: what is said of it then.
+//! Evaluation of a flight that is changed in one respect.
 
-mod dead;
-mod handed_over;
-mod lost;
-mod told;
-mod told_to;
+mod data_loss;
+mod frozen_field;
+mod parameter_export;
+mod prior_inclination;
+mod summary;
 
 use std::sync::LazyLock;
 
-use super::judge::{Asked, Judged, Verdict, judge};
+use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::*;
-use crate::log::csv::Unit;
-use crate::log::write::{Recording, dataflash, turns};
+use crate::log::csv::FieldUnit;
+use crate::log::write::{FlightRecording, encode_dataflash, record_turns};
 use crate::log::{self, Flight};
 use crate::world::WorldConfig;
 
-/// A flight of turns that calibrates, its field of that instant; and what is said of it.
-static FLOWN: LazyLock<(Flight, Verdict)> = LazyLock::new(|| {
-    let recording = Recording { place: None, ..turns(&WorldConfig::table1(1), 0.0) };
-    let flight = log::read(&mut dataflash(&recording).as_slice(), Unit::Milligauss).unwrap();
-    let asked = Asked { age_s: Some(0.0), ..Asked::OF_THE_LOG };
-    let verdict = judge(&flight, &asked);
+/// A calibrating flight of turns without field latency, and its evaluation.
+static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
+    let recording = FlightRecording { place: None, ..record_turns(&WorldConfig::table1(1), 0.0) };
+    let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let asked = EvaluationOptions { age_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    let verdict = evaluate_flight(&flight, &asked);
     (flight, verdict)
 });
 
-/// That flight, and its one compass.
-fn flown() -> (Flight, Judged) {
+fn flown() -> (Flight, CompassEvaluation) {
     let (flight, verdict) = FLOWN.clone();
     let compass = verdict.compasses[0].clone();
     assert_eq!(compass.module.accepted, Ok(()));
     (flight, compass)
 }
 
-/// What is said of these compasses of it.
-fn verdict(compasses: Vec<Judged>) -> Verdict {
-    Verdict { compasses, ..FLOWN.1.clone() }
+fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
+    FlightEvaluation { compasses, ..FLOWN.1.clone() }
 }
 
-/// One that nobody could make anything of.
-const REFUSED: Result<(), Refused> = Err(Refused::Solve(SolveError::NotConverged));
+const REFUSED: Result<(), ReplayRefusal> = Err(ReplayRefusal::Solve(SolveError::NotConverged));

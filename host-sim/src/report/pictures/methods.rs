@@ -1,14 +1,14 @@
-//! Calibrators side by side.
+//! Comparison of calibrators.
 
-use super::super::model::{Compared, Methods};
+use super::super::model::{CalibratorComparison, ReferenceInfo};
 use super::super::svg::{Shape, Svg};
-use super::super::text::number;
-use super::{Key, Picture, legend};
+use super::super::text::format_number;
+use super::{LegendSample, Picture, draw_legend};
 
 const CLASSES: [&str; 3] = ["p1", "p2", "p3"];
 
-/// What each reaches with each compass, on a scale on which twice as good is as far everywhere; none of nothing.
-pub fn methods(methods: &Methods, compared: &Compared) -> Option<Picture> {
+/// Draws the heading errors of each calibrator and compass on a logarithmic scale; none without data.
+pub fn comparison_picture(methods: &CalibratorComparison, compared: &ReferenceInfo) -> Option<Picture> {
     const LEFT: f64 = 120.0;
     const WIDTH: f64 = 420.0;
     const ROW: f64 = 30.0;
@@ -25,41 +25,45 @@ pub fn methods(methods: &Methods, compared: &Compared) -> Option<Picture> {
     let from = lines.iter().copied().rfind(|line| *line <= least * 0.95).unwrap_or(0.01);
     let to = lines.iter().copied().find(|line| *line >= most * 1.05).unwrap_or(200.0);
     let names: Vec<&str> = methods.compasses.iter().map(String::as_str).collect();
-    let items: Vec<(Key, &str)> = names
+    let items: Vec<(LegendSample, &str)> = names
         .iter()
         .enumerate()
-        .map(|(i, name)| (Key::Points(Shape::of(i), CLASSES[i % CLASSES.len()]), *name))
+        .map(|(i, name)| (LegendSample::Points(Shape::for_series(i), CLASSES[i % CLASSES.len()]), *name))
         .collect();
     let mut svg = Svg::new(LEFT + WIDTH + 30.0, 92.0 + ROW * methods.rows.len() as f64);
-    let top = legend(&mut svg, [16.0, 8.0], LEFT + WIDTH, &items);
+    let top = draw_legend(&mut svg, [16.0, 8.0], LEFT + WIDTH, &items);
     let bottom = top + ROW * methods.rows.len() as f64;
     let across = |deg: f64| LEFT + WIDTH * (deg / from).ln() / (to / from).ln();
     for line in lines.iter().copied().filter(|line| (from..=to).contains(line)) {
         svg.line("grid", [across(line), top], [across(line), bottom]);
         svg.line("axis", [across(line), bottom], [across(line), bottom + 4.0]);
         let decimals = if line < 0.1 { 2 } else { usize::from(line < 1.0) };
-        svg.text("tick mid", [across(line), bottom + 17.0], &number(line, decimals));
+        svg.text("tick mid", [across(line), bottom + 17.0], &format_number(line, decimals));
     }
     for (i, (name, cells)) in methods.rows.iter().enumerate() {
         let y = top + ROW * (i as f64 + 0.5);
         svg.line("grid", [LEFT, y], [LEFT + WIDTH, y]);
         svg.text("name end", [LEFT - 8.0, y + 4.0], name);
         for (compass, deg) in cells.iter().enumerate().filter_map(|(compass, cell)| Some((compass, (*cell)?))) {
-            // Side by side where they are alike.
+            // Shifted so that equal values do not overlap.
             let aside = 7.0 * (compass as f64 - (cells.len() - 1) as f64 / 2.0);
             let class = CLASSES[compass % CLASSES.len()];
-            svg.points(class, Shape::of(compass), 4.0, [[across(deg), y + aside.clamp(-11.0, 11.0)]]);
+            svg.points(class, Shape::for_series(compass), 4.0, [[across(deg), y + aside.clamp(-11.0, 11.0)]]);
         }
     }
     svg.rect("box", [LEFT, top], [WIDTH, bottom - top]);
-    svg.text("name mid", [LEFT + WIDTH / 2.0, bottom + 34.0], &format!("{}, deg RMS less mean", compared.word));
+    svg.text(
+        "name mid",
+        [LEFT + WIDTH / 2.0, bottom + 34.0],
+        &format!("{}, deg RMS less mean", compared.difference_name),
+    );
     let words = format!(
         "Between {} and {} deg against {}; further left is better. The numbers are in the table.",
-        number(least, 2),
-        number(most, 2),
-        compared.with
+        format_number(least, 2),
+        format_number(most, 2),
+        compared.reference_name
     );
-    Some(Picture { svg, title: "Compasses side by side".to_owned(), words, is_wide: true })
+    Some(Picture { svg, title: "Compasses side by side".to_owned(), description: words, is_wide: true })
 }
 
 #[cfg(test)]
@@ -68,15 +72,15 @@ mod tests {
 
     #[test]
     fn what_is_there_lies_within_the_axis_and_nothing_is_none() {
-        let compared = Compared { word: "error", ..Compared::default() };
-        let rows = |cells: Vec<Option<f64>>| Methods {
+        let compared = ReferenceInfo { difference_name: "error", ..ReferenceInfo::default() };
+        let rows = |cells: Vec<Option<f64>>| CalibratorComparison {
             compasses: vec!["compass 1".to_owned(), "compass 2".to_owned()],
             rows: vec![("ours".to_owned(), cells)],
         };
-        assert!(methods(&rows(vec![None, Some(f64::NAN)]), &compared).is_none());
-        let picture = methods(&rows(vec![Some(0.64), Some(27.0)]), &compared).unwrap();
-        let drawn = picture.svg.inline("p", "", "");
+        assert!(comparison_picture(&rows(vec![None, Some(f64::NAN)]), &compared).is_none());
+        let picture = comparison_picture(&rows(vec![Some(0.64), Some(27.0)]), &compared).unwrap();
+        let drawn = picture.svg.to_inline("p", "", "");
         assert!(drawn.contains(">0.5</text>") && drawn.contains(">50</text>") && !drawn.contains(">100</text>"));
-        assert!(picture.words.contains("0.64 and 27.00"));
+        assert!(picture.description.contains("0.64 and 27.00"));
     }
 }

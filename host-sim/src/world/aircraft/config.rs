@@ -1,29 +1,29 @@
-//! The kinds, and how they move.
+//! Vehicle kinds and their motion settings.
 
 use serde::{Deserialize, Serialize};
 
-/// What carries the compass.
+/// Kind of vehicle that carries the compass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// An aeroplane: its bank turns it.
+pub enum VehicleKind {
+    /// Aeroplane: turns by banking.
     #[default]
     Plane,
-    /// A multirotor: turns flat, tilts to move.
+    /// Multirotor: yaws without banking, tilts to accelerate.
     Copter,
-    /// Takes off on rotors, flies on wings.
+    /// VTOL: hovers on rotors, cruises on wings.
     Vtol,
-    /// On wheels, on rough ground.
+    /// Wheeled vehicle on rough ground.
     Rover,
-    /// On the water, in waves.
+    /// Boat in waves.
     Boat,
 }
 
-impl Kind {
-    /// All of them.
+impl VehicleKind {
+    /// All kinds.
     pub const ALL: [Self; 5] = [Self::Plane, Self::Copter, Self::Vtol, Self::Rover, Self::Boat];
 
-    /// The word for it.
+    /// Name in scenario files and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -35,30 +35,28 @@ impl Kind {
         }
     }
 
-    /// The kind of this name.
+    /// The kind with this name, if any.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// Whether it can stay on a spot.
+    /// Whether this kind can hover.
     #[must_use]
-    pub const fn hovers(self) -> bool {
+    pub const fn can_hover(self) -> bool {
         matches!(self, Self::Copter | Self::Vtol)
     }
 
-    /// Whether it leaves the ground.
+    /// Whether this kind flies.
     #[must_use]
-    pub const fn flies(self) -> bool {
+    pub const fn can_fly(self) -> bool {
         matches!(self, Self::Plane | Self::Copter | Self::Vtol)
     }
 
-    /// What an attitude source makes of an acceleration, see
-    /// [`attitude_source::Config::push_error_deg`](super::super::attitude_source::Config::push_error_deg): of an
-    /// aeroplane the turns are in `turn_error`, and little else accelerates it. All others are pushed about; a copter's
-    /// push at 15 deg of tilt, 2.6 m/s^2, makes an error of 1 deg.
+    /// Acceleration-induced tilt error of the attitude source, degrees per m/s^2. Zero for an aeroplane, whose turns
+    /// `turn_error` covers. A copter tilted by 15 deg accelerates by 2.6 m/s^2 and gets an error of 1 deg.
     #[must_use]
-    pub const fn push_error_deg(self) -> f64 {
+    pub const fn tilt_error_deg_per_m_s2(self) -> f64 {
         match self {
             Self::Plane => 0.0,
             Self::Copter | Self::Vtol | Self::Rover | Self::Boat => 0.4,
@@ -66,24 +64,30 @@ impl Kind {
     }
 }
 
-/// How the aircraft moves.
+/// Motion settings of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Config {
-    /// What it is.
-    pub kind: Kind,
-    /// True airspeed on wings, metres per second.
+pub struct VehicleConfig {
+    /// Vehicle kind.
+    pub kind: VehicleKind,
+    /// True airspeed in wing-borne flight, metres per second.
     pub airspeed_m_s: f64,
-    /// Speed under way on rotors, on wheels or on the water, metres per second.
+    /// Cruise speed on rotors, wheels or water, metres per second.
     pub speed_m_s: f64,
-    /// Largest roll rate on wings, degrees per second.
+    /// Largest roll rate in wing-borne flight, degrees per second.
     pub max_roll_rate_deg_s: f64,
-    /// Heading at the start, degrees.
+    /// Initial heading, degrees.
     pub heading_deg: f64,
 }
 
-impl Default for Config {
+impl Default for VehicleConfig {
     fn default() -> Self {
-        Self { kind: Kind::Plane, airspeed_m_s: 22.0, speed_m_s: 3.0, max_roll_rate_deg_s: 30.0, heading_deg: 0.0 }
+        Self {
+            kind: VehicleKind::Plane,
+            airspeed_m_s: 22.0,
+            speed_m_s: 3.0,
+            max_roll_rate_deg_s: 30.0,
+            heading_deg: 0.0,
+        }
     }
 }

@@ -1,35 +1,33 @@
-//! On wheels, on rough ground: it turns flat at its own rate, and lies as the ground below it does.
+//! Rover on rough ground: turns at a commanded rate; the ground slope sets roll and pitch.
 
-use super::surface::{Surface, lying};
-use super::{Command, Config, Motion, STEP_S, TrueState, forward_right};
+use super::surface::{Surface, roll_pitch_on_slope};
+use super::{Motion, STEP_S, TrueState, VehicleCommand, VehicleConfig, forward_right};
 
-/// Slope of the ground along any direction, standard deviation, degrees.
+/// Ground slope along any direction, standard deviation, degrees.
 const SLOPE_DEG: f64 = 6.0;
-/// Lag of the turn rate, seconds.
 const TURN_RATE_TIME_S: f64 = 0.3;
-/// More current uphill, of that on the flat, per unit of slope.
+/// Relative increase of motor current per unit of uphill slope.
 const CURRENT_PER_SLOPE: f64 = 5.0;
 
-/// See the top of the file.
 #[derive(Clone, Debug)]
 pub(super) struct Rover {
-    config: Config,
+    config: VehicleConfig,
     ground: Surface,
     heading_rad: f64,
     turn_rate_rad_s: f64,
 }
 
 impl Rover {
-    pub fn new(config: Config, seed: u64) -> Self {
+    pub fn new(config: VehicleConfig, seed: u64) -> Self {
         let ground = Surface::ground(SLOPE_DEG, seed);
         Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 
-    pub fn step(&mut self, command: Command, before: &TrueState) -> Motion {
+    pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
         self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let slope = forward_right(self.heading_rad, self.ground.slope([before.north_m, before.east_m], 0.0));
-        let [roll_rad, pitch_rad] = lying(slope);
+        let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
         let (sin, cos) = self.heading_rad.sin_cos();
         let speed_m_s = self.config.speed_m_s;
         Motion {
@@ -39,7 +37,7 @@ impl Rover {
             sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
-            push_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
+            disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
             current: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
         }
     }

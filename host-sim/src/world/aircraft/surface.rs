@@ -1,59 +1,57 @@
-//! Rough ground and waves: a surface that is the sum of plane waves. The same place has the same slope whenever one comes
-//! by, or, on the water, the slope of the waves that have travelled there.
+//! Slopes of rough ground and of water: a sum of plane waves. Ground is fixed in place; water waves travel.
 
 use std::f64::consts::TAU;
 
 use super::GRAVITY_M_S2;
 use crate::random::{Purpose, Random};
 
-/// Waves of a surface.
 const WAVES: usize = 24;
 
-/// One of them: `slope cos(k (n cos d + e sin d) - w t + p)` up its direction `d`.
+/// Plane wave with slope `slope cos(k (n cos d + e sin d) - w t + p)` along its direction `d`.
 #[derive(Clone, Copy, Debug)]
 struct Wave {
-    /// Largest slope.
+    /// Slope amplitude (height over distance).
     slope: f64,
     /// Wave number north and east, radians per metre.
     number_per_m: [f64; 2],
-    /// Direction north and east.
+    /// Unit direction vector, north and east.
     direction: [f64; 2],
-    /// Angular frequency, radians per second; of ground it is nothing.
+    /// Angular frequency, radians per second; zero for ground.
     frequency_rad_s: f64,
     phase_rad: f64,
 }
 
-/// See the top of the file.
 #[derive(Clone, Debug)]
 pub(super) struct Surface(Vec<Wave>);
 
 impl Surface {
-    /// Ground with hollows of 5 to 40 m, in all directions; `slope_deg` is the standard deviation of the slope along any
-    /// direction.
+    /// Ground with wavelengths of 5 to 40 m in all directions; `slope_deg` is the standard deviation of the slope along
+    /// any direction.
     pub fn ground(slope_deg: f64, seed: u64) -> Self {
         let mut random = Random::new(seed, Purpose::Surface);
-        // Of waves in all directions half the square of the slope is along any one, and half of that is its mean.
+        // The mean square slope along a fixed direction is a quarter of the squared amplitude: one half from the wave
+        // directions, one half from the cosine.
         let slope = slope_deg.to_radians().tan() * (4.0 / WAVES as f64).sqrt();
         Self((0..WAVES).map(|_| Wave::new(&mut random, slope, [5.0, 40.0], [0.0, TAU])).collect())
     }
 
-    /// Waves of 8 to 20 m, 2.3 to 3.6 s, that travel within 40 degrees of a direction; `slope_deg` is the standard
-    /// deviation of the slope along it.
+    /// Waves of 8 to 20 m length (periods 2.3 to 3.6 s) that travel within 40 degrees of `toward_rad`; `slope_deg` is
+    /// the standard deviation of the slope along `toward_rad`.
     pub fn water(slope_deg: f64, toward_rad: f64, seed: u64) -> Self {
         const SPREAD_RAD: f64 = 0.7;
         let mut random = Random::new(seed, Purpose::Surface);
-        // The mean square of the cosine over the spread is 0.85.
+        // The mean square of the cosine over +-0.7 rad is 0.85.
         let slope = slope_deg.to_radians().tan() * (2.0 / 0.85 / WAVES as f64).sqrt();
         let directions = [toward_rad - SPREAD_RAD, toward_rad + SPREAD_RAD];
         let travelling = |wave: Wave| {
-            // Deep water: w^2 = g k.
+            // Dispersion relation of deep water: w^2 = g k.
             let number_per_m = wave.number_per_m[0].hypot(wave.number_per_m[1]);
             Wave { frequency_rad_s: (GRAVITY_M_S2 * number_per_m).sqrt(), ..wave }
         };
         Self((0..WAVES).map(|_| travelling(Wave::new(&mut random, slope, [8.0, 20.0], directions))).collect())
     }
 
-    /// Slope to the north and to the east, upwards positive: height over distance.
+    /// Slope to the north and to the east, upward positive (height over distance).
     pub fn slope(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
         self.0.iter().fold([0.0; 2], |sum, wave| {
             let [number_north, number_east] = wave.number_per_m;
@@ -65,9 +63,9 @@ impl Surface {
 }
 
 impl Wave {
-    /// One that stands.
+    /// A wave fixed in place.
     fn new(random: &mut Random, slope: f64, lengths_m: [f64; 2], directions_rad: [f64; 2]) -> Self {
-        // Evenly over the logarithm: hollows in hollows.
+        // Uniform in the logarithm of the wavelength.
         let length_m = random.uniform(lengths_m[0].ln(), lengths_m[1].ln()).exp();
         let (sin, cos) = random.uniform(directions_rad[0], directions_rad[1]).sin_cos();
         let number_per_m = TAU / length_m;
@@ -81,12 +79,11 @@ impl Wave {
     }
 }
 
-/// Roll and pitch of what lies on a slope along its nose and to its right, upwards positive: nose up where it rises
-/// ahead, right side up where it rises to the right.
+/// Roll and pitch of a vehicle on a slope given along its nose and to its right, upward positive.
 ///
-/// The nose rises by `tan(theta) = ahead`. The down axis, which is normal to the slope, is off the vertical by
-/// `cos(phi) cos(theta) = 1 / sqrt(1 + ahead^2 + right^2)`, so that `tan(phi) = -right cos(theta)`.
-pub(super) fn lying([ahead, right]: [f64; 2]) -> [f64; 2] {
+/// Pitch: `tan(theta) = ahead`. The down axis is normal to the slope: `cos(phi) cos(theta) = 1 / sqrt(1 + ahead^2 +
+/// right^2)`, so `tan(phi) = -right cos(theta)`.
+pub(super) fn roll_pitch_on_slope([ahead, right]: [f64; 2]) -> [f64; 2] {
     let pitch_rad = ahead.atan();
     [-(right * pitch_rad.cos()).atan(), pitch_rad]
 }

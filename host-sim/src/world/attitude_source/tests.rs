@@ -2,12 +2,12 @@ use mavlink::dialects::common::MavMessage;
 use mavlink::{MavlinkVersion, Message};
 
 use super::*;
-use crate::devices::uart::{Cable, Timed};
+use crate::devices::uart::{Cable, TimedByte};
 use crate::simulation::{Level, Simulation};
 use crate::world::WorldConfig;
-use crate::world::aircraft::Kind;
+use crate::world::aircraft::VehicleKind;
 
-const EXACT: Config = Config {
+const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
     rate_hz: 50.0,
     noise_deg: 0.0,
     noise_time_s: 0.5,
@@ -20,12 +20,12 @@ const EXACT: Config = Config {
     yaw_drift_deg_s: 0.1,
 };
 
-/// Bytes that a source delivers in a turn, as they come over the cable; the far end plays the module.
-fn delivered(config: Config, seed: u64, seconds: u64) -> (World, Vec<Timed>) {
+/// Bytes received at the module's end of the cable during a turn.
+fn delivered(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (World, Vec<TimedByte>) {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
-    world.command(25.0, 0.0);
-    let cable = Cable::new(crate::devices::uart::Config { receive_buffer: 1 << 20, ..Default::default() });
+    world.hold_bank_and_pitch(25.0, 0.0);
+    let cable = Cable::new(crate::devices::uart::UartConfig { receive_buffer: 1 << 20, ..Default::default() });
     let (mut receiver, _transmitter) = cable.module();
     let bytes = std::rc::Rc::new(std::cell::RefCell::new(Vec::new()));
     let log = std::rc::Rc::clone(&bytes);
@@ -35,7 +35,7 @@ fn delivered(config: Config, seed: u64, seconds: u64) -> (World, Vec<Timed>) {
         loop {
             let count = receiver.read(&mut buffer).await.unwrap();
             let at_us = clock::now_us();
-            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| Timed { at_us, byte }));
+            log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { at_us, byte }));
         }
     });
     let source = AttitudeSource::new(config, seed);
@@ -44,8 +44,7 @@ fn delivered(config: Config, seed: u64, seconds: u64) -> (World, Vec<Timed>) {
     (world, bytes.take())
 }
 
-/// Splits a clean stream into messages with the time at which each was delivered and its sequence number.
-fn messages(stream: &[Timed]) -> Vec<(u64, u8, MavMessage)> {
+fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
     let mut rest = stream;
     let mut messages = Vec::new();
     while let [first, length, ..] = rest {
@@ -62,7 +61,7 @@ fn messages(stream: &[Timed]) -> Vec<(u64, u8, MavMessage)> {
     messages
 }
 
-fn attitudes(stream: &[Timed]) -> Vec<(u64, ATTITUDE_DATA)> {
+fn attitudes(stream: &[TimedByte]) -> Vec<(u64, ATTITUDE_DATA)> {
     let attitude = |(at_us, _, message)| match message {
         MavMessage::ATTITUDE(data) => Some((at_us, data)),
         _ => None,
@@ -72,7 +71,7 @@ fn attitudes(stream: &[Timed]) -> Vec<(u64, ATTITUDE_DATA)> {
 
 #[test]
 fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
-    let (_, stream) = delivered(Config::default(), 1, 10);
+    let (_, stream) = delivered(AttitudeSourceConfig::default(), 1, 10);
     let messages = messages(&stream);
     let heartbeats = messages.iter().filter(|(_, _, message)| matches!(message, MavMessage::HEARTBEAT(_))).count();
     assert_eq!((heartbeats, messages.len() - heartbeats), (10, 500));
@@ -81,14 +80,14 @@ fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
     }
 }
 
-/// Disarmed at first, and said with the next heartbeat.
+/// The autopilot starts disarmed.
 #[test]
 fn the_heartbeat_says_whether_the_autopilot_is_armed() {
     let world = World::new(WorldConfig::table1(1));
     let mut source = world.attitude_source();
     let mut said = || {
         let frame = source.heartbeat_message(world.is_armed());
-        let stream: Vec<Timed> = frame.into_iter().map(|byte| Timed { at_us: 0, byte }).collect();
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
         match messages(&stream).pop() {
             Some((_, _, MavMessage::HEARTBEAT(data))) => {
                 assert_eq!(data.autopilot, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
@@ -105,11 +104,10 @@ fn the_heartbeat_says_whether_the_autopilot_is_armed() {
     assert_eq!(heard, [false, true, false]);
 }
 
-/// With all errors off, what arrives is the truth of 20 ms before the message began.
 #[test]
 fn an_exact_source_reports_the_truth_late_by_its_latency() {
     let (world, stream) = delivered(EXACT, 1, 2);
-    // The world remembers two seconds.
+    // The world stores only the last two seconds.
     for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
         let sent_us = u64::from(data.time_boot_ms) * 1000;
         let truth = world.true_state(sent_us - 20_000);
@@ -117,21 +115,22 @@ fn an_exact_source_reports_the_truth_late_by_its_latency() {
         assert!((f64::from(data.pitch) - truth.pitch_rad).abs() < 1e-6);
         let yaw_rate = truth.body_rates_rad_s()[2];
         assert!((f64::from(data.yawspeed) - yaw_rate).abs() < 1e-6 * (1.0 + yaw_rate.abs()));
-        // 40 bytes of attitude, before them perhaps 21 of a heartbeat, and one byte time of idle line, in 87 us each.
+        // 40 bytes of attitude, possibly after 21 bytes of heartbeat, plus one byte time of idle line, 87 us each.
         let transfer_us = at_us - sent_us;
         assert!((41 * 86..63 * 87).contains(&transfer_us), "{transfer_us} us");
     }
 }
 
-/// 600 s hold 1200 correlation times of the noise: sigma is known to 2 %, the mean to 0.3 deg / sqrt(600) = 0.012 deg.
+/// 600 s are 1200 correlation times of the noise: sigma is accurate to 2 %, the mean to 0.3 deg / sqrt(600) = 0.012
+/// deg.
 #[test]
 fn errors_are_those_of_the_configuration() {
-    let config = Config { latency_ms: 0.0, ..Config::default() };
+    let config = AttitudeSourceConfig { latency_ms: 0.0, ..AttitudeSourceConfig::default() };
     let mut source = AttitudeSource::new(config, 4);
     let bank_rad = 25_f64.to_radians();
     let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
-    let reports: Vec<Reported> = (0..30_000).map(|_| source.report(&truth)).collect();
-    let statistics_deg = |error: fn(&Reported, f64) -> f64| {
+    let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.report(&truth)).collect();
+    let statistics_deg = |error: fn(&ReportedAttitude, f64) -> f64| {
         let errors: Vec<f64> = reports.iter().map(|r| error(r, bank_rad).to_degrees()).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / errors.len() as f64;
@@ -140,22 +139,25 @@ fn errors_are_those_of_the_configuration() {
     let (roll_mean, roll_sigma) = statistics_deg(|r, bank| r.roll_rad - bank);
     let (pitch_mean, pitch_sigma) = statistics_deg(|r, _| r.pitch_rad);
     assert!((roll_sigma - 0.3).abs() < 0.03 && (pitch_sigma - 0.3).abs() < 0.03, "{roll_sigma} {pitch_sigma}");
-    // 1 % of 25 degrees are missing from the bank; what is left is the bias.
+    // The mean contains the bank-angle scale error, 1 % of 25 degrees, and the bias.
     let bias_deg = (roll_mean + 0.25).hypot(pitch_mean);
     assert!((bias_deg - 0.2).abs() < 0.06, "{bias_deg}");
 }
 
-/// While it is pushed at 2.6 m/s^2, 15 deg of tilt of a copter, its attitude is off by 1.04 deg, 1 sigma; otherwise not at
-/// all. 1200 s hold 300 correlation times of 2 s: sigma is known to 5 %. An aeroplane's source knows of nothing.
+/// 2.6 m/s^2 (15 deg of copter tilt) cause 1.04 deg, 1 sigma. 1200 s are 300 correlation times of 2 s: sigma is
+/// accurate to 5 %.
 #[test]
 fn a_push_is_taken_for_tilt() {
-    let config =
-        Config { noise_deg: 0.0, bias_deg: 0.0, ..WorldConfig::table1(4).carried_by(Kind::Copter).attitude_source };
+    let config = AttitudeSourceConfig {
+        noise_deg: 0.0,
+        bias_deg: 0.0,
+        ..WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
+    };
     let mut source = AttitudeSource::new(config, 4);
     let mut sigma_deg = |push_m_s2: f64| {
-        let truth = TrueState { push_m_s2, ..TrueState::default() };
-        let reports: Vec<Reported> = (0..60_000).map(|_| source.report(&truth)).collect();
-        let of = |angle: fn(&Reported) -> f64| {
+        let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
+        let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
+        let of = |angle: fn(&ReportedAttitude) -> f64| {
             (reports.iter().map(|r| angle(r).to_degrees().powi(2)).sum::<f64>() / reports.len() as f64).sqrt()
         };
         [of(|r| r.roll_rad), of(|r| r.pitch_rad)]
@@ -164,16 +166,16 @@ fn a_push_is_taken_for_tilt() {
         assert!((sigma_deg - 1.04).abs() < 0.12, "{sigma_deg}");
     }
     assert!(sigma_deg(0.0).iter().all(|sigma_deg| *sigma_deg < 1e-12));
-    let plane = WorldConfig::table1(4).carried_by(Kind::Plane).attitude_source;
+    let plane = WorldConfig::table1(4).with_vehicle_kind(VehicleKind::Plane).attitude_source;
     assert_eq!(plane.push_error_deg.to_bits(), 0);
 }
 
-/// As long as a push: over 2 s the error keeps 1 / e of itself.
 #[test]
 fn what_a_push_makes_lasts_as_long_as_a_push() {
-    let config = Config { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..Config::default() };
+    let config =
+        AttitudeSourceConfig { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..AttitudeSourceConfig::default() };
     let mut source = AttitudeSource::new(config, 9);
-    let truth = TrueState { push_m_s2: 1.0, ..TrueState::default() };
+    let truth = TrueState { disturbing_acceleration_m_s2: 1.0, ..TrueState::default() };
     let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
     let covariance =
         |lag: usize| errors.iter().zip(&errors[lag..]).map(|(a, b)| a * b).sum::<f64>() / (errors.len() - lag) as f64;
@@ -181,18 +183,18 @@ fn what_a_push_makes_lasts_as_long_as_a_push() {
     assert!((kept - 0.37).abs() < 0.07, "{kept}");
 }
 
-/// The heartbeat says what it flies in.
 #[test]
 fn the_heartbeat_says_what_kind_of_vehicle_it_is() {
     for (kind, expected) in [
-        (Kind::Plane, MavType::MAV_TYPE_FIXED_WING),
-        (Kind::Copter, MavType::MAV_TYPE_QUADROTOR),
-        (Kind::Vtol, MavType::MAV_TYPE_VTOL_FIXEDROTOR),
-        (Kind::Rover, MavType::MAV_TYPE_GROUND_ROVER),
-        (Kind::Boat, MavType::MAV_TYPE_SURFACE_BOAT),
+        (VehicleKind::Plane, MavType::MAV_TYPE_FIXED_WING),
+        (VehicleKind::Copter, MavType::MAV_TYPE_QUADROTOR),
+        (VehicleKind::Vtol, MavType::MAV_TYPE_VTOL_FIXEDROTOR),
+        (VehicleKind::Rover, MavType::MAV_TYPE_GROUND_ROVER),
+        (VehicleKind::Boat, MavType::MAV_TYPE_SURFACE_BOAT),
     ] {
-        let frame = World::new(WorldConfig::table1(1).carried_by(kind)).attitude_source().heartbeat_message(false);
-        let stream: Vec<Timed> = frame.into_iter().map(|byte| Timed { at_us: 0, byte }).collect();
+        let frame =
+            World::new(WorldConfig::table1(1).with_vehicle_kind(kind)).attitude_source().heartbeat_message(false);
+        let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
         assert!(matches!(&messages(&stream)[0].2, MavMessage::HEARTBEAT(data) if data.mavtype == expected), "{kind:?}");
     }
 }
@@ -204,17 +206,17 @@ fn yaw_is_never_the_heading() {
     let truth = world.true_state(1_980_000);
     let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
     assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
-    let (_, stream) = delivered(Config { yaw: Yaw::Absent, ..EXACT }, 1, 1);
+    let (_, stream) = delivered(AttitudeSourceConfig { yaw: Yaw::Absent, ..EXACT }, 1, 1);
     assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_the_same_times() {
-    let run = |seed| delivered(Config::default(), seed, 20).1;
+    let run = |seed| delivered(AttitudeSourceConfig::default(), seed, 20).1;
     assert_eq!(run(8), run(8));
     assert_ne!(run(8), run(9));
-    // A quieter sensor must not change the flight.
-    let (loud, _) = delivered(Config::default(), 8, 20);
+    // Attitude noise must not change the flight.
+    let (loud, _) = delivered(AttitudeSourceConfig::default(), 8, 20);
     let (quiet, _) = delivered(EXACT, 8, 20);
     assert_eq!(loud.true_state(20_000_000), quiet.true_state(20_000_000));
     assert!(loud.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));

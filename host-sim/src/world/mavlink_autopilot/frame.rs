@@ -1,39 +1,39 @@
-//! Frames of MAVLink 2 as they stand on a line, also those of messages that the library does not know.
+//! MAVLink 2 frames, including messages unknown to the MAVLink library.
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::{Message, calculate_crc};
 
 use super::MODULE;
 
-/// A frame that somebody sent.
+/// Received or sent frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Counts the frames of its sender; wraps.
+    /// Sequence number of the sender; wraps.
     pub sequence: u8,
-    /// Its sender's system.
+    /// System ID of the sender.
     pub system: u8,
-    /// Its sender's component.
+    /// Component ID of the sender.
     pub component: u8,
-    /// Which message it is.
+    /// Message ID.
     pub id: u32,
-    /// What it says, with the zeros cut off.
+    /// Payload, trailing zeros removed.
     pub payload: Vec<u8>,
 }
 
 impl Frame {
-    /// A byte of the payload: zero where it was cut off.
+    /// Payload byte; zero beyond the truncated payload.
     #[must_use]
     pub fn byte(&self, at: usize) -> u8 {
         self.payload.get(at).copied().unwrap_or(0)
     }
 
-    /// A number of the payload.
+    /// Little-endian payload float that starts at byte `at`.
     #[must_use]
     pub fn float(&self, at: usize) -> f32 {
         f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte(at + byte)))
     }
 
-    /// The bytes of the frame, closed with the extra byte of its message.
+    /// Encoded frame; `extra_crc` is the message's CRC seed.
     #[must_use]
     pub fn bytes(&self, extra_crc: u8) -> Vec<u8> {
         let end = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
@@ -47,7 +47,7 @@ impl Frame {
     }
 }
 
-/// A COMMAND_LONG to the module of a system, by its number, which may be one that the library does not know.
+/// COMMAND_LONG frame to the module of a system. The command number may be unknown to the MAVLink library.
 #[must_use]
 pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
     let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
@@ -57,22 +57,21 @@ pub fn command_long(from: [u8; 2], system: u8, command: u16, confirmation: u8, p
     Frame { sequence: 0, system: from_system, component: from_component, id: 76, payload }.bytes(152)
 }
 
-/// The extra byte of a message's CRC.
 fn extra_crc(id: u32) -> u8 {
-    /// MAG_CAL_PROGRESS, which is ArduPilot's.
+    /// MAG_CAL_PROGRESS of ArduPilot's dialect.
     const MAG_CAL_PROGRESS: u32 = 191;
     if id == MAG_CAL_PROGRESS { 92 } else { MavMessage::extra_crc(id) }
 }
 
-/// Finds frames in bytes.
+/// Extracts frames from a byte stream.
 #[derive(Clone, Debug, Default)]
-pub struct Reader {
+pub struct FrameReader {
     bytes: Vec<u8>,
     garbage: u64,
 }
 
-impl Reader {
-    /// Takes bytes; the frames that they complete.
+impl FrameReader {
+    /// Appends bytes and returns the completed frames.
     pub fn read(&mut self, bytes: &[u8]) -> Vec<Frame> {
         self.bytes.extend_from_slice(bytes);
         let mut frames = Vec::new();
@@ -89,9 +88,9 @@ impl Reader {
         frames
     }
 
-    /// Bytes that belong to no frame.
+    /// Number of bytes outside valid frames.
     #[must_use]
-    pub const fn garbage(&self) -> u64 {
+    pub const fn invalid_byte_count(&self) -> u64 {
         self.garbage
     }
 

@@ -1,6 +1,6 @@
-//! Frames of MSP version 2 as an autopilot reads and writes them.
+//! MSP version 2 frames as an autopilot decodes and encodes them.
 
-use super::{Firmware, Known};
+use super::{AutopilotState, MspFirmware};
 
 const FC_VARIANT: u16 = 2;
 const STATUS: u16 = 101;
@@ -10,7 +10,6 @@ const ANALOG: u16 = 110;
 const RTC: u16 = 247;
 const SENSOR_COMPASS: u16 = 0x1F04;
 
-/// A request that came.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     pub function: u16,
@@ -18,28 +17,27 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Whether it is a sensor's, which is not answered.
-    pub fn is_of_a_sensor(&self) -> bool {
+    /// Whether the function is in the sensor range, which is never answered.
+    pub fn is_sensor_function(&self) -> bool {
         (0x1F00..=0x1FFF).contains(&self.function)
     }
 
-    /// Instance, time and field of a compass's reading, if it is one.
-    pub fn compass(&self) -> Option<(u8, u32, [i16; 3])> {
+    /// Instance, time stamp (ms) and field (milligauss) if the request is a compass sample.
+    pub fn compass_sample(&self) -> Option<(u8, u32, [i16; 3])> {
         let [instance, t0, t1, t2, t3, x0, x1, y0, y1, z0, z1] = *self.payload.as_slice() else { return None };
         let field_mg = [[x0, x1], [y0, y1], [z0, z1]].map(i16::from_le_bytes);
         (self.function == SENSOR_COMPASS).then_some((instance, u32::from_le_bytes([t0, t1, t2, t3]), field_mg))
     }
 }
 
-/// Finds requests in what comes.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Frames {
+pub(super) struct RequestReader {
     bytes: Vec<u8>,
-    pub broken: u32,
+    pub crc_errors: u32,
 }
 
-impl Frames {
-    /// Takes a byte; gives the request that it ends. What does not begin like a frame is dropped as it comes.
+impl RequestReader {
+    /// Processes one byte and returns a completed request; bytes outside frames are dropped.
     pub fn push(&mut self, byte: u8) -> Option<Request> {
         self.bytes.push(byte);
         let begun = self.bytes.len().min(3);
@@ -55,27 +53,25 @@ impl Frames {
         let is_intact = crc_8_dvb_s2(&self.bytes[3..self.bytes.len() - 1]) == crc;
         self.bytes.clear();
         if !is_intact {
-            self.broken += 1;
+            self.crc_errors += 1;
         }
         is_intact.then_some(request)
     }
 }
 
-/// Polynomial 0xD5, nothing before, nothing after.
+/// CRC-8/DVB-S2: polynomial 0xD5, initial value 0, no final XOR.
 pub(super) fn crc_8_dvb_s2(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { (crc << 1) ^ 0xD5 })
     })
 }
 
-/// What becomes of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
     Reply(Vec<u8>),
     Error,
 }
 
-/// An answer as it is sent.
 pub(super) fn encode(function: u16, answer: &Answer) -> Vec<u8> {
     let (direction, payload) = match answer {
         Answer::Reply(payload) => (b'>', payload.as_slice()),
@@ -89,12 +85,12 @@ pub(super) fn encode(function: u16, answer: &Answer) -> Vec<u8> {
     frame
 }
 
-/// What a firmware says to a request; none if it does not know it.
-pub(super) fn payload(firmware: Firmware, function: u16, known: &Known) -> Option<Vec<u8>> {
+/// Reply payload of a firmware; `None` for an unknown function.
+pub(super) fn payload(firmware: MspFirmware, function: u16, known: &AutopilotState) -> Option<Vec<u8>> {
     match function {
         FC_VARIANT => Some(match firmware {
-            Firmware::ArduPilot => b"ARDU".to_vec(),
-            Firmware::Inav => b"INAV".to_vec(),
+            MspFirmware::ArduPilot => b"ARDU".to_vec(),
+            MspFirmware::Inav => b"INAV".to_vec(),
         }),
         STATUS => Some(status(firmware, known.is_armed)),
         RAW_GPS => Some(raw_gps(known)),
@@ -105,54 +101,54 @@ pub(super) fn payload(firmware: Firmware, function: u16, known: &Known) -> Optio
     }
 }
 
-fn attitude(firmware: Firmware, known: &Known) -> Vec<u8> {
+fn attitude(firmware: MspFirmware, known: &AutopilotState) -> Vec<u8> {
     let decidegrees = |rad: f64| rad.to_degrees() * 10.0;
     let yaw_deg = known.yaw_rad.to_degrees().rem_euclid(360.0) as i16;
-    // ArduPilot's cast leaves the fraction away, INAV rounds.
+    // ArduPilot truncates tenths of a degree, INAV rounds.
     let (roll, pitch) = match firmware {
-        Firmware::ArduPilot => (decidegrees(known.roll_rad) as i16, decidegrees(known.pitch_rad) as i16),
-        Firmware::Inav => (decidegrees(known.roll_rad).round() as i16, decidegrees(-known.pitch_rad).round() as i16),
+        MspFirmware::ArduPilot => (decidegrees(known.roll_rad) as i16, decidegrees(known.pitch_rad) as i16),
+        MspFirmware::Inav => (decidegrees(known.roll_rad).round() as i16, decidegrees(-known.pitch_rad).round() as i16),
     };
     [roll, pitch, yaw_deg].map(i16::to_le_bytes).concat()
 }
 
-/// ArduPilot's has 22 bytes, INAV's 11; the boxes begin at the sixth. Of the others INAV has some set.
-fn status(firmware: Firmware, is_armed: bool) -> Vec<u8> {
+/// Status payload: 22 bytes for ArduPilot, 11 for INAV. The mode flags start at byte 6, with the armed flag in bit 0;
+/// INAV has other flags set as well.
+fn status(firmware: MspFirmware, is_armed: bool) -> Vec<u8> {
     let (length, others) = match firmware {
-        Firmware::ArduPilot => (22, 0),
-        Firmware::Inav => (11, 0x0A),
+        MspFirmware::ArduPilot => (22, 0),
+        MspFirmware::Inav => (11, 0x0A),
     };
     let mut payload = vec![0; length];
     payload[6] = u8::from(is_armed) | others;
     payload
 }
 
-fn raw_gps(known: &Known) -> Vec<u8> {
-    let (latitude_deg, longitude_deg, height_m) = known.place.unwrap_or_default();
-    let mut payload = vec![if known.place.is_some() { 2 } else { 0 }, 9];
+fn raw_gps(known: &AutopilotState) -> Vec<u8> {
+    let (latitude_deg, longitude_deg, height_m) = known.position.unwrap_or_default();
+    let mut payload = vec![if known.position.is_some() { 2 } else { 0 }, 9];
     payload.extend(((latitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend(((longitude_deg * 1e7).round() as i32).to_le_bytes());
     payload.extend((height_m as i16).to_le_bytes());
-    // Speed, course, dilution.
+    // Speed, course, dilution of precision.
     payload.extend([0; 6]);
     payload
 }
 
-/// Voltage, charge, signal strength, current; ArduPilot's has the voltage once more. One that is not measured is none.
-fn analog(firmware: Firmware, current_a: Option<f64>) -> Vec<u8> {
+/// Voltage, charge, signal strength and current; ArduPilot repeats the voltage. Current is 0 if not measured.
+fn analog(firmware: MspFirmware, current_a: Option<f64>) -> Vec<u8> {
     let mut payload = vec![168, 0, 0, 0, 0];
     payload.extend(((current_a.unwrap_or(0.0) * 100.0).round() as i16).to_le_bytes());
-    if firmware == Firmware::ArduPilot {
+    if firmware == MspFirmware::ArduPilot {
         payload.extend(1680_u16.to_le_bytes());
     }
     payload
 }
 
-/// A date and a time from ArduPilot, seconds and milliseconds from INAV.
-fn rtc(firmware: Firmware, unix_s: Option<u64>) -> Vec<u8> {
+fn rtc(firmware: MspFirmware, unix_s: Option<u64>) -> Vec<u8> {
     match firmware {
-        Firmware::Inav => [&(unix_s.unwrap_or(0) as u32).to_le_bytes()[..], &[0, 0]].concat(),
-        Firmware::ArduPilot => {
+        MspFirmware::Inav => [&(unix_s.unwrap_or(0) as u32).to_le_bytes()[..], &[0, 0]].concat(),
+        MspFirmware::ArduPilot => {
             let (year, month, day) = unix_s.map_or((1900, 1, 0), date);
             let second = unix_s.unwrap_or(0) % 86_400;
             let [y0, y1] = year.to_le_bytes();
@@ -162,7 +158,7 @@ fn rtc(firmware: Firmware, unix_s: Option<u64>) -> Vec<u8> {
     }
 }
 
-/// The date of a time, counted year by year and month by month.
+/// Calendar date of a Unix time, counted by years and months, independent of the library.
 fn date(unix_s: u64) -> (u16, u8, u8) {
     let is_leap = |year: u16| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let mut days = unix_s / 86_400;

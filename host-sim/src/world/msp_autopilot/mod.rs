@@ -1,8 +1,7 @@
-//! An autopilot that answers MSP requests, and takes a compass's readings: bytes in, bytes out.
+//! Simulated autopilot that answers MSP requests and receives compass samples.
 //!
-//! It reads and writes frames by itself, with the signs and lengths that each firmware has, so that a mistake of the
-//! library's shows. What it knows is told to it when it is asked for bytes: an answer is of the instant at which it is
-//! sent, as an autopilot's is.
+//! Its frame encoding, with the signs and lengths of each firmware, is independent of the library, so that library
+//! errors are detected. An answer contains the autopilot's state at the time of sending.
 
 mod frame;
 #[cfg(test)]
@@ -10,110 +9,109 @@ mod tests;
 
 use std::collections::VecDeque;
 
-use self::frame::{Answer, Frames, Request, encode};
+use self::frame::{Answer, Request, RequestReader, encode};
 use crate::random::{Purpose, Random};
 
-/// Which firmware answers.
+/// Simulated firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Firmware {
+pub enum MspFirmware {
     /// ArduPilot: pitch nose up.
     ArduPilot,
     /// INAV: pitch nose down.
     Inav,
 }
 
-/// What goes wrong, each with its probability for an answer, 0 to 1. The first that befalls it counts.
+/// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Troubles {
-    /// It does not answer.
+pub struct AnswerFaults {
+    /// No answer.
     pub dropped: f64,
-    /// It answers that it cannot, by an error frame.
-    pub refused: f64,
-    /// Its answer ends somewhere within.
-    pub cut: f64,
-    /// Its answer waits for the next one, and comes joined with it.
-    pub joined: f64,
+    /// Error frame.
+    pub rejected: f64,
+    /// Truncated answer.
+    pub truncated: f64,
+    /// Answer delayed until the next one and sent with it.
+    pub delayed: f64,
 }
 
-/// What the autopilot knows at an instant.
+/// State of the autopilot at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Known {
-    /// Bank, radians, right wing down positive.
+pub struct AutopilotState {
+    /// Roll, radians, right wing down positive.
     pub roll_rad: f64,
     /// Pitch, radians, nose up positive.
     pub pitch_rad: f64,
     /// Heading, radians.
     pub yaw_rad: f64,
-    /// Whether it is armed.
+    /// Whether the autopilot is armed.
     pub is_armed: bool,
-    /// Latitude and longitude in degrees, north and east positive, and height in metres; none without a fix.
-    pub place: Option<(f64, f64, f64)>,
-    /// Seconds since 1970, UTC; none if its clock was not set.
+    /// Latitude and longitude in degrees, north and east positive, and height in metres; `None` without a fix.
+    pub position: Option<(f64, f64, f64)>,
+    /// Unix time in seconds, UTC; `None` if the clock is not set.
     pub unix_s: Option<u64>,
-    /// Current of its battery, amperes; none if it does not measure it.
+    /// Battery current, amperes; `None` if not measured.
     pub current_a: Option<f64>,
 }
 
-/// A reading of the compass, as it came.
+/// Received compass sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CompassReading {
-    /// When its last byte came, microseconds.
+pub struct CompassSample {
+    /// Reception time of the last byte, microseconds.
     pub at_us: u64,
-    /// Which compass of several.
+    /// Compass instance.
     pub instance: u8,
-    /// The compass's own clock, milliseconds.
+    /// Time stamp of the compass's own clock, milliseconds.
     pub time_ms: u32,
-    /// Forward, right, down, milligauss.
+    /// Field forward, right, down, milligauss.
     pub field_mg: [i16; 3],
 }
 
-/// From a request to its answer, milliseconds: the shortest and the longest that ArduPilot was seen to take.
+/// Shortest and longest delay from request to answer observed with ArduPilot, milliseconds.
 const DELAY_MS: (f64, f64) = (3.5, 18.0);
 
-/// The autopilot.
+/// MSP autopilot.
 #[derive(Clone, Debug)]
 pub struct MspAutopilot {
-    firmware: Firmware,
-    troubles: Troubles,
+    firmware: MspFirmware,
+    troubles: AnswerFaults,
     random: Random,
-    frames: Frames,
-    /// What is to be answered, and when. In the order of the requests.
+    frames: RequestReader,
+    /// Pending requests with answer time, in order of reception.
     waiting: VecDeque<(u64, Request)>,
-    /// An answer that waits for the next one.
     held: Vec<u8>,
-    readings: Vec<CompassReading>,
+    readings: Vec<CompassSample>,
 }
 
 impl MspAutopilot {
-    /// An autopilot that has just been switched on.
+    /// An autopilot that was just switched on.
     #[must_use]
-    pub fn new(firmware: Firmware, troubles: Troubles, seed: u64) -> Self {
+    pub fn new(firmware: MspFirmware, troubles: AnswerFaults, seed: u64) -> Self {
         let random = Random::new(seed, Purpose::Msp);
-        let (frames, waiting) = (Frames::default(), VecDeque::new());
+        let (frames, waiting) = (RequestReader::default(), VecDeque::new());
         Self { firmware, troubles, random, frames, waiting, held: Vec::new(), readings: Vec::new() }
     }
 
-    /// Takes a byte that came at an instant, microseconds.
-    pub fn take(&mut self, at_us: u64, byte: u8) {
+    /// Processes a byte received at `at_us`.
+    pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
         let Some(request) = self.frames.push(byte) else { return };
-        if let Some((instance, time_ms, field_mg)) = request.compass() {
-            self.readings.push(CompassReading { at_us, instance, time_ms, field_mg });
-        } else if !request.is_of_a_sensor() {
+        if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
+            self.readings.push(CompassSample { at_us, instance, time_ms, field_mg });
+        } else if !request.is_sensor_function() {
             let delay_us = 1e3 * self.random.uniform(DELAY_MS.0, DELAY_MS.1);
-            // One after the other: it does not answer a later request first.
+            // Requests are answered in order.
             let after_us = self.waiting.back().map_or(0, |(due_us, _)| *due_us);
             self.waiting.push_back((after_us.max(at_us + delay_us as u64), request));
         }
     }
 
-    /// When it will send next, microseconds; none if nobody waits for anything.
+    /// Time of the next answer, microseconds; `None` without pending requests.
     #[must_use]
-    pub fn next_us(&self) -> Option<u64> {
+    pub fn next_answer_us(&self) -> Option<u64> {
         self.waiting.front().map(|(due_us, _)| *due_us)
     }
 
-    /// What it sends by now, with what it knows now.
-    pub fn send(&mut self, now_us: u64, known: &Known) -> Vec<u8> {
+    /// Bytes of all answers due by `now_us`, with the present state.
+    pub fn send(&mut self, now_us: u64, known: &AutopilotState) -> Vec<u8> {
         let mut sent = Vec::new();
         while let Some((_, request)) = self.waiting.pop_front_if(|(due_us, _)| *due_us <= now_us) {
             let answer = self.answer(&request, known);
@@ -122,31 +120,31 @@ impl MspAutopilot {
         sent
     }
 
-    /// The compass's readings since this was asked last.
-    pub fn compass_readings(&mut self) -> Vec<CompassReading> {
+    /// Returns and clears the received compass samples.
+    pub fn take_compass_samples(&mut self) -> Vec<CompassSample> {
         std::mem::take(&mut self.readings)
     }
 
-    /// Frames that came with a wrong CRC.
+    /// Number of frames with a wrong CRC.
     #[must_use]
-    pub fn broken_frames(&self) -> u32 {
-        self.frames.broken
+    pub fn crc_error_count(&self) -> u32 {
+        self.frames.crc_errors
     }
 
-    fn answer(&self, request: &Request, known: &Known) -> Answer {
+    fn answer(&self, request: &Request, known: &AutopilotState) -> Answer {
         frame::payload(self.firmware, request.function, known).map_or(
             match self.firmware {
-                // ArduPilot acknowledges what it does not know.
-                Firmware::ArduPilot => Answer::Reply(Vec::new()),
-                Firmware::Inav => Answer::Error,
+                // ArduPilot acknowledges unknown functions.
+                MspFirmware::ArduPilot => Answer::Reply(Vec::new()),
+                MspFirmware::Inav => Answer::Error,
             },
             Answer::Reply,
         )
     }
 
     fn pass_through_trouble(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
-        let Troubles { dropped, refused, cut, joined } = self.troubles;
-        // The first of the sums that is above it is its fate.
+        let AnswerFaults { dropped, rejected: refused, truncated: cut, delayed: joined } = self.troubles;
+        // A uniform random number selects the fault by cumulative probability.
         let fate = self.random.uniform(0.0, 1.0);
         if fate < dropped {
             return;

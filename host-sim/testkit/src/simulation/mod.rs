@@ -1,8 +1,7 @@
-//! A deterministic, single-threaded executor in virtual time.
+//! Deterministic single-threaded executor in simulation time.
 //!
-//! Tasks run in the order in which they were woken, a more urgent [`Level`] first. When none is ready, time jumps to
-//! the next deadline. Computing takes no virtual time. A task runs until its next wait: a more urgent one cannot
-//! interrupt it in between, as it could on a board.
+//! Ready tasks run in the order of wake-up, more urgent [`Level`]s first. When no task is ready, time jumps to the next
+//! deadline. Computation takes no simulation time. Unlike on a board, tasks do not preempt each other.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -15,14 +14,14 @@ use std::task::{Context, Wake, Waker};
 
 use crate::clock;
 
-/// Polls of one task within one instant after which it is taken for a busy loop. The hungriest honest task parses a
-/// full receive buffer byte by byte: some hundreds.
+/// Polls of one task at one instant above which it counts as a busy loop. The largest legitimate number, a few hundred,
+/// comes from parsing a full receive buffer byte by byte.
 const BUSY_LOOP_POLLS: u32 = 100_000;
 
-/// How urgent a task is.
+/// Priority of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// Not the module but what is around it (autopilot, pilot): first, and not touched by [`Simulation::power_off`].
+    /// Surroundings of the module (autopilot, pilot): first, and not affected by [`Simulation::power_off`].
     World,
     /// The module's interrupt executor.
     Interrupt,
@@ -32,31 +31,31 @@ pub enum Level {
 
 const LEVELS: usize = 3;
 
-/// Why [`Simulation::run_until`] returned.
+/// Reason for which [`Simulation::run_until`] returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
-    /// The time asked for has come.
+pub enum RunEnd {
+    /// The requested time was reached.
     Time,
-    /// Somebody called [`Stop::request`]; time stands at that instant.
+    /// A task called [`Stop::request`]; time remains at that instant.
     Stopped,
 }
 
-/// Ends [`Simulation::run_until`] from within a task: how the module asks for a reboot, or a device cuts the power.
+/// Handle that ends [`Simulation::run_until`] from within a task, for a reboot or a power cut.
 #[derive(Clone, Debug, Default)]
 pub struct Stop(Rc<Cell<bool>>);
 
 impl Stop {
-    /// Ends the run as soon as the task that is running waits.
+    /// Ends the run when the present task waits.
     pub fn request(&self) {
         self.0.set(true);
     }
 }
 
-/// Identities of tasks that are ready, by level. Wakers must be `Send`, hence the lock; it is never contended.
+/// Ready task IDs by level. The lock, required because wakers are `Send`, is never contended.
 #[derive(Default)]
-struct Ready([Mutex<VecDeque<u64>>; LEVELS]);
+struct ReadyQueue([Mutex<VecDeque<u64>>; LEVELS]);
 
-impl Ready {
+impl ReadyQueue {
     fn push(&self, level: Level, id: u64) {
         self.0[level as usize].lock().unwrap_or_else(PoisonError::into_inner).push_back(id);
     }
@@ -70,7 +69,7 @@ struct TaskWaker {
     id: u64,
     level: Level,
     queued: AtomicBool,
-    ready: Arc<Ready>,
+    ready: Arc<ReadyQueue>,
 }
 
 impl Wake for TaskWaker {
@@ -90,20 +89,20 @@ struct Task {
     handle: Arc<TaskWaker>,
     waker: Waker,
     future: Pin<Box<dyn Future<Output = ()>>>,
-    /// The instant of the last poll and how often the task was polled in it.
+    /// Instant of the last poll, and number of polls at it.
     polled: (u64, u32),
 }
 
 impl Drop for Task {
     fn drop(&mut self) {
-        clock::forget(&self.waker);
+        clock::remove_deadline(&self.waker);
     }
 }
 
-/// Tasks and the virtual time they live in. One at a time per thread, because the clock is the thread's.
+/// Tasks and their clock. One simulation per thread at a time, because the clock is thread-local.
 pub struct Simulation {
     tasks: Vec<Task>,
-    ready: Arc<Ready>,
+    ready: Arc<ReadyQueue>,
     spawned: u64,
     stop: Stop,
 }
@@ -115,14 +114,14 @@ impl Default for Simulation {
 }
 
 impl Simulation {
-    /// No tasks; this thread's clock starts again at zero.
+    /// A simulation without tasks; resets this thread's clock to zero.
     #[must_use]
     pub fn new() -> Self {
         clock::reset();
         Self { tasks: Vec::new(), ready: Arc::default(), spawned: 0, stop: Stop::default() }
     }
 
-    /// Adds a task. It is first polled by the next run; `name` is for messages.
+    /// Adds a task, first polled by the next run; `name` appears in messages.
     pub fn spawn(&mut self, level: Level, name: &'static str, future: impl Future<Output = ()> + 'static) {
         self.spawned += 1;
         let handle = Arc::new(TaskWaker {
@@ -136,7 +135,7 @@ impl Simulation {
         self.tasks.push(Task { name, handle, waker, future: Box::pin(future), polled: (0, 0) });
     }
 
-    /// Microseconds since the simulation began.
+    /// Simulation time, microseconds.
     #[must_use]
     pub fn now_us(&self) -> u64 {
         clock::now_us()
@@ -148,33 +147,32 @@ impl Simulation {
         self.stop.clone()
     }
 
-    /// How many tasks have not ended, of all levels.
+    /// Number of unfinished tasks of all levels.
     #[must_use]
     pub fn tasks(&self) -> usize {
         self.tasks.len()
     }
 
-    /// Runs to `until_us` inclusive: everything due at that instant has run when it returns.
+    /// Runs to `until_us` inclusive.
     ///
     /// # Panics
     ///
-    /// When a task is polled without end while time stands still: a busy loop, which on a board would starve every
-    /// task below it.
-    pub fn run_until(&mut self, until_us: u64) -> Ended {
+    /// If a task runs a busy loop while time stands still; on a board it would starve all tasks below it.
+    pub fn run_until(&mut self, until_us: u64) -> RunEnd {
         self.stop.0.set(false);
         loop {
             clock::advance(clock::now_us());
             while let Some(id) = self.ready.pop() {
                 self.poll(id);
                 if self.stop.0.get() {
-                    return Ended::Stopped;
+                    return RunEnd::Stopped;
                 }
             }
             match clock::next_deadline_us() {
                 Some(at_us) if at_us <= until_us => clock::advance(at_us),
                 _ => {
                     clock::advance(until_us);
-                    return Ended::Time;
+                    return RunEnd::Time;
                 }
             }
         }
@@ -185,17 +183,17 @@ impl Simulation {
     /// # Panics
     ///
     /// As [`run_until`](Self::run_until).
-    pub fn run_for(&mut self, duration_us: u64) -> Ended {
+    pub fn run_for(&mut self, duration_us: u64) -> RunEnd {
         self.run_until(clock::now_us() + duration_us)
     }
 
-    /// Drops the module's tasks wherever they wait; the world's tasks and the clock go on.
+    /// Drops the module's tasks; tasks of level `World` and the clock continue.
     pub fn power_off(&mut self) {
         self.tasks.retain(|task| task.handle.level == Level::World);
     }
 
     fn poll(&mut self, id: u64) {
-        // A task that is gone may still be woken by what outlived it.
+        // Wakers may outlive their task.
         let Some(index) = self.tasks.iter().position(|task| task.handle.id == id) else { return };
         let task = &mut self.tasks[index];
         task.handle.queued.store(false, Ordering::Relaxed);

@@ -25,7 +25,7 @@ fn timers_fire_at_their_instant_and_in_order() {
             note(&log, name);
         });
     }
-    assert_eq!(simulation.run_until(3_600_000_000), Ended::Time);
+    assert_eq!(simulation.run_until(3_600_000_000), RunEnd::Time);
     assert_eq!(*log.borrow(), [(499, "first"), (500, "second"), (500, "third"), (3_600_000_000, "late")]);
     assert_eq!(simulation.tasks(), 0);
 }
@@ -77,7 +77,6 @@ fn embassy_channels_tickers_and_timeouts_work() {
     assert_eq!(*log.borrow(), [(10_000, "value"), (20_000, "value"), (30_000, "value"), (45_000, "timeout")]);
 }
 
-/// Sets a flag when dropped.
 struct Dropped(Rc<Cell<bool>>);
 
 impl Drop for Dropped {
@@ -131,7 +130,7 @@ fn a_waker_that_outlives_its_task_wakes_nobody() {
     simulation.power_off();
     simulation.spawn(Level::Thread, "after", std::future::pending());
     channel.try_send(1).unwrap();
-    assert_eq!(simulation.run_until(20), Ended::Time);
+    assert_eq!(simulation.run_until(20), RunEnd::Time);
 }
 
 #[test]
@@ -143,9 +142,9 @@ fn stop_ends_the_run_at_its_instant() {
         stop.request();
         Timer::after_millis(1).await;
     });
-    assert_eq!(simulation.run_until(1_000_000), Ended::Stopped);
+    assert_eq!(simulation.run_until(1_000_000), RunEnd::Stopped);
     assert_eq!((simulation.now_us(), simulation.tasks()), (7_000, 1));
-    assert_eq!(simulation.run_until(1_000_000), Ended::Time, "a stop lasts for one run");
+    assert_eq!(simulation.run_until(1_000_000), RunEnd::Time, "a stop lasts for one run");
     assert_eq!(simulation.tasks(), 0);
 }
 

@@ -1,14 +1,14 @@
-//! What the component promises. How it gets on with autopilots is tested with simulated ones.
+//! Tests of the component. The interaction with autopilots is tested with simulated ones.
 
-mod any;
-mod asking;
 mod collection;
 mod orders;
+mod random_frames;
+mod requests;
 mod sender;
 
 use super::*;
-use crate::calibration::Uncertainty;
-use crate::earth::Day;
+use crate::calibration::HeadingUncertainty;
+use crate::earth::Date;
 use crate::frames::Attitude;
 use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
@@ -16,7 +16,7 @@ use crate::port::OUTPUT;
 use crate::settings::Settings;
 use ::mavlink::calculate_crc;
 
-/// Who sends: system and component.
+/// Sender: system and component.
 type Who = [u8; 2];
 
 const AUTOPILOT: Who = [1, 1];
@@ -24,7 +24,6 @@ const SECOND: Who = [2, 1];
 const GIMBAL: Who = [1, 154];
 const STATION: Who = [255, 190];
 
-/// A frame of version 2.
 fn frame([system, component]: Who, id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     let header = [0xFD, payload.len() as u8, 0, 0, 0, system, component, id, 0, 0];
     let mut frame = [&header, payload].concat();
@@ -64,7 +63,7 @@ fn command(who: Who, target: Who, number: u16, confirmation: u8, parameters: [f3
     frame(who, 76, 152, &payload)
 }
 
-/// A frame that the module has sent, its payload with the zeros that were cut off.
+/// Sent frame; the payload includes truncated zeros.
 #[derive(Clone, Debug, PartialEq)]
 struct Sent {
     ms: u64,
@@ -80,35 +79,35 @@ impl Sent {
     }
 }
 
-/// The module's protocol, a clock of milliseconds, and what there is to tell.
-struct Bed {
+/// Protocol under test, a clock in milliseconds, and the module's state.
+struct MavlinkBench {
     module: Mavlink,
     ms: u64,
     estimate: Estimate,
     settings: Settings,
-    glance: Glance,
-    calibration: Option<(Calibration, Uncertainty)>,
-    /// Room that others leave in the output.
+    glance: IndicatorState,
+    calibration: Option<(Calibration, HeadingUncertainty)>,
+    /// Free bytes in the output, if limited.
     room: Option<usize>,
     sent: Vec<Sent>,
 }
 
-impl Bed {
-    /// An hour after the start; nobody was heard.
+impl MavlinkBench {
+    /// An hour after the start, without a known autopilot.
     fn new() -> Self {
         Self {
             module: Mavlink::new(),
             ms: 3_600_000,
-            estimate: Estimate::NOTHING,
+            estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
-            glance: Glance::Waiting,
+            glance: IndicatorState::Idle,
             calibration: None,
             room: None,
             sent: vec![],
         }
     }
 
-    /// The same with an autopilot whose attitude comes, disarmed.
+    /// With a disarmed autopilot that sends attitude.
     fn beside_an_autopilot() -> Self {
         let mut bed = Self::new();
         bed.hear(&heartbeat(AUTOPILOT, true, false));
@@ -120,29 +119,28 @@ impl Bed {
         Timestamp::from_us(1000 * self.ms)
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> Vec<Heard> {
+    fn hear(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
         let now = self.now();
-        let heard = bytes.iter().filter_map(|&byte| self.module.byte(now, byte));
-        heard.filter(|heard| *heard != Heard::Life).collect()
+        let heard = bytes.iter().filter_map(|&byte| self.module.process_byte(now, byte));
+        heard.filter(|heard| *heard != ReceivedMessage::Other).collect()
     }
 
-    /// Polls until all is said that is due at this instant.
+    /// Polls until no message is due.
     fn poll(&mut self) {
         while self.poll_once() {}
     }
 
-    /// Whether something was said.
     fn poll_once(&mut self) -> bool {
-        let facts = Facts {
+        let facts = Snapshot {
             now: self.now(),
             estimate: &self.estimate,
             settings: &self.settings,
-            glance: self.glance,
+            indicator: self.glance,
             calibration: self.calibration.as_ref(),
         };
-        let mut out = Output::new();
+        let mut out = TransmitBuffer::new();
         let others = self.room.map_or(0, |room| OUTPUT - room);
-        assert!(out.message(&[&vec![0; others]]));
+        assert!(out.append(&[&vec![0; others]]));
         self.module.poll(&facts, &mut out);
         let rest = &out.pending()[others..];
         let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
@@ -157,7 +155,7 @@ impl Bed {
         true
     }
 
-    /// Polls every 10 ms, for so long.
+    /// Polls every 10 ms for this time, milliseconds.
     fn run(&mut self, ms: u64) {
         for _ in 0..ms / 10 {
             self.poll();
@@ -165,14 +163,14 @@ impl Bed {
         }
     }
 
-    /// What was sent of a message since this was asked last.
+    /// Removes and returns the sent frames of a message.
     fn take(&mut self, id: u8) -> Vec<Sent> {
         let (these, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
         self.sent = others;
         these
     }
 
-    /// Texts since this was asked last, put together, with their severities.
+    /// Removes and returns the sent texts, joined from their chunks, with severities.
     fn texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
         for sent in self.take(253) {
@@ -192,5 +190,9 @@ impl Bed {
 }
 
 fn heading(magnetic_deg: f32, sigma_deg: f32) -> Heading {
-    Heading { magnetic_rad: magnetic_deg.to_radians(), sigma_rad: sigma_deg.to_radians(), systematic_rad2: 0.0 }
+    Heading {
+        magnetic_rad: magnetic_deg.to_radians(),
+        sigma_rad: sigma_deg.to_radians(),
+        systematic_variance_rad2: 0.0,
+    }
 }

@@ -1,4 +1,4 @@
-//! Commands, and what is answered to whom.
+//! Commands and their acknowledgements.
 
 use super::*;
 
@@ -12,16 +12,16 @@ const START: u16 = 42_424;
 const REBOOT: u16 = 246;
 const MODULE: Who = [1, 158];
 
-impl Bed {
-    fn command(&mut self, number: u16, confirmation: u8) -> Vec<Heard> {
+impl MavlinkBench {
+    fn command(&mut self, number: u16, confirmation: u8) -> Vec<ReceivedMessage> {
         self.hear(&command(STATION, MODULE, number, confirmation, [0.0; 4]))
     }
 
-    fn reboot(&mut self, parameters: [f32; 4]) -> Vec<Heard> {
+    fn reboot(&mut self, parameters: [f32; 4]) -> Vec<ReceivedMessage> {
         self.hear(&command(STATION, MODULE, REBOOT, 0, parameters))
     }
 
-    /// Command, result and receiver of what was answered since this was asked last.
+    /// Removes and returns the sent acknowledgements: command, result and addressee.
     fn answers(&mut self) -> Vec<(u16, u8, Who)> {
         self.poll();
         let answers = self.take(77);
@@ -44,26 +44,26 @@ fn the_commands_of_a_calibration_are_passed_on_and_answered() {
             (Err(&Refusal::Busy), REJECTED),
             (Err(&Refusal::NoSamples), DENIED),
         ] {
-            let mut bed = Bed::beside_an_autopilot();
-            assert_eq!(bed.command(number, 0), [Heard::Asked(order)]);
+            let mut bed = MavlinkBench::beside_an_autopilot();
+            assert_eq!(bed.command(number, 0), [ReceivedMessage::Order(order)]);
             assert_eq!(bed.answers(), [], "not before it is known");
-            bed.module.answer(order, result);
+            bed.module.complete_order(order, result);
             assert_eq!(bed.answers(), [(number, told, STATION)]);
-            bed.module.answer(order, result);
+            bed.module.complete_order(order, result);
             assert_eq!(bed.answers(), [], "once");
         }
     }
 }
 
-/// To component 158 of this system, or of all; what is for all components is for the autopilot's own compass.
+/// Component 158 of this system or of all; commands to all components are for the autopilot's own compass.
 #[test]
 fn a_command_is_taken_by_whom_it_is_for() {
     for (target, is_taken) in
         [(MODULE, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
-        let mut bed = Bed::beside_an_autopilot();
+        let mut bed = MavlinkBench::beside_an_autopilot();
         let heard = bed.hear(&command(STATION, target, START, 0, [0.0; 4]));
-        assert_eq!(heard, if is_taken { vec![Heard::Asked(Order::Start)] } else { vec![] }, "{target:?}");
+        assert_eq!(heard, if is_taken { vec![ReceivedMessage::Order(Order::Start)] } else { vec![] }, "{target:?}");
         bed.hear(&command(STATION, target, 512, 0, [0.0; 4]));
         assert_eq!(bed.answers().len(), usize::from(is_taken), "{target:?}");
     }
@@ -71,7 +71,7 @@ fn a_command_is_taken_by_whom_it_is_for() {
 
 #[test]
 fn other_commands_are_not_supported() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     for number in [511, 400, 42_423, 42_427] {
         assert_eq!(bed.command(number, 0), []);
         assert_eq!(bed.answers(), [(number, UNSUPPORTED, STATION)]);
@@ -92,84 +92,107 @@ fn a_restart_is_for_the_module_and_for_the_ground() {
         ([0.0; 4], false),
         ([f32::NAN; 4], false),
     ] {
-        let mut bed = Bed::beside_an_autopilot();
+        let mut bed = MavlinkBench::beside_an_autopilot();
         if restarts {
-            assert_eq!(bed.reboot(parameters), [Heard::Asked(Order::Reboot)], "{parameters:?}");
-            bed.module.answer(Order::Reboot, Ok(()));
+            assert_eq!(bed.reboot(parameters), [ReceivedMessage::Order(Order::Reboot)], "{parameters:?}");
+            bed.module.complete_order(Order::Reboot, Ok(()));
             assert_eq!(bed.answers(), [(REBOOT, ACCEPTED, STATION)]);
         } else {
             assert_eq!(bed.reboot(parameters), [], "{parameters:?}");
             assert_eq!(bed.answers(), [(REBOOT, DENIED, STATION)]);
         }
-        // In the air whatever is asked.
-        let mut bed = Bed::beside_an_autopilot();
+        let mut bed = MavlinkBench::beside_an_autopilot();
         bed.hear(&heartbeat(AUTOPILOT, true, true));
         assert_eq!(bed.reboot(parameters), []);
         assert_eq!(bed.answers(), [(REBOOT, if restarts { REJECTED } else { DENIED }, STATION)]);
-        // A collection is begun there.
-        assert_eq!(bed.command(START, 0), [Heard::Asked(Order::Start)]);
+        assert_eq!(bed.command(START, 0), [ReceivedMessage::Order(Order::Start)]);
     }
 }
 
-/// Within a second, from both sides; and as long as it is not answered.
+/// Within a second, both sides, and while the result is pending.
 #[test]
 fn a_repeated_command_is_answered_and_not_carried_out_again() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     assert_eq!(bed.command(START, 1), []);
     assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
     bed.ms += 1_500;
     assert_eq!(bed.command(START, 2), []);
     assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
-    bed.module.answer(Order::Start, Ok(()));
+    bed.module.complete_order(Order::Start, Ok(()));
     assert_eq!(bed.answers(), [(START, ACCEPTED, STATION)]);
     for (result, told) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
-        assert_eq!(bed.command(START, 0), [Heard::Asked(Order::Start)], "not a repetition");
-        bed.module.answer(Order::Start, result);
+        assert_eq!(bed.command(START, 0), [ReceivedMessage::Order(Order::Start)], "not a repetition");
+        bed.module.complete_order(Order::Start, result);
         bed.answers();
         bed.ms += 1_000;
         assert_eq!(bed.command(START, 1), []);
         assert_eq!(bed.answers(), [(START, told, STATION)]);
         bed.ms += 1;
-        assert_eq!(bed.command(START, 2), [Heard::Asked(Order::Start)]);
-        bed.module.answer(Order::Start, Ok(()));
+        assert_eq!(bed.command(START, 2), [ReceivedMessage::Order(Order::Start)]);
+        bed.module.complete_order(Order::Start, Ok(()));
         bed.answers();
     }
 }
 
 #[test]
 fn a_repetition_is_of_the_same_command_by_the_same_sender() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
-    bed.module.answer(Order::Start, Ok(()));
-    assert_eq!(bed.command(42_426, 1), [Heard::Asked(Order::Cancel)]);
-    bed.module.answer(Order::Cancel, Ok(()));
+    bed.module.complete_order(Order::Start, Ok(()));
+    assert_eq!(bed.command(42_426, 1), [ReceivedMessage::Order(Order::Cancel)]);
+    bed.module.complete_order(Order::Cancel, Ok(()));
     let other = [254, 190];
-    assert_eq!(bed.hear(&command(other, MODULE, 42_426, 1, [0.0; 4])), [Heard::Asked(Order::Cancel)]);
-    bed.module.answer(Order::Cancel, Ok(()));
+    assert_eq!(bed.hear(&command(other, MODULE, 42_426, 1, [0.0; 4])), [ReceivedMessage::Order(Order::Cancel)]);
+    bed.module.complete_order(Order::Cancel, Ok(()));
     assert_eq!(bed.answers()[2], (42_426, ACCEPTED, other));
 }
 
-/// One order at a time, for five seconds from both sides: an answer that never comes must not lock others out.
+/// One order at a time, with a timeout of five seconds, both sides: a missing result must not block later orders.
 #[test]
 fn while_an_order_is_open_others_wait() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     bed.ms += 5_000;
     assert_eq!(bed.command(42_426, 0), []);
     assert_eq!(bed.answers(), [(42_426, REJECTED, STATION)]);
     bed.ms += 1;
-    assert_eq!(bed.command(42_426, 0), [Heard::Asked(Order::Cancel)]);
-    // The answer to the order before is none to this one.
-    bed.module.answer(Order::Start, Ok(()));
+    assert_eq!(bed.command(42_426, 0), [ReceivedMessage::Order(Order::Cancel)]);
+    // The result of the previous order does not apply to this one.
+    bed.module.complete_order(Order::Start, Ok(()));
     assert_eq!(bed.answers(), []);
-    bed.module.answer(Order::Cancel, Ok(()));
+    bed.module.complete_order(Order::Cancel, Ok(()));
     assert_eq!(bed.answers(), [(42_426, ACCEPTED, STATION)]);
+}
+
+/// Sent as a warning, for refusals of the module and of the protocol. Unknown and repeated commands have no text.
+#[test]
+fn a_refused_command_gives_a_text_with_the_reason() {
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    bed.command(START, 0);
+    bed.command(42_426, 0);
+    bed.module.complete_order(Order::Start, Err(&Refusal::NoSensor));
+    bed.command(START, 1);
+    bed.command(511, 0);
+    bed.run(2_000);
+    let refused = |refusal| (4, format!("autoswing: {}", Notice::CommandRejected(refusal)));
+    assert_eq!(bed.texts(), [refused(Refusal::Busy), refused(Refusal::NoSensor)]);
+    bed.reboot([2.0, 0.0, 0.0, 0.0]);
+    bed.hear(&heartbeat(AUTOPILOT, true, true));
+    bed.reboot([1.0, 0.0, 0.0, 0.0]);
+    bed.run(2_000);
+    let texts = bed.texts();
+    assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
+    assert_eq!(texts[1..], [refused(Refusal::Armed)]);
+    bed.command(START, 0);
+    bed.module.complete_order(Order::Start, Ok(()));
+    bed.run(2_000);
+    assert_eq!(bed.texts(), [], "no text where it is accepted");
 }
 
 #[test]
 fn answers_wait_for_room_and_are_not_without_bound() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.room = Some(0);
     for number in 0..6 {
         bed.command(500 + number, 0);

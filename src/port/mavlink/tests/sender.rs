@@ -1,11 +1,22 @@
-//! Whose component it is, whom it believes, and what it tells by itself: heartbeats, headings, poses, texts.
+//! Selection of the autopilot, and unsolicited messages: heartbeats, headings, poses, texts.
+
+use nalgebra::Vector3;
 
 use super::*;
+use crate::instrument::HardIronChange;
+use crate::settings::OutOfRange;
+
+/// Prefix of a text whose end a test selects.
+const BEGINNING: &str = "autoswing: refused out-of-range: ";
+
+fn ending(end: &str) -> Notice {
+    Notice::CommandRejected(Refusal::OutOfRange(OutOfRange(String::from(end).leak())))
+}
 
 #[test]
 fn nothing_is_sent_before_an_autopilot_is_heard() {
-    let mut bed = Bed::new();
-    bed.module.note("calibrated: well");
+    let mut bed = MavlinkBench::new();
+    bed.module.queue_text(&Notice::HardIronRestored);
     bed.hear(&heartbeat(GIMBAL, false, false));
     bed.hear(&attitude(GIMBAL, 0));
     bed.hear(&command(STATION, [0, 158], 42_424, 0, [0.0; 4]));
@@ -15,48 +26,52 @@ fn nothing_is_sent_before_an_autopilot_is_heard() {
     bed.poll();
     assert!(bed.sent.iter().all(|sent| sent.from == [1, 158]));
     assert_eq!(bed.take(0).len(), 1);
-    assert_eq!(bed.texts(), [(6, "autoswing: calibrated: well".into())]);
+    assert_eq!(bed.texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
 }
 
 #[test]
 fn a_heartbeat_a_second_tells_the_state() {
-    let mut bed = Bed::beside_an_autopilot();
-    for (glance, state) in
-        [(Glance::Waiting, 0), (Glance::Collecting(40), 2), (Glance::Calibrated, 4), (Glance::Refused, 5)]
-    {
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    for (glance, state) in [
+        (IndicatorState::Idle, 0),
+        (IndicatorState::Collecting(40), 2),
+        (IndicatorState::Calibrated, 4),
+        (IndicatorState::Refused, 5),
+    ] {
         bed.glance = glance;
         bed.run(10_000);
-        // It keeps its place, but somebody has to be heard of at all.
         let beats = bed.take(0);
         assert_eq!(beats.len(), 10);
         assert!(beats.iter().all(|beat| beat.payload[4..9] == [18, 8, 0, state, 3]), "{glance:?}");
     }
 }
 
-/// Of each kind what others say changes nothing: a second autopilot, a gimbal of the same system, the module itself.
+/// Messages of a second autopilot, a gimbal of the same system and the module itself are ignored.
 #[test]
 fn place_day_and_current_are_of_the_autopilot_that_is_believed() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.hear(&heartbeat(SECOND, true, true));
     for who in [SECOND, GIMBAL, [1, 158], STATION] {
         assert_eq!(bed.hear(&[place(who), time(who), current(who)].concat()), [], "{who:?}");
     }
     let heard = bed.hear(&[place(AUTOPILOT), time(AUTOPILOT), current(AUTOPILOT)].concat());
-    let [Heard::Place(here), Heard::Day(day), Heard::Current(12.5)] = heard[..] else { panic!("{heard:?}") };
+    let [ReceivedMessage::Position(here), ReceivedMessage::Date(day), ReceivedMessage::Current(12.5)] = heard[..]
+    else {
+        panic!("{heard:?}")
+    };
     assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
-    assert_eq!(Some(day), Day::from_unix_s(1_790_000_000));
-    // Without a fix.
+    assert_eq!(Some(day), Date::from_unix_s(1_790_000_000));
     assert_eq!(bed.hear(&frame(AUTOPILOT, 33, 104, &[1])), []);
-    // Nobody is believed: not even an autopilot's.
-    assert_eq!(Bed::new().hear(&place(AUTOPILOT)), []);
+    // Without a selected sender an autopilot's messages are ignored, too.
+    assert_eq!(MavlinkBench::new().hear(&place(AUTOPILOT)), []);
 }
 
 #[test]
 fn attitude_and_arming_are_of_the_sender_that_is_believed() {
-    let mut bed = Bed::beside_an_autopilot();
-    assert_eq!(bed.hear(&attitude(SECOND, 0)), [Heard::Foreign]);
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    assert_eq!(bed.hear(&attitude(SECOND, 0)), [ReceivedMessage::RejectedAttitude]);
     let heard = bed.hear(&attitude(AUTOPILOT, 7));
-    let [Heard::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
+    let [ReceivedMessage::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
     assert_eq!(report.attitude, Attitude { roll_rad: 0.1, pitch_rad: 0.2 });
     bed.hear(&heartbeat(SECOND, true, true));
     assert_eq!(bed.module.is_armed(bed.now()), Some(false));
@@ -64,34 +79,34 @@ fn attitude_and_arming_are_of_the_sender_that_is_believed() {
     assert_eq!(bed.module.is_armed(bed.now()), Some(true));
     let mut broken = attitude(AUTOPILOT, 8);
     *broken.last_mut().unwrap() ^= 1;
-    assert_eq!((bed.hear(&broken), bed.module.rejected()), (vec![], 1));
+    assert_eq!((bed.hear(&broken), bed.module.rejected_frames()), (vec![], 1));
 }
 
-/// A wire from the module's output to its input, beside an autopilot's.
+/// The module's output is connected to its input, next to an autopilot's.
 #[test]
 fn its_own_messages_that_come_back_change_nothing() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.hear(&heartbeat(AUTOPILOT, true, true));
     for _ in 0..2_000 {
-        let facts = Facts {
+        let facts = Snapshot {
             now: bed.now(),
-            estimate: &Estimate::NOTHING,
-            settings: &Settings { tells_vision: true, ..Settings::DEFAULT },
-            glance: Glance::Collecting(3),
+            estimate: &Estimate::EMPTY,
+            settings: &Settings { sends_vision_yaw: true, ..Settings::DEFAULT },
+            indicator: IndicatorState::Collecting(3),
             calibration: None,
         };
-        let mut out = Output::new();
+        let mut out = TransmitBuffer::new();
         bed.module.poll(&facts, &mut out);
         assert_eq!(bed.hear(out.pending()), []);
         bed.ms += 1;
     }
-    assert_eq!((bed.module.is_armed(bed.now()), bed.module.rejected()), (Some(true), 0));
-    assert_eq!(bed.module.senders.autopilot(bed.now()), Some(Source::new(0x0101)));
+    assert_eq!((bed.module.is_armed(bed.now()), bed.module.rejected_frames()), (Some(true), 0));
+    assert_eq!(bed.module.senders.autopilot_to_query(bed.now()), Some(SenderId::new(0x0101)));
 }
 
 #[test]
 fn frames_are_counted_and_those_that_do_not_fit_are_not() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.estimate.heading = Ok(heading(10.0, 1.0));
     bed.run(30_000);
     bed.room = Some(0);
@@ -104,7 +119,7 @@ fn frames_are_counted_and_those_that_do_not_fit_are_not() {
     }
 }
 
-fn values(bed: &mut Bed, name: &str) -> Vec<f32> {
+fn values(bed: &mut MavlinkBench, name: &str) -> Vec<f32> {
     let mut values = vec![];
     for sent in bed.sent.iter().filter(|sent| sent.id == 251) {
         if sent.payload[8..18].starts_with(name.as_bytes()) {
@@ -115,16 +130,16 @@ fn values(bed: &mut Bed, name: &str) -> Vec<f32> {
     values
 }
 
-/// Five headings a second, of the kind that is set, and one percentage.
+/// Five headings of the set kind and one percentage each second.
 #[test]
 fn headings_are_told_as_named_values() {
     for (stream_heading, has_smooth, expected_deg) in
         [(HeadingKind::Smooth, true, 20.0), (HeadingKind::Smooth, false, 10.0), (HeadingKind::Raw, true, 10.0)]
     {
-        let mut bed = Bed::beside_an_autopilot();
+        let mut bed = MavlinkBench::beside_an_autopilot();
         bed.settings.stream_heading = stream_heading;
         bed.estimate.heading = Ok(heading(10.0, 1.0));
-        bed.estimate.smooth = has_smooth.then(|| heading(20.0, 1.0));
+        bed.estimate.smoothed_heading = has_smooth.then(|| heading(20.0, 1.0));
         bed.run(2_000);
         let [headings, sigmas] = ["hdg_mag", "hdg_sigma"].map(|name| values(&mut bed, name));
         assert_eq!((headings.len(), sigmas.len()), (10, 10));
@@ -136,7 +151,7 @@ fn headings_are_told_as_named_values() {
 
 #[test]
 fn what_is_no_heading_or_not_to_be_sent_is_not_told() {
-    let mut bed = Bed::beside_an_autopilot();
+    let mut bed = MavlinkBench::beside_an_autopilot();
     bed.estimate.heading = Err(NoHeading::FieldDisturbed);
     bed.run(2_000);
     bed.estimate.heading = Ok(heading(10.0, 1.0));
@@ -147,28 +162,31 @@ fn what_is_no_heading_or_not_to_be_sent_is_not_told() {
 
 #[test]
 fn the_percentage_is_that_of_the_calibration() {
-    for (glance, percent) in
-        [(Glance::Waiting, 0.0), (Glance::Collecting(37), 37.0), (Glance::Calibrated, 100.0), (Glance::Refused, 0.0)]
-    {
-        let mut bed = Bed::beside_an_autopilot();
+    for (glance, percent) in [
+        (IndicatorState::Idle, 0.0),
+        (IndicatorState::Collecting(37), 37.0),
+        (IndicatorState::Calibrated, 100.0),
+        (IndicatorState::Refused, 0.0),
+    ] {
+        let mut bed = MavlinkBench::beside_an_autopilot();
         bed.glance = glance;
         bed.run(100);
         assert_eq!(values(&mut bed, "cal_pct"), [percent]);
     }
 }
 
-fn seeing() -> Bed {
-    let mut bed = Bed::beside_an_autopilot();
-    bed.settings.tells_vision = true;
+fn seeing() -> MavlinkBench {
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    bed.settings.sends_vision_yaw = true;
     bed.settings.declination_deg = Some(-20.0);
     bed.estimate.at = Timestamp::from_us(3_599_990_000);
     bed.estimate.heading = Ok(heading(10.0, 2.0));
-    bed.estimate.smooth = Some(heading(99.0, 9.0));
+    bed.estimate.smoothed_heading = Some(heading(99.0, 9.0));
     bed.estimate.attitude = Some(Attitude { roll_rad: 0.3, pitch_rad: -0.1 });
     bed
 }
 
-/// True heading: 10 deg magnetic and 20 deg of variation to the west. Fifty a second of a hundred estimates.
+/// True heading: 10 deg magnetic, variation 20 deg west. 50 Hz from estimates at 100 Hz.
 #[test]
 fn a_pose_is_the_raw_true_heading_and_the_attitude_of_its_instant() {
     let mut bed = seeing();
@@ -191,8 +209,8 @@ fn a_pose_is_the_raw_true_heading_and_the_attitude_of_its_instant() {
 
 #[test]
 fn without_declination_heading_attitude_or_leave_there_is_no_pose() {
-    let without: [fn(&mut Bed); 4] = [
-        |bed| bed.settings.tells_vision = false,
+    let without: [fn(&mut MavlinkBench); 4] = [
+        |bed| bed.settings.sends_vision_yaw = false,
         |bed| bed.settings.declination_deg = None,
         |bed| bed.estimate.heading = Err(NoHeading::FieldDisturbed),
         |bed| bed.estimate.attitude = None,
@@ -205,50 +223,51 @@ fn without_declination_heading_attitude_or_leave_there_is_no_pose() {
     }
 }
 
+/// MAV_SEVERITY_WARNING is 4, MAV_SEVERITY_INFO 6.
 #[test]
-fn texts_warn_of_what_went_wrong() {
-    let mut bed = Bed::beside_an_autopilot();
-    bed.module.note("refused armed: land\r\n");
-    bed.module.note("iron-moved: 3 uT");
-    bed.module.note("iron-back: as calibrated, nothing refused");
-    bed.run(1_000);
+fn a_text_has_the_severity_of_its_message() {
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    let moved = Notice::HardIronChanged(HardIronChange { change_ut: Vector3::new(3.0, 0.0, 0.0), sigma_ut: 0.4 });
+    for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::HardIronRestored] {
+        bed.module.queue_text(message);
+    }
+    bed.run(2_000);
     let expected = [
-        (4, "autoswing: refused armed: land"),
-        (4, "autoswing: iron-moved: 3 uT"),
-        (6, "autoswing: iron-back: as calibrated, nothing refused"),
+        (4, format!("autoswing: {}", Notice::CommandRejected(Refusal::NoSensor))),
+        (4, format!("autoswing: {moved}")),
+        (6, "autoswing: iron-back: as calibrated again".to_owned()),
     ];
-    assert_eq!(bed.texts(), expected.map(|(severity, text)| (severity, text.to_owned())));
+    assert_eq!(bed.texts(), expected);
 }
 
-/// Lengths about those of whole pieces, of which the last is to be one with room.
+/// Lengths around multiples of a chunk; the last chunk must not be full.
 #[test]
-fn a_long_text_comes_in_pieces() {
+fn a_long_text_comes_in_chunks() {
     for length in [49, 50, 51, 99, 100, 101, 150, 239, 240, 241, 500] {
-        let mut bed = Bed::beside_an_autopilot();
-        let text: String = ('a'..='z').cycle().take(length - 11).collect();
-        bed.module.note(&text);
+        let mut bed = MavlinkBench::beside_an_autopilot();
+        let end: String = ('a'..='z').cycle().take(length - BEGINNING.len()).collect();
+        bed.module.queue_text(&ending(&end));
         bed.run(2_000);
-        let pieces = bed.sent.iter().filter(|sent| sent.id == 253);
-        let sequences: Vec<u8> = pieces.clone().map(|sent| sent.payload[53]).collect();
-        let told = length.min(240);
-        let number = if told > 50 { told / 50 + 1 } else { 1 };
+        let chunks = bed.sent.iter().filter(|sent| sent.id == 253);
+        let sequences: Vec<u8> = chunks.clone().map(|sent| sent.payload[53]).collect();
+        let sent = length.min(240);
+        let number = if sent > 50 { sent / 50 + 1 } else { 1 };
         assert_eq!(sequences, (0..number as u8).collect::<Vec<_>>(), "{length}");
-        let ids: Vec<[u8; 2]> = pieces.clone().map(|sent| [sent.payload[51], sent.payload[52]]).collect();
-        assert!(ids.iter().all(|&id| (id != [0, 0]) == (told > 50) && id == ids[0]), "{ids:?}");
-        // Ten pieces a second at most.
-        let times: Vec<u64> = pieces.map(|sent| sent.ms).collect();
+        let ids: Vec<[u8; 2]> = chunks.clone().map(|sent| [sent.payload[51], sent.payload[52]]).collect();
+        assert!(ids.iter().all(|&id| (id != [0, 0]) == (sent > 50) && id == ids[0]), "{ids:?}");
+        let times: Vec<u64> = chunks.map(|sent| sent.ms).collect();
         assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 100), "{times:?}");
-        let whole = format!("autoswing: {text}");
-        assert_eq!(bed.texts(), [(6, whole[..told].to_owned())]);
+        let whole = format!("{BEGINNING}{end}");
+        assert_eq!(bed.texts(), [(4, whole[..sent].to_owned())]);
     }
 }
 
-/// Two long ones after each other are not put together.
+/// Consecutive long texts must not be joined.
 #[test]
 fn each_long_text_has_a_number_of_its_own() {
-    let mut bed = Bed::beside_an_autopilot();
-    for text in ["a".repeat(60), "b".repeat(60)] {
-        bed.module.note(&text);
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    for end in ["a".repeat(60), "b".repeat(60)] {
+        bed.module.queue_text(&ending(&end));
     }
     bed.run(2_000);
     let ids: Vec<u8> = bed.sent.iter().filter(|sent| sent.id == 253).map(|sent| sent.payload[51]).collect();
@@ -257,33 +276,33 @@ fn each_long_text_has_a_number_of_its_own() {
 
 #[test]
 fn of_too_many_texts_the_newest_stay_and_the_one_that_was_begun() {
-    let mut bed = Bed::new();
-    for number in 0..5 {
-        bed.module.note(&format!("text {number}"));
+    let mut bed = MavlinkBench::new();
+    for percent in 0..5 {
+        bed.module.queue_text(&Notice::Collecting(percent));
     }
     bed.hear(&heartbeat(AUTOPILOT, true, false));
     bed.run(1_000);
-    let texts = |bed: &mut Bed| bed.texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
-    assert_eq!(texts(&mut bed), [2, 3, 4].map(|number| format!("autoswing: text {number}")));
+    let texts = |bed: &mut MavlinkBench| bed.texts().into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+    assert_eq!(texts(&mut bed), [2, 3, 4].map(|percent| format!("autoswing: collecting: {percent} %")));
     let long = "x".repeat(120);
-    bed.module.note(&long);
+    bed.module.queue_text(&ending(&long));
     bed.run(10);
-    for number in 0..5 {
-        bed.module.note(&format!("text {number}"));
+    for percent in 0..5 {
+        bed.module.queue_text(&Notice::Collecting(percent));
     }
     bed.run(2_000);
-    let expected = [format!("autoswing: {long}"), "autoswing: text 3".into(), "autoswing: text 4".into()];
-    assert_eq!(texts(&mut bed), expected);
+    let newest = [3, 4].map(|percent| format!("autoswing: collecting: {percent} %"));
+    assert_eq!(texts(&mut bed), [&[format!("{BEGINNING}{long}")][..], &newest].concat());
 }
 
 #[test]
 fn a_text_waits_for_room() {
-    let mut bed = Bed::beside_an_autopilot();
-    bed.module.note("one");
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    bed.module.queue_text(&Notice::Collecting(10));
     bed.room = Some(20);
     bed.run(1_000);
     assert_eq!(bed.texts(), []);
     bed.room = None;
     bed.run(200);
-    assert_eq!(bed.texts(), [(6, "autoswing: one".to_owned())]);
+    assert_eq!(bed.texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
 }

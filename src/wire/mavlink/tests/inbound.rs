@@ -1,20 +1,19 @@
-//! Places, days, commands and their acknowledgements. The frames are pymavlink's (2.4.50).
+//! Positions, dates, commands and acknowledgements, in frames made by pymavlink (2.4.50).
 
 use super::*;
-use crate::earth::{Day, Place};
+use crate::earth::{Date, Position};
 
-/// The bytes of hexadecimal digits.
+/// Decodes hexadecimal digits.
 pub fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
 }
 
-fn one(frame: &[u8]) -> Message {
+fn one(frame: &[u8]) -> InboundMessage {
     let (messages, rejected) = messages(frame);
     assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
     messages[0]
 }
 
-/// It is no frame of a message that is looked for; nothing is rejected.
 fn assert_passed_over(frame: &[u8]) {
     let (messages, rejected) = messages(&[frame, &[0; MAX_FRAME]].concat());
     assert_eq!((messages, rejected), (vec![], 0), "{frame:02X?}");
@@ -28,20 +27,20 @@ const PLACE: [&str; 2] = [
 #[test]
 fn a_place_is_in_degrees_and_metres_above_the_sea() {
     for frame in PLACE {
-        let Message::Place(SENDER, Some(place)) = one(&bytes(frame)) else { panic!("{frame}") };
-        // An f32 of degrees is good to a metre.
+        let InboundMessage::Position(SENDER, Some(place)) = one(&bytes(frame)) else { panic!("{frame}") };
+        // The resolution of degrees in an f32 is a metre.
         assert!((place.latitude_deg - 47.397_742).abs() < 1e-5, "{place:?}");
         assert!((place.longitude_deg + 8.545_601).abs() < 1e-5, "{place:?}");
         assert!((place.height_m - 488.123).abs() < 1e-3, "{place:?}");
     }
 }
 
-/// As the library writes them, whole and with the zeros cut off; -1 is not known, and of a second battery nothing is.
+/// The library's frames, whole and truncated; -1 means unknown, and a second battery is ignored.
 #[test]
 fn a_current_is_in_amperes() {
     use ::mavlink::dialects::common::{BATTERY_STATUS_DATA, SYS_STATUS_DATA};
     use ::mavlink::{MavlinkVersion, MessageData};
-    fn sent<M: MessageData>(data: &M) -> Message {
+    fn sent<M: MessageData>(data: &M) -> InboundMessage {
         let mut payload = [0; 255];
         let length = data.ser(MavlinkVersion::V2, &mut payload);
         one(&frame(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
@@ -61,45 +60,45 @@ fn a_current_is_in_amperes() {
         (i16::MAX, Some(f32::from(i16::MAX) * 0.01)),
         (-1, None),
     ] {
-        assert_eq!(status(centiamperes), Message::Current(SENDER, amperes));
-        assert_eq!(battery(centiamperes, 0), Message::Current(SENDER, amperes));
-        assert_eq!(battery(centiamperes, 1), Message::Current(SENDER, None), "another battery");
+        assert_eq!(status(centiamperes), InboundMessage::Current(SENDER, amperes));
+        assert_eq!(battery(centiamperes, 0), InboundMessage::Current(SENDER, amperes));
+        assert_eq!(battery(centiamperes, 1), InboundMessage::Current(SENDER, None), "another battery");
     }
 }
 
-/// A frame of version 2 with a payload; `extra` is of its message.
+/// Frame of version 2; `extra` is the message's CRC extra byte.
 fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     with_crc_of(extra, [&[0xFD, payload.len() as u8, 0, 0, 0, 12, 34, id, 0, 0], payload].concat())
 }
 
-/// What a receiver without a fix sends is a frame like others: nothing is rejected.
+/// A receiver without a fix sends valid frames: nothing is rejected.
 #[test]
 fn no_place_is_no_broken_frame() {
-    assert_eq!(one(&frame(33, 104, &[1, 2, 3, 4])), Message::Place(SENDER, None));
+    assert_eq!(one(&frame(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
     let at = |latitude: i32, longitude: i32| {
         let payload = [[0; 4], latitude.to_le_bytes(), longitude.to_le_bytes(), [0; 4]].concat();
         one(&frame(33, 104, &payload))
     };
-    assert_eq!(at(-900_000_000, 1), Message::Place(SENDER, Place::new(-90.0, 1e-7, 0.0)));
-    assert_eq!(at(i32::MIN, i32::MAX), Message::Place(SENDER, None));
+    assert_eq!(at(-900_000_000, 1), InboundMessage::Position(SENDER, Position::new(-90.0, 1e-7, 0.0)));
+    assert_eq!(at(i32::MIN, i32::MAX), InboundMessage::Position(SENDER, None));
 }
 
 #[test]
 fn a_day_is_of_microseconds_since_1970() {
     let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
     for hex in frames {
-        assert_eq!(one(&bytes(hex)), Message::Day(SENDER, Day::from_unix_s(1_790_000_000)));
+        assert_eq!(one(&bytes(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
     }
-    // A clock that was never set, and one past all days.
+    // An unset clock, and a date out of range.
     for unix_us in [0, 5_000_000, u64::MAX] {
-        assert_eq!(one(&frame(2, 137, &unix_us.to_le_bytes())), Message::Day(SENDER, None));
+        assert_eq!(one(&frame(2, 137, &unix_us.to_le_bytes())), InboundMessage::Date(SENDER, None));
     }
 }
 
 #[test]
 fn a_command_comes_in_either_message() {
     let expected = |command, confirmation| {
-        Message::Command(Command {
+        InboundMessage::Command(ReceivedCommand {
             source: SENDER,
             target: Address { system: 12, component: 158 },
             command,
@@ -110,7 +109,7 @@ fn a_command_comes_in_either_message() {
     for (hex, command, confirmation) in [
         ("fd210000c90c224c00000000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e03b17a", 246, 3),
         ("fe21c90c224c0000c03f000000c000004040000080400000a0400000c0400000e040f6000c9e031454", 246, 3),
-        // The byte where the other has its count says which frame of coordinates it is in, or is current.
+        // The byte of COMMAND_LONG's confirmation is COMMAND_INT's coordinate frame, or its `current` field.
         ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
         ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
     ] {
@@ -118,34 +117,33 @@ fn a_command_comes_in_either_message() {
     }
 }
 
-/// A frame of coordinates is no count of repetitions.
 #[test]
 fn a_command_int_has_no_confirmation() {
     let payload = [&[0; 28][..], &[1, 0, 1, 158, 3]].concat();
     let confirmation = |frame: &[u8]| match one(frame) {
-        Message::Command(command) => command.confirmation,
+        InboundMessage::Command(command) => command.confirmation,
         other => panic!("{other:?}"),
     };
     assert_eq!(confirmation(&frame(75, 158, &payload)), 0);
     assert_eq!(confirmation(&frame(76, 152, &payload)), 3);
 }
 
-/// Commands of whatever dialect, and results of whatever year.
+/// Commands of any dialect, and results of later versions.
 #[test]
 fn numbers_that_are_not_known_are_passed_on() {
     let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
-    let Message::Command(command) = one(&frame(76, 152, &payload)) else { panic!() };
+    let InboundMessage::Command(command) = one(&frame(76, 152, &payload)) else { panic!() };
     assert_eq!(command.command, 0xFFFF);
-    let Message::Acknowledgement(ack) = one(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
+    let InboundMessage::Acknowledgement(ack) = one(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
     assert_eq!((ack.command, ack.result), (0xFFFF, 200));
 }
 
-/// With the fields that version 2 has added, or without: then it is for everybody.
+/// With the extension fields of version 2; without them it is for all.
 #[test]
 fn an_acknowledgement_says_whom_it_is_for_if_it_can() {
     let ack = |result, system, component| {
         let target = Address { system, component };
-        Message::Acknowledgement(Acknowledgement { source: SENDER, target, command: 511, result })
+        InboundMessage::Acknowledgement(Acknowledgement { source: SENDER, target, command: 511, result })
     };
     assert_eq!(one(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
     let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);
@@ -160,7 +158,7 @@ fn an_acknowledgement_says_whom_it_is_for_if_it_can() {
     assert_passed_over(&v1);
 }
 
-/// Every message as short as a byte and as long as it can be; longer is another message.
+/// From one byte to the full length; a longer payload is another message.
 #[test]
 fn each_message_has_its_own_length() {
     for (id, extra, length) in [(33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35)] {
@@ -173,7 +171,7 @@ fn each_message_has_its_own_length() {
     }
 }
 
-/// The longest there is fills the buffer: a signed COMMAND_INT.
+/// A signed COMMAND_INT fills the buffer.
 #[test]
 fn the_longest_frame_is_taken() {
     let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];
@@ -185,5 +183,5 @@ fn the_longest_frame_is_taken() {
 #[test]
 fn an_address_is_a_sender_s_number() {
     let address = Address { system: 12, component: 34 };
-    assert_eq!((address.source(), Address::of(SENDER)), (SENDER, address));
+    assert_eq!((address.sender(), Address::from_sender(SENDER)), (SENDER, address));
 }

@@ -1,11 +1,11 @@
-//! What the receiver promises.
+//! The receiver.
 
-mod any;
 mod inbound;
 mod outbound;
+mod random_bytes;
 
 use super::*;
-use crate::attitude::{Heartbeat, Report};
+use crate::attitude::{AttitudeReport, Heartbeat};
 use crate::frames::Attitude;
 use crate::time::WrappingMillis;
 use mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
@@ -28,17 +28,17 @@ fn v1(data: &ATTITUDE_DATA) -> Vec<u8> {
     raw.raw_bytes().to_vec()
 }
 
-fn messages(bytes: &[u8]) -> (Vec<Message>, u32) {
+fn messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
     let mut receiver = Receiver::new();
     let messages = bytes.iter().filter_map(|&byte| receiver.push(byte)).collect();
     (messages, receiver.rejected)
 }
 
-/// The reports of attitude among them.
-fn receive(bytes: &[u8]) -> (Vec<Report>, u32) {
+/// Attitude reports in a stream, and the number of rejected frames.
+fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
     let (messages, rejected) = messages(bytes);
     let report = |message| match message {
-        Message::Attitude(report) => Some(report),
+        InboundMessage::Attitude(report) => Some(report),
         _ => None,
     };
     (messages.into_iter().filter_map(report).collect(), rejected)
@@ -50,13 +50,12 @@ fn both_versions_are_read_and_yaw_is_not_needed() {
     let (reports, rejected) = receive(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.25, -0.5]);
-    assert_eq!((reports[0].sender_time.count(), rejected), (1234, 0));
+    assert_eq!((reports[0].sender_time.as_ms(), rejected), (1234, 0));
 }
 
 #[test]
 fn a_false_start_costs_no_true_frame() {
-    // A cut frame, then a whole one: the receiver must find the second although it lies where the first claims to
-    // be.
+    // A truncated frame, then a whole one within the length that the first claims.
     let whole = v2(&data(0.3));
     for cut in 0..whole.len() {
         let (reports, _) = receive(&[&whole[..cut], &whole[..]].concat());
@@ -100,12 +99,12 @@ fn random_bytes_never_panic_and_frames_between_them_are_found() {
             found += usize::from(receiver.push(byte).is_some());
         }
     }
-    // A false header that runs into the frame can only delay it until enough bytes have come to refute it.
+    // A false header that overlaps the frame only delays it until enough bytes arrive to reject the header.
     assert!(found >= 1990, "{found} of 2000");
 }
 
-/// CRC-16/MCRF4XX over everything but the magic byte, with the message's extra byte: by the definition in MAVLink's
-/// guide, and not by the library that the receiver uses.
+/// CRC-16/MCRF4XX without the first byte, with the message's extra byte; implemented from MAVLink's guide, independent
+/// of the receiver's library.
 fn crc(bytes: &[u8], extra: u8) -> [u8; 2] {
     let mut crc = 0xFFFF_u16;
     for byte in bytes.iter().chain([&extra]) {
@@ -117,7 +116,7 @@ fn crc(bytes: &[u8], extra: u8) -> [u8; 2] {
     crc.to_le_bytes()
 }
 
-/// With the CRC of ATTITUDE, whose extra byte is 39.
+/// Appends the CRC of ATTITUDE, whose extra byte is 39.
 fn with_crc(frame: Vec<u8>) -> Vec<u8> {
     with_crc_of(39, frame)
 }
@@ -127,7 +126,7 @@ fn with_crc_of(extra: u8, mut frame: Vec<u8>) -> Vec<u8> {
     frame
 }
 
-/// The payload of ATTITUDE: time, roll, pitch, yaw and the three rates, little endian.
+/// Payload of ATTITUDE: time, roll, pitch, yaw and the three rates, little endian.
 fn payload(numbers: [f32; 6]) -> Vec<u8> {
     let mut payload = 4321_u32.to_le_bytes().to_vec();
     payload.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
@@ -146,7 +145,6 @@ fn frame_v2(incompatibility: u8, id: [u8; 3], payload: &[u8]) -> Vec<u8> {
 const ID: [u8; 3] = [30, 0, 0];
 const NUMBERS: [f32; 6] = [0.1, -0.2, 3.0, 0.4, -0.5, 0.6];
 
-/// A frame of each version whose report has this roll.
 fn good_frames(roll: f32) -> [Vec<u8>; 2] {
     let payload = payload([roll, -0.2, 3.0, 0.4, -0.5, 0.6]);
     [frame_v1(30, &payload), frame_v2(0, ID, &payload)]
@@ -154,7 +152,6 @@ fn good_frames(roll: f32) -> [Vec<u8>; 2] {
 
 fn assert_ignored(frame: &[u8], rejected: u32, what: &str) {
     assert_eq!(receive(frame), (vec![], rejected), "{what}");
-    // And the frame after it is found.
     for good in good_frames(0.7) {
         let (reports, _) = receive(&[frame, &good[..]].concat());
         assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{what}");
@@ -163,8 +160,8 @@ fn assert_ignored(frame: &[u8], rejected: u32, what: &str) {
 
 #[test]
 fn every_number_of_the_message_is_where_it_belongs() {
-    let expected = Report {
-        source: Source::new(0x0101),
+    let expected = AttitudeReport {
+        sender: SenderId::new(0x0101),
         sender_time: WrappingMillis::new(4321),
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2 },
         rates_rad_s: [0.4, -0.5, 0.6],
@@ -174,7 +171,7 @@ fn every_number_of_the_message_is_where_it_belongs() {
     }
 }
 
-/// Signature: 13 bytes more, of any content; the report comes with the last of them, and the next frame is found.
+/// A signature has 13 bytes of any content; the report is returned with its last byte.
 #[test]
 fn a_report_comes_with_the_last_byte_of_its_frame() {
     let signed = [&frame_v2(1, ID, &payload(NUMBERS))[..], &[0xFD; 13]].concat();
@@ -190,7 +187,7 @@ fn a_report_comes_with_the_last_byte_of_its_frame() {
     }
 }
 
-/// A flag that this receiver does not know may change what the bytes mean (MAVLink guide, incompatibility flags).
+/// An unknown flag may change the format (MAVLink guide, incompatibility flags).
 #[test]
 fn unknown_incompatibility_flags_are_refused() {
     for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
@@ -198,7 +195,7 @@ fn unknown_incompatibility_flags_are_refused() {
     }
 }
 
-/// Compatibility flags do not: byte 3 of the header.
+/// Byte 3 of the header.
 #[test]
 fn compatibility_flags_are_no_matter() {
     let mut frame = frame_v2(0, ID, &payload(NUMBERS));
@@ -217,7 +214,7 @@ fn other_messages_are_passed_over() {
     }
 }
 
-/// Version 2 cuts zeros off, to one byte at least; nothing is shorter than that or longer than the message.
+/// Version 2 truncates zeros, to one byte at least; shorter and longer payloads are skipped.
 #[test]
 fn version_2_is_trimmed_and_version_1_is_not() {
     let whole = payload(NUMBERS);
@@ -236,7 +233,7 @@ fn version_2_is_trimmed_and_version_1_is_not() {
     assert_ignored(&frame_v1(30, &[&whole[..], &[0]].concat()), 0, "version 1, length 29");
 }
 
-/// Rounding of half a circle and a quarter is let through: 0.001 rad.
+/// With a margin of 0.001 rad for rounding.
 #[test]
 fn roll_and_pitch_end_where_angles_end() {
     use core::f32::consts::{FRAC_PI_2, PI};
@@ -276,7 +273,7 @@ fn a_rate_that_is_no_number_is_zero_and_the_others_stay() {
     }
 }
 
-/// Each bit of the CRC counts, and the extra byte that tells ATTITUDE from a message of the same shape.
+/// Each bit of the CRC, and the extra byte, which separates ATTITUDE from a message with an equal layout.
 #[test]
 fn a_wrong_crc_is_refused_and_counted() {
     for frame in good_frames(0.3) {
@@ -307,8 +304,8 @@ fn the_count_of_rejected_frames_wraps() {
     assert_eq!(counts, [u32::MAX, 0, 1]);
 }
 
-/// Whatever lies before a frame: magic bytes, headers cut anywhere, frames of other messages, text. The frame is
-/// found at the latest when the longest false one that began before it is over.
+/// Magic bytes, truncated headers, frames of other messages, text. The frame is received no later than the end of the
+/// longest false one that began before it.
 #[test]
 fn the_frame_after_every_kind_of_garbage_is_found() {
     let whole = payload(NUMBERS);
@@ -330,15 +327,15 @@ fn the_frame_after_every_kind_of_garbage_is_found() {
     }
 }
 
-/// Who a heartbeat of [`beats`] is from: system 12, component 34.
-const SENDER: Source = Source::new(12 * 256 + 34);
+/// Sender of the heartbeats: system 12, component 34.
+const SENDER: SenderId = SenderId::new(12 * 256 + 34);
 
-/// The payload of HEARTBEAT: custom mode, kind of vehicle, kind of autopilot, base mode, state, MAVLink's version.
+/// Payload of HEARTBEAT: custom mode, kind of vehicle, kind of autopilot, base mode, state, MAVLink's version.
 fn beat(vehicle: u8, autopilot: u8, base_mode: u8) -> [u8; 9] {
     [0x78, 0x56, 0x34, 0x12, vehicle, autopilot, base_mode, 4, 3]
 }
 
-/// Frames of HEARTBEAT of each version; the extra byte of its CRC is 50.
+/// HEARTBEAT in each version, with CRC extra byte 50.
 fn beats(payload: &[u8]) -> [Vec<u8>; 2] {
     let length = payload.len() as u8;
     [
@@ -347,12 +344,11 @@ fn beats(payload: &[u8]) -> [Vec<u8>; 2] {
     ]
 }
 
-fn heard(is_autopilot: bool, is_armed: bool) -> (Vec<Message>, u32) {
-    (vec![Message::Heartbeat(Heartbeat { source: SENDER, is_autopilot, is_armed })], 0)
+fn heard(is_autopilot: bool, is_armed: bool) -> (Vec<InboundMessage>, u32) {
+    (vec![InboundMessage::Heartbeat(Heartbeat { sender: SENDER, is_autopilot, is_armed })], 0)
 }
 
-/// Every other number is an autopilot's, those that this dialect does not know yet included: 8 is none. Of the base mode
-/// only bit 128 counts.
+/// Every kind but 8 is an autopilot, kinds unknown to this dialect included. Of the base mode only bit 128 counts.
 #[test]
 fn a_heartbeat_says_who_is_an_autopilot_and_armed() {
     for (autopilot, is_autopilot) in [(0, true), (3, true), (7, true), (8, false), (9, true), (12, true), (255, true)] {
@@ -366,7 +362,7 @@ fn a_heartbeat_says_who_is_an_autopilot_and_armed() {
     }
 }
 
-/// As the library of the simulated autopilot writes them.
+/// Written by the library of the simulated autopilot.
 #[test]
 fn a_library_s_heartbeat_is_read() {
     let data = HEARTBEAT_DATA {
@@ -393,14 +389,12 @@ fn a_report_is_its_sender_s() {
     let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
     for frame in [v1, v2] {
         let (reports, _) = receive(&frame);
-        assert_eq!(reports.iter().map(|report| report.source).collect::<Vec<_>>(), [SENDER]);
+        assert_eq!(reports.iter().map(|report| report.sender).collect::<Vec<_>>(), [SENDER]);
     }
-    // A system is not a component.
     let swapped = with_crc([&[0xFE, 28, 0, 34, 12, 30], &payload[..]].concat());
-    assert_ne!(receive(&swapped).0[0].source, SENDER);
+    assert_ne!(receive(&swapped).0[0].sender, SENDER);
 }
 
-/// A length counts for the message whose number stands beside it.
 #[test]
 fn a_heartbeat_is_as_long_as_a_heartbeat() {
     let whole = beat(1, 3, 0x80);
@@ -409,7 +403,7 @@ fn a_heartbeat_is_as_long_as_a_heartbeat() {
         if length < 9 {
             assert_ignored(&v1, 0, "version 1 is never cut");
         }
-        // What is cut off is zero: autopilot 0 is one, mode 0 not armed.
+        // Truncated bytes are zero: kind 0 is an autopilot, mode 0 is disarmed.
         assert_eq!(messages(&v2), heard(true, length > 6), "{length}");
     }
     for too_long in [&[&whole[..], &[0]].concat()[..], &[1; 28], &[1; 29]] {
@@ -434,7 +428,7 @@ fn a_heartbeat_s_wrong_crc_is_refused_and_counted() {
     }
 }
 
-/// A heartbeat in pieces, or with a flipped bit, costs at most itself: what follows is found, of either kind.
+/// A truncated heartbeat, or one with a flipped bit, costs at most itself.
 #[test]
 fn a_broken_heartbeat_costs_no_other_frame() {
     let good = beat(2, 3, 0x80);
@@ -447,7 +441,7 @@ fn a_broken_heartbeat_costs_no_other_frame() {
         }));
         for before in broken {
             for next in beats(&good).into_iter().chain(good_frames(0.7)) {
-                // Zeros end whatever a false length still waits for.
+                // Zeros end any pending false frame.
                 let (found, _) = messages(&[&before[..], &next, &[0; MAX_FRAME]].concat());
                 assert_eq!(found, messages(&next).0, "{before:02X?}");
             }

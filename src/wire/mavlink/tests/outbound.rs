@@ -1,4 +1,4 @@
-//! Frames that are sent, byte for byte as pymavlink (2.4.50, dialect ardupilotmega) writes them.
+//! Sent frames, byte for byte as pymavlink (2.4.50, dialect ardupilotmega) writes them.
 
 use super::inbound::bytes;
 use super::*;
@@ -8,60 +8,65 @@ use mavlink::dialects::common::{MavResult, MavSeverity, MavState};
 const OWN: Address = Address { system: 7, component: 158 };
 const AUTOPILOT: Address = Address { system: 7, component: 1 };
 
-fn assert_is(message: Outgoing, hex: &str) {
+fn assert_is(message: OutboundMessage, hex: &str) {
     assert_eq!(message.frame(OWN, 201)[..], bytes(hex)[..]);
 }
 
 #[test]
 fn a_heartbeat_is_an_onboard_controller_s() {
-    assert_is(Outgoing::heartbeat(MavState::MAV_STATE_ACTIVE), "fd090000c9079e000000000000001208000403d5c9");
+    assert_is(OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE), "fd090000c9079e000000000000001208000403d5c9");
 }
 
 #[test]
 fn attitude_is_asked_for_in_both_ways() {
     assert_is(
-        Outgoing::set_message_interval(AUTOPILOT, 30, 40),
+        OutboundMessage::set_message_interval(AUTOPILOT, 30, 40),
         "fd200000c9079e4c00000000f0410050c3460000000000000000000000000000000000000000ff01070110d4",
     );
-    assert_is(Outgoing::request_attitude_stream(AUTOPILOT, 25), "fd060000c9079e420000190007010a0185a0");
+    assert_is(OutboundMessage::request_attitude_stream(AUTOPILOT, 25), "fd060000c9079e420000190007010a0185a0");
 }
 
 #[test]
 fn an_acknowledgement_is_for_who_asked() {
     let to = Address { system: 255, component: 190 };
     let rejected = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
-    assert_is(Outgoing::acknowledgement(to, 42_424, rejected), "fd0a0000c9079e4d0000b8a5010000000000ffbee40a");
+    assert_is(OutboundMessage::acknowledgement(to, 42_424, rejected), "fd0a0000c9079e4d0000b8a5010000000000ffbee40a");
 }
 
 #[test]
 fn a_text_is_one_piece_or_several() {
     let warning = MavSeverity::MAV_SEVERITY_WARNING;
     assert_is(
-        Outgoing::text(warning, b"autoswing: refused", 0, 0),
+        OutboundMessage::text(warning, b"autoswing: refused", 0, 0),
         "fd130000c9079efd0000046175746f7377696e673a2072656675736564c16b",
     );
     let full = format!("fd360000c9079efd000006{}020103a662", "78".repeat(50));
-    assert_is(Outgoing::text(MavSeverity::MAV_SEVERITY_INFO, &[b'x'; 50], 258, 3), &full);
-    // What is longer than a piece is cut.
-    assert_is(Outgoing::text(MavSeverity::MAV_SEVERITY_INFO, &[b'x'; 51], 258, 3), &full);
+    assert_is(OutboundMessage::text(MavSeverity::MAV_SEVERITY_INFO, &[b'x'; 50], 258, 3), &full);
+    assert_is(OutboundMessage::text(MavSeverity::MAV_SEVERITY_INFO, &[b'x'; 51], 258, 3), &full);
 }
 
 #[test]
 fn a_value_has_a_name() {
     let at = Timestamp::from_us(123_456_000);
     assert_is(
-        Outgoing::named_value(at, "hdg_sigma", 1.5),
+        OutboundMessage::named_value(at, "hdg_sigma", 1.5),
         "fd110000c9079efb000040e201000000c03f6864675f7369676d61b85c",
     );
-    let frame = Outgoing::named_value(at, "longer than ten", 1.5).frame(OWN, 0);
+    let frame = OutboundMessage::named_value(at, "longer than ten", 1.5).frame(OWN, 0);
     assert_eq!(frame[18..28], *b"longer tha");
 }
 
 #[test]
 fn progress_is_in_the_first_step_until_all_is_collected() {
     let direction = [0.5, -0.25, 0.75];
-    assert_is(Outgoing::mag_cal_progress(40, direction), "fd110000c9079ebf00000000003f000080be0000403f0001020128aea7");
-    assert_is(Outgoing::mag_cal_progress(100, direction), "fd110000c9079ebf00000000003f000080be0000403f0001030164d354");
+    assert_is(
+        OutboundMessage::mag_cal_progress(40, direction),
+        "fd110000c9079ebf00000000003f000080be0000403f0001020128aea7",
+    );
+    assert_is(
+        OutboundMessage::mag_cal_progress(100, direction),
+        "fd110000c9079ebf00000000003f000080be0000403f0001030164d354",
+    );
 }
 
 #[test]
@@ -74,7 +79,7 @@ fn a_report_tells_the_numbers_of_a_success() {
         off_diagonal: [0.02, -0.03, 0.04],
     };
     assert_is(
-        Outgoing::mag_cal_report(&report),
+        OutboundMessage::mag_cal_report(&report),
         "fd2c0000c9079ec00000000060400000f0c20000a042000048c3cdcc8c3f6666663f6666863f0ad7a33c8fc2f5bc0ad7233d0001040159ac",
     );
     let failure = MagCalReport {
@@ -85,12 +90,11 @@ fn a_report_tells_the_numbers_of_a_success() {
         off_diagonal: [0.0; 3],
     };
     assert_is(
-        Outgoing::mag_cal_report(&failure),
+        OutboundMessage::mag_cal_report(&failure),
         &format!("fd2b0000c9079ec00000{}{}{}0001051f97", "00".repeat(16), "0000803f".repeat(3), "00".repeat(12)),
     );
 }
 
-/// The longest message.
 #[test]
 fn a_pose_tells_how_sure_the_heading_is() {
     let pose = Pose {
@@ -105,23 +109,22 @@ fn a_pose_tells_how_sure_the_heading_is() {
         "00".repeat(12),
         "00".repeat(4 * 19),
     );
-    assert_is(Outgoing::vision(&pose), &hex);
+    assert_is(OutboundMessage::pose_estimate(&pose), &hex);
 }
 
-/// Version 2 asks for it, to one byte at least.
+/// Required by version 2, to one byte at least.
 #[test]
 fn zeros_at_the_end_are_cut_off() {
     let nobody = Address { system: 0, component: 0 };
-    let ack = |command| Outgoing::acknowledgement(nobody, command, MavResult::MAV_RESULT_ACCEPTED);
+    let ack = |command| OutboundMessage::acknowledgement(nobody, command, MavResult::MAV_RESULT_ACCEPTED);
     assert_is(ack(42_424), "fd020000c9079e4d0000b8a5d472");
     assert_eq!(ack(0).frame(OWN, 0)[..11], [0xFD, 1, 0, 0, 0, 7, 158, 77, 0, 0, 0]);
     assert_eq!(ack(0).frame(OWN, 0).len(), 13);
 }
 
-/// What is sent is understood by the receiver where it knows the message.
 #[test]
 fn the_module_s_own_frames_are_read_back() {
-    let frame = Outgoing::heartbeat(MavState::MAV_STATE_ACTIVE).frame(OWN, 0);
-    let heartbeat = Heartbeat { source: OWN.source(), is_autopilot: false, is_armed: false };
-    assert_eq!(messages(&frame), (vec![Message::Heartbeat(heartbeat)], 0));
+    let frame = OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE).frame(OWN, 0);
+    let heartbeat = Heartbeat { sender: OWN.sender(), is_autopilot: false, is_armed: false };
+    assert_eq!(messages(&frame), (vec![InboundMessage::Heartbeat(heartbeat)], 0));
 }

@@ -1,7 +1,7 @@
 use super::*;
 
 fn copter(weather: Weather, heading_deg: f64) -> Aircraft {
-    let config = Config { kind: Kind::Copter, heading_deg, ..Config::default() };
+    let config = VehicleConfig { kind: VehicleKind::Copter, heading_deg, ..VehicleConfig::default() };
     Aircraft::new(config, weather, 1, 0)
 }
 
@@ -9,7 +9,7 @@ fn wind(wind_m_s: f64, wind_from_deg: f64) -> Weather {
     Weather { wind_m_s, wind_from_deg, ..Weather::still() }
 }
 
-/// Drag of 4 m/s, 0.8 m/s^2, is held by a tilt of 4.66 deg into the wind, whichever side that is.
+/// The drag of a 4 m/s wind, 0.8 m/s^2, needs a tilt of 4.66 deg into the wind.
 #[test]
 fn it_hovers_over_a_spot_and_leans_into_the_wind() {
     for (heading_deg, [roll_deg, pitch_deg]) in
@@ -20,21 +20,20 @@ fn it_hovers_over_a_spot_and_leans_into_the_wind() {
         let now = copter.state();
         assert!((now.roll_rad.to_degrees() - roll_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
         assert!((now.pitch_rad.to_degrees() - pitch_deg).abs() < 0.1, "at {heading_deg}: {now:?}");
-        // Until it leans it is blown away: 0.8 m/s^2 for a second or so, and the wind holds it off its spot.
+        // The wind moves the copter for about a second until it tilts, and then holds it off its set point.
         assert!(now.north_m.hypot(now.east_m) < 6.0, "{now:?}");
-        assert!(now.north_m_s.hypot(now.east_m_s) < 0.05 && now.push_m_s2 < 0.05, "{now:?}");
+        assert!(now.north_m_s.hypot(now.east_m_s) < 0.05 && now.disturbing_acceleration_m_s2 < 0.05, "{now:?}");
         assert!((now.heading_rad.to_degrees() - heading_deg).abs() < 1e-9);
     }
 }
 
-/// Tilt has nothing to do with turn, as it has in an aeroplane.
 #[test]
 fn it_turns_flat_either_way() {
     for side in [1.0, -1.0] {
         let mut copter = copter(Weather::still(), 20.0);
         let states = fly_leg(&mut copter, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 * side });
         let seconds = states.len() as f64 * STEP_S;
-        // 12 s and what it takes to reach the rate.
+        // 12 s at full rate, and the time to reach the rate.
         assert!((12.0..12.6).contains(&seconds), "{seconds} s");
         assert!((states[1000].heading_rate_rad_s.to_degrees() - 30.0 * side).abs() < 0.1);
         assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.pitch_rad.abs() < 1e-3));
@@ -42,8 +41,8 @@ fn it_turns_flat_either_way() {
     }
 }
 
-/// Nose down and away ahead, nose up and away behind, right side down and away to the right, left side to the left, on
-/// whatever heading; 18 deg of tilt are 3.19 m/s^2, less the drag of what it has gained. Then it comes to rest.
+/// Directions are relative to the nose. A tilt of 18 deg accelerates by 3.19 m/s^2 less drag. Afterwards the copter
+/// brakes to rest.
 #[test]
 fn a_push_tilts_and_moves_it_to_its_side() {
     for heading_deg in [0.0, 130.0] {
@@ -55,13 +54,13 @@ fn a_push_tilts_and_moves_it_to_its_side() {
             let tilted = states[states.len() - 1];
             assert!((tilted.roll_rad.to_degrees() - 18.0 * roll).abs() < 0.5, "{toward_deg}: {tilted:?}");
             assert!((tilted.pitch_rad.to_degrees() - 18.0 * pitch).abs() < 0.5, "{toward_deg}: {tilted:?}");
-            let most_m_s2 = states.iter().map(|s| s.push_m_s2).fold(0.0, f64::max);
+            let most_m_s2 = states.iter().map(|s| s.disturbing_acceleration_m_s2).fold(0.0, f64::max);
             assert!((2.8..3.2).contains(&most_m_s2), "{most_m_s2}");
             let way_deg = tilted.east_m_s.atan2(tilted.north_m_s).to_degrees();
             let off_deg = (way_deg - heading_deg - toward_deg + 180.0).rem_euclid(360.0) - 180.0;
             assert!(off_deg.abs() < 1.0, "{toward_deg} from {heading_deg}: {way_deg}");
             assert!((tilted.heading_rad.to_degrees() - heading_deg).abs() < 1e-9, "it does not turn");
-            // It brakes with the other side down.
+            // Braking tilts to the opposite side.
             let braking = fly(&mut copter, 1.5)[299];
             let against = braking.roll_rad * roll + braking.pitch_rad * pitch;
             assert!(against.to_degrees() < -10.0, "{braking:?}");
@@ -72,15 +71,15 @@ fn a_push_tilts_and_moves_it_to_its_side() {
     }
 }
 
-/// 3 m/s against drag of 5 s are 0.6 m/s^2: 3.5 deg of nose down. A turn at 10 deg of bank goes at
-/// g tan(10 deg) / 3 m/s = 33 deg/s.
+/// 3 m/s with a drag time constant of 5 s decelerate by 0.6 m/s^2: 3.5 deg of nose-down pitch. A turn at 10 deg of bank
+/// has a rate of g tan(10 deg) / 3 m/s = 33 deg/s.
 #[test]
 fn it_flies_forward_and_banks_into_its_turns() {
     let mut copter = copter(Weather::still(), 0.0);
     fly_leg(&mut copter, Leg::Straight { heading_deg: 60.0, seconds: 20.0 });
     let now = *copter.state();
     assert!((now.heading_deg() - 60.0).abs() < 0.5 && (now.course_deg() - 60.0).abs() < 1.0, "{now:?}");
-    // What is wanted is the speed less what the drag takes of the will to reach it: 3 / 1.2.
+    // The proportional speed controller is left with a steady error due to drag: 3 m/s / 1.2.
     assert!((2.3..3.0).contains(&now.north_m_s.hypot(now.east_m_s)), "{now:?}");
     assert!((-3.6..-2.4).contains(&now.pitch_rad.to_degrees()), "{now:?}");
     let states = fly_leg(&mut copter, Leg::Turn { bank_deg: 10.0, heading_change_deg: -360.0 });
@@ -89,20 +88,18 @@ fn it_flies_forward_and_banks_into_its_turns() {
     assert!((-14.0..-6.0).contains(&turning.roll_rad.to_degrees()), "{turning:?}");
 }
 
-/// Gusts of 0.5 m/s over 5 s and a wander of 1.5 and 1 deg: it is pushed about, and stays where it is.
 #[test]
 fn gusts_push_it_about() {
     let mut copter = copter(Weather { wind_m_s: 0.0, ..Weather::default() }, 0.0);
     let states = fly(&mut copter, 300.0);
-    // It works against what moves it.
+    // Position control partly counteracts the disturbances.
     assert!((0.9..2.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
     assert!((0.6..1.6).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
     assert!(states.iter().all(|s| s.north_m.hypot(s.east_m) < 10.0));
-    let push_m_s2 = mean(states.iter().map(|s| s.push_m_s2));
+    let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
     assert!((0.1..0.6).contains(&push_m_s2), "{push_m_s2}");
 }
 
-/// Gusts come along and across: 2 m/s over 5 s move it both ways.
 #[test]
 fn gusts_come_from_ahead_and_from_the_side() {
     let mut copter = copter(Weather { gust_m_s: 2.0, ..Weather::still() }, 0.0);
@@ -113,18 +110,25 @@ fn gusts_come_from_ahead_and_from_the_side() {
     }
 }
 
-/// Thrust carries the weight: at 18 deg it is 1 / cos(18 deg), and its power goes with the power of 3/2 of that: 1.078.
+/// At a tilt of 18 deg thrust is 1 / cos(18 deg), and power the 3/2 power of thrust: 1.078.
 #[test]
 fn current_follows_thrust() {
     let mut copter = copter(Weather::still(), 0.0);
     fly(&mut copter, 2.0);
-    assert!((copter.state().current - 1.0).abs() < 1e-3);
+    assert!((copter.state().relative_current - 1.0).abs() < 1e-3);
     let states = fly_leg(&mut copter, Leg::Push { toward_deg: 90.0, tilt_deg: 18.0, seconds: 2.0 });
-    assert!((states[states.len() - 1].current - 1.078).abs() < 0.005, "{}", states[states.len() - 1].current);
-    // Gusts from below and above of 0.5 m/s take and add 5 % of the thrust.
+    assert!(
+        (states[states.len() - 1].relative_current - 1.078).abs() < 0.005,
+        "{}",
+        states[states.len() - 1].relative_current
+    );
+    // Vertical gusts of 0.5 m/s change the thrust by 5 %.
     let gusty = Weather { gust_m_s: 0.5, ..Weather::still() };
-    let states = fly(&mut Aircraft::new(Config { kind: Kind::Copter, ..Config::default() }, gusty, 3, 0), 300.0);
-    let average = mean(states.iter().map(|s| s.current));
-    let sigma = mean(states.iter().map(|s| (s.current - average).powi(2))).sqrt();
+    let states = fly(
+        &mut Aircraft::new(VehicleConfig { kind: VehicleKind::Copter, ..VehicleConfig::default() }, gusty, 3, 0),
+        300.0,
+    );
+    let average = mean(states.iter().map(|s| s.relative_current));
+    let sigma = mean(states.iter().map(|s| (s.relative_current - average).powi(2))).sqrt();
     assert!((0.05..0.11).contains(&sigma), "{sigma}");
 }

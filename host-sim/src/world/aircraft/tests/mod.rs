@@ -6,11 +6,11 @@ mod vtol;
 use super::*;
 use crate::world::autopilot::Leg;
 
-fn vehicle(kind: Kind, weather: Weather, seed: u64) -> Aircraft {
-    Aircraft::new(Config { kind, ..Config::default() }, weather, seed, 0)
+fn vehicle(kind: VehicleKind, weather: Weather, seed: u64) -> Aircraft {
+    Aircraft::new(VehicleConfig { kind, ..VehicleConfig::default() }, weather, seed, 0)
 }
 
-/// Flies on and returns the states of every step.
+/// States of every step during `seconds`.
 fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
     (0..(seconds / STEP_S) as usize)
         .map(|_| {
@@ -20,11 +20,11 @@ fn fly(aircraft: &mut Aircraft, seconds: f64) -> Vec<TrueState> {
         .collect()
 }
 
-/// Flies a leg to its end.
+/// States of every step until the leg ends.
 fn fly_leg(aircraft: &mut Aircraft, leg: Leg) -> Vec<TrueState> {
     aircraft.autopilot_mut().fly(leg);
     let mut states = Vec::new();
-    while states.is_empty() || aircraft.autopilot().legs_left() > 0 {
+    while states.is_empty() || aircraft.autopilot().unfinished_legs() > 0 {
         states.extend(fly(aircraft, STEP_S));
         assert!(states.len() < 100_000, "{leg:?} does not end");
     }
@@ -41,7 +41,6 @@ fn sigma_deg(states: &[TrueState], of: fn(&TrueState) -> f64) -> f64 {
     mean(states.iter().map(|s| (of(s) - middle).powi(2))).sqrt().to_degrees()
 }
 
-/// A flight with everything in it.
 fn legs() -> [Leg; 6] {
     [
         Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 200.0 },
@@ -53,12 +52,11 @@ fn legs() -> [Leg; 6] {
     ]
 }
 
-/// A gyro that is integrated turns the body axes as the attitude says: from step to step, by the world's own rotations,
-/// `R(after) R(before)^T = 1 - [w] dt`. A rate is that over the step before it, so what is left is the square of the angle
-/// of a step: at 90 deg/s and 5 ms, 0.4 deg/s.
+/// From step to step the rotation matrix changes by `R(after) R(before)^T = 1 - [w] dt`. Rates are differences over the
+/// previous step, so an error of the square of the angle per step remains: 0.4 deg/s at 90 deg/s and 5 ms.
 #[test]
 fn body_rates_belong_to_the_attitude() {
-    for kind in Kind::ALL {
+    for kind in VehicleKind::ALL {
         let mut aircraft = vehicle(kind, Weather::default(), 4);
         let states: Vec<TrueState> = legs().into_iter().flat_map(|leg| fly_leg(&mut aircraft, leg)).collect();
         let mut fastest_deg_s: f64 = 0.0;
@@ -77,11 +75,10 @@ fn body_rates_belong_to_the_attitude() {
     }
 }
 
-/// Nothing jumps, neither where a leg begins nor where wings take over from rotors: in 5 ms no angle changes by more than
-/// a degree (200 deg/s), and no speed by more than what 15 m/s^2 make.
+/// Bounds per step of 5 ms: 1 deg (200 deg/s) and 15 m/s^2, also at the start of legs and at VTOL transitions.
 #[test]
 fn nothing_jumps() {
-    for kind in Kind::ALL {
+    for kind in VehicleKind::ALL {
         let mut aircraft = vehicle(kind, Weather::default(), 6);
         let mut before = *aircraft.state();
         for leg in legs() {
@@ -102,7 +99,7 @@ fn nothing_jumps() {
 
 #[test]
 fn the_same_seed_moves_the_same_way() {
-    for kind in Kind::ALL {
+    for kind in VehicleKind::ALL {
         let [first, second, other] = [5, 5, 6].map(|seed| {
             let mut aircraft = vehicle(kind, Weather::default(), seed);
             fly_leg(&mut aircraft, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 90.0 })

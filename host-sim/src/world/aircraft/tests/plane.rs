@@ -1,7 +1,7 @@
 use super::*;
 
 fn aircraft(weather: Weather, seed: u64) -> Aircraft {
-    vehicle(Kind::Plane, weather, seed)
+    vehicle(VehicleKind::Plane, weather, seed)
 }
 
 fn expected_load(bank_deg: f64) -> f64 {
@@ -13,7 +13,7 @@ fn expected_load(bank_deg: f64) -> f64 {
 fn the_turn_rate_is_that_of_a_coordinated_turn() {
     for bank_deg in [25.0, -25.0, 40.0] {
         let mut aircraft = aircraft(Weather::still(), 1);
-        aircraft.autopilot_mut().command(bank_deg, 0.0);
+        aircraft.autopilot_mut().hold_bank_and_pitch(bank_deg, 0.0);
         fly(&mut aircraft, 10.0);
         let state = aircraft.state();
         assert!((state.roll_rad.to_degrees() - bank_deg).abs() < 0.01);
@@ -21,7 +21,10 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
         let rate_deg_s = state.heading_rate_rad_s.to_degrees();
         assert!((rate_deg_s / expected_deg_s - 1.0).abs() < 1e-3, "{rate_deg_s} for {expected_deg_s} deg/s");
         let load = expected_load(bank_deg);
-        assert!((state.current / (load * load) - 1.0).abs() < 1e-3, "induced drag goes with the square of the load");
+        assert!(
+            (state.relative_current / (load * load) - 1.0).abs() < 1e-3,
+            "induced drag goes with the square of the load"
+        );
         assert!((0.5..4.0).contains(&state.pitch_rad.to_degrees()), "the nose is a little up in a turn");
     }
 }
@@ -29,7 +32,7 @@ fn the_turn_rate_is_that_of_a_coordinated_turn() {
 #[test]
 fn the_roll_rate_is_limited_and_the_bank_does_not_overshoot() {
     let mut aircraft = aircraft(Weather::still(), 1);
-    aircraft.autopilot_mut().command(45.0, 0.0);
+    aircraft.autopilot_mut().hold_bank_and_pitch(45.0, 0.0);
     let states = fly(&mut aircraft, 8.0);
     let fastest_deg_s = states.iter().map(|s| s.roll_rate_rad_s.to_degrees()).fold(0.0, f64::max);
     let steepest_deg = states.iter().map(|s| s.roll_rad.to_degrees()).fold(0.0, f64::max);
@@ -38,8 +41,8 @@ fn the_roll_rate_is_limited_and_the_bank_does_not_overshoot() {
     assert!((states[states.len() - 1].roll_rad.to_degrees() - 45.0).abs() < 0.1);
 }
 
-/// 1800 s hold 1200 correlation times: the standard deviations are known to some 3 %. Gusts of 0.5 m/s add half of
-/// their 1.3 degrees of sideslip to the bank and 0.3 of it to the pitch.
+/// 1800 s are 1200 correlation times, so the standard deviations are accurate to about 3 %. Gusts of 0.5 m/s cause 1.3
+/// degrees of sideslip; half of it adds to the bank and 0.3 of it to the pitch.
 #[test]
 fn bank_and_pitch_wander_as_set() {
     let mut aircraft = aircraft(Weather::default(), 2);
@@ -53,7 +56,6 @@ fn bank_and_pitch_wander_as_set() {
     assert!((sigma_deg(|s| s.sideslip_rad) / sideslip_deg - 1.0).abs() < 0.15);
 }
 
-/// Legs are flown in order; the turn ends where it should, give or take what rolling out of 25 degrees adds.
 #[test]
 fn a_plan_is_flown_leg_by_leg() {
     let mut aircraft = aircraft(Weather::default(), 3);
@@ -61,21 +63,21 @@ fn a_plan_is_flown_leg_by_leg() {
     aircraft.autopilot_mut().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     fly(&mut aircraft, 20.0);
     assert!((aircraft.state().heading_rad.to_degrees() + 10.0).abs() < 4.0, "the short way to 350 is to the left");
-    // 720 degrees at 11.91 deg/s are 60.5 s.
+    // 720 degrees at 11.91 deg/s take 60.5 s.
     fly(&mut aircraft, 55.0);
-    assert_eq!(aircraft.autopilot().legs_left(), 1);
+    assert_eq!(aircraft.autopilot().unfinished_legs(), 1);
     fly(&mut aircraft, 15.0);
-    assert_eq!(aircraft.autopilot().legs_left(), 0);
+    assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
     let turned_deg = aircraft.state().heading_rad.to_degrees() + 10.0;
     assert!((-760.0..-720.0).contains(&turned_deg), "{turned_deg}");
 }
 
-/// 4 m/s from 250 degrees push the aircraft toward 070 while it circles: after full circles only the wind is left.
+/// A wind of 4 m/s from 250 degrees drifts the aircraft toward 070; full circles cancel its own motion.
 #[test]
 fn the_wind_moves_the_ground_track_not_the_heading() {
     let weather = Weather { wind_m_s: 4.0, wind_from_deg: 250.0, ..Weather::still() };
     let mut aircraft = aircraft(weather, 1);
-    aircraft.autopilot_mut().command(30.0, 0.0);
+    aircraft.autopilot_mut().hold_bank_and_pitch(30.0, 0.0);
     fly(&mut aircraft, 5.0);
     let before = *aircraft.state();
     while aircraft.state().heading_rad < before.heading_rad + 10.0 * TAU {
@@ -89,7 +91,6 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     assert!((toward_deg - 70.0).abs() < 0.2, "{toward_deg} deg");
 }
 
-/// Changing the gusts must leave the bank's wander as it was: they draw from streams of their own.
 #[test]
 fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
     let roll = |weather, seed| {
@@ -102,16 +103,15 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
     assert_eq!(roll(calm, 5), roll(Weather { pitch_wander_deg: 3.0, wind_m_s: 9.0, ..calm }, 5));
 }
 
-/// Whatever the plan is made for, an aeroplane comes to its end: wings level where it cannot hover.
 #[test]
 fn an_aeroplane_flies_the_legs_of_others_to_their_end() {
     let mut aircraft = aircraft(Weather::still(), 1);
     aircraft.autopilot_mut().fly(Leg::Hover { seconds: 2.0 });
     aircraft.autopilot_mut().fly(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
     let states = fly(&mut aircraft, 4.0);
-    assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-6 && s.push_m_s2.to_bits() == 0));
+    assert!(states.iter().all(|s| s.roll_rad.abs() < 1e-6 && s.disturbing_acceleration_m_s2.to_bits() == 0));
     aircraft.autopilot_mut().fly(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
     fly(&mut aircraft, 60.0);
-    assert_eq!(aircraft.autopilot().legs_left(), 0);
+    assert_eq!(aircraft.autopilot().unfinished_legs(), 0);
     assert!(aircraft.state().heading_rad < -TAU);
 }

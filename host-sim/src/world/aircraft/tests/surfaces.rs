@@ -1,26 +1,27 @@
 use nalgebra::Vector3;
 
-use super::super::surface::{Surface, lying};
+use super::super::surface::{Surface, roll_pitch_on_slope};
 use super::*;
 use crate::world::rotation::Euler;
 
-/// By hand: one in ten are 5.71 deg. On any slope the belly is normal to it: the down axis, taken to the level axes, is
-/// the slope's normal.
+/// A slope of 1:10 is 5.71 deg. On any slope the down axis, rotated to the level frame, is the slope's normal.
 #[test]
 fn what_lies_on_a_slope_has_its_belly_on_it() {
-    assert!((lying([0.1, 0.0])[1].to_degrees() - 5.71).abs() < 0.01, "it rises ahead: nose up");
-    assert!((lying([0.0, 0.1])[0].to_degrees() + 5.71).abs() < 0.01, "it rises to the right: right side up");
+    assert!((roll_pitch_on_slope([0.1, 0.0])[1].to_degrees() - 5.71).abs() < 0.01, "it rises ahead: nose up");
+    assert!(
+        (roll_pitch_on_slope([0.0, 0.1])[0].to_degrees() + 5.71).abs() < 0.01,
+        "it rises to the right: right side up"
+    );
     for slope in [[0.2, 0.3], [-0.1, 0.25], [0.3, -0.05]] {
-        let [roll_rad, pitch_rad] = lying(slope);
+        let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
         let euler = Euler { roll_rad, pitch_rad, heading_rad: 0.0 };
         let down = euler.body_from_level().transpose() * Vector3::new(0.0, 0.0, 1.0);
-        // Height rises by the slope; down is positive.
+        // Height rises by the slope; the z axis points down.
         let normal = Vector3::new(slope[0], slope[1], 1.0).normalize();
         assert!((down - normal).norm() < 1e-12, "{slope:?}: {down:?} for {normal:?}");
     }
 }
 
-/// The same place has the same slope, tomorrow, too; along any direction it is 6 deg, one sigma.
 #[test]
 fn ground_stays_where_it_is() {
     let mut squares = [0.0_f64; 2];
@@ -35,14 +36,14 @@ fn ground_stays_where_it_is() {
             }
         }
     }
-    // 40 times 24 waves: each direction's is known to 3 %.
+    // 40 seeds with 24 waves: each direction's standard deviation is accurate to 3 %.
     for square in squares {
         assert!((square.sqrt().atan().to_degrees() - 6.0).abs() < 0.4, "{}", square.sqrt().atan().to_degrees());
     }
 }
 
-/// Waves of 8 to 20 m pass within 2.3 to 3.6 s, and slope along their way more than across it: by the spread of 40 deg
-/// either way, 2.4 times.
+/// Waves of 8 to 20 m have periods of 2.3 to 3.6 s. Directions within 40 deg make slopes along the mean direction 2.4
+/// times as large as across it.
 #[test]
 fn waves_travel() {
     let [mut along, mut across] = [0.0_f64; 2];
@@ -60,11 +61,9 @@ fn waves_travel() {
     assert!((2.5..3.4).contains(&period_s), "{period_s} s");
 }
 
-/// It lies as the ground does where it is: nose up it climbs. Driven in circles its tilt comes with the place, not with
-/// the side it turns to.
 #[test]
 fn a_rover_lies_as_the_ground_does() {
-    let mut rover = vehicle(Kind::Rover, Weather::default(), 2);
+    let mut rover = vehicle(VehicleKind::Rover, Weather::default(), 2);
     let right = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 720.0 });
     let left = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: -720.0 });
     assert!((right[2000].heading_rate_rad_s.to_degrees() - 18.0).abs() < 0.1);
@@ -73,26 +72,26 @@ fn a_rover_lies_as_the_ground_does() {
     both.extend_from_slice(&left);
     assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.roll_rad)), "{}", sigma_deg(&both, |s| s.roll_rad));
     assert!((3.0..10.0).contains(&sigma_deg(&both, |s| s.pitch_rad)), "{}", sigma_deg(&both, |s| s.pitch_rad));
-    // A second time round, 20 s later, it comes by the same place as it lies.
+    // In its second circle, 20 s later, the rover has the same tilt at the same place.
     let (first, second) = (right[1999], right[5999]);
     assert!((first.north_m - second.north_m).hypot(first.east_m - second.east_m) < 0.5);
     assert!((first.roll_rad - second.roll_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
     assert!((first.pitch_rad - second.pitch_rad).to_degrees().abs() < 1.5, "{first:?} {second:?}");
-    // 3 m/s at 18 deg/s are 0.94 m/s^2. What climbs draws more current.
-    assert!((right[2000].push_m_s2 - 0.942).abs() < 0.01);
-    assert!(both.iter().all(|s| (s.current > 1.0) == (s.pitch_rad > 0.0)), "uphill");
+    // 3 m/s at 18 deg/s are 0.94 m/s^2. Driving uphill draws more current.
+    assert!((right[2000].disturbing_acceleration_m_s2 - 0.942).abs() < 0.01);
+    assert!(both.iter().all(|s| (s.relative_current > 1.0) == (s.pitch_rad > 0.0)), "uphill");
 }
 
-/// In waves it rolls as often as they come, and leans out of its turns: half of what 0.94 m/s^2 are to g, 2.8 deg.
+/// Expected heel: half of 0.94 m/s^2 / g, 2.8 deg.
 #[test]
 fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
     let mean_roll_deg = |side: f64| {
-        let mut boat = vehicle(Kind::Boat, Weather::default(), 2);
+        let mut boat = vehicle(VehicleKind::Boat, Weather::default(), 2);
         let states = fly_leg(&mut boat, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: side * 7200.0 });
         assert!((4.0..9.0).contains(&sigma_deg(&states, |s| s.roll_rad)), "{}", sigma_deg(&states, |s| s.roll_rad));
         assert!((1.5..4.0).contains(&sigma_deg(&states, |s| s.pitch_rad)), "{}", sigma_deg(&states, |s| s.pitch_rad));
-        // Waves of 6 deg accelerate it by as much as its turns do, 0.94 m/s^2.
-        let push_m_s2 = mean(states.iter().map(|s| s.push_m_s2));
+        // Waves with slopes of 6 deg accelerate the boat by about as much as its turns, 0.94 m/s^2.
+        let push_m_s2 = mean(states.iter().map(|s| s.disturbing_acceleration_m_s2));
         assert!((1.5..2.5).contains(&push_m_s2), "{push_m_s2}");
         let middle = mean(states.iter().map(|s| s.roll_rad));
         let crossings = states.windows(2).filter(|s| s[0].roll_rad < middle && s[1].roll_rad >= middle).count();
@@ -100,16 +99,16 @@ fn a_boat_rolls_in_waves_and_heels_out_of_its_turns() {
         assert!((1.8..5.0).contains(&period_s), "{period_s} s");
         middle.to_degrees()
     };
-    // 400 s hold more than a hundred waves: the mean is known to half a degree.
+    // 400 s contain more than a hundred waves: the mean is accurate to half a degree.
     assert!((mean_roll_deg(1.0) + 2.75).abs() < 0.6, "{}", mean_roll_deg(1.0));
     assert!((mean_roll_deg(-1.0) - 2.75).abs() < 0.6, "{}", mean_roll_deg(-1.0));
 }
 
-/// Waves travel with the wind: against it a boat of 3 m/s meets twice as many as before it, and more.
+/// Waves travel with the wind, so a boat at 3 m/s meets at least twice as many against the wind as with it.
 #[test]
 fn a_boat_meets_more_waves_against_the_wind() {
     let crossings = |heading_deg: f64| {
-        let config = Config { kind: Kind::Boat, heading_deg, ..Config::default() };
+        let config = VehicleConfig { kind: VehicleKind::Boat, heading_deg, ..VehicleConfig::default() };
         let mut boat = Aircraft::new(config, Weather::default(), 3, 0);
         let states = fly_leg(&mut boat, Leg::Straight { heading_deg, seconds: 200.0 });
         states.windows(2).filter(|s| s[0].pitch_rad < 0.0 && s[1].pitch_rad >= 0.0).count()
@@ -118,20 +117,19 @@ fn a_boat_meets_more_waves_against_the_wind() {
     assert!(crossings(250.0) > 2 * crossings(70.0), "{} {}", crossings(250.0), crossings(70.0));
 }
 
-/// It begins as it lies, at rest or nearly so: nobody sees it jump there from level.
 #[test]
 fn it_begins_as_it_lies() {
-    for kind in [Kind::Rover, Kind::Boat] {
+    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
         let state = *vehicle(kind, Weather::default(), 2).state();
         assert!(state.roll_rad.hypot(state.pitch_rad).to_degrees() > 1.0, "{kind:?}: {state:?}");
         assert!(state.roll_rate_rad_s.hypot(state.pitch_rate_rad_s) < 1.0, "{kind:?}: {state:?}");
     }
 }
 
-/// What is told no rate turns by as many degrees a second as an aeroplane would bank.
+/// The turn rate in degrees per second equals the commanded bank in degrees.
 #[test]
 fn what_cannot_bank_holds_a_heading_all_the_same() {
-    for kind in [Kind::Rover, Kind::Boat] {
+    for kind in [VehicleKind::Rover, VehicleKind::Boat] {
         let mut vehicle = vehicle(kind, Weather::default(), 3);
         fly_leg(&mut vehicle, Leg::Straight { heading_deg: 200.0, seconds: 25.0 });
         assert!((vehicle.state().heading_deg() - 200.0).abs() < 0.5, "{kind:?}: {:?}", vehicle.state());

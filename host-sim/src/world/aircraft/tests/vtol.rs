@@ -1,22 +1,24 @@
 use super::*;
 
-/// On rotors it turns flat and is pushed; told to go on it takes to its wings, turns by its bank, and stops again.
 #[test]
 fn it_is_a_copter_where_it_stays_and_an_aeroplane_where_it_goes_on() {
-    let mut vtol = vehicle(Kind::Vtol, Weather::still(), 1);
+    let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
     let turned = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
     assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.north_m.hypot(s.east_m) < 0.1));
     let speed_m_s = |s: &TrueState| s.north_m_s.hypot(s.east_m_s);
     let away = fly_leg(&mut vtol, Leg::Straight { heading_deg: 0.0, seconds: 20.0 });
     assert!((speed_m_s(&away[away.len() - 1]) - 22.0).abs() < 0.5);
-    assert!(away[0].push_m_s2 < 0.1 && (2.4..2.6).contains(&most_pushed_m_s2(&away)), "{}", most_pushed_m_s2(&away));
+    assert!(
+        away[0].disturbing_acceleration_m_s2 < 0.1 && (2.4..2.6).contains(&most_pushed_m_s2(&away)),
+        "{}",
+        most_pushed_m_s2(&away)
+    );
     let circle = fly_leg(&mut vtol, Leg::Turn { bank_deg: 25.0, heading_change_deg: -360.0 });
-    // At the last step of all it has been told to stay.
+    // The last step of the leg already executes the following hover command.
     let turning = circle[circle.len() - 2];
     assert!((turning.roll_rad.to_degrees() + 25.0).abs() < 0.5);
     assert!((turning.heading_rate_rad_s.to_degrees() + 11.9).abs() < 0.2, "{turning:?}");
-    // To stop, 8 deg of nose up, a little more at first, take 1.4 m/s^2, and the drag 1.5 more: 22 m/s last 8 s, and a
-    // little at the end.
+    // Braking from 22 m/s takes 8 s: a pitch of 8 deg, slightly more at first, decelerates by 1.4 m/s^2, drag by 1.5.
     let stopping = fly_leg(&mut vtol, Leg::Hover { seconds: 15.0 });
     let most_deg = stopping.iter().map(|s| s.pitch_rad.to_degrees()).fold(0.0, f64::max);
     assert!((8.0..9.0).contains(&most_deg), "{most_deg}");
@@ -24,22 +26,22 @@ fn it_is_a_copter_where_it_stays_and_an_aeroplane_where_it_goes_on() {
     assert!(speed_m_s(&stopping[stopping.len() - 1]) < 0.5);
 }
 
-/// What moves the attitude source is what moves the aircraft: from one step to the next the velocity changes by it.
+/// The velocity change per step equals the acceleration that disturbs the attitude source.
 #[test]
 fn what_pushes_it_is_what_accelerates_it() {
-    let mut vtol = vehicle(Kind::Vtol, Weather::still(), 1);
+    let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
     for leg in [Leg::Straight { heading_deg: 0.0, seconds: 15.0 }, Leg::Hover { seconds: 15.0 }] {
         let flown = fly_leg(&mut vtol, leg);
-        // But for the steps at which one takes over from the other.
+        // Steps at which the other model takes over are excluded.
         for pair in flown[1..flown.len() - 1].windows(2) {
             let [dn, de] = [pair[1].north_m_s - pair[0].north_m_s, pair[1].east_m_s - pair[0].east_m_s];
-            // To what it changes by in a step.
-            let off_m_s2 = dn.hypot(de) / STEP_S - pair[1].push_m_s2;
+            // Tolerance: the change of the acceleration within a step.
+            let off_m_s2 = dn.hypot(de) / STEP_S - pair[1].disturbing_acceleration_m_s2;
             assert!(off_m_s2.abs() < 0.05, "{off_m_s2} {:?}", pair[1]);
         }
     }
 }
 
 fn most_pushed_m_s2(states: &[TrueState]) -> f64 {
-    states.iter().map(|s| s.push_m_s2).fold(0.0, f64::max)
+    states.iter().map(|s| s.disturbing_acceleration_m_s2).fold(0.0, f64::max)
 }

@@ -1,0 +1,66 @@
+//! Handling of Ctrl-C and other termination signals.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::flag;
+
+use super::Failure;
+
+pub struct TerminationSignals {
+    stop: Arc<AtomicBool>,
+    signal: Arc<AtomicUsize>,
+}
+
+/// Effect of a second Ctrl-C.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SecondSignal {
+    Exits,
+    /// No effect: clean-up is short and must finish.
+    IsIgnored,
+}
+
+impl TerminationSignals {
+    /// Installs immediate termination, for commands without clean-up.
+    pub fn exit_immediately() -> Result<(), Failure> {
+        let always = Arc::new(AtomicBool::new(true));
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&always)).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    /// Installs handlers that record the signal.
+    pub fn install(second: SecondSignal) -> Result<Self, Failure> {
+        let interruption = Self { stop: Arc::new(AtomicBool::new(false)), signal: Arc::new(AtomicUsize::new(0)) };
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            if second == SecondSignal::Exits {
+                flag::register_conditional_shutdown(signal, status(signal), Arc::clone(&interruption.stop))
+                    .map_err(failed)?;
+            }
+            flag::register_usize(signal, Arc::clone(&interruption.signal), status(signal) as usize).map_err(failed)?;
+            flag::register(signal, Arc::clone(&interruption.stop)).map_err(failed)?;
+        }
+        Ok(interruption)
+    }
+
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        &self.stop
+    }
+
+    /// Exit code after a signal, if any: 128 plus its number, as in a shell; 130 for Ctrl-C.
+    pub fn exit_code(&self) -> Option<ExitCode> {
+        let is_to_end = self.stop.load(Ordering::SeqCst);
+        is_to_end.then(|| ExitCode::from(self.signal.load(Ordering::SeqCst) as u8))
+    }
+}
+
+const fn status(signal: i32) -> i32 {
+    128 + signal
+}
+
+fn failed(error: impl std::fmt::Display) -> Failure {
+    Failure(format!("no-signals: {error}"))
+}

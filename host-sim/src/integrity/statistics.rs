@@ -1,0 +1,227 @@
+//! Statistics of the output headings.
+
+use std::collections::BTreeMap;
+
+/// A heading is bad if its error exceeds both this multiple of its sigma and 5 deg.
+const BAD_SIGMAS: f64 = 4.0;
+/// Error below which a heading is never bad, degrees.
+const BAD_DEG: f64 = 5.0;
+
+/// Evaluated output sentence.
+#[derive(Clone, Debug, PartialEq)]
+pub enum EvaluatedSentence {
+    /// Heading.
+    Heading {
+        /// Output minus true heading, degrees.
+        error_deg: f64,
+        /// Output sigma, degrees.
+        sigma_deg: f64,
+        /// Whether the smooth heading was output.
+        is_smooth: bool,
+    },
+    /// Status code of a sentence without heading.
+    Empty(String),
+}
+
+/// Counts over one or several flights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HeadingStatistics {
+    headings: u64,
+    smooth: u64,
+    bad: u64,
+    squares_deg: f64,
+    within: [u64; 3],
+    /// Largest heading error, degrees.
+    pub worst_deg: f64,
+    /// Longest sequence of bad headings, seconds.
+    pub longest_bad_s: f64,
+    /// Sentences without heading, by status code.
+    pub empty: BTreeMap<String, usize>,
+    alarms: u64,
+    faultless_s: f64,
+    /// Start of the present sequence of bad headings, microseconds.
+    bad_since_us: Option<u64>,
+    was_empty: bool,
+}
+
+impl HeadingStatistics {
+    /// Adds a sentence, `step_s` after the previous one. False alarms count while no fault is active, all else after
+    /// the onset.
+    pub fn add_sentence(&mut self, at_us: u64, step_s: f64, judged: &EvaluatedSentence, counts: bool, faulty: bool) {
+        let empty = matches!(judged, EvaluatedSentence::Empty(_));
+        if !faulty {
+            self.faultless_s += step_s;
+            self.alarms += u64::from(empty && !self.was_empty);
+        }
+        self.was_empty = empty;
+        if !counts {
+            return;
+        }
+        match judged {
+            EvaluatedSentence::Empty(why) => {
+                *self.empty.entry(why.clone()).or_insert(0) += 1;
+                self.bad_since_us = None;
+            }
+            EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
+                self.smooth += u64::from(*is_smooth);
+                self.heading(at_us, step_s, error_deg.abs(), *sigma_deg);
+            }
+        }
+    }
+
+    fn heading(&mut self, at_us: u64, step_s: f64, error_deg: f64, sigma_deg: f64) {
+        self.headings += 1;
+        self.squares_deg += error_deg * error_deg;
+        self.worst_deg = self.worst_deg.max(error_deg);
+        for (within, sigmas) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
+            *within += u64::from(error_deg <= sigmas * sigma_deg);
+        }
+        if error_deg > (BAD_SIGMAS * sigma_deg).max(BAD_DEG) {
+            self.bad += 1;
+            let since_us = *self.bad_since_us.get_or_insert(at_us);
+            self.longest_bad_s = self.longest_bad_s.max((at_us - since_us) as f64 / 1e6 + step_s);
+        } else {
+            self.bad_since_us = None;
+        }
+    }
+
+    /// Sum of the counts of both.
+    #[must_use]
+    pub fn merged_with(mut self, other: &Self) -> Self {
+        self.headings += other.headings;
+        self.smooth += other.smooth;
+        self.bad += other.bad;
+        self.squares_deg += other.squares_deg;
+        for (sum, more) in self.within.iter_mut().zip(other.within) {
+            *sum += more;
+        }
+        self.worst_deg = self.worst_deg.max(other.worst_deg);
+        self.longest_bad_s = self.longest_bad_s.max(other.longest_bad_s);
+        for (why, number) in &other.empty {
+            *self.empty.entry(why.clone()).or_insert(0) += number;
+        }
+        self.alarms += other.alarms;
+        self.faultless_s += other.faultless_s;
+        self
+    }
+
+    /// Bad headings, percent of headings.
+    #[must_use]
+    pub fn bad_percent(&self) -> f64 {
+        percent(self.bad, self.headings)
+    }
+
+    /// Smooth headings, percent of headings.
+    #[must_use]
+    pub fn smooth_percent(&self) -> f64 {
+        percent(self.smooth, self.headings)
+    }
+
+    /// Errors within one, two and three sigmas, percent of headings.
+    #[must_use]
+    pub fn within_percent(&self) -> [f64; 3] {
+        self.within.map(|within| percent(within, self.headings))
+    }
+
+    /// RMS heading error, degrees.
+    #[must_use]
+    pub fn rms_deg(&self) -> f64 {
+        (self.squares_deg / self.headings.max(1) as f64).sqrt()
+    }
+
+    /// Sentences without heading, percent of all sentences.
+    #[must_use]
+    pub fn empty_percent(&self) -> f64 {
+        let empty = self.empty.values().sum::<usize>() as u64;
+        percent(empty, empty + self.headings)
+    }
+
+    /// Interruptions of the heading output without an active fault, per hour without fault.
+    #[must_use]
+    pub fn alarms_per_hour(&self) -> f64 {
+        if self.alarms == 0 { 0.0 } else { self.alarms as f64 * 3600.0 / self.faultless_s.max(1.0) }
+    }
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heading(error_deg: f64, sigma_deg: f64) -> EvaluatedSentence {
+        EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth: sigma_deg > 1.5 }
+    }
+
+    fn empty() -> EvaluatedSentence {
+        EvaluatedSentence::Empty("sensor-silent".to_owned())
+    }
+
+    /// Sentences at 10 Hz after the onset.
+    fn tally(judged: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
+        let mut tally = HeadingStatistics::default();
+        for (i, one) in (0..).zip(judged) {
+            tally.add_sentence(i * 100_000, 0.1, one, true, faulty);
+        }
+        tally
+    }
+
+    #[test]
+    fn bad_is_more_than_four_sigmas_and_five_degrees() {
+        for (error_deg, sigma_deg, bad) in
+            [(4.9, 0.1, false), (5.1, 0.1, true), (-5.1, 0.1, true), (7.9, 2.0, false), (8.1, 2.0, true)]
+        {
+            let percent = if bad { 100.0 } else { 0.0 };
+            assert_eq!(tally(&[heading(error_deg, sigma_deg)], true).bad_percent().to_bits(), f64::to_bits(percent));
+        }
+    }
+
+    #[test]
+    fn a_run_of_bad_headings_ends_with_a_good_one_or_none() {
+        let (good, bad) = (heading(0.5, 1.0), heading(9.0, 1.0));
+        let two = [bad.clone(), bad.clone(), good.clone(), bad.clone(), empty(), bad.clone()];
+        assert!((tally(&two, true).longest_bad_s - 0.2).abs() < 1e-9);
+        let three = [good, bad.clone(), bad.clone(), bad];
+        assert!((tally(&three, true).longest_bad_s - 0.3).abs() < 1e-9);
+        assert!((tally(&two, true).bad_percent() - 80.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn smooth_headings_are_counted() {
+        let sentences = [heading(0.1, 2.0), heading(0.1, 1.0), empty(), heading(0.1, 1.0), heading(0.1, 1.0)];
+        assert!((tally(&sentences, true).smooth_percent() - 25.0).abs() < 1e-9);
+    }
+
+    /// An interruption counts once, if it begins without a fault.
+    #[test]
+    fn an_alarm_is_an_empty_period_that_begins_while_nothing_is_wrong() {
+        let good = heading(0.5, 1.0);
+        let sentences = [good.clone(), empty(), empty(), good.clone(), empty(), good];
+        // Two in 0.6 s.
+        assert!((tally(&sentences, false).alarms_per_hour() - 2.0 * 3600.0).abs() < 1e-6);
+        assert_eq!(tally(&sentences, true).alarms_per_hour().to_bits(), 0);
+        assert!((tally(&sentences, true).empty_percent() - 50.0).abs() < 1e-9);
+        assert_eq!(tally(&sentences, true).empty["sensor-silent"], 3);
+    }
+
+    #[test]
+    fn what_came_before_the_fault_is_not_counted() {
+        let mut tally = HeadingStatistics::default();
+        tally.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
+        assert_eq!(tally.worst_deg.to_bits(), 0);
+        assert_eq!(tally.headings, 0);
+    }
+
+    #[test]
+    fn flights_add_up() {
+        let one = tally(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
+        let other = tally(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
+        let both = one.merged_with(&other);
+        assert_eq!(both.within_percent().map(|percent| percent as u8), [50, 75, 100]);
+        assert!((both.rms_deg() - 3.0).abs() < 1e-9 && (both.worst_deg - 5.0).abs() < 1e-9);
+        assert!((both.empty_percent() - 20.0).abs() < 1e-9);
+        assert!((both.smooth_percent() - 100.0).abs() < 1e-9);
+    }
+}

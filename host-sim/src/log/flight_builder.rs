@@ -1,0 +1,335 @@
+//! Builds a [`Flight`] from a log's messages.
+
+use std::collections::BTreeMap;
+
+use autoswing::earth::Date;
+use nalgebra::Vector3;
+
+use super::correction::{FieldCorrection, InvertibleCorrection, px4_mounting};
+use super::flight::{Autopilot, Compass, Flight, Gps, LogFormat};
+use super::series::Series;
+use super::timeline::Timeline;
+
+/// Largest compass number; no autopilot has more.
+pub const MAX_COMPASSES: u8 = 8;
+
+/// Largest accepted field component, microtesla: admits nanotesla read as microtesla, which replay reports.
+const MAX_FIELD_UT: f32 = 200_000.0;
+
+const MAX_ARMED: usize = 100_000;
+
+pub struct FlightBuilder {
+    pub flight: Flight,
+    pub timeline: Timeline,
+    /// Gyro bias of the autopilot's filter, rad/s.
+    pub gyro_bias_rad_s: [f32; 3],
+    /// Attitudes of other messages by rank, lowest first, in case the autopilot's own is not logged.
+    fallback_attitudes: BTreeMap<u8, (&'static str, Series<3>)>,
+    /// Rows by compass: field and motor-current compensation, microtesla.
+    field_rows: Vec<(u8, FieldProcessing, Series<6>)>,
+}
+
+/// Which correction and axes a logged field has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldProcessing {
+    /// Corrected by ArduPilot, body axes.
+    ArduPilot,
+    /// Corrected by PX4 with parameters of this index, body axes.
+    Px4(u8),
+    /// Uncorrected, in axes of the PX4 sensor of this index.
+    Px4SensorRaw(u8),
+    /// Uncorrected, body axes.
+    BodyRaw,
+}
+
+impl FlightBuilder {
+    pub fn new(format: LogFormat) -> Self {
+        Self {
+            flight: Flight::new(format),
+            timeline: Timeline::default(),
+            gyro_bias_rad_s: [0.0; 3],
+            fallback_attitudes: BTreeMap::new(),
+            field_rows: Vec::new(),
+        }
+    }
+
+    /// Adds a row of a compass, microtesla, with the row's own motor-current compensation.
+    pub fn push_field(
+        &mut self,
+        number: u8,
+        was: FieldProcessing,
+        t_s: f64,
+        field_ut: [f32; 3],
+        motor_ut: Option<[f32; 3]>,
+    ) {
+        let is_field =
+            field_ut.iter().all(|axis| axis.abs() < MAX_FIELD_UT) && field_ut.iter().any(|axis| *axis != 0.0);
+        if !is_field || number == 0 || number > MAX_COMPASSES {
+            self.flight.counts.unhealthy += 1;
+            return;
+        }
+        let index =
+            self.field_rows.iter().position(|&(other, of, _)| (other, of) == (number, was)).unwrap_or_else(|| {
+                self.field_rows.push((number, was, Series::new()));
+                self.field_rows.len() - 1
+            });
+        let ([x, y, z], [mx, my, mz]) = (field_ut, motor_ut.unwrap_or([f32::NAN; 3]));
+        self.field_rows[index].2.push(t_s, [x, y, z, mx, my, mz]);
+    }
+
+    pub fn push_attitude(&mut self, t_s: f64, angles_rad: [f32; 3]) {
+        if is_attitude(angles_rad) {
+            self.flight.attitude.push(t_s, angles_rad);
+        }
+    }
+
+    /// Adds the attitude of another message with a rank.
+    pub fn push_fallback_attitude(&mut self, rank: u8, from: &'static str, t_s: f64, angles_rad: [f32; 3]) {
+        if is_attitude(angles_rad) {
+            self.fallback_attitudes.entry(rank).or_insert((from, Series::new())).1.push(t_s, angles_rad);
+        }
+    }
+
+    pub fn push_rates(&mut self, t_s: f64, rates_rad_s: [f32; 3]) {
+        if rates_rad_s.iter().all(|rate| rate.abs() < 100.0) {
+            self.flight.rates.push(t_s, rates_rad_s);
+        }
+    }
+
+    pub fn push_truth(&mut self, t_s: f64, angles_rad: [f32; 3]) {
+        if angles_rad.iter().all(|angle| angle.is_finite()) {
+            self.flight.truth.push(t_s, angles_rad);
+        }
+    }
+
+    pub fn push_gps(&mut self, t_s: f64, gps: Gps) {
+        self.flight.gps.push(t_s, gps.columns());
+    }
+
+    pub fn push_current(&mut self, t_s: f64, amperes: f32) {
+        if (0.0..10_000.0).contains(&amperes) {
+            self.flight.current.push(t_s, [amperes]);
+        }
+    }
+
+    pub fn push_armed(&mut self, t_s: f64, is_armed: bool) {
+        let is_news = self.flight.armed.last().is_none_or(|&(_, last)| last != is_armed);
+        if is_news && self.flight.armed.len() < MAX_ARMED {
+            self.flight.armed.push((t_s, is_armed));
+        }
+    }
+
+    pub fn set_parameter(&mut self, name: &str, value: f64) {
+        self.flight.parameters.set(self.timeline.newest_s(), name, value);
+    }
+
+    pub fn set_firmware(&mut self, name: &str) {
+        let name: String = name.chars().filter(|c| !c.is_control()).take(80).collect();
+        self.flight.is_copter |= name.contains("Copter");
+        if !name.is_empty() {
+            self.flight.firmware.get_or_insert(name);
+        }
+    }
+
+    pub fn set_day_from_unix_s(&mut self, seconds: u64) {
+        self.flight.day = self.flight.day.or_else(|| Date::from_unix_s(seconds));
+    }
+
+    /// Sorts all series and undoes the autopilot's corrections.
+    pub fn finish(mut self) -> Flight {
+        let flight = &mut self.flight;
+        flight.counts.bad_times += self.timeline.rejected_count();
+        flight.counts.restarts = self.timeline.restarts();
+        if flight.attitude.is_empty()
+            && let Some((_, (from, attitude))) = self.fallback_attitudes.pop_first()
+        {
+            (flight.attitude, flight.attitude_source) = (attitude, Some(from));
+        }
+        let attitude_repeats = flight.attitude.sort_and_dedup();
+        for series in [&mut flight.rates, &mut flight.truth] {
+            series.sort_and_dedup();
+        }
+        flight.gps.sort_and_dedup();
+        flight.current.sort_and_dedup();
+        flight.reference_heading.sort_and_dedup();
+        flight.usable.sort_and_dedup();
+        flight.counts.repeats += attitude_repeats as u64;
+        for (number, was, mut field) in densest(std::mem::take(&mut self.field_rows)) {
+            flight.counts.repeats += field.sort_and_dedup() as u64;
+            let (iron, field) = undone(flight, number, was, field);
+            let is_used = is_used(flight, number);
+            flight.compasses.push(Compass { number, field, correction: iron, is_used });
+        }
+        self.flight
+    }
+}
+
+/// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
+/// logs uncorrected fields at 1 Hz by default).
+fn densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
+    let weight = |was: FieldProcessing, field: &Series<6>| {
+        field.rows().len() * if matches!(was, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
+    };
+    logged.sort_by_key(|(number, was, field)| (*number, std::cmp::Reverse(weight(*was, field))));
+    logged.dedup_by_key(|(number, _, _)| *number);
+    logged
+}
+
+fn is_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
+    roll_rad.abs() <= 7.0 && pitch_rad.abs() <= 1.6
+}
+
+/// Raw and corrected field of each row, and the autopilot's last correction.
+fn undone(
+    flight: &Flight,
+    number: u8,
+    was: FieldProcessing,
+    mut field: Series<6>,
+) -> (Option<FieldCorrection>, Series<6>) {
+    let parameters = &flight.parameters;
+    let at = |t_s: f64| match was {
+        FieldProcessing::ArduPilot => InvertibleCorrection::ardupilot(parameters, t_s, number),
+        FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
+            InvertibleCorrection::px4(parameters, t_s, index)
+        }
+        FieldProcessing::BodyRaw => InvertibleCorrection::ardupilot(&super::ParameterHistory::default(), t_s, 1),
+    };
+    let mounting = if let FieldProcessing::Px4SensorRaw(index) = was {
+        Some(px4_mounting(parameters, f64::INFINITY, index))
+    } else {
+        None
+    };
+    let prefix = if was == FieldProcessing::ArduPilot { "COMPASS_" } else { "CAL_MAG" };
+    let changes_s = parameters.change_times_s(prefix);
+    let mut changes = changes_s.iter().peekable();
+    let mut undo = at(f64::NEG_INFINITY);
+    for row in field.rows_mut() {
+        while changes.next_if(|&&at_s| at_s <= row.t_s).is_some() {
+            undo = at(row.t_s);
+        }
+        let [x, y, z, mx, my, mz] = row.values.map(f64::from);
+        let (logged, said) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
+        let current_a = flight.current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
+        let (raw, corrected) = if let Some(turned) = mounting {
+            let raw = turned * logged;
+            (raw, undo.correction.apply(raw, current_a))
+        } else {
+            let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { said };
+            (undo.raw_ut(logged, motor), logged)
+        };
+        row.values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
+    }
+    let last = at(f64::INFINITY);
+    ((was != FieldProcessing::BodyRaw && !parameters.is_empty()).then_some(last.correction), field)
+}
+
+/// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no
+/// parameter shows; priority 0 excludes it.
+fn is_used(flight: &Flight, number: u8) -> Option<bool> {
+    let value = |name: String| flight.parameters.last(&name);
+    match flight.autopilot {
+        Autopilot::ArduPilot => {
+            let index = if number == 1 { String::new() } else { number.to_string() };
+            value(format!("COMPASS_USE{index}")).map(|used| used != 0.0)
+        }
+        Autopilot::Px4 => {
+            let priority = value(format!("CAL_MAG{}_PRIO", number.saturating_sub(1)));
+            priority.filter(|priority| *priority == 0.0).map(|_| false)
+        }
+        Autopilot::Unknown => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A current sensor at rest may read slightly below zero.
+    #[test]
+    fn a_current_is_not_negative() {
+        let mut recorder = FlightBuilder::new(LogFormat::TLog);
+        for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
+            recorder.push_current(i as f64, amperes);
+        }
+        let flight = recorder.finish();
+        assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 9_999.0]);
+    }
+
+    /// Motor-current compensation uses the last current for two seconds.
+    #[test]
+    fn a_current_holds_for_two_seconds() {
+        let mut recorder = FlightBuilder::new(LogFormat::TLog);
+        recorder.flight.autopilot = Autopilot::ArduPilot;
+        for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
+            recorder.set_parameter(name, value);
+        }
+        recorder.push_current(0.0, 10.0);
+        for t_s in [1.0, 1.9, 2.1, 100.0] {
+            recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+        }
+        let flight = recorder.finish();
+        // 10 A at 5 mG/A.
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
+        assert_eq!(raw, [15.0, 15.0, 20.0, 20.0]);
+    }
+
+    /// A field of 200 mT, compass 9, pitch beyond 90 deg and rates of 100 rad/s are invalid.
+    #[test]
+    fn what_cannot_be_is_passed_over() {
+        let mut recorder = FlightBuilder::new(LogFormat::TLog);
+        for (number, ut) in [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)] {
+            recorder.push_field(number, FieldProcessing::BodyRaw, 1.0, [ut, 0.0, 0.0], None);
+        }
+        for (i, angle) in [1.5, 1.7, f32::NAN].into_iter().enumerate() {
+            recorder.push_attitude(i as f64, [0.0, angle, 0.0]);
+            recorder.push_rates(i as f64, [0.0, 0.0, angle * 60.0]);
+        }
+        let flight = recorder.finish();
+        assert_eq!(flight.compasses.iter().map(|compass| compass.number).collect::<Vec<_>>(), [1, 8]);
+        assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.unhealthy), (1, 5));
+        assert_eq!((flight.attitude.rows().len(), flight.rates.rows().len()), (1, 1));
+    }
+
+    #[test]
+    fn the_motors_share_is_what_the_row_says() {
+        let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
+        recorder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
+        let flight = recorder.finish();
+        assert_eq!(
+            flight.compasses[0].field.rows()[0].values.map(f32::to_bits)[..3],
+            [17.0_f32, 0.0, 41.0].map(f32::to_bits)
+        );
+    }
+
+    #[test]
+    fn a_field_that_nobody_corrected_has_no_correction() {
+        for (was, is_corrected) in [(FieldProcessing::BodyRaw, false), (FieldProcessing::ArduPilot, true)] {
+            let mut recorder = FlightBuilder::new(LogFormat::TLog);
+            recorder.set_parameter("COMPASS_OFS_X", 100.0);
+            recorder.push_field(1, was, 1.0, [20.0, 0.0, 40.0], None);
+            let flight = recorder.finish();
+            let raw_ut = flight.compasses[0].field.rows()[0].values[0];
+            assert_eq!(
+                (flight.compasses[0].correction.is_some(), raw_ut < 20.0),
+                (is_corrected, is_corrected),
+                "{was:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_parameter_that_changes_is_undone_from_then_on() {
+        let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
+        recorder.set_parameter("COMPASS_OFS_X", 100.0);
+        for (us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))] {
+            let t_s = recorder.timeline.flight_time_s(us).unwrap();
+            if let Some(offset) = offset {
+                recorder.set_parameter("COMPASS_OFS_X", offset);
+            }
+            recorder.push_field(1, FieldProcessing::ArduPilot, t_s, [20.0, 0.0, 40.0], None);
+        }
+        let flight = recorder.finish();
+        let raw: Vec<f32> = flight.compasses[0].field.rows().iter().map(|row| row.values[0]).collect();
+        assert_eq!(raw, [10.0, 15.0, 15.0, 20.0]);
+    }
+}

@@ -1,0 +1,121 @@
+//! Buffered reader with bounded look-ahead.
+
+use std::io::{self, Read};
+
+/// Largest look-ahead, bytes: more than any message of any format.
+pub const MAX_PEEK: usize = 1 << 17;
+
+pub struct ReadWindow<'a> {
+    source: &'a mut dyn Read,
+    buffer: Vec<u8>,
+    start: usize,
+    end: usize,
+    is_at_end: bool,
+}
+
+impl<'a> ReadWindow<'a> {
+    pub fn new(source: &'a mut dyn Read) -> Self {
+        Self { source, buffer: vec![0; 2 * MAX_PEEK], start: 0, end: 0, is_at_end: false }
+    }
+
+    /// Returns the next `number` bytes without consuming them, fewer at the end of the source.
+    ///
+    /// # Errors
+    ///
+    /// The source cannot be read.
+    pub fn peek(&mut self, number: usize) -> io::Result<&[u8]> {
+        let number = number.min(MAX_PEEK);
+        while self.end - self.start < number && !self.is_at_end {
+            if self.buffer.len() - self.start < MAX_PEEK {
+                self.buffer.copy_within(self.start..self.end, 0);
+                (self.start, self.end) = (0, self.end - self.start);
+            }
+            match self.source.read(&mut self.buffer[self.end..]) {
+                Ok(0) => self.is_at_end = true,
+                Ok(read) => self.end += read,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        let end = self.end.min(self.start + number);
+        Ok(&self.buffer[self.start..end])
+    }
+
+    /// Consumes the next line and returns it without its end; none at the end of the source. Splits lines longer than
+    /// [`MAX_PEEK`].
+    ///
+    /// # Errors
+    ///
+    /// The source cannot be read.
+    pub fn next_line(&mut self) -> io::Result<Option<String>> {
+        const USUAL: usize = 4096;
+        for number in [USUAL, MAX_PEEK] {
+            let bytes = self.peek(number)?;
+            let end = bytes.iter().position(|&byte| byte == b'\n');
+            if end.is_none() && bytes.len() == USUAL && number == USUAL {
+                continue;
+            }
+            if bytes.is_empty() {
+                break;
+            }
+            let bytes = &bytes[..end.unwrap_or(bytes.len())];
+            let (line, taken) = (String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned(), bytes.len() + 1);
+            self.consume(taken);
+            return Ok(Some(line));
+        }
+        Ok(None)
+    }
+
+    /// Consumes bytes returned by [`Self::peek`].
+    pub fn consume(&mut self, number: usize) {
+        self.start = self.end.min(self.start + number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A source that returns 1 to 7 bytes at a time.
+    struct ShortReads<'a>(&'a [u8], usize);
+
+    impl Read for ShortReads<'_> {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            self.1 = self.1 % 7 + 1;
+            let number = self.1.min(into.len()).min(self.0.len());
+            into[..number].copy_from_slice(&self.0[..number]);
+            self.0 = &self.0[number..];
+            Ok(number)
+        }
+    }
+
+    #[test]
+    fn lines_end_with_what_ends_them_and_a_long_one_is_cut() {
+        let long = "x".repeat(MAX_PEEK + 10);
+        let text = format!("a\r\n\n{}\n{long}\nlast", "b".repeat(5000));
+        let bytes = text.into_bytes();
+        let mut source = ShortReads(&bytes, 0);
+        let mut window = ReadWindow::new(&mut source);
+        let lengths: Vec<usize> = std::iter::from_fn(|| window.next_line().unwrap()).map(|line| line.len()).collect();
+        assert_eq!(lengths, [1, 0, 5000, MAX_PEEK, 9, 4]);
+    }
+
+    #[test]
+    fn every_byte_comes_once_and_in_order() {
+        let bytes: Vec<u8> = (0..1_000_000_u32).map(|i| (i % 251) as u8).collect();
+        let mut source = ShortReads(&bytes, 0);
+        let mut window = ReadWindow::new(&mut source);
+        let (mut taken, mut step) = (Vec::new(), 1);
+        loop {
+            step = (step * 31 + 7) % 5_000 + 1;
+            let part = window.peek(step).unwrap().to_vec();
+            if part.is_empty() {
+                break;
+            }
+            assert!(part.len() == step || taken.len() + part.len() == bytes.len());
+            window.consume(part.len());
+            taken.extend(part);
+        }
+        assert!(taken == bytes);
+    }
+}

@@ -1,0 +1,31 @@
+use super::*;
+use crate::replay::frozen_field;
+
+#[test]
+fn the_longest_time_that_a_field_stood_still_is_told() {
+    for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
+        let (flight, mut compass) = flown();
+        for (from_s, to_s) in spans {
+            for (i, row) in compass.rows.iter_mut().enumerate() {
+                if (from_s * 10..=to_s * 10).contains(&i) {
+                    row.field = Field::from_ut(20.0, 0.0, 40.0);
+                    row.attitude = Attitude::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+                }
+            }
+        }
+        let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
+        let note = frozen_field::sensor_failure_note(&flight, &compass).unwrap();
+        assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
+    }
+}
+
+/// Gaps up to 10 s occur with slow cards.
+#[test]
+fn a_field_that_ends_long_before_the_log_is_told() {
+    for (early_s, is_told) in [(9.0, false), (11.0, true)] {
+        let (flight, mut compass) = flown();
+        let end_s = flight.attitude.rows().last().unwrap().t_s;
+        compass.rows.retain(|row| row.t_s <= end_s - early_s);
+        assert_eq!(frozen_field::sensor_failure_note(&flight, &compass).is_some(), is_told, "{early_s}");
+    }
+}

@@ -1,0 +1,169 @@
+use nalgebra::{Rotation3, Vector3};
+
+use super::*;
+use crate::log::{FieldCorrection, NumberedRotation};
+use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, export_correction, format_parameter_file};
+
+fn shifted(replayed: &ReplayResult, by_ut: f32) -> ReplayResult {
+    let mut shifted = replayed.clone();
+    shifted.solution.as_mut().unwrap().calibration.b_ut[0] += by_ut;
+    shifted
+}
+
+/// The module's result has precedence over that of all rows.
+#[test]
+fn what_was_accepted_is_handed_over() {
+    let (flight, compass) = flown();
+    let own_ut = f64::from(compass.module.solution.unwrap().calibration.b_ut[0]);
+    for (by_itself, of_all, off_ut) in [
+        (Ok(()), Ok(()), Some(0.0)),
+        (REFUSED, Ok(()), Some(40.0)),
+        (Ok(()), REFUSED, Some(0.0)),
+        (REFUSED, REFUSED, None),
+    ] {
+        let mut judged = compass.clone();
+        judged.all_rows = ReplayResult { accepted: of_all, ..shifted(&compass.module, 40.0) };
+        judged.module.accepted = by_itself;
+        let handed = export_correction(&flight, &judged, None, ParameterFormat::ArduPilot);
+        let found_ut = handed.map(|handed| handed.correction.hard_iron_ut.x - own_ut);
+        assert_eq!(found_ut.is_some(), off_ut.is_some(), "{found_ut:?}");
+        // The symmetric approximation shifts the hard iron slightly.
+        assert!(found_ut.zip(off_ut).is_none_or(|(found, off)| (found - off).abs() < 10.0), "{found_ut:?} {off_ut:?}");
+    }
+}
+
+/// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
+#[test]
+fn offsets_beyond_ardupilots_limit_are_told() {
+    for (dialect, most, offset_mg, is_told) in [
+        (ParameterFormat::ArduPilot, None, 1780.0, false),
+        (ParameterFormat::ArduPilot, None, 1820.0, true),
+        (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
+        (ParameterFormat::ArduPilot, Some(1000.0), 1100.0, true),
+        (ParameterFormat::Px4, None, 1820.0, false),
+        (ParameterFormat::Inav, None, 1820.0, false),
+    ] {
+        let (mut flight, mut compass) = flown();
+        if let Some(most) = most {
+            flight.parameters.set(0.0, "COMPASS_OFFS_MAX", most);
+        }
+        let plain = export_correction(&flight, &compass, None, dialect).unwrap();
+        let by_ut = (offset_mg / 10.0 - plain.correction.hard_iron_ut.x) as f32;
+        compass.rows.iter_mut().for_each(|row| row.field.ut.x += by_ut);
+        compass.module = shifted(&compass.module, by_ut);
+        let handed = export_correction(&flight, &compass, None, dialect).unwrap();
+        assert!((handed.correction.hard_iron_ut.amax() * 10.0 - offset_mg).abs() < 5.0, "{:?}", handed.correction);
+        let told = handed.warnings.iter().any(|warning| warning.contains("COMPASS_OFFS_MAX"));
+        assert_eq!(told, is_told, "{dialect:?} {most:?} {offset_mg}: {:?}", handed.warnings);
+    }
+}
+
+/// A misalignment cannot be expressed by a symmetric matrix; warned from 0.3 deg on.
+#[test]
+fn what_cannot_be_expressed_is_told_where_it_costs() {
+    let (flight, mut compass) = flown();
+    let square = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap().correction;
+    let (mut little, mut much) = (0, 0);
+    for quarters in 0..60_u8 {
+        let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
+        let turn = Rotation3::from_euler_angles(f64::from(quarters).to_radians() / 4.0, 0.0, 0.0);
+        let w = turn.matrix() * square.matrix;
+        calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
+        calibration.b_ut = square.hard_iron_ut.map(|axis| axis as f32).into();
+        let handed = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
+        let is_told = handed.warnings.iter().any(|warning| warning.contains("cannot be expressed costs"));
+        assert_eq!(is_told, handed.heading_loss_deg[0] > 0.3, "{quarters}: {:?}", handed.heading_loss_deg);
+        little += usize::from((0.2..0.3).contains(&handed.heading_loss_deg[0]));
+        much += usize::from((0.3..0.4).contains(&handed.heading_loss_deg[0]));
+    }
+    assert!(little > 0 && much > 0, "both sides of the limit are looked at: {little} {much}");
+}
+
+#[test]
+fn inavs_zeros_hold_what_the_mean_current_adds() {
+    let (flight, mut compass) = flown();
+    let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
+    let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
+    (calibration.motor_current.ut_per_a, calibration.motor_current.mean_current_a) = (by_current_ut.into(), 20.0);
+    for row in &mut compass.rows {
+        row.current_a = Some(20.0);
+        row.field.ut += by_current_ut * 20.0;
+    }
+    let of = |dialect| export_correction(&flight, &compass, None, dialect).unwrap();
+    let (inav, ardupilot) = (of(ParameterFormat::Inav), of(ParameterFormat::ArduPilot));
+    let added_ut = inav.correction.hard_iron_ut - ardupilot.correction.hard_iron_ut;
+    assert!((added_ut.xy() - Vector3::new(10.0, -6.0, 0.0).xy()).norm() < 1.0, "{added_ut}");
+    assert_eq!(inav.correction.motor_ut_per_a, Vector3::zeros());
+    let tells = |handed: &ExportedCorrection| {
+        handed.warnings.iter().any(|warning| warning.contains("motor-current interference"))
+    };
+    assert!(tells(&inav) && !tells(&ardupilot), "{:?} {:?}", inav.warnings, ardupilot.warnings);
+}
+
+fn turned(number: u8, by: f64) -> ExportedCorrection {
+    let turned = NumberedRotation::new(by).unwrap();
+    ExportedCorrection {
+        number,
+        correction: FieldCorrection::identity(),
+        rotation: turned,
+        heading_loss_deg: [0.0; 2],
+        score: None,
+        warnings: Vec::new(),
+    }
+}
+
+fn lines(parameters: &[(&str, f64)], handed: &[ExportedCorrection], dialect: ParameterFormat, of: &str) -> Vec<String> {
+    let mut flight = Flight::new(log::LogFormat::DataFlash);
+    for &(name, value) in parameters {
+        flight.parameters.set(0.0, name, value);
+    }
+    format_parameter_file(&flight, handed, dialect)
+        .lines()
+        .filter(|line| line.contains(of))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Yaw 90 (2) onto yaw 90 is yaw 180 (4). ArduPilot has no number for some rotations, and an internal compass follows
+/// the board.
+#[test]
+fn an_orientation_is_that_of_the_log_turned_on() {
+    for (parameters, number, by, line) in [
+        (&[("COMPASS_ORIENT", 6.0)][..], 1, 0.0, "COMPASS_ORIENT,6"),
+        (&[("COMPASS_ORIENT", 2.0)], 1, 2.0, "COMPASS_ORIENT,4"),
+        (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 1.0)], 2, 2.0, "COMPASS_ORIENT2,4"),
+        (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 0.0)], 2, 2.0, "# COMPASS_ORIENT2: COMPASS_EXTERN2 is 0"),
+        (&[("COMPASS_ORIENT", 2.0), ("COMPASS_EXTERNAL", 0.0)], 1, 0.0, "COMPASS_ORIENT,2"),
+        (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, "# COMPASS_ORIENT: no number"),
+        (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, "# COMPASS_ORIENT: no number"),
+    ] {
+        let found = lines(parameters, &[turned(number, by)], ParameterFormat::ArduPilot, "ORIENT");
+        assert!(found.len() == 1 && found[0].starts_with(line), "{parameters:?} by {by}: {found:?}");
+    }
+    assert_eq!(lines(&[], &[turned(1, 2.0)], ParameterFormat::ArduPilot, "ORIENT"), [""; 0]);
+}
+
+/// PX4 has custom angles (100) and the board's rotation (-1).
+#[test]
+fn px4s_orientation_is_that_of_the_log_turned_on() {
+    for (parameters, by, expected) in [
+        (&[("CAL_MAG0_ROT", 2.0)][..], 2.0, Some("1\t1\tCAL_MAG0_ROT\t4\t6")),
+        (&[("CAL_MAG0_ROT", 2.0)], 0.0, Some("1\t1\tCAL_MAG0_ROT\t2\t6")),
+        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 0.0, None),
+        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 2.0, Some("# CAL_MAG0_ROT: it sits otherwise")),
+        (&[("CAL_MAG0_ROT", -1.0)], 0.0, None),
+        (&[("CAL_MAG0_ROT", -1.0)], 2.0, Some("# CAL_MAG0_ROT: it sits otherwise")),
+    ] {
+        let found = lines(parameters, &[turned(1, by)], ParameterFormat::Px4, "_ROT");
+        let is_right = expected.map_or(found.is_empty(), |line| found.len() == 1 && found[0].starts_with(line));
+        assert!(is_right, "{parameters:?} by {by}: {found:?}");
+    }
+}
+
+#[test]
+fn inav_is_given_one_compass() {
+    let mut second = turned(2, 0.0);
+    second.correction.hard_iron_ut.x = 30.0;
+    let found = lines(&[], &[turned(1, 0.0), second], ParameterFormat::Inav, "magzero_x");
+    assert_eq!(found, ["set magzero_x = 0"]);
+}

@@ -1,0 +1,233 @@
+//! Errors by heading: before and after on one scale, and after enlarged with the expected error.
+
+use super::super::frame::{Axis, PlotFrame, closed_heading_curve};
+use super::super::model::{CompassReport, DeviationCurve, magnitude_quantile, max_magnitude, subsample};
+use super::super::svg::{Point, Shape, Svg};
+use super::super::text::format_number;
+use super::{LegendSample, Picture, draw_legend};
+
+const SIZE: Point = [440.0, 350.0];
+
+/// Largest number of points drawn.
+const POINTS: usize = 700;
+
+/// Fraction of points within the frame.
+const MOST: f64 = 0.98;
+
+/// Classes of the lines before the calibration: line, points.
+const BEFORE: [(&str, Shape, &str); 3] =
+    [("l l0", Shape::Circle, "p0"), ("l l1", Shape::Triangle, "p1"), ("l l2", Shape::Square, "p2")];
+
+pub fn common_scale_picture(swung: &CompassReport, word: &str) -> Picture {
+    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
+    let [before, after] = [&swung.before, &swung.after].map(|lines| max_error_deg(lines));
+    let title = headline(swung).to_owned();
+    let words = match (swung.before.is_empty(), swung.after.is_empty()) {
+        (false, false) => {
+            format!(
+                "The largest {word} by heading is {} deg before, {} after.",
+                format_number(before, 1),
+                format_number(after, 1)
+            )
+        }
+        (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
+        _ => "There is nothing to compare with.".to_owned(),
+    };
+    Picture { svg, title, description: words, is_wide: false }
+}
+
+/// Draws the errors after calibration; none without data.
+pub fn enlarged_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
+    if swung.after.is_empty() {
+        return None;
+    }
+    let mut svg = Svg::new(SIZE[0], SIZE[1]);
+    let outside = draw_enlarged(&mut svg, [0.0, 0.0], swung, word);
+    let mut words =
+        vec![format!("The largest {word} by heading is {} deg.", format_number(max_error_deg(&swung.after), 2))];
+    if !swung.sigma_deg.is_empty() {
+        let sigma = max_magnitude(swung.sigma_deg.iter().copied());
+        words.push(format!(
+            "The band is {}, {} deg at the worst heading.",
+            swung.sigma_description,
+            format_number(sigma, 2)
+        ));
+    }
+    if outside > 0 {
+        words.push(format!("{outside} of the points drawn would lie outside."));
+    }
+    Some(Picture { svg, title: "After, enlarged".to_owned(), description: words.join(" "), is_wide: false })
+}
+
+/// Draws both frames side by side, for documents with one picture.
+pub fn combined_picture(swung: &CompassReport, word: &str) -> Picture {
+    let mut svg = Svg::new(2.0 * SIZE[0], SIZE[1]);
+    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
+    let (first, second) = (common_scale_picture(swung, word), enlarged_picture(swung, word));
+    if second.is_some() {
+        draw_enlarged(&mut svg, [SIZE[0], 0.0], swung, word);
+    }
+    let words = second
+        .map_or_else(|| first.description.clone(), |second| format!("{} {}", first.description, second.description));
+    Picture {
+        svg,
+        title: "Heading error before and after the calibration".to_owned(),
+        description: words,
+        is_wide: true,
+    }
+}
+
+fn headline(swung: &CompassReport) -> &'static str {
+    if swung.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+}
+
+fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
+    max_magnitude(lines.iter().flat_map(|line| line.errors_deg.iter().copied().flatten()))
+}
+
+fn frame(top: f64, [left, up]: Point, y: Axis) -> PlotFrame {
+    let at = [left + 58.0, top];
+    PlotFrame { x: Axis::headings_deg(90), y, origin: at, size: [SIZE[0] - 58.0 - 16.0, up + SIZE[1] - 44.0 - top] }
+}
+
+fn title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
+    svg.text("title", [left + 16.0, up + 20.0], words);
+    [left + 16.0, up + 30.0]
+}
+
+fn draw_one_scale(svg: &mut Svg, at: Point, swung: &CompassReport, word: &str) {
+    let below = title(svg, at, headline(swung));
+    let names: Vec<String> = swung.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
+    let mut items: Vec<(LegendSample, &str)> = BEFORE
+        .iter()
+        .zip(&names)
+        .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
+        .collect();
+    let after = match &swung.after[..] {
+        [only] => format!("after{}", name_suffix(&only.name)),
+        _ => "after, the same banks".to_owned(),
+    };
+    if !swung.after.is_empty() {
+        items.push((LegendSample::Line("l l3"), &after));
+    }
+    let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
+    let y = Axis::symmetric_deg(max_error_deg(&swung.before).max(max_error_deg(&swung.after)));
+    let frame = frame(top, at, y);
+    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
+    for (line, (class, shape, points)) in swung.before.iter().zip(BEFORE) {
+        draw(svg, &frame, line, class, Some((shape, points)));
+    }
+    for line in &swung.after {
+        draw(svg, &frame, line, "l l3", None);
+    }
+}
+
+/// Returns the number of points outside the frame.
+fn draw_enlarged(svg: &mut Svg, at: Point, swung: &CompassReport, word: &str) -> usize {
+    let below = title(svg, at, "After, enlarged");
+    let points: Vec<Point> = swung
+        .samples
+        .iter()
+        .filter(|moment| moment.is_usable)
+        .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
+        .collect();
+    let names: Vec<String> = swung.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
+    // A single line looks as in the common frame.
+    let classes = if swung.after.len() > 1 { BEFORE } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let mut items: Vec<(LegendSample, &str)> = classes
+        .iter()
+        .zip(&names)
+        .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
+        .collect();
+    if !swung.sigma_deg.is_empty() {
+        items.push((LegendSample::Area("band"), "expected, 1 sigma"));
+    }
+    if !points.is_empty() {
+        items.push((LegendSample::Points(Shape::Dot, "dot"), "single headings"));
+    }
+    let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
+    let most = max_error_deg(&swung.after)
+        .max(max_magnitude(swung.sigma_deg.iter().copied()))
+        .max(magnitude_quantile(points.iter().map(|[_, error]| *error), MOST));
+    let frame = frame(top, at, Axis::symmetric_deg(most));
+    band(svg, &frame, &swung.sigma_deg);
+    frame.draw(svg, "heading, deg", &format!("{word}, deg"));
+    let drawn: Vec<Option<Point>> = subsample(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
+    svg.points("dot", Shape::Dot, 1.4, drawn.iter().copied().flatten());
+    for (line, (class, shape, points)) in swung.after.iter().zip(classes) {
+        draw(svg, &frame, line, class, Some((shape, points)));
+    }
+    drawn.iter().filter(|point| point.is_none()).count()
+}
+
+fn draw(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, points: Option<(Shape, &str)>) {
+    let places: Vec<Option<Point>> = closed_heading_curve(&line.errors_deg)
+        .into_iter()
+        .map(|point| point.and_then(|[x, y]| frame.point(x, y)))
+        .collect();
+    svg.path(class, places.iter().copied());
+    if let Some((shape, class)) = points {
+        svg.points(class, shape, 3.0, places.into_iter().flatten());
+    }
+}
+
+fn band(svg: &mut Svg, frame: &PlotFrame, sigma_deg: &[f64]) {
+    let width_deg = 360.0 / sigma_deg.len().max(1) as f64;
+    for (i, sigma) in sigma_deg.iter().enumerate().chain(sigma_deg.first().map(|first| (sigma_deg.len(), first))) {
+        let middle = i as f64 * width_deg;
+        let [from, to] = [middle - width_deg / 2.0, middle + width_deg / 2.0].map(|deg| deg.clamp(0.0, 360.0));
+        let [left, right] = [from, to].map(|deg| frame.x_position(deg));
+        let [top, bottom] = [*sigma, -sigma].map(|deg| frame.y_position(deg));
+        svg.rect("band", [left, top], [right - left, bottom - top]);
+    }
+}
+
+fn name_suffix(name: &str) -> String {
+    if name.is_empty() { String::new() } else { format!(": {name}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(errors_deg: &[f64]) -> DeviationCurve {
+        DeviationCurve { name: "level".to_owned(), errors_deg: errors_deg.iter().map(|error| Some(*error)).collect() }
+    }
+
+    #[test]
+    fn before_and_after_share_the_scale_and_after_has_its_own() {
+        let swung = CompassReport {
+            before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
+            after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
+            sigma_deg: vec![0.5; 4],
+            sigma_description: "what is expected",
+            ..CompassReport::default()
+        };
+        let one = common_scale_picture(&swung, "error");
+        let drawn = one.svg.to_inline("p", &one.title, &one.description);
+        assert!(drawn.contains(">20</text>") && drawn.contains("20.0 deg before, 0.4 after"), "{drawn}");
+        let two = enlarged_picture(&swung, "error").unwrap();
+        let drawn = two.svg.to_inline("p", &two.title, &two.description);
+        assert!(!drawn.contains(">20</text>") && drawn.contains(">0.4</text>"), "{drawn}");
+        assert_eq!(
+            drawn.matches(r#"class="band""#).count(),
+            6,
+            "four sectors, of which north has two halves, and the key"
+        );
+    }
+
+    #[test]
+    fn points_beyond_the_frame_are_counted() {
+        let moment = |heading_deg: f64, error_deg: f64| super::super::super::model::ReportSample {
+            heading_deg: Some(heading_deg),
+            error_deg: Some(error_deg),
+            is_usable: true,
+            ..Default::default()
+        };
+        let mut moments: Vec<_> = (0..200).map(|i| moment(f64::from(i), 0.1)).collect();
+        moments.push(moment(10.0, 50.0));
+        let swung = CompassReport { after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
+        assert!(enlarged_picture(&swung, "error").unwrap().description.contains("1 of the points drawn"));
+    }
+}

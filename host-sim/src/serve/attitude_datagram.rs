@@ -1,0 +1,82 @@
+//! Attitude datagrams of an external simulator.
+
+use std::fmt;
+
+use crate::world::rotation::Euler;
+
+/// Reason why a datagram was rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DatagramError {
+    /// Not text with three numbers.
+    Malformed,
+    /// An angle is out of range.
+    OutOfRange,
+}
+
+impl DatagramError {
+    /// Stable error code for scripts.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Malformed => "bad-datagram",
+            Self::OutOfRange => "datagram-out-of-range",
+        }
+    }
+}
+
+impl fmt::Display for DatagramError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Malformed => "expected text of three numbers: roll_deg pitch_deg yaw_deg",
+            Self::OutOfRange => "roll is -180 to 180, pitch -90 to 90, yaw -360 to 360 deg",
+        })
+    }
+}
+
+impl std::error::Error for DatagramError {}
+
+/// Parses a datagram `roll_deg pitch_deg yaw_deg`: right wing down and nose up positive, yaw from magnetic north.
+///
+/// # Errors
+///
+/// [`DatagramError`] for any other content.
+pub fn parse_attitude(datagram: &[u8]) -> Result<Euler, DatagramError> {
+    let text = str::from_utf8(datagram).map_err(|_| DatagramError::Malformed)?;
+    let mut numbers = text.split_ascii_whitespace().map(str::parse::<f64>);
+    let (Some(Ok(roll_deg)), Some(Ok(pitch_deg)), Some(Ok(yaw_deg)), None) =
+        (numbers.next(), numbers.next(), numbers.next(), numbers.next())
+    else {
+        return Err(DatagramError::Malformed);
+    };
+    // NaN is outside every range.
+    let is_angle = |deg: f64, most: f64| (-most..=most).contains(&deg);
+    if is_angle(roll_deg, 180.0) && is_angle(pitch_deg, 90.0) && is_angle(yaw_deg, 360.0) {
+        Ok(Euler::from_deg(roll_deg, pitch_deg, yaw_deg))
+    } else {
+        Err(DatagramError::OutOfRange)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_numbers_are_an_attitude() {
+        for text in ["10 -5 270", "  1e1\t-5.0  270\n", "10 -5 270\r\n"] {
+            assert_eq!(parse_attitude(text.as_bytes()), Ok(Euler::from_deg(10.0, -5.0, 270.0)), "{text:?}");
+        }
+        assert!(parse_attitude(b"-180 -90 -360").is_ok() && parse_attitude(b"180 90 360").is_ok());
+    }
+
+    #[test]
+    fn anything_else_is_told_as_what_it_is() {
+        let malformed: [&[u8]; 7] = [b"", b"1 2", b"1 2 3 4", b"1,2,3", b"1 2 north", b"\xff\xfe\x00", &[b'9'; 2000]];
+        for datagram in malformed {
+            assert_eq!(parse_attitude(datagram), Err(DatagramError::Malformed), "{datagram:?}");
+        }
+        for text in ["181 0 0", "0 90.1 0", "0 0 361", "nan 0 0", "0 inf 0", "0 0 -inf", "1e999 0 0"] {
+            assert_eq!(parse_attitude(text.as_bytes()), Err(DatagramError::OutOfRange), "{text}");
+        }
+    }
+}

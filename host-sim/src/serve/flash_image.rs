@@ -1,0 +1,134 @@
+//! Flash contents in a file, which preserves them between runs.
+
+use std::fmt;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use crate::rig::STORE_BYTES;
+
+/// Contents of the module's flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FlashImage(pub(super) Vec<u8>);
+
+/// Error of reading or writing a flash file.
+#[derive(Debug)]
+pub enum FlashImageError {
+    /// The file cannot be read.
+    Unreadable(PathBuf, io::Error),
+    /// The file has a wrong size, given in bytes.
+    Size(PathBuf, u64),
+    /// The file cannot be written.
+    Unwritable(PathBuf, io::Error),
+}
+
+impl FlashImageError {
+    /// Stable error code for scripts.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Unreadable(..) => "flash-unreadable",
+            Self::Size(..) => "flash-size",
+            Self::Unwritable(..) => "flash-unwritable",
+        }
+    }
+}
+
+impl fmt::Display for FlashImageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreadable(path, error) => write!(f, "{}: {error}", path.display()),
+            Self::Size(path, bytes) => write!(
+                f,
+                "{}: a flash of this module has {STORE_BYTES} bytes, this file has {bytes}; name another, or none that is \
+                 there yet",
+                path.display()
+            ),
+            Self::Unwritable(path, error) => write!(f, "{} cannot be written: {error}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for FlashImageError {}
+
+impl FlashImage {
+    /// Flash contents.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.0
+    }
+
+    /// Reads a file; `None` if it does not exist.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read or has a wrong size.
+    pub fn read(path: &Path) -> Result<Option<Self>, FlashImageError> {
+        let unreadable = |error| FlashImageError::Unreadable(path.to_owned(), error);
+        // Checks the size first, so that an endless file is not read.
+        let bytes = match fs::metadata(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(unreadable(error)),
+            Ok(there) if there.len() != STORE_BYTES as u64 => {
+                return Err(FlashImageError::Size(path.to_owned(), there.len()));
+            }
+            Ok(_) => fs::read(path).map_err(unreadable)?,
+        };
+        if bytes.len() == STORE_BYTES {
+            Ok(Some(Self(bytes)))
+        } else {
+            Err(FlashImageError::Size(path.to_owned(), bytes.len() as u64))
+        }
+    }
+
+    /// Writes the file atomically through a temporary file in the same directory.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), FlashImageError> {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
+            file.write_all(&self.0)?;
+            file.as_file().sync_all()?;
+            file.persist(path)?;
+            Ok(())
+        });
+        written.map_err(|error| FlashImageError::Unwritable(path.to_owned(), error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_written_is_read_and_nothing_else_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flash.bin");
+        assert_eq!(FlashImage::read(&path).unwrap(), None);
+        for fill in [0x5A, 0xA5] {
+            let image = FlashImage(vec![fill; STORE_BYTES]);
+            image.write(&path).unwrap();
+            assert_eq!(FlashImage::read(&path).unwrap(), Some(image));
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_file_that_is_no_flash_is_told_with_its_size() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flash.bin");
+        for size in [0, 1, STORE_BYTES - 1, STORE_BYTES + 1] {
+            fs::write(&path, vec![0xFF; size]).unwrap();
+            let error = FlashImage::read(&path).unwrap_err();
+            assert_eq!(error.code(), "flash-size");
+            assert!(error.to_string().contains(&format!("16384 bytes, this file has {size};")), "{error}");
+            assert_eq!(fs::read(&path).unwrap().len(), size, "it is left as it was");
+        }
+        assert!(matches!(FlashImage::read(Path::new("/dev/zero")).unwrap_err(), FlashImageError::Size(_, 0)));
+        let nowhere = folder.path().join("none").join("flash.bin");
+        let error = FlashImage(vec![0; STORE_BYTES]).write(&nowhere).unwrap_err();
+        assert_eq!(error.code(), "flash-unwritable");
+    }
+}

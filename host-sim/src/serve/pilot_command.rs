@@ -1,0 +1,243 @@
+//! Text commands to the simulated pilot, one per line; numbers in degrees and seconds.
+
+use std::fmt;
+use std::str::{FromStr, SplitWhitespace};
+
+use super::PilotPattern;
+
+/// Pilot command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PilotCommand {
+    /// Turn at a bank through an angle, to the right if both have the same sign.
+    Turn {
+        /// Bank, degrees.
+        bank_deg: f64,
+        /// Heading change, degrees.
+        change_deg: f64,
+    },
+    /// Straight ahead at the present heading, or hover.
+    Level {
+        /// Duration, seconds.
+        seconds: f64,
+    },
+    /// Turn to a magnetic heading and hold it.
+    Heading {
+        /// Heading, degrees.
+        deg: f64,
+        /// Duration including the turn, seconds.
+        seconds: f64,
+    },
+    /// Fly a pattern.
+    Pattern(PilotPattern),
+    /// Level out, land, disarm.
+    Land,
+    /// Arm and take off.
+    TakeOff,
+    /// Report the true state.
+    Status,
+    /// List the commands.
+    Help,
+}
+
+/// All commands with a description.
+pub const COMMANDS: [(&str, &str); 8] = [
+    ("turn BANK DEG", "turn at a bank (1 to 60) through an angle (to 3600); DEG -360 is a full circle to the left"),
+    ("level S", "go straight on, or stay on the spot, for this many seconds (to 3600)"),
+    ("heading DEG S", "turn to a magnetic heading and hold it, for this many seconds in all"),
+    ("pattern NAME", "fly routine, circles, wandering or level from now on"),
+    ("land", "level out and stand on the ground, disarmed: `reboot` and `set mount` need that"),
+    ("takeoff", "arm and fly on"),
+    ("status", "the true attitude and heading; the module does not know them"),
+    ("help", "this list"),
+];
+
+/// Reason why a command was rejected.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PilotCommandError {
+    /// Unknown command.
+    Unknown(String),
+    /// Missing argument.
+    Missing(&'static str),
+    /// Superfluous argument.
+    Unexpected(String),
+    /// Invalid argument.
+    BadValue(&'static str),
+    /// Number outside the allowed range.
+    OutOfRange(&'static str),
+    /// An external simulator controls the aircraft.
+    Visited,
+    /// The vehicle is on the ground.
+    Landed,
+}
+
+impl PilotCommandError {
+    /// Stable error code for scripts.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Unknown(_) => "unknown-order",
+            Self::Missing(_) => "missing-argument",
+            Self::Unexpected(_) => "unexpected-argument",
+            Self::BadValue(_) => "bad-value",
+            Self::OutOfRange(_) => "out-of-range",
+            Self::Visited => "flown-by-another",
+            Self::Landed => "landed",
+        }
+    }
+}
+
+impl fmt::Display for PilotCommandError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown(word) => {
+                let orders = COMMANDS.map(|(order, _)| order).join(", ");
+                write!(f, "{} is no order; there are {orders}", printable(word))
+            }
+            Self::Missing(what) => write!(f, "{what} is missing"),
+            Self::Unexpected(word) => write!(f, "{} is too much", printable(word)),
+            Self::BadValue(expected) => write!(f, "expected {expected}"),
+            Self::OutOfRange(range) => f.write_str(range),
+            Self::Visited => f.write_str("another simulator gives the attitude; only status and help are available"),
+            Self::Landed => f.write_str("it stands on the ground; takeoff"),
+        }
+    }
+}
+
+impl std::error::Error for PilotCommandError {}
+
+/// Input text without control characters, shortened to 40 characters.
+fn printable(word: &str) -> String {
+    word.chars().take(40).flat_map(char::escape_default).collect()
+}
+
+pub(super) fn help() -> String {
+    COMMANDS.iter().fold("ok orders:".to_owned(), |text, (order, does)| format!("{text}\n  {order:15}{does}"))
+}
+
+impl FromStr for PilotCommand {
+    type Err = PilotCommandError;
+
+    fn from_str(line: &str) -> Result<Self, PilotCommandError> {
+        let mut words = line.split_whitespace();
+        let word = words.next().unwrap_or_default();
+        let order = match word.to_ascii_lowercase().as_str() {
+            "turn" => Self::Turn { bank_deg: bank(&mut words)?, change_deg: change(&mut words)? },
+            "level" => Self::Level { seconds: seconds(&mut words)? },
+            "heading" => {
+                let deg = number(&mut words, "DEG", 0.0..=360.0, "a heading is 0 to 360 deg")?;
+                Self::Heading { deg, seconds: seconds(&mut words)? }
+            }
+            "pattern" => Self::Pattern(pattern(&mut words)?),
+            "land" => Self::Land,
+            "takeoff" => Self::TakeOff,
+            "status" => Self::Status,
+            "help" => Self::Help,
+            _ => return Err(PilotCommandError::Unknown(word.to_owned())),
+        };
+        words.next().map_or(Ok(order), |word| Err(PilotCommandError::Unexpected(word.to_owned())))
+    }
+}
+
+fn bank(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    let deg = number(words, "BANK", -60.0..=60.0, BANK_RANGE)?;
+    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE)) }
+}
+
+const BANK_RANGE: &str = "a bank is 1 to 60 deg, either way";
+
+fn change(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    let deg = number(words, "DEG", -3600.0..=3600.0, CHANGE_RANGE)?;
+    if deg.abs() >= 1.0 { Ok(deg) } else { Err(PilotCommandError::OutOfRange(CHANGE_RANGE)) }
+}
+
+const CHANGE_RANGE: &str = "a turn goes through 1 to 3600 deg, either way";
+
+fn seconds(words: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
+    number(words, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
+}
+
+fn pattern(words: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
+    let name = words.next().ok_or(PilotCommandError::Missing("NAME"))?;
+    PilotPattern::from_name(&name.to_ascii_lowercase())
+        .ok_or(PilotCommandError::BadValue("routine, circles, wandering or level"))
+}
+
+fn number(
+    words: &mut SplitWhitespace<'_>,
+    name: &'static str,
+    range: std::ops::RangeInclusive<f64>,
+    range_in_words: &'static str,
+) -> Result<f64, PilotCommandError> {
+    let word = words.next().ok_or(PilotCommandError::Missing(name))?;
+    let value: f64 = word.parse().map_err(|_| PilotCommandError::BadValue("a number"))?;
+    // NaN is outside every range.
+    if range.contains(&value) { Ok(value) } else { Err(PilotCommandError::OutOfRange(range_in_words)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_are_words_and_numbers() {
+        for (line, order) in [
+            ("turn 25 -360", PilotCommand::Turn { bank_deg: 25.0, change_deg: -360.0 }),
+            ("  TURN  -10.5  90 ", PilotCommand::Turn { bank_deg: -10.5, change_deg: 90.0 }),
+            ("level 10", PilotCommand::Level { seconds: 10.0 }),
+            ("heading 270 9.5", PilotCommand::Heading { deg: 270.0, seconds: 9.5 }),
+            ("pattern Circles", PilotCommand::Pattern(PilotPattern::Circles)),
+            ("land", PilotCommand::Land),
+            ("takeoff", PilotCommand::TakeOff),
+            ("status", PilotCommand::Status),
+            ("help", PilotCommand::Help),
+        ] {
+            assert_eq!(line.parse(), Ok(order), "{line}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_order_is_told_with_a_code() {
+        for (line, code) in [
+            ("", "unknown-order"),
+            ("loop 3", "unknown-order"),
+            ("turn", "missing-argument"),
+            ("turn 25", "missing-argument"),
+            ("turn 25 left", "bad-value"),
+            ("turn 61 90", "out-of-range"),
+            ("turn 0 90", "out-of-range"),
+            ("turn 25 0", "out-of-range"),
+            ("turn 25 nan", "out-of-range"),
+            ("turn 25 90 5", "unexpected-argument"),
+            ("level", "missing-argument"),
+            ("level -1", "out-of-range"),
+            ("level inf", "out-of-range"),
+            ("heading 361 5", "out-of-range"),
+            ("heading 90", "missing-argument"),
+            ("heading 90 0", "out-of-range"),
+            ("pattern", "missing-argument"),
+            ("pattern eights", "bad-value"),
+            ("land now", "unexpected-argument"),
+        ] {
+            let error = line.parse::<PilotCommand>().unwrap_err();
+            assert_eq!(error.code(), code, "{line}: {error}");
+        }
+    }
+
+    /// Escape sequences in the error would affect the reader's terminal.
+    #[test]
+    fn an_unknown_order_is_told_with_the_list_and_without_control_characters() {
+        let error = format!("\u{1b}]0;x\u{7}{}", "y".repeat(10_000)).parse::<PilotCommand>().unwrap_err().to_string();
+        assert!(error.chars().all(|c| !c.is_control()) && error.len() < 300, "{error}");
+        assert!(COMMANDS.iter().all(|(order, _)| error.contains(order)), "{error}");
+    }
+
+    #[test]
+    fn every_order_of_the_list_is_one() {
+        for (order, _) in COMMANDS {
+            let line = order.replace("BANK", "20").replace("DEG", "90").replace("NAME", "level");
+            let line = line.replace(" S", " 5");
+            assert!(line.parse::<PilotCommand>().is_ok(), "{line}");
+            assert!(help().contains(order));
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Gusts, and random roll and pitch of a flying aircraft.
+
+use super::STEP_S;
+use crate::random::{Purpose, Random};
+use crate::world::gauss_markov::SecondOrder;
+use crate::world::weather::Weather;
+
+/// Gust correlation time, seconds: turbulence length near the ground (50 m) over an airspeed of 20 m/s.
+const GUST_TIME_S: f64 = 2.5;
+
+#[derive(Clone, Debug)]
+pub(super) struct Turbulence {
+    bank: SecondOrder,
+    pitch: SecondOrder,
+    gust_across_m_s: SecondOrder,
+    gust_vertical_m_s: SecondOrder,
+    gust_along_m_s: SecondOrder,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Disturbances {
+    /// Random roll.
+    pub bank_rad: f64,
+    /// Random pitch.
+    pub pitch_rad: f64,
+    /// Gust from the right of the flight path.
+    pub across_m_s: f64,
+    /// Gust along the flight path.
+    pub along_m_s: f64,
+    /// Upward gust.
+    pub vertical_m_s: f64,
+}
+
+impl Turbulence {
+    pub fn new(weather: Weather, seed: u64) -> Self {
+        let process = |sigma, time_s, purpose| SecondOrder::new(sigma, time_s, STEP_S, Random::new(seed, purpose));
+        let wander = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
+        let gust = |purpose| process(weather.gust_m_s, GUST_TIME_S, purpose);
+        Self {
+            bank: wander(weather.bank_wander_deg, Purpose::Bank),
+            pitch: wander(weather.pitch_wander_deg, Purpose::Pitch),
+            gust_across_m_s: gust(Purpose::GustAcross),
+            gust_vertical_m_s: gust(Purpose::GustVertical),
+            gust_along_m_s: gust(Purpose::GustAlong),
+        }
+    }
+
+    pub fn step(&mut self) -> Disturbances {
+        Disturbances {
+            bank_rad: self.bank.step(),
+            pitch_rad: self.pitch.step(),
+            across_m_s: self.gust_across_m_s.step(),
+            along_m_s: self.gust_along_m_s.step(),
+            vertical_m_s: self.gust_vertical_m_s.step(),
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Acceptance test: whether a candidate calibration may replace the active one. A pure function, shared by firmware,
+//! replay and accuracy studies.
+//!
+//! The first rejection that applies, in this order:
+//!
+//! | code | reason |
+//! |---|---|
+//! | `too-few-held-back` | too few held-back samples for verification |
+//! | `iron-changed` | hard iron changed during the collection, and dominates the expected error |
+//! | `attitude-contradicted` | bank-angle scale error of the attitude source, expected heading error too large |
+//! | `not-accurate` | expected heading error too large |
+//! | `not-better` | no better than the active calibration on held-back samples |
+//! | `thinner` | less information than behind the active calibration, which the samples do not contradict |
+
+use core::fmt;
+
+use crate::calibration::verification::{self, HeldBackScores};
+use crate::calibration::{
+    BankScaleFinding, Calibration, DetectedHardIronChange, Finding, Orientation, Quality, Samples, Solution,
+};
+use crate::decimal::Decimal;
+
+/// Acceptance thresholds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AcceptancePolicy {
+    /// Largest expected heading error, degrees RMS: about that of an uncalibrated compass in a clean airframe.
+    pub max_expected_rms_deg: f32,
+    /// Largest ratio of the error from a hard-iron change to all other errors.
+    pub max_iron_error_ratio: f32,
+    /// Significance from which a bank-angle scale error is certain, sigma.
+    pub certain_sigmas: f32,
+    /// Fewest held-back samples of each part used: most of the sectors.
+    pub min_held_back: u16,
+    /// Factor on the active calibration's expected error above which a candidate is thinner.
+    pub thinner_ratio: f32,
+    /// Ratio of scores from which a thinner candidate is accepted: the airframe's iron has then changed, and the active
+    /// calibration is wrong.
+    pub contradiction_ratio: f32,
+}
+
+impl AcceptancePolicy {
+    /// Thresholds for all vehicles.
+    pub const DEFAULT: Self = Self {
+        max_expected_rms_deg: 3.0,
+        max_iron_error_ratio: 2.5,
+        certain_sigmas: 3.5,
+        min_held_back: 8,
+        thinner_ratio: 1.5,
+        contradiction_ratio: 3.0,
+    };
+}
+
+/// Samples on which the decision is based.
+#[derive(Clone, Copy, Debug)]
+pub struct AcceptanceSamples<'a> {
+    /// Samples of the fit.
+    pub fit: Samples<'a>,
+    /// Held-back samples of the same parts.
+    pub held_back: Samples<'a>,
+    /// Whether the samples' attitudes are known.
+    pub is_attitude_known: bool,
+}
+
+/// Calibration that a candidate would replace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Incumbent {
+    /// Active calibration, or the mounting rotation alone ([`Calibration::uncalibrated`]).
+    pub calibration: Calibration,
+    /// Quality of the active calibration, if there is one.
+    pub quality: Option<Quality>,
+}
+
+impl Incumbent {
+    /// No active calibration: the mounting rotation alone.
+    #[must_use]
+    pub fn uncalibrated(mount: Orientation) -> Self {
+        Self { calibration: Calibration::uncalibrated(mount), quality: None }
+    }
+
+    /// Active calibration with its quality.
+    #[must_use]
+    pub const fn active(calibration: Calibration, quality: Quality) -> Self {
+        Self { calibration, quality: Some(quality) }
+    }
+}
+
+/// Reason to reject a candidate calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rejection {
+    /// Too few held-back samples of a part.
+    TooFewHeldBack {
+        /// Held-back samples of the part with the fewest.
+        have: u16,
+        /// Required number.
+        need: u16,
+    },
+    /// Hard iron changed during the collection.
+    IronChanged(DetectedHardIronChange),
+    /// The attitude source has a bank-angle scale error.
+    AttitudeContradicted {
+        /// Ratio of reported to actual bank.
+        bank_ratio: f32,
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+    },
+    /// The expected heading error is too large.
+    NotAccurate {
+        /// Expected heading error, degrees RMS.
+        expected_rms_deg: f32,
+    },
+    /// No better than the active calibration on held-back samples.
+    NotBetter {
+        /// Score of the candidate; smaller is better.
+        candidate: f32,
+        /// Score of the active calibration.
+        incumbent: f32,
+    },
+    /// Less information than the active calibration, without contradicting it.
+    Thinner {
+        /// Expected heading error of the candidate, degrees RMS.
+        expected_rms_deg: f32,
+        /// Expected heading error of the active calibration, degrees RMS.
+        incumbent_rms_deg: f32,
+    },
+}
+
+/// Tests a candidate; returns the scores on held-back samples if it is accepted.
+///
+/// # Errors
+///
+/// The first [`Rejection`] that applies, in the order of declaration.
+pub fn evaluate_candidate(
+    policy: &AcceptancePolicy,
+    candidate: &Solution,
+    grounds: AcceptanceSamples<'_>,
+    incumbent: &Incumbent,
+) -> Result<HeldBackScores, Rejection> {
+    check_held_back(policy, &grounds)?;
+    check_iron_change(policy, candidate)?;
+    check_accuracy(policy, candidate)?;
+    let scores = check_scores(candidate, &grounds, incumbent)?;
+    if let Some(quality) = &incumbent.quality {
+        check_information(policy, &candidate.quality, quality, scores)?;
+    }
+    Ok(scores)
+}
+
+fn check_held_back(policy: &AcceptancePolicy, grounds: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
+    let (have, need) = (fewest_held_back(grounds), policy.min_held_back);
+    if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
+}
+
+/// Smallest number of held-back samples among the parts used. Marks have none; samples between them are held back.
+fn fewest_held_back(grounds: &AcceptanceSamples<'_>) -> u16 {
+    let AcceptanceSamples { fit: fitted, held_back, .. } = grounds;
+    [
+        (fitted.left.len(), held_back.left.len()),
+        (fitted.right.len(), held_back.right.len()),
+        (fitted.level.len(), held_back.level.len()),
+        (fitted.unassigned_count(), held_back.unassigned_count()),
+    ]
+    .iter()
+    .filter(|(fitted, _)| *fitted > 0)
+    .map(|&(_, held_back)| u16::try_from(held_back).unwrap_or(u16::MAX))
+    .min()
+    .unwrap_or(0)
+}
+
+/// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with
+/// too large an expected error.
+fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(), Rejection> {
+    let Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: without_deg }) =
+        candidate.hard_iron_change
+    else {
+        return Ok(());
+    };
+    let outweighs = error_deg > policy.max_iron_error_ratio * without_deg;
+    if outweighs || check_accuracy(policy, candidate).is_err() {
+        return Err(Rejection::IronChanged(change));
+    }
+    Ok(())
+}
+
+/// Tests the expected error, which includes a detected bank-angle scale error. If only that makes it too large, a
+/// certain scale error is the rejection reason, and a suspected one is ignored: good sources show it by chance.
+fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(), Rejection> {
+    let expected_rms_deg = candidate.quality.expected_rms_deg;
+    match (check_expected_error(policy, expected_rms_deg), &candidate.bank_scale_error) {
+        (
+            Err(_),
+            Some(Finding {
+                violation: BankScaleFinding { read_ratio: read, significance_sigmas: sigmas },
+                expected_without_deg: without_deg,
+                ..
+            }),
+        ) => {
+            check_expected_error(policy, *without_deg)?;
+            if *sigmas > policy.certain_sigmas {
+                return Err(Rejection::AttitudeContradicted { bank_ratio: *read, expected_rms_deg });
+            }
+            Ok(())
+        }
+        (judgement, _) => judgement,
+    }
+}
+
+fn check_expected_error(policy: &AcceptancePolicy, expected_rms_deg: f32) -> Result<(), Rejection> {
+    // The comparison rejects NaN.
+    if expected_rms_deg <= policy.max_expected_rms_deg {
+        Ok(())
+    } else {
+        Err(Rejection::NotAccurate { expected_rms_deg })
+    }
+}
+
+fn check_scores(
+    candidate: &Solution,
+    grounds: &AcceptanceSamples<'_>,
+    incumbent: &Incumbent,
+) -> Result<HeldBackScores, Rejection> {
+    let scores = verification::score_held_back(
+        grounds.held_back,
+        grounds.is_attitude_known,
+        &candidate.calibration,
+        &incumbent.calibration,
+    );
+    if scores.candidate < scores.active {
+        Ok(scores)
+    } else {
+        Err(Rejection::NotBetter { candidate: scores.candidate, incumbent: scores.active })
+    }
+}
+
+/// Protects the active calibration from thin data, whose held-back samples are as thin as those of the fit.
+fn check_information(
+    policy: &AcceptancePolicy,
+    new: &Quality,
+    old: &Quality,
+    scores: HeldBackScores,
+) -> Result<(), Rejection> {
+    let thinner = new.expected_rms_deg > policy.thinner_ratio * old.expected_rms_deg
+        || (old.determines_all_coefficients() && !new.determines_all_coefficients());
+    let contradicted = scores.active > policy.contradiction_ratio * scores.candidate;
+    if thinner && !contradicted {
+        let (expected_rms_deg, incumbent_rms_deg) = (new.expected_rms_deg, old.expected_rms_deg);
+        return Err(Rejection::Thinner { expected_rms_deg, incumbent_rms_deg });
+    }
+    Ok(())
+}
+
+/// Stable code, kebab-case.
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::TooFewHeldBack { have, need } => {
+                write!(f, "{have} of {need} samples to verify with on the side with fewer")
+            }
+            Self::IronChanged(change) => change.fmt(f),
+            Self::AttitudeContradicted { bank_ratio: read, expected_rms_deg } => {
+                let (percent, expected) = (Decimal::<0>(100.0 * read), Decimal::<1>(expected_rms_deg));
+                write!(f, "the attitude source seems to read {percent} % of the bank, which costs {expected} deg")
+            }
+            Self::NotAccurate { expected_rms_deg } => {
+                write!(f, "expected error {} deg", Decimal::<1>(expected_rms_deg))
+            }
+            Self::NotBetter { candidate, incumbent } => {
+                let (candidate, incumbent) = (Decimal::<2>(candidate), Decimal::<2>(incumbent));
+                write!(f, "score {candidate} against {incumbent} of the active calibration")
+            }
+            Self::Thinner { expected_rms_deg, incumbent_rms_deg } => {
+                let (new, old) = (Decimal::<1>(expected_rms_deg), Decimal::<1>(incumbent_rms_deg));
+                write!(f, "expected error {new} deg against {old} deg of the active calibration")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Rejection {}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,255 @@
+//! Unit tests of `acceptance`.
+
+use super::*;
+use crate::calibration::{Envelope, HardIronTimeCourse, HeadingUncertainty, Method, Rates, Sample};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+const POLICY: AcceptancePolicy = AcceptancePolicy::DEFAULT;
+
+fn quality(expected_rms_deg: f32) -> Quality {
+    Quality {
+        method: Method::MaximumLikelihood,
+        envelope: Envelope::Banked,
+        expected_rms_deg,
+        expected_worst_deg: 2.0 * expected_rms_deg,
+        norm_residual: 0.004,
+        inclination_residual_deg: 0.4,
+        samples: 300,
+        latency: None,
+    }
+}
+
+/// Calibration with this error of hard iron along x.
+fn calibration_with_error(b_ut: f32) -> Calibration {
+    Calibration {
+        b_ut: [b_ut, 0.0, 0.0],
+        inclination_rad: 1.0,
+        total_ut: 50.0,
+        ..Calibration::uncalibrated(Orientation::NONE)
+    }
+}
+
+fn candidate(b_ut: f32, quality: Quality) -> Solution {
+    Solution {
+        calibration: calibration_with_error(b_ut),
+        quality,
+        uncertainty: HeadingUncertainty::NONE,
+        advice: None,
+        hard_iron_change: None,
+        bank_scale_error: None,
+    }
+}
+
+fn active_calibration(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
+    Incumbent { calibration: calibration_with_error(b_ut), quality: Some(quality(expected_rms_deg)) }
+}
+
+const NOT_CALIBRATED: Incumbent = Incumbent {
+    calibration: Calibration {
+        w: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        b_ut: [9.0, 0.0, 0.0],
+        inclination_rad: 0.0,
+        total_ut: 0.0,
+        latency_s: 0.0,
+        motor_current: crate::calibration::MotorCurrentInterference::NONE,
+    },
+    quality: None,
+};
+
+/// Circle without iron. A hard-iron error b changes the field strength by up to b cos(inclination) / F, so scores
+/// are proportional to b.
+fn circle(roll_deg: f32, samples: u16) -> Vec<Sample> {
+    (0..samples)
+        .map(|i| {
+            let attitude = Attitude::from_deg(roll_deg, 0.0);
+            let heading_rad = f32::from(i) / f32::from(samples) * core::f32::consts::TAU;
+            let field = Field::new(attitude.body(Field::earth(50.0, 1.0, heading_rad)).ut);
+            Sample { field, attitude, time: WrappingMillis::new(u32::from(i) * 400), rates: Rates::NONE }
+        })
+        .collect()
+}
+
+/// Tests a candidate with these numbers of held-back samples of left turns, right turns and level flight.
+fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) -> Result<HeldBackScores, Rejection> {
+    let fitted = [-25.0, 25.0, 0.0].map(|roll_deg| circle(roll_deg, 24));
+    let [l, r, v] = [(-25.0, held_back[0]), (25.0, held_back[1]), (0.0, held_back[2])]
+        .map(|(roll_deg, samples)| circle(roll_deg, samples));
+    let level_used = held_back[2] > 0;
+    let grounds = AcceptanceSamples {
+        fit: Samples {
+            left: &fitted[0],
+            right: &fitted[1],
+            level: if level_used { &fitted[2] } else { &[] },
+            ..Samples::default()
+        },
+        held_back: Samples { left: &l, right: &r, level: &v, ..Samples::default() },
+        is_attitude_known: true,
+    };
+    evaluate_candidate(&POLICY, candidate, grounds, incumbent)
+}
+
+const ENOUGH_HELD_BACK: [u16; 3] = [24, 24, 0];
+
+#[test]
+fn a_good_candidate_replaces_no_calibration_and_a_worse_one() {
+    for incumbent in [NOT_CALIBRATED, active_calibration(2.0, 0.5)] {
+        let scores = evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
+        assert!(scores.candidate < scores.active, "{scores:?}");
+    }
+}
+
+/// Eight of each part used.
+#[test]
+fn every_part_needs_its_samples_held_back() {
+    let good = candidate(0.1, quality(0.5));
+    let rejected = |have| Err(Rejection::TooFewHeldBack { have, need: 8 });
+    for (held_back, expected) in [
+        ([8, 8, 0], None),
+        ([7, 30, 0], Some(7)),
+        ([30, 7, 0], Some(7)),
+        ([30, 30, 7], Some(7)),
+        ([30, 30, 8], None),
+        ([0, 30, 0], Some(0)),
+    ] {
+        let found = evaluate(held_back, &good, &NOT_CALIBRATED);
+        match expected {
+            Some(have) => assert_eq!(found, rejected(have), "{held_back:?}"),
+            None => assert!(found.is_ok(), "{held_back:?}: {found:?}"),
+        }
+    }
+}
+
+#[test]
+fn nothing_held_back_is_too_few() {
+    let grounds = AcceptanceSamples { fit: Samples::default(), held_back: Samples::default(), is_attitude_known: true };
+    let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED);
+    assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
+}
+
+/// Limit of 3 deg RMS.
+#[test]
+fn a_large_expected_error_is_rejected() {
+    let of = |expected_rms_deg| evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(expected_rms_deg)), &NOT_CALIBRATED);
+    assert!(of(3.0).is_ok());
+    assert_eq!(of(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
+    assert!(matches!(of(f32::NAN), Err(Rejection::NotAccurate { .. })));
+    assert!(matches!(of(f32::INFINITY), Err(Rejection::NotAccurate { .. })));
+}
+
+/// Candidate with a detected hard-iron change and 0.5 deg of other errors.
+fn with_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
+    let change =
+        DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
+    let iron = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
+    Solution { hard_iron_change: iron, ..candidate(0.1, quality(expected_rms_deg)) }
+}
+
+/// Accepted up to 2.5 times all other errors, if the total is below the limit.
+#[test]
+fn a_dominant_iron_change_is_rejected() {
+    let of = |error_deg, expected_rms_deg| {
+        evaluate(ENOUGH_HELD_BACK, &with_iron_change(error_deg, expected_rms_deg), &NOT_CALIBRATED)
+    };
+    assert!(of(1.24, 1.34).is_ok());
+    let Err(refused @ Rejection::IronChanged(change)) = of(1.26, 1.35) else { panic!() };
+    assert_eq!(change.duration_s, 230);
+    assert!(of(0.1, 2.99).is_ok());
+    assert_eq!(of(0.1, 3.01), Err(refused));
+    assert_eq!(of(0.1, f32::NAN), Err(refused));
+    // Missing verification comes first.
+    let nothing = evaluate([7, 24, 0], &with_iron_change(9.0, 9.0), &NOT_CALIBRATED);
+    assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
+}
+
+/// Candidate with a bank scale finding, and its expected error without and with it.
+fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solution {
+    let bank = Some(Finding {
+        violation: BankScaleFinding { read_ratio: 0.91, significance_sigmas: sigmas },
+        added_error_deg: 1.0,
+        expected_without_deg: without_deg,
+    });
+    Solution { bank_scale_error: bank, ..candidate(0.1, quality(expected_rms_deg)) }
+}
+
+/// A suspected scale error is ignored, a certain one is the reason.
+#[test]
+fn a_bank_scale_error_is_the_reason_only_if_certain() {
+    let of = |candidate: &Solution| evaluate(ENOUGH_HELD_BACK, candidate, &NOT_CALIBRATED);
+    for sigmas in [2.0, 3.4, 3.6, 9.0] {
+        assert!(of(&with_bank_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
+        // Too large even without the scale error.
+        let useless = of(&with_bank_error(sigmas, 3.01, 3.5));
+        assert_eq!(useless, Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }), "{sigmas}");
+    }
+    assert!(of(&with_bank_error(3.4, 2.99, 3.01)).is_ok());
+    let refused = of(&with_bank_error(3.6, 2.99, 3.01)).unwrap_err();
+    assert_eq!(refused, Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 });
+    // A hard-iron change comes first, and ignores a suspected scale error.
+    let both = |sigmas| {
+        let iron = with_iron_change(0.1, 3.5).hard_iron_change;
+        of(&Solution { hard_iron_change: iron, ..with_bank_error(sigmas, 0.5, 3.5) })
+    };
+    assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
+}
+
+/// Any improvement suffices, equality does not.
+#[test]
+fn only_a_better_candidate_is_accepted() {
+    let of = |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
+    assert!(of(0.99).is_ok());
+    for worse in [1.0, 1.01, f32::NAN] {
+        let Err(Rejection::NotBetter { candidate, incumbent }) = of(worse) else { panic!("{worse}") };
+        assert!(candidate.is_nan() || candidate >= incumbent, "{candidate} {incumbent}");
+    }
+}
+
+/// Limit of 1.5 times the active calibration's expected error.
+#[test]
+fn a_thinner_flight_does_not_replace_a_fuller_one() {
+    let of = |expected_rms_deg| {
+        evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
+    };
+    assert!(of(1.5).is_ok());
+    assert_eq!(of(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
+    assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
+}
+
+/// A level envelope or an unobservable mounting makes a candidate thinner.
+#[test]
+fn a_partial_calibration_does_not_replace_a_full_one() {
+    let level = Quality { envelope: Envelope::Level, ..quality(0.2) };
+    let tumbled = Quality { method: Method::Ellipsoid, ..quality(0.2) };
+    for less in [level, tumbled] {
+        let found = evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &active_calibration(1.0, 1.0));
+        assert_eq!(found, Err(Rejection::Thinner { expected_rms_deg: 0.2, incumbent_rms_deg: 1.0 }));
+        let incumbent = Incumbent { quality: Some(less), ..active_calibration(1.0, 1.0) };
+        assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, less), &incumbent).is_ok(), "both are of the same");
+        assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(0.2)), &incumbent).is_ok(), "this one is of more");
+    }
+}
+
+/// Limit of three times the score.
+#[test]
+fn a_contradicting_thinner_candidate_is_accepted() {
+    let of = |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
+    assert!(matches!(of(1.05), Err(Rejection::Thinner { .. })), "{:?}", of(1.05));
+    assert!(of(0.95).is_ok(), "{:?}", of(0.95));
+}
+
+/// Without attitude the inclination residuals are ignored.
+#[test]
+fn unknown_attitude_is_ignored() {
+    let mut samples = circle(0.0, 24);
+    for (i, sample) in samples.iter_mut().enumerate() {
+        sample.attitude = Attitude::from_deg(40.0 * (i as f32).sin(), 30.0);
+    }
+    let score = |knows_attitude| {
+        let parts = Samples { left: &samples, ..Samples::default() };
+        let grounds = AcceptanceSamples { fit: parts, held_back: parts, is_attitude_known: knows_attitude };
+        evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED)
+            .map(|scores| scores.candidate)
+    };
+    assert!(score(false).unwrap() < 1.0, "{:?}", score(false));
+    assert!(score(true).is_err() || score(true).unwrap() > 10.0, "{:?}", score(true));
+}

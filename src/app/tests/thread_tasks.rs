@@ -1,0 +1,332 @@
+//! Tasks of the thread executor: the state machine with its flash, and the console.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::sync::atomic::Ordering;
+
+use testkit::flash::RamFlash;
+
+use super::TaskBench;
+use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
+use crate::app::links::{DetectedSensor, publish};
+use crate::app::{Platform, compass, console};
+use crate::calibration::Sample;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random};
+use crate::collection::RetainedSamples;
+use crate::compass::{Command, IndicatorState, ModuleState, Reply};
+use crate::earth::{Date, EarthField, Position};
+use crate::frames::Attitude;
+use crate::heading::Heading;
+use crate::health::{ResetCause, SampleLoss, StackUse};
+use crate::instrument::{Estimate, SampleAttitude};
+use crate::messages::{Message, Refusal, RefusalCause};
+use crate::settings::{PortNumber, SettingChange, Settings};
+use crate::store::{Store, StoreError};
+use crate::time::WrappingMillis;
+
+type Flash = RamFlash<2048>;
+const PAGES: usize = 8;
+
+fn store(flash: Flash) -> Store<Flash> {
+    Store::new(flash, 0..(2048 * PAGES) as u32)
+}
+
+fn with_compass(flash: Flash) -> TaskBench {
+    let mut bed = TaskBench::new();
+    bed.run("compass", |links| async move {
+        Box::pin(compass::run(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
+    });
+    bed.ms(1);
+    bed
+}
+
+pub(super) fn ask(bed: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
+    bed.links.requests.try_send(command).unwrap();
+    bed.ms(1);
+    bed.links.replies.try_receive().expect("an answer")
+}
+
+#[test]
+fn settings_are_written_published_and_counted() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
+    let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
+    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
+    assert_eq!(bed.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
+    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (1, 0));
+}
+
+/// Position and date may come from different ports; entered values have priority, and nothing is stored.
+#[test]
+fn place_and_day_put_settings_in_force() {
+    let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
+    let field = EarthField::from_model(place, day).unwrap();
+    let mut bed = with_compass(Flash::new(PAGES));
+    publish(&bed.links.date, day);
+    bed.ms(1);
+    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
+    publish(&bed.links.position, place);
+    bed.ms(1);
+    let inclination_deg = Some(field.inclination_deg);
+    let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
+    assert_eq!(bed.links.settings.try_get(), Some(by_model));
+    assert!(ask(&mut bed, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
+    assert_eq!(bed.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
+    assert_eq!(bed.links.counts().saves, 1);
+}
+
+#[test]
+fn a_failed_save_is_told_and_counted() {
+    let mut flash = Flash::new(PAGES);
+    flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
+    let mut bed = with_compass(flash);
+    assert_eq!(bed.links.counts().store_errors, 1, "of the load, once");
+    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreUnreadable(StoreError::Flash)));
+    let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
+    assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
+    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
+    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 2));
+}
+
+/// Readings lost before the collection do not count.
+#[test]
+fn readings_that_were_lost_since_the_start_explain_a_refusal() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    publish(
+        &bed.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
+    bed.ms(1);
+    let lose = |bed: &TaskBench, saturated| {
+        bed.links.counters.readings.fetch_add(1000, Ordering::Relaxed);
+        bed.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
+    };
+    lose(&bed, 500);
+    bed.links.pressed.signal(());
+    bed.ms(1);
+    lose(&bed, 200);
+    let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
+    let refused = ask(&mut bed, Command::CalSolve(None)).unwrap_err();
+    assert_eq!(refused, Refusal::InsufficientSamples { code: "no-samples", expected_rms_deg: None, cause });
+    assert!(matches!(ask(&mut bed, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
+}
+
+/// From sensor detection and samples of turns to a correction, without `cal solve`.
+#[test]
+fn samples_become_a_correction() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
+    publish(
+        &bed.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
+    bed.ms(1);
+    assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Ok(Reply::Done(ModuleState::Collecting))));
+    let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let recorded = Flight { samples: 190, ..Flight::TYPICAL }.fly(&airframe, &mut Random(1));
+    for (i, sample) in recorded.left.iter().chain(&recorded.right).enumerate() {
+        let time = WrappingMillis::new(i as u32 * 500);
+        bed.links.queue_or_count(&bed.links.samples, Sample { time, ..*sample });
+        bed.ms(1);
+    }
+    assert!(matches!(bed.links.notices.try_receive(), Ok(Message::Solved(Ok(_)))));
+    let correction = bed.links.correction.try_get().unwrap();
+    let (calibration, uncertainty) = correction.calibration.unwrap();
+    assert_eq!(correction.sample_attitude, SampleAttitude::Interpolated);
+    // Noise of a reading at 100 Hz: sqrt(10) times that of a sample, 0.12 uT of about 50 uT.
+    let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
+    assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
+    assert_eq!(bed.links.counts().saves, 2, "that there is a collection, and its calibration");
+    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Calibrated));
+    for number in PortNumber::ALL {
+        assert!(matches!(bed.links.port(number).messages.try_receive(), Ok(Message::Solved(Ok(_)))), "{number:?}");
+    }
+    // The console is answered between the steps of a solve.
+    assert!(matches!(ask(&mut bed, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
+    bed.ms(100);
+    // Commands during the solve use the armed state reported meanwhile.
+    let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
+    let answered = Rc::clone(&replies);
+    bed.run("person", |links| async move {
+        for command in [Command::CalSolve(None), Command::PrepareRestart, Command::CalUndo] {
+            publish(&links.armed, Some(command == Command::CalUndo));
+            links.requests.send(command).await;
+            let reply = links.replies.receive().await;
+            answered.borrow_mut().push(reply);
+        }
+    });
+    bed.ms(1);
+    let replies = replies.borrow();
+    let [Ok(Reply::Done(ModuleState::Solving)), Ok(Reply::Done(ModuleState::Solving)), Err(Refusal::Armed)] =
+        &replies[..]
+    else {
+        panic!("{replies:?}")
+    };
+}
+
+#[test]
+fn the_state_machine_hears_that_the_autopilot_is_armed() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+    publish(&bed.links.armed, Some(true));
+    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Err(Refusal::Armed)));
+    publish(&bed.links.armed, Some(false));
+    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+}
+
+#[derive(Clone, Default)]
+struct Board(Rc<Cell<u32>>);
+
+impl Platform for Board {
+    fn reboot(&mut self) {
+        self.0.set(self.0.get() + 1);
+    }
+
+    fn stack(&self) -> Option<StackUse> {
+        Some(StackUse { used_bytes: 1234, size_bytes: 24576 })
+    }
+}
+
+/// Console task with its greeting removed from the output.
+fn with_console() -> (TaskBench, Line, Port, Board) {
+    let mut bed = with_compass(Flash::new(PAGES));
+    let (line, port, board) = (Line::default(), Port::default(), Board::default());
+    let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
+    bed.run("console", |links| async move {
+        console::run(&links, rx, tx, platform, ResetCause::Watchdog).await;
+    });
+    bed.ms(1);
+    assert!(port.text().contains("started by watchdog"));
+    (bed, line, port, board)
+}
+
+fn type_line(bed: &mut TaskBench, line: &Line, port: &Port, text: &str) -> String {
+    line.put(text.as_bytes());
+    line.put(b"\r");
+    bed.ms(5);
+    port.text()
+}
+
+#[test]
+fn every_kind_of_request_is_answered() {
+    let (mut bed, line, port, _) = with_console();
+    for (text, answer) in [
+        ("version", "ok autoswing "),
+        ("status", "ok uncalibrated"),
+        ("cal show", "error no-calibration: "),
+        ("cal abort", "ok uncalibrated"),
+        ("cal undo", "error nothing-to-undo: "),
+        ("set accuracy 0.7", "ok accuracy 0.7 deg wanted\r\n"),
+        ("set mount yaw90", "ok mount yaw90"),
+        ("set align none", "ok align 0.0 deg"),
+        ("help set accuracy", "ok set accuracy DEG: "),
+        ("nonsense", "error unknown-command: "),
+    ] {
+        let reply = type_line(&mut bed, &line, &port, text);
+        assert!(reply.contains(&format!("\r\n{answer}")), "{text}: {reply}");
+        assert!(reply.ends_with("> "), "{text}: {reply}");
+    }
+}
+
+#[test]
+fn status_shows_the_module_s_health() {
+    let (mut bed, line, port, _) = with_console();
+    let status = type_line(&mut bed, &line, &port, "status");
+    for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
+        assert!(status.contains(expected), "{expected}: {status}");
+    }
+    publish(
+        &bed.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
+    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
+    let attitude = Some(Attitude::from_deg(12.0, -3.0));
+    bed.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
+    bed.ms(12_000);
+    let status = type_line(&mut bed, &line, &port, "status");
+    for expected in [
+        "sensor: LIS3MDL at 1e",
+        "attitude: roll 12.0 deg, pitch -3.0 deg",
+        "heading: 57.3 deg magnetic, sigma 1.1 deg",
+        "stack: 1234 of 24576 bytes used at most",
+        "up: 12 s, started by watchdog",
+    ] {
+        assert!(status.contains(expected), "{expected}: {status}");
+    }
+}
+
+/// The reply has 50 ms to leave the port.
+#[test]
+fn a_reboot_is_announced_first() {
+    let (mut bed, line, port, board) = with_console();
+    assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
+    bed.ms(40);
+    assert_eq!(board.0.get(), 0);
+    bed.ms(10);
+    assert_eq!(board.0.get(), 1);
+}
+
+/// The heading is needed in flight.
+#[test]
+fn an_armed_module_does_not_reboot() {
+    let (mut bed, line, port, board) = with_console();
+    publish(&bed.links.armed, Some(true));
+    let reply = type_line(&mut bed, &line, &port, "reboot");
+    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
+    bed.ms(1_000);
+    assert_eq!(board.0.get(), 0);
+    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: yes\r\n"));
+    publish(&bed.links.armed, Some(false));
+    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: no\r\n"));
+    assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
+    bed.ms(50);
+    assert_eq!(board.0.get(), 1);
+}
+
+#[test]
+fn a_note_comes_unasked() {
+    let (mut bed, line, port, _) = with_console();
+    line.put(b"versio");
+    bed.ms(1);
+    assert_eq!(port.text(), "versio");
+    bed.links.announce(&Message::StoreUnreadable(StoreError::Corrupt));
+    bed.ms(1);
+    let text = port.text();
+    assert!(text.contains("note refused store-corrupt: "), "{text:?}");
+    // The partly typed line is still shown.
+    assert!(text.ends_with("\r\n\r\x1b[2K> versio"), "{text:?}");
+    assert!(type_line(&mut bed, &line, &port, "n").contains("ok autoswing"));
+}
+
+#[test]
+fn of_too_many_messages_the_newest_stay() {
+    let bed = TaskBench::new();
+    for percent in 0..5 {
+        bed.links.announce(&Message::Collecting(percent));
+    }
+    let waiting: Vec<_> = std::iter::from_fn(|| bed.links.notices.try_receive().ok()).collect();
+    assert_eq!(waiting, [2, 3, 4].map(Message::Collecting));
+}
+
+/// Line errors, and a terminal that accepts no bytes.
+#[test]
+fn broken_wires_do_not_stop_the_console() {
+    let (mut bed, line, port, _) = with_console();
+    for mood in [DeviceBehaviour::Fails, DeviceBehaviour::Ends] {
+        line.mood.set(mood);
+        let before = line.reads.get();
+        bed.ms(10);
+        let reads = line.reads.get() - before;
+        assert!((40..=60).contains(&reads), "{mood:?} {reads}: a pause of 0.2 ms after each");
+    }
+    line.mood.set(DeviceBehaviour::Works);
+    port.mood.set(DeviceBehaviour::Hangs);
+    assert_eq!(type_line(&mut bed, &line, &port, "version"), "");
+    // Each character has a write timeout of half a second.
+    bed.ms(8_000);
+    port.mood.set(DeviceBehaviour::Works);
+    bed.ms(1_000);
+    let _ = port.text();
+    assert!(type_line(&mut bed, &line, &port, "version").contains("ok autoswing"));
+}

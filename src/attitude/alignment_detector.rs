@@ -1,0 +1,258 @@
+//! Detects an attitude source whose filter is still converging after its start (initial alignment).
+//!
+//! Such a source reports tilt changes of tens of degrees at rest, which neither its body rates nor the magnetic field
+//! show. A real rotation appears in the rates and, unless its axis is the field vector, in the field. Both must be
+//! still, so that neither rates in a wrong unit nor a wrong calibration cause a false detection.
+
+use nalgebra::Vector3;
+
+use super::AttitudeReport;
+use super::plausibility::MeanDirection;
+use crate::frames::{Field, Sensor};
+use crate::time::Timestamp;
+use crate::trig::Length as _;
+
+/// Time constant of the means of tilt, field and rates, seconds.
+const MEAN_TIME_CONSTANT_S: f32 = 1.0;
+
+/// Deviation of the tilt from its mean always allowed, radians (3 deg): noise and acceleration-induced tilt error.
+const MIN_TILT_DEVIATION_RAD: f32 = 0.052;
+
+/// Factor on the integrated rates, which are samples of single instants.
+const INTEGRATED_RATE_FACTOR: f32 = 2.0;
+
+/// The field is still if its angle from its mean is below this fraction of the tilt's.
+const MAX_FIELD_TO_TILT_RATIO: f32 = 0.3;
+
+/// Hold time after the last detection, seconds: a filter half a degree off may pause for two.
+const HOLD_S: f32 = 5.0;
+
+/// Gap between reports that restarts the means, seconds.
+const MAX_GAP_S: f32 = 0.5;
+
+/// Exponential means and hold time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AlignmentDetector {
+    /// Field direction in sensor axes; only angles are used.
+    field_direction: MeanDirection,
+    last_means: Option<RunningMeans>,
+    hold_remaining_s: f32,
+}
+
+/// Exponential means, time constant 1 s, updated by each report.
+#[derive(Clone, Copy, Debug)]
+struct RunningMeans {
+    updated_at: Timestamp,
+    /// Mean down direction, body axes.
+    mean_down: Vector3<f32>,
+    /// Mean field direction, sensor axes.
+    mean_field: Vector3<f32>,
+    /// Integrated magnitude of the body rates, radians, with exponential forgetting.
+    integrated_rate_rad: f32,
+    /// Magnitude of the last report's body rates, radians per second.
+    rate_rad_s: f32,
+}
+
+impl AlignmentDetector {
+    pub const fn new() -> Self {
+        Self { field_direction: MeanDirection::UNKNOWN, last_means: None, hold_remaining_s: 0.0 }
+    }
+
+    /// Updates the field direction with an uncalibrated reading.
+    pub fn update_field(&mut self, field: Field<Sensor>) {
+        self.field_direction.update(field.ut);
+    }
+
+    /// Processes a report; returns whether the source is still aligning. Always false without a field or without body
+    /// rates. Small angles are compared as chords of unit vectors.
+    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+        let Some((field, rate_rad_s)) = self.field_direction.mean().zip(report.body_rate_rad_s()) else {
+            (self.last_means, self.hold_remaining_s) = (None, 0.0);
+            return false;
+        };
+        let now = RunningMeans {
+            updated_at: at,
+            mean_down: report.attitude.tilt().down(),
+            mean_field: field,
+            integrated_rate_rad: 0.0,
+            rate_rad_s,
+        };
+        let Some(last) = self.last_means.replace(now) else { return false };
+        let step_s = at.us_since(last.updated_at) as f32 * 1e-6;
+        self.hold_remaining_s = (self.hold_remaining_s - step_s).max(0.0);
+        if step_s <= MAX_GAP_S {
+            let mean = last.updated(&now, step_s);
+            let tilted_rad = (now.mean_down - mean.mean_down).length();
+            if tilted_rad > MIN_TILT_DEVIATION_RAD + INTEGRATED_RATE_FACTOR * mean.integrated_rate_rad
+                && (field - mean.mean_field).length() < MAX_FIELD_TO_TILT_RATIO * tilted_rad
+            {
+                self.hold_remaining_s = HOLD_S;
+            }
+            // Discards NaN, which would persist in the means.
+            self.last_means = tilted_rad.is_finite().then_some(mean);
+        }
+        self.hold_remaining_s > 0.0
+    }
+}
+
+impl RunningMeans {
+    /// Means updated with the report `now`, `step_s` later.
+    fn updated(&self, now: &Self, step_s: f32) -> Self {
+        let part = step_s / MEAN_TIME_CONSTANT_S;
+        let rate_rad_s = now.rate_rad_s.max(self.rate_rad_s);
+        Self {
+            updated_at: now.updated_at,
+            mean_down: self.mean_down + (now.mean_down - self.mean_down) * part,
+            mean_field: self.mean_field + (now.mean_field - self.mean_field) * part,
+            integrated_rate_rad: (1.0 - part) * self.integrated_rate_rad + rate_rad_s * step_s,
+            rate_rad_s: now.rate_rad_s,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SenderId;
+    use super::*;
+    use crate::frames::Attitude;
+    use crate::time::WrappingMillis;
+
+    /// Simulated source and field, after ten seconds of rest.
+    #[derive(Clone, Copy)]
+    struct SimulatedSource {
+        /// Tilt by time, degrees; in pitch or in roll.
+        tilt_deg: fn(f32) -> f32,
+        is_pitch: bool,
+        /// Fractions of the tilt change that appear in the rates and in the field.
+        rate_fraction: f32,
+        field_fraction: f32,
+    }
+
+    /// Step at 0 s.
+    fn step<const HUNDREDTHS: u16>(t_s: f32) -> f32 {
+        if t_s >= 0.0 { f32::from(HUNDREDTHS) / 100.0 } else { 0.0 }
+    }
+
+    /// 20 deg/s for two seconds, and back.
+    fn ramp(t_s: f32) -> f32 {
+        20.0 * t_s.clamp(0.0, 2.0) - 20.0 * (t_s - 2.0).clamp(0.0, 2.0)
+    }
+
+    const STILL_RAMP: SimulatedSource =
+        SimulatedSource { tilt_deg: ramp, is_pitch: false, rate_fraction: 0.0, field_fraction: 0.0 };
+
+    /// Times of the first and last report classified as aligning, seconds.
+    fn aligning_period_s(said: SimulatedSource) -> Option<[f32; 2]> {
+        let SimulatedSource { tilt_deg, is_pitch, rate_fraction: by_rates, field_fraction: by_field } = said;
+        let mut aligning = AlignmentDetector::new();
+        let mut found: Option<[f32; 2]> = None;
+        for i in 0..1000_u16 {
+            let t_s = f32::from(i) * 0.02 - 10.0;
+            let rate_deg_s = (tilt_deg(t_s + 0.01) - tilt_deg(t_s - 0.01)) / 0.02;
+            // A real gyro at rest never reads exactly zero.
+            let rate = (by_rates * rate_deg_s).to_radians() + 1e-4;
+            let (attitude, rates_rad_s) = if is_pitch {
+                (Attitude::from_deg(20.0, tilt_deg(t_s)), [0.0, rate, 0.0])
+            } else {
+                (Attitude::from_deg(tilt_deg(t_s), -10.0), [rate, 0.0, 0.0])
+            };
+            let angle = (by_field * tilt_deg(t_s)).to_radians();
+            (0..40).for_each(|_| aligning.update_field(Field::from_ut(48.0 * angle.cos(), 48.0 * angle.sin(), 0.0)));
+            if aligning.update(Timestamp::from_us(u64::from(i) * 20_000), &report(attitude, rates_rad_s)) {
+                found = Some([found.map_or(t_s, |[from_s, _]| from_s), t_s]);
+            }
+        }
+        found
+    }
+
+    fn report(attitude: Attitude, rates_rad_s: [f32; 3]) -> AttitudeReport {
+        AttitudeReport { sender: SenderId::default(), sender_time: WrappingMillis::default(), attitude, rates_rad_s }
+    }
+
+    /// The first report of a step moves its mean by a fiftieth: 2.9 deg stay below the limit of 3 deg.
+    #[test]
+    fn an_unexplained_tilt_change_is_alignment() {
+        for is_pitch in [false, true] {
+            let said = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..STILL_RAMP });
+            assert_eq!(said(step::<290>), None);
+            let [from_s, to_s] = said(step::<320>).unwrap();
+            // Detected for a twentieth of a second, plus 5 s of hold time.
+            assert!(from_s.abs() < 0.01 && (to_s - 5.0).abs() < 0.1, "{from_s} {to_s}");
+        }
+        // Detected during the whole ramp, plus 5 s.
+        let [from_s, to_s] = aligning_period_s(STILL_RAMP).unwrap();
+        assert!((0.1..0.3).contains(&from_s) && (8.8..10.0).contains(&to_s), "{from_s} {to_s}");
+    }
+
+    /// A drift of 2 deg/s stays within 3 deg of its 1 s mean; 4 deg/s does not.
+    #[test]
+    fn slow_drift_is_not_alignment() {
+        assert_eq!(
+            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 2.0 * t_s.clamp(0.0, 10.0), ..STILL_RAMP }),
+            None
+        );
+        assert!(
+            aligning_period_s(SimulatedSource { tilt_deg: |t_s| 4.0 * t_s.clamp(0.0, 10.0), ..STILL_RAMP }).is_some()
+        );
+    }
+
+    /// At 20 deg/s the tilt is up to 20 deg off its mean. Rates count twice, so half of the motion must appear in them.
+    #[test]
+    fn motion_seen_by_the_rates_is_not_alignment() {
+        let by_rates = |by_rates| aligning_period_s(SimulatedSource { rate_fraction: by_rates, ..STILL_RAMP });
+        assert!(by_rates(0.3).is_some() && by_rates(-0.3).is_some());
+        assert_eq!((by_rates(0.5), by_rates(-1.0), by_rates(1.0)), (None, None, None));
+    }
+
+    /// Rates in degrees read as radians, so that the motion appears in the field alone.
+    #[test]
+    fn motion_seen_by_the_field_is_not_alignment() {
+        let by_field = |by_field| {
+            aligning_period_s(SimulatedSource { field_fraction: by_field, rate_fraction: 0.017, ..STILL_RAMP })
+        };
+        assert!(by_field(0.25).is_some() && by_field(-0.25).is_some());
+        assert_eq!((by_field(0.4), by_field(-0.4), by_field(1.0)), (None, None, None));
+    }
+
+    /// No body rates, no field, or a gap of more than half a second.
+    #[test]
+    fn missing_data_is_not_alignment() {
+        let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);
+        let says = |step_us: u64, rate_rad_s: f32, has_field: bool| {
+            let mut aligning = AlignmentDetector::new();
+            if has_field {
+                aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
+            }
+            let mut see = |us: u64, deg: f32| {
+                aligning.update(Timestamp::from_us(us), &report(tilted(deg), [rate_rad_s, 0.0, 0.0]))
+            };
+            see(0, 0.0) || see(step_us, 30.0)
+        };
+        assert!(says(20_000, 1e-4, true) && says(500_000, 1e-4, true));
+        assert!(!says(500_001, 1e-4, true) && !says(20_000, 0.0, true) && !says(20_000, 1e-4, false));
+    }
+
+    #[test]
+    fn the_hold_time_continues_over_a_gap() {
+        let mut aligning = AlignmentDetector::new();
+        aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
+        let mut see = |us: u64, deg: f32| {
+            aligning.update(Timestamp::from_us(us), &report(Attitude::from_deg(deg, 0.0), [1e-4, 0.0, 0.0]))
+        };
+        assert!(!see(0, 0.0) && see(20_000, 30.0));
+        assert!(see(2_000_000, 0.0) && see(5_000_000, 0.0) && !see(5_100_000, 0.0));
+    }
+
+    #[test]
+    fn nan_is_discarded() {
+        let mut aligning = AlignmentDetector::new();
+        aligning.update_field(Field::from_ut(f32::NAN, 0.0, 0.0));
+        let mut see = |i: u64, roll_deg: f32| {
+            aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
+            aligning
+                .update(Timestamp::from_us(i * 20_000), &report(Attitude::from_deg(roll_deg, 0.0), [1e-4, 0.0, 0.0]))
+        };
+        assert!((0..200).all(|i| !see(i, if i == 3 { f32::NAN } else { 0.0 })));
+        assert!(see(200, 30.0));
+    }
+}

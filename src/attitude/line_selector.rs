@@ -1,0 +1,79 @@
+//! Selection of one input line for attitude.
+//!
+//! One autopilot may send attitude on two lines (MAVLink with body rates, MSP without), or two autopilots on one each;
+//! a mixture would jump. The first line is used until it is silent; a line with body rates replaces one without.
+
+use crate::time::Timestamp;
+
+/// Silence after which another line may be selected, microseconds: several reports of the slowest source.
+const RELEASE_US: u64 = 1_000_000;
+
+/// Selected line.
+#[derive(Clone, Copy, Debug)]
+struct SelectedLine {
+    line: u8,
+    has_rates: bool,
+    at: Timestamp,
+}
+
+/// Selects the input line for attitude.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LineSelector(Option<SelectedLine>);
+
+impl LineSelector {
+    /// No line selected.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(None)
+    }
+
+    /// Returns whether a report received at `now` on `line` is accepted; `has_rates`: its protocol has body rates.
+    pub fn accept(&mut self, now: Timestamp, line: u8, has_rates: bool) -> bool {
+        let takes = self.0.is_none_or(|taken| {
+            taken.line == line || (has_rates && !taken.has_rates) || now.us_since(taken.at) > RELEASE_US
+        });
+        if takes {
+            self.0 = Some(SelectedLine { line, has_rates, at: now });
+        }
+        takes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn at(ms: u64) -> Timestamp {
+        Timestamp::from_us(ms * 1000)
+    }
+
+    #[test]
+    fn the_selected_line_is_kept_while_it_sends() {
+        let mut lines = LineSelector::new();
+        assert!(lines.accept(at(0), 1, true));
+        for ms in (10..5_000).step_by(10) {
+            assert!(!lines.accept(at(ms), 0, true), "{ms}");
+            assert!(!lines.accept(at(ms), 0, false), "{ms}");
+            assert!(lines.accept(at(ms), 1, true), "{ms}");
+        }
+    }
+
+    #[test]
+    fn a_line_with_rates_replaces_one_without() {
+        let mut lines = LineSelector::new();
+        assert!(lines.accept(at(0), 0, false));
+        assert!(!lines.accept(at(1), 1, false));
+        assert!(lines.accept(at(2), 1, true));
+        assert!(!lines.accept(at(3), 0, false));
+    }
+
+    /// A rejected line does not prolong its own selection.
+    #[test]
+    fn a_silent_line_is_released() {
+        let mut lines = LineSelector::new();
+        assert!(lines.accept(at(0), 1, true));
+        assert!(!lines.accept(at(1_000), 0, false));
+        assert!(lines.accept(Timestamp::from_us(1_000_001), 0, false));
+        assert!(lines.accept(at(1_002), 1, true), "with rates it is back at once");
+    }
+}

@@ -1,0 +1,197 @@
+//! Plausibility tests of attitude reports: spikes and frozen sources.
+
+use nalgebra::Vector3;
+
+use super::{AttitudeReport, TimedReport, extrapolate};
+use crate::frames::{Attitude, Body, Field, wrap_pi};
+use crate::time::Timestamp;
+use crate::trig;
+use crate::trig::Length as _;
+
+/// Largest deviation from the extrapolated previous report, radians.
+const SPIKE_MARGIN_RAD: f32 = 0.1;
+
+/// Additional deviation per second since that report, rad/s: body rates change.
+const SPIKE_MARGIN_RAD_S: f32 = 1.0;
+
+/// The same without body rates, hence without extrapolation: a fast roll.
+const SPIKE_MARGIN_WITHOUT_RATES_RAD_S: f32 = 4.0;
+
+/// Consecutive rejections after which a report is accepted as a real change.
+const MAX_CONSECUTIVE_SPIKES: u8 = 3;
+
+/// Equal consecutive reports of a possibly frozen source.
+const MIN_EQUAL_REPORTS: u8 = 5;
+
+/// Shortest duration of equal reports, microseconds: five at 50 Hz. A source may send faster than it estimates.
+const MIN_EQUAL_US: u64 = 80_000;
+
+/// A source that ever changed by less than this, radians (0.05 deg), has a resolution below its noise and does not
+/// repeat values.
+const FINE_RESOLUTION_RAD: f32 = 8.7e-4;
+
+/// Shortest duration of equal reports of a source of coarse resolution, which repeats values in steady flight,
+/// microseconds.
+const MIN_EQUAL_COARSE_US: u64 = 500_000;
+
+/// Cosine of the smallest field rotation in body axes that contradicts a repeated attitude (3 deg).
+const COS_MIN_FIELD_ROTATION: f32 = 0.998_63;
+
+/// Smallest change of the inclination computed with the repeated attitude, radians (1 deg). A rotation about the
+/// vertical alone, as of a ground vehicle, does not change it.
+const MIN_INCLINATION_CHANGE_RAD: f32 = 0.017_5;
+
+/// Cosine of the tilt (10 deg) above which a vehicle is not on level ground; the inclination condition does not apply.
+const COS_MAX_GROUND_TILT: f32 = 0.984_8;
+
+/// Readings averaged for the field direction; a single one has 1 deg of noise in a weak field.
+const FIELD_MEAN_READINGS: f32 = 12.0;
+
+/// Settling time of that average, microseconds.
+const FIELD_SETTLING_US: u64 = 400_000;
+
+/// Detects single wrong attitudes.
+#[derive(Debug)]
+pub(super) struct SpikeFilter {
+    /// Consecutive rejected reports.
+    consecutive: u8,
+}
+
+impl SpikeFilter {
+    pub const fn new() -> Self {
+        Self { consecutive: 0 }
+    }
+
+    /// Returns whether the attitude is a spike; `last` is the previous accepted report, unless too old.
+    pub fn is_spike(&mut self, last: Option<&TimedReport>, at: Timestamp, attitude: Attitude) -> bool {
+        let is_far = last.is_some_and(|last| {
+            let step_s = at.us_since(last.sent_at) as f32 * 1e-6;
+            let expected = extrapolate(&last.report, step_s);
+            let by_time_rad_s =
+                if last.report.has_rates() { SPIKE_MARGIN_RAD_S } else { SPIKE_MARGIN_WITHOUT_RATES_RAD_S };
+            tilt_between(expected, attitude) > SPIKE_MARGIN_RAD + by_time_rad_s * step_s
+        });
+        if is_far && self.consecutive < MAX_CONSECUTIVE_SPIKES {
+            self.consecutive += 1;
+            return true;
+        }
+        self.consecutive = 0;
+        false
+    }
+}
+
+/// Angle between the down directions of two attitudes, radians; insensitive to roll at vertical pitch.
+fn tilt_between(a: Attitude, b: Attitude) -> f32 {
+    let chord = (a.tilt().down() - b.tilt().down()).length();
+    2.0 * trig::asin(chord / 2.0)
+}
+
+/// Exponential mean of a field's direction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MeanDirection(Option<Vector3<f32>>);
+
+impl MeanDirection {
+    pub const UNKNOWN: Self = Self(None);
+
+    /// Updates the mean with a reading, in any axes.
+    pub fn update(&mut self, field: Vector3<f32>) {
+        let direction = field / field.length();
+        let before = self.0.unwrap_or(direction);
+        let averaged = before + (direction - before) / FIELD_MEAN_READINGS;
+        // Discards NaN, which would persist in the mean.
+        self.0 = averaged.iter().all(|c| c.is_finite()).then_some(averaged);
+    }
+
+    /// Mean direction, of length near one; `None` before the first reading.
+    pub const fn mean(&self) -> Option<Vector3<f32>> {
+        self.0
+    }
+}
+
+/// Detects a source that repeats its attitude.
+#[derive(Debug)]
+pub(super) struct FreezeDetector {
+    last_attitude: Option<Attitude>,
+    equal_reports: u8,
+    /// Times of the first and of the last of them.
+    equal_since: Timestamp,
+    last_report_at: Timestamp,
+    /// Whether a change below the fine resolution was observed.
+    has_fine_resolution: bool,
+    /// Mean field direction in body axes: current, and settled after the first of the equal reports.
+    field_direction: MeanDirection,
+    settled_direction: Option<Vector3<f32>>,
+    is_frozen: bool,
+}
+
+impl FreezeDetector {
+    pub const fn new() -> Self {
+        Self {
+            last_attitude: None,
+            equal_reports: 0,
+            equal_since: Timestamp::START,
+            last_report_at: Timestamp::START,
+            has_fine_resolution: false,
+            field_direction: MeanDirection::UNKNOWN,
+            settled_direction: None,
+            is_frozen: false,
+        }
+    }
+
+    pub fn update_field(&mut self, field: Field<Body>) {
+        self.field_direction.update(field.ut);
+    }
+
+    /// Processes a report, before other plausibility tests.
+    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) {
+        let attitude = report.attitude;
+        let is_equal = self.last_attitude.is_some_and(|last| {
+            last.roll_rad.to_bits() == attitude.roll_rad.to_bits()
+                && last.pitch_rad.to_bits() == attitude.pitch_rad.to_bits()
+        });
+        if is_equal {
+            self.equal_reports = self.equal_reports.saturating_add(1);
+            if at.us_since(self.equal_since) >= FIELD_SETTLING_US {
+                // The first field reading may come late.
+                self.settled_direction = self.settled_direction.or(self.field_direction.mean());
+            }
+        } else {
+            self.has_fine_resolution |= self.last_attitude.is_some_and(|last| is_fine_step(last, attitude));
+            self.equal_reports = 1;
+            self.equal_since = at;
+            self.settled_direction = None;
+        }
+        self.last_attitude = Some(attitude);
+        self.last_report_at = at;
+        self.is_frozen &= is_equal;
+        if self.equal_reports >= MIN_EQUAL_REPORTS {
+            let for_us = at.us_since(self.equal_since);
+            self.is_frozen |= self.has_fine_resolution && for_us >= MIN_EQUAL_US;
+            self.is_frozen |= for_us >= MIN_EQUAL_COARSE_US && self.has_field_rotated(attitude);
+        }
+    }
+
+    /// Time of the last report, if the source is frozen.
+    pub fn frozen_at(&self) -> Option<Timestamp> {
+        self.is_frozen.then_some(self.last_report_at)
+    }
+
+    /// Whether the field rotated since then, other than about the vertical of a level vehicle.
+    fn has_field_rotated(&self, attitude: Attitude) -> bool {
+        let (Some(now), Some(then)) = (self.field_direction.mean(), self.settled_direction) else { return false };
+        let [now, then] = [now, then].map(|direction| direction / direction.length());
+        let down = attitude.tilt().down();
+        let [dip_now, dip_then] = [now, then].map(|direction| trig::asin(direction.dot(&down)));
+        let is_contradicted = (dip_now - dip_then).abs() > MIN_INCLINATION_CHANGE_RAD || down.z < COS_MAX_GROUND_TILT;
+        now.dot(&then) < COS_MIN_FIELD_ROTATION && is_contradicted
+    }
+}
+
+/// Whether an angle changed by less than the steps of coarse sources.
+fn is_fine_step(from: Attitude, to: Attitude) -> bool {
+    let fine = |step_rad: f32| step_rad.abs() > 0.0 && step_rad.abs() < FINE_RESOLUTION_RAD;
+    fine(wrap_pi(to.roll_rad - from.roll_rad)) || fine(to.pitch_rad - from.pitch_rad)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,262 @@
+//! Consistency test between body rates and attitude.
+//!
+//! Rates in a wrong unit or with a wrong sign would corrupt the gyro-smoothed heading. The changes of roll and pitch
+//! over one second, integrated from the rates, must agree with those of the attitude, within its noise, latency and
+//! bank-angle scale error.
+
+use super::{AttitudeReport, EulerRates};
+use crate::frames::{Attitude, wrap_pi};
+use crate::time::Timestamp;
+
+/// Integration interval, microseconds; longer than the attitude latency.
+const INTEGRATION_US: u64 = 1_000_000;
+
+/// Smallest consistent ratio of attitude change to integrated rates; a source with a bank scale of a third passes.
+const MIN_ATTITUDE_RATIO: f32 = 0.15;
+
+/// Evidence threshold, square radians, (5 deg)^2. The evidence is clamped to it, so that a long consistent history does
+/// not delay detection.
+const EVIDENCE_THRESHOLD_RAD2: f32 = 0.0076;
+
+/// Ratio of integrated rates to attitude change below which the rates are too slow: half of a bank scale of a third.
+const MIN_RATE_RATIO: f32 = 0.15;
+
+/// Attitude change that exceeds noise, square radians, (7 deg)^2; also the clamp of the rate-magnitude evidence.
+const MIN_ATTITUDE_CHANGE_RAD2: f32 = 0.015;
+
+/// Forgetting factor per second (20 s): keeps a gyro offset of 2 deg/s at rest below the threshold.
+const FORGETTING_FACTOR: f32 = 0.95;
+
+/// Immediate detection: integrated rates of more than (12 deg)^2, square radians, with an attitude change of less than
+/// 15 % (squared here).
+const LARGE_RATE_CHANGE_RAD2: f32 = 0.044;
+const MAX_ATTITUDE_RATIO_SQUARED: f32 = 0.022_5;
+
+/// Longest interval between reports that is integrated, microseconds.
+const MAX_STEP_US: u64 = 250_000;
+
+/// Leaky evidence that rates and attitude agree or contradict.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RateConsistency {
+    last: Option<(Timestamp, Attitude, EulerRates)>,
+    /// Duration and changes of roll and pitch, by rates and by attitude, in the current integration interval.
+    elapsed_us: u64,
+    gyro_change_rad: [f32; 2],
+    attitude_change_rad: [f32; 2],
+    /// Evidence of agreement, square radians, clamped on both sides.
+    agreement_rad2: f32,
+    /// Evidence that the rates are fast enough, square radians of attitude.
+    rate_evidence_rad2: f32,
+    is_contradicted: bool,
+}
+
+impl RateConsistency {
+    pub const EMPTY: Self = Self {
+        last: None,
+        elapsed_us: 0,
+        gyro_change_rad: [0.0; 2],
+        attitude_change_rad: [0.0; 2],
+        agreement_rad2: 0.0,
+        rate_evidence_rad2: 0.0,
+        is_contradicted: false,
+    };
+
+    pub const fn is_contradicted(&self) -> bool {
+        self.is_contradicted
+    }
+
+    /// Processes a report; returns whether the rates contradict the attitude.
+    pub fn update(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
+        let Some(motion) = EulerRates::from_report(report) else { return false };
+        let attitude = report.attitude;
+        if let Some((last_at, last, before)) = self.last.replace((at, attitude, motion)) {
+            let step_us = at.us_since(last_at);
+            if step_us <= MAX_STEP_US {
+                let step_s = step_us as f32 * 1e-6;
+                let mean = before.interpolate(&motion, 0.5);
+                let per_attitude = [wrap_pi(attitude.roll_rad - last.roll_rad), attitude.pitch_rad - last.pitch_rad];
+                for (i, rate_rad_s) in [mean.roll_rad_s, mean.pitch_rad_s].into_iter().enumerate() {
+                    self.gyro_change_rad[i] += rate_rad_s * step_s;
+                    self.attitude_change_rad[i] += per_attitude[i];
+                }
+                self.elapsed_us += step_us;
+            }
+        }
+        let [by_gyro, by_attitude] = [self.gyro_change_rad, self.attitude_change_rad].map(norm_squared);
+        if self.elapsed_us >= INTEGRATION_US {
+            self.update_evidence();
+        }
+        if by_gyro > LARGE_RATE_CHANGE_RAD2 && by_attitude < MAX_ATTITUDE_RATIO_SQUARED * by_gyro {
+            self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
+        }
+        if self.agreement_rad2.abs() >= EVIDENCE_THRESHOLD_RAD2 {
+            self.is_contradicted = self.agreement_rad2 < 0.0;
+        }
+        self.is_contradicted
+    }
+
+    /// Updates the evidence at the end of an integration interval.
+    fn update_evidence(&mut self) {
+        let (gyro, attitude) = (self.gyro_change_rad, self.attitude_change_rad);
+        let (gyro_squared, attitude_squared) = (norm_squared(gyro), norm_squared(attitude));
+        let both = gyro[0] * attitude[0] + gyro[1] * attitude[1];
+        (self.elapsed_us, self.gyro_change_rad, self.attitude_change_rad) = (0, [0.0; 2], [0.0; 2]);
+        self.agreement_rad2 =
+            finite_or_zero(FORGETTING_FACTOR * self.agreement_rad2 + both - MIN_ATTITUDE_RATIO * gyro_squared)
+                .clamp(-EVIDENCE_THRESHOLD_RAD2, EVIDENCE_THRESHOLD_RAD2);
+        if self.are_too_slow(gyro_squared, attitude_squared) {
+            self.agreement_rad2 = -EVIDENCE_THRESHOLD_RAD2;
+        }
+    }
+
+    /// Takes the squared changes of one interval.
+    fn are_too_slow(&mut self, gyro_squared: f32, attitude_squared: f32) -> bool {
+        let enough = gyro_squared / (MIN_RATE_RATIO * MIN_RATE_RATIO) - attitude_squared;
+        self.rate_evidence_rad2 =
+            finite_or_zero(FORGETTING_FACTOR * self.rate_evidence_rad2 + enough).min(MIN_ATTITUDE_CHANGE_RAD2);
+        self.rate_evidence_rad2 < -MIN_ATTITUDE_CHANGE_RAD2
+    }
+}
+
+/// Replaces NaN and infinity, which would persist in the evidence.
+fn finite_or_zero(sum: f32) -> f32 {
+    if sum.is_finite() { sum } else { 0.0 }
+}
+
+fn norm_squared([roll, pitch]: [f32; 2]) -> f32 {
+    roll * roll + pitch * pitch
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::super::SenderId;
+    use super::*;
+    use crate::time::WrappingMillis;
+
+    /// Seconds until a contradiction is reported, of 100 s. 50 Hz reports of rolling into and out of 25 deg of bank,
+    /// with 0.3 deg of noise, a scale error and a latency of the attitude, and a scale of the rates.
+    fn seconds_to_contradiction(told: f32, late_s: f32, rates: f32) -> Option<u32> {
+        let mut random = Random(1);
+        let mut check = RateConsistency::EMPTY;
+        let roll_rad = |t_s: f32| {
+            let of_leg_s = t_s.rem_euclid(20.0);
+            0.44 * ((of_leg_s - 8.0) / 2.0).clamp(0.0, 1.0) * ((20.0 - of_leg_s) / 2.0).clamp(0.0, 1.0)
+                + 0.02 * (1.1 * t_s).sin()
+        };
+        (1..=5000).find_map(|i: u16| {
+            let t_s = f32::from(i) * 0.02;
+            let attitude = Attitude {
+                roll_rad: told * roll_rad(t_s - late_s) + 0.005 * random.normal(),
+                pitch_rad: 0.005 * random.normal(),
+            };
+            let p = (roll_rad(t_s - late_s + 0.01) - roll_rad(t_s - late_s - 0.01)) / 0.02;
+            let rates_rad_s = [rates * p, 0.0, rates * 0.01];
+            let report = AttitudeReport {
+                sender: SenderId::default(),
+                sender_time: WrappingMillis::default(),
+                attitude,
+                rates_rad_s,
+            };
+            check.update(Timestamp::from_us(u64::from(i) * 20_000), &report).then(|| u32::from(i) / 50)
+        })
+    }
+
+    /// Scale errors and latency of the attitude, up to a factor of two of the rates.
+    #[test]
+    fn consistent_rates_are_accepted() {
+        for (told, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
+            assert_eq!(seconds_to_contradiction(told, late_s, 1.0), None, "{told} {late_s}");
+        }
+        assert_eq!(seconds_to_contradiction(1.0, 0.0, 0.5), None);
+        assert_eq!(seconds_to_contradiction(1.0, 0.0, 2.0), None);
+    }
+
+    /// Degrees for radians show in the wobble of level flight, the other faults at the first roll-in after 8 to 10 s.
+    #[test]
+    fn a_wrong_unit_or_sign_is_found_in_the_first_turn() {
+        assert!(seconds_to_contradiction(1.0, 0.0, 57.3).is_some_and(|s| s <= 2));
+        assert!(seconds_to_contradiction(1.0, 0.0, -1.0).is_some_and(|s| s <= 10));
+        assert!(seconds_to_contradiction(1.0, 0.0, 1.0 / 57.3).is_some_and(|s| s <= 11));
+    }
+
+    /// Feeds a triangular roll with these rates and this attitude amplitude per second.
+    fn feed(check: &mut RateConsistency, from_s: u32, seconds: u32, per_gyro: f32, per_attitude: f32) -> bool {
+        let mut contradict = false;
+        for i in 10 * from_s..=10 * (from_s + seconds) {
+            // Alternates between up and down every second.
+            let up = (i / 10) % 2 == 0;
+            let part = f32::from((i % 10) as u8) / 10.0;
+            let roll_rad = per_attitude * if up { part } else { 1.0 - part };
+            let rate = per_gyro * if up { 1.0 } else { -1.0 };
+            let report = AttitudeReport {
+                sender: SenderId::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude { roll_rad, pitch_rad: 0.0 },
+                rates_rad_s: [rate, 0.0, 1e-6],
+            };
+            contradict = check.update(Timestamp::from_us(u64::from(i) * 100_000), &report);
+        }
+        contradict
+    }
+
+    /// Limit of 15 % either way.
+    #[test]
+    fn limits_of_scale_and_magnitude() {
+        for (per_gyro, per_attitude, expected) in
+            [(0.5, 0.09, false), (0.5, 0.06, true), (0.09, 0.5, false), (0.06, 0.5, true), (0.5, -0.5, true)]
+        {
+            let found = feed(&mut RateConsistency::EMPTY.clone(), 0, 40, per_gyro, per_attitude);
+            assert_eq!(found, expected, "{per_gyro} {per_attitude}");
+        }
+        // Evidence per second: 1.15 * 0.04^2; for the too-slow test, twenty seconds of squared attitude change.
+        for (seconds, per_gyro, per_attitude, expected) in
+            [(4, 0.04, -0.04, false), (6, 0.04, -0.04, true), (60, 0.001, 0.025, false), (60, 0.001, 0.03, true)]
+        {
+            let found = feed(&mut RateConsistency::EMPTY.clone(), 0, seconds, per_gyro, per_attitude);
+            assert_eq!(found, expected, "{seconds} {per_gyro} {per_attitude}");
+        }
+    }
+
+    #[test]
+    fn rates_that_become_wrong_are_detected_in_time() {
+        for (per_gyro, per_attitude, seconds) in [(0.04, -0.04, 12), (0.001, 0.05, 16), (0.3, 0.01, 2), (0.001, 0.2, 2)]
+        {
+            let mut check = RateConsistency::EMPTY;
+            assert!(!feed(&mut check, 0, 60, 0.3, 0.3));
+            assert!(feed(&mut check, 61, seconds, per_gyro, per_attitude), "{per_gyro} {per_attitude}");
+        }
+    }
+
+    /// One hour.
+    #[test]
+    fn a_gyro_offset_is_accepted() {
+        let mut check = RateConsistency::EMPTY;
+        for i in 0..36_000_u32 {
+            let report = AttitudeReport {
+                sender: SenderId::default(),
+                sender_time: WrappingMillis::default(),
+                attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+                rates_rad_s: [0.03, -0.015, 0.0],
+            };
+            assert!(!check.update(Timestamp::from_us(u64::from(i) * 100_000), &report), "{i}");
+        }
+    }
+
+    /// The evidence recovers within half a minute.
+    #[test]
+    fn corrected_rates_are_accepted_again() {
+        let mut check = RateConsistency::EMPTY;
+        assert!(feed(&mut check, 0, 20, 0.3, -0.3));
+        assert!(!feed(&mut check, 21, 30, 0.3, 0.3));
+    }
+
+    #[test]
+    fn infinite_rates_are_discarded() {
+        let mut check = RateConsistency::EMPTY;
+        feed(&mut check, 0, 3, f32::INFINITY, 0.3);
+        assert!(!feed(&mut check, 4, 40, 0.3, 0.3));
+        assert!(check.agreement_rad2.is_finite() && check.rate_evidence_rad2.is_finite());
+    }
+}

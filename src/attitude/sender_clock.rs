@@ -1,0 +1,44 @@
+//! Conversion of sender time stamps to the module's clock.
+
+use super::AttitudeConfig;
+use crate::time::{Timestamp, WrappingMillis};
+
+/// Clock-offset estimator. The smallest delay observed is the one without queueing, so reports are stamped by the
+/// sender's regular interval without the line's jitter.
+#[derive(Debug)]
+pub(super) struct SenderClock {
+    /// Sender's clock and module's clock at the last report.
+    last_report: Option<(WrappingMillis, Timestamp)>,
+}
+
+impl SenderClock {
+    pub const fn new() -> Self {
+        Self { last_report: None }
+    }
+
+    pub fn sending_time(&mut self, arrival: Timestamp, sender: WrappingMillis, config: &AttitudeConfig) -> Timestamp {
+        let sent = self
+            .last_report
+            .and_then(|(last_sender, last_sent)| {
+                predicted_sending_time(arrival, sender.signed_ms_since(last_sender), last_sent, config)
+            })
+            .unwrap_or(arrival);
+        self.last_report = Some((sender, sent));
+        sent
+    }
+}
+
+/// Time of sending from the sender's interval, at most the arrival. `None` after a reboot of the sender or without a
+/// sender clock; the arrival is used then.
+fn predicted_sending_time(
+    arrival: Timestamp,
+    passed_ms: i32,
+    last_sent: Timestamp,
+    config: &AttitudeConfig,
+) -> Option<Timestamp> {
+    let passed_ms = u64::try_from(passed_ms).ok().filter(|&ms| ms > 0)?;
+    let expected = last_sent.plus_us(passed_ms * 1000);
+    let error_us = arrival.us_since(expected).max(expected.us_since(arrival));
+    (error_us <= u64::from(config.max_clock_error_us))
+        .then(|| arrival.min(expected.plus_us(u64::from(config.clock_leak_us))))
+}

@@ -1,0 +1,174 @@
+//! Selection of one attitude sender on a line, preferably an autopilot.
+//!
+//! An autopilot, its gimbal and relayed aircraft may share one line. Mixing two senders 5 deg apart caused heading
+//! errors of 10 deg. Rules:
+//!
+//! - Attitude of a sender whose heartbeat identifies it as an autopilot is accepted exclusively.
+//! - Without a known autopilot heartbeat, the first sender is accepted, unless its heartbeat shows that it is not an
+//!   autopilot.
+//! - A selected sender, also one of several autopilots, remains selected until its attitude is absent for the expiry
+//!   time. Selection needs attitude, so senders of heartbeats alone do not block it.
+
+use crate::time::Timestamp;
+
+/// Opaque identifier of a sender.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SenderId(u16);
+
+impl SenderId {
+    /// Creates an identifier; sources with a single sender, such as recordings, use the default.
+    #[must_use]
+    pub const fn new(number: u16) -> Self {
+        Self(number)
+    }
+
+    /// Numeric value.
+    #[must_use]
+    pub const fn number(self) -> u16 {
+        self.0
+    }
+}
+
+/// Heartbeat of a sender, about 1 Hz.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Heartbeat {
+    /// Sender.
+    pub sender: SenderId,
+    /// Whether the sender is an autopilot.
+    pub is_autopilot: bool,
+    /// Whether the vehicle is armed.
+    pub is_armed: bool,
+}
+
+/// Expiry time of heartbeats and of the selection, microseconds: ten heartbeats.
+const EXPIRY_US: u64 = 10_000_000;
+
+/// Capacity of the sender table.
+const MAX_SENDERS: usize = 8;
+
+/// Entry of the sender table.
+#[derive(Clone, Copy, Debug)]
+struct SenderEntry {
+    source: SenderId,
+    heartbeat: Option<(Timestamp, Heartbeat)>,
+    attitude_at: Option<Timestamp>,
+}
+
+impl SenderEntry {
+    /// Heartbeat, unless expired.
+    fn heartbeat(&self, now: Timestamp) -> Option<Heartbeat> {
+        self.heartbeat.filter(|(at, _)| is_unexpired(*at, now)).map(|(_, heartbeat)| heartbeat)
+    }
+
+    /// Retention rank: senders of recent attitude first, regardless of heartbeats, then by last message.
+    fn retention_rank(&self, now: Timestamp) -> (bool, Timestamp) {
+        let heard = self.heartbeat.map(|(at, _)| at).max(self.attitude_at).unwrap_or_default();
+        (self.attitude_at.is_some_and(|at| is_unexpired(at, now)), heard)
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct SelectedSender {
+    source: SenderId,
+    attitude_at: Timestamp,
+    /// Whether a heartbeat identified it as an autopilot.
+    is_autopilot: bool,
+}
+
+/// Sender table and selection of one line.
+#[derive(Debug, Default)]
+pub struct SenderSelector {
+    entries: heapless::Vec<SenderEntry, MAX_SENDERS>,
+    /// Kept after expiry until another sender is selected, so that the armed state remains available when attitude
+    /// fails.
+    selected: Option<SelectedSender>,
+}
+
+impl SenderSelector {
+    /// No senders yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { entries: heapless::Vec::new(), selected: None }
+    }
+
+    /// Processes a heartbeat received at `now`.
+    pub fn update_heartbeat(&mut self, now: Timestamp, heartbeat: Heartbeat) {
+        let Heartbeat { sender: source, is_autopilot, .. } = heartbeat;
+        if let Some(known) = self.entry_or_insert(now, source) {
+            known.heartbeat = Some((now, heartbeat));
+        }
+        self.selected = match self.selected {
+            Some(chosen) if chosen.source == source => {
+                is_autopilot.then_some(SelectedSender { is_autopilot, ..chosen })
+            }
+            // An autopilot replaces the first sender.
+            Some(chosen) if is_autopilot && !chosen.is_autopilot => None,
+            other => other,
+        };
+    }
+
+    /// Returns whether attitude received at `now` from `source` is accepted.
+    pub fn accept_attitude(&mut self, now: Timestamp, source: SenderId) -> bool {
+        if let Some(known) = self.entry_or_insert(now, source) {
+            known.attitude_at = Some(now);
+        }
+        let holder = self.selected.filter(|chosen| is_unexpired(chosen.attitude_at, now));
+        let next = match holder {
+            Some(holder) => (holder.source == source).then_some(holder),
+            None => self.try_select(now, source),
+        };
+        if let Some(next) = next {
+            self.selected = Some(SelectedSender { attitude_at: now, ..next });
+        }
+        next.is_some()
+    }
+
+    /// Armed state of the selected sender; `None` without a recent heartbeat.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.selected.and_then(|chosen| self.heartbeat(now, chosen.source)).map(|heartbeat| heartbeat.is_armed)
+    }
+
+    /// Autopilot to query: the selected one, or before any attitude the first with a recent autopilot heartbeat.
+    #[must_use]
+    pub fn autopilot_to_query(&self, now: Timestamp) -> Option<SenderId> {
+        let chosen = self.selected.filter(|chosen| chosen.is_autopilot).map(|chosen| chosen.source);
+        let heard = || self.entries.iter().filter_map(|known| known.heartbeat(now)).find(|heard| heard.is_autopilot);
+        chosen.or_else(|| heard().map(|heartbeat| heartbeat.sender))
+    }
+
+    /// Selection of this sender, if permitted.
+    fn try_select(&self, now: Timestamp, source: SenderId) -> Option<SelectedSender> {
+        let own = self.heartbeat(now, source);
+        let autopilots =
+            || self.entries.iter().filter_map(|known| known.heartbeat(now)).any(|other| other.is_autopilot);
+        let may = own.map_or_else(|| !autopilots(), |own| own.is_autopilot);
+        may.then_some(SelectedSender { source, attitude_at: now, is_autopilot: own.is_some() })
+    }
+
+    fn heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {
+        self.entries.iter().find(|known| known.source == source)?.heartbeat(now)
+    }
+
+    /// Table entry of a sender. A new sender in a full table replaces the lowest-ranked one, never the selected one.
+    fn entry_or_insert(&mut self, now: Timestamp, source: SenderId) -> Option<&mut SenderEntry> {
+        if self.entries.iter().all(|known| known.source != source) {
+            if self.entries.is_full() {
+                let chosen = self.selected.map(|chosen| chosen.source);
+                let others = self.entries.iter().enumerate().filter(|(_, known)| Some(known.source) != chosen);
+                let (least, _) = others.min_by_key(|(_, known)| known.retention_rank(now))?;
+                self.entries.swap_remove(least);
+            }
+            // Cannot fail: an entry was removed if full.
+            let _ = self.entries.push(SenderEntry { source, heartbeat: None, attitude_at: None });
+        }
+        self.entries.iter_mut().find(|known| known.source == source)
+    }
+}
+
+fn is_unexpired(at: Timestamp, now: Timestamp) -> bool {
+    now.us_since(at) <= EXPIRY_US
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,216 @@
+//! Selection of the calibration method from the samples.
+//!
+//! | samples | method | unobservable |
+//! |---|---|---|
+//! | left and right turns | maximum likelihood | nothing |
+//! | turns of one side and level flight | maximum likelihood, less accurate | nothing |
+//! | level flight, on request | level ellipse | vertical response, mounting |
+//! | given headings | compass swing | vertical response, on level ground |
+//! | arbitrary attitudes | maximum likelihood | nothing |
+//! | tumbling without attitude | ellipsoid | mounting |
+//!
+//! The turns procedure never falls back to the level ellipse, whose mounting error is not in its expected error and was
+//! up to eight times as large.
+
+use super::turns::MIN_SAMPLES;
+use super::{Method, Sample, SamplePart, Samples, Side, SolveError};
+
+/// Procedure by which samples are collected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Procedure {
+    /// Any flight: the most informative samples of all attitudes.
+    #[default]
+    Flight,
+    /// Left and right turns, and the level flight between them.
+    Turns,
+    /// Level flight on several headings.
+    Level,
+    /// Samples on given headings.
+    Swing,
+    /// All attitudes, without an attitude source.
+    Tumble,
+}
+
+impl Procedure {
+    /// All procedures, in the order of display.
+    pub const ALL: [Self; 5] = [Self::Flight, Self::Turns, Self::Level, Self::Swing, Self::Tumble];
+
+    /// Name typed after `cal start`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Flight => "flight",
+            Self::Turns => "turns",
+            Self::Level => "level",
+            Self::Swing => "swing",
+            Self::Tumble => "tumble",
+        }
+    }
+
+    /// Parses a procedure name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|procedure| procedure.name() == name)
+    }
+}
+
+/// Parts of the samples used in a solve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SelectedParts {
+    left: bool,
+    right: bool,
+    level: bool,
+}
+
+impl SelectedParts {
+    /// Selects parts with enough samples. Omits level flight if both turns exist: it may contain samples taken near
+    /// other iron while taxiing.
+    #[must_use]
+    pub fn new(fit: Samples<'_>, procedure: Procedure) -> Self {
+        let enough = |part: &[_]| part.len() >= MIN_SAMPLES;
+        let (left, right) = (enough(fit.left), enough(fit.right));
+        let both = procedure == Procedure::Turns && left && right;
+        Self { left, right, level: enough(fit.level) && !both }
+    }
+
+    /// Returns the selected parts, and all samples with given headings.
+    #[must_use]
+    pub fn select<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
+        let part = |selected: bool, part: &'a [Sample]| if selected { part } else { &[] };
+        Samples {
+            left: part(self.left, samples.left),
+            right: part(self.right, samples.right),
+            level: part(self.level, samples.level),
+            unassigned: samples.unassigned,
+            marks: samples.marks,
+        }
+    }
+}
+
+/// Selects the method that the samples support.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`] with the missing part.
+pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Method, SolveError> {
+    match procedure {
+        Procedure::Level => Ok(Method::Level),
+        Procedure::Swing => Ok(Method::CompassSwing),
+        Procedure::Tumble => Ok(Method::Ellipsoid),
+        Procedure::Flight => Ok(Method::MaximumLikelihood),
+        Procedure::Turns => {
+            let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
+            let level = samples.level.len() >= MIN_SAMPLES;
+            let missing =
+                |side, turns: &[_]| Err(SolveError::too_few(SamplePart::Turns(side), turns.len(), MIN_SAMPLES));
+            match (left, right, level) {
+                (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
+                (true, false, false) => missing(Side::Right, samples.right),
+                (false, _, _) => missing(Side::Left, samples.left),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::{Mark, Rates};
+    use crate::frames::{Attitude, Field, Level};
+    use crate::time::WrappingMillis;
+
+    fn circle(number: usize) -> Vec<Sample> {
+        (0..number)
+            .map(|i| {
+                let field = Field::<Level>::earth(50.0, 1.0, TAU * i as f32 / number as f32);
+                Sample {
+                    field: Field::new(field.ut),
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                }
+            })
+            .collect()
+    }
+
+    fn chosen(left: usize, right: usize, level: usize) -> Result<Method, SolveError> {
+        let (left, right, level) = (circle(left), circle(right), circle(level));
+        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
+        select_method(samples, Procedure::Turns)
+    }
+
+    #[test]
+    fn turns_select_maximum_likelihood_or_report_missing_samples() {
+        let missing = |side, have| Err(SolveError::TooFewSamples { part: SamplePart::Turns(side), have, need: 12 });
+        for (left, right, level, expected) in [
+            (12, 12, 0, Ok(Method::MaximumLikelihood)),
+            (12, 12, 40, Ok(Method::MaximumLikelihood)),
+            (12, 0, 12, Ok(Method::MaximumLikelihood)),
+            (0, 12, 12, Ok(Method::MaximumLikelihood)),
+            (12, 11, 11, missing(Side::Right, 11)),
+            (11, 12, 11, missing(Side::Left, 11)),
+            (11, 12, 0, missing(Side::Left, 11)),
+            (11, 11, 12, missing(Side::Left, 11)),
+            (0, 0, 64, missing(Side::Left, 0)),
+            (11, 11, 11, missing(Side::Left, 11)),
+            (0, 0, 0, missing(Side::Left, 0)),
+            (3, 0, 0, missing(Side::Left, 3)),
+        ] {
+            assert_eq!(chosen(left, right, level), expected, "{left} {right} {level}");
+        }
+    }
+
+    #[test]
+    fn every_other_procedure_has_one_method() {
+        for (procedure, method) in [
+            (Procedure::Flight, Method::MaximumLikelihood),
+            (Procedure::Level, Method::Level),
+            (Procedure::Swing, Method::CompassSwing),
+            (Procedure::Tumble, Method::Ellipsoid),
+        ] {
+            assert_eq!(select_method(Samples::default(), procedure), Ok(method));
+        }
+    }
+
+    #[test]
+    fn small_parts_and_redundant_level_flight_are_omitted() {
+        let parts = [0, 11, 12].map(circle);
+        let marks = [Mark { sample: circle(1)[0], heading_rad: 0.0 }];
+        let selected = |left: usize, right: usize, level: usize, procedure| {
+            let any = [&parts[1][..], &[], &parts[2]];
+            let all = Samples {
+                left: &parts[left],
+                right: &parts[right],
+                level: &parts[level],
+                marks: &marks,
+                unassigned: any,
+            };
+            let selected = SelectedParts::new(all, procedure).select(all);
+            assert_eq!((selected.marks, selected.unassigned), (&marks[..], any));
+            (selected.left.len(), selected.right.len(), selected.level.len())
+        };
+        assert_eq!(selected(2, 2, 2, Procedure::Turns), (12, 12, 0));
+        assert_eq!(selected(2, 1, 2, Procedure::Turns), (12, 0, 12));
+        assert_eq!(selected(1, 2, 2, Procedure::Turns), (0, 12, 12));
+        assert_eq!(selected(1, 1, 2, Procedure::Turns), (0, 0, 12));
+        assert_eq!(selected(2, 0, 1, Procedure::Turns), (12, 0, 0));
+        assert_eq!(selected(2, 2, 2, Procedure::Level), (12, 12, 12));
+    }
+
+    #[test]
+    fn procedure_names_round_trip() {
+        for (procedure, name) in [
+            (Procedure::Flight, "flight"),
+            (Procedure::Turns, "turns"),
+            (Procedure::Level, "level"),
+            (Procedure::Swing, "swing"),
+            (Procedure::Tumble, "tumble"),
+        ] {
+            assert_eq!((procedure.name(), Procedure::from_name(name)), (name, Some(procedure)));
+        }
+        assert_eq!(Procedure::from_name("walk"), None);
+        assert_eq!(Procedure::default(), Procedure::Flight);
+    }
+}

@@ -1,0 +1,210 @@
+//! Calibration from samples without a known turn side (free flight).
+
+use core::f32::consts::TAU;
+
+use super::synthetic::{Airframe, Flight, Random, max_abs, multirotor_samples, quantile, rms, sample};
+use super::{NO_PRIOR, harsh_airframe};
+use crate::calibration::starting_point::vertical_component_start;
+use crate::calibration::{Method, Orientation, Prior, Rates, Sample, SamplePart, Samples, SolveError, solve};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+use nalgebra::{Matrix3, Vector3};
+
+fn split_buffers(samples: &[Sample]) -> [Vec<Sample>; 2] {
+    let piece = |odd: usize| samples.iter().skip(odd).step_by(2).copied().collect();
+    [piece(0), piece(1)]
+}
+
+fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::Solution, SolveError> {
+    let [first, second] = split_buffers(samples);
+    solve(Method::MaximumLikelihood, Samples { unassigned: [&first, &second, &[]], ..Samples::default() }, prior)
+}
+
+/// Cramér-Rao bound: 0.3 to 0.6 deg at 15 deg of tilt and 0.6 deg of attitude noise; here 0.1 to 0.2 deg away from the
+/// magnetic poles.
+#[test]
+fn a_multirotor_tilted_to_all_sides_is_calibrated() {
+    let mut errors = Vec::new();
+    for seed in 0..40 {
+        let mut random = Random(8000 + seed);
+        let airframe = harsh_airframe(&mut random);
+        let solution = solved(&multirotor_samples(&airframe, 0.3, &mut random), &NO_PRIOR)
+            .unwrap_or_else(|error| panic!("seed {seed}: {error:?} {airframe:?}"));
+        let error_deg = rms(&airframe.errors_deg(&solution.calibration));
+        assert!(error_deg <= 3.0 * solution.quality.expected_rms_deg, "seed {seed}: {error_deg} {solution:?}");
+        errors.push(error_deg);
+    }
+    assert!(quantile(&errors, 0.5) <= 0.35 && quantile(&errors, 0.9) <= 0.8, "{errors:?}");
+}
+
+#[test]
+fn turns_without_a_side_give_the_same_solution() {
+    for seed in 0..10 {
+        let mut random = Random(8100 + seed);
+        let airframe = harsh_airframe(&mut random);
+        let turns = Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
+        let by_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
+        let any = Samples { unassigned: [&turns.left, &turns.right, &[]], ..Samples::default() };
+        let by_any = solve(Method::MaximumLikelihood, any, &NO_PRIOR).unwrap();
+        let apart: Vec<f32> = airframe
+            .errors_deg(&by_turns.calibration)
+            .iter()
+            .zip(airframe.errors_deg(&by_any.calibration))
+            .map(|(turns, any)| turns - any)
+            .collect();
+        assert!(max_abs(&apart) < 0.1 * by_turns.quality.expected_rms_deg.max(0.2), "seed {seed}: {apart:?}");
+    }
+}
+
+/// Twelve times the samples reduce the variance above the floor to a twelfth; the floor remains.
+#[test]
+fn the_error_floor_remains_with_more_samples() {
+    for seed in 0..5 {
+        let mut random = Random(8150 + seed);
+        let airframe = harsh_airframe(&mut random);
+        let mut flown = |times: usize| {
+            let mut samples: Vec<Sample> =
+                (0..times).flat_map(|_| multirotor_samples(&airframe, 0.6, &mut random)).collect();
+            samples.iter_mut().zip(0..).for_each(|(sample, i)| sample.time = WrappingMillis::new(250 * i));
+            solved(&samples, &NO_PRIOR).unwrap().advice.unwrap()
+        };
+        let (once, often) = (flown(1), flown(12));
+        let square = |deg: f32| deg * deg;
+        let lasting = square(once.floor_deg);
+        let predicted_deg = (lasting + (square(once.expected_deg) - lasting) / 12.0).sqrt();
+        assert!(once.expected_deg > 1.3 * once.floor_deg, "seed {seed}: {once:?}");
+        assert!((often.expected_deg / predicted_deg - 1.0).abs() < 0.2, "seed {seed}: {predicted_deg} {often:?}");
+    }
+}
+
+#[test]
+fn the_vertical_component_gives_a_start() {
+    for seed in 0..40 {
+        let mut random = Random(8200 + seed);
+        let airframe =
+            Airframe::random(&mut random, 0.3, 3.0, 20.0, if seed % 2 == 0 { [20.0, 75.0] } else { [-75.0, -20.0] });
+        let samples = multirotor_samples(&airframe, 0.0, &mut random);
+        let any = Samples { unassigned: [&samples, &[], &[]], ..Samples::default() };
+        let start = vertical_component_start(any, &Matrix3::identity()).unwrap();
+        assert!((start.inclination_rad - airframe.inclination_rad).abs() < 0.01, "seed {seed}: {start:?} {airframe:?}");
+        assert!((start.w.determinant() - 1.0).abs() < 1e-3);
+        for (heading_rad, roll_deg) in [(0.3, 0.0), (2.0, 10.0), (4.0, -10.0)] {
+            let attitude = Attitude::from_deg(roll_deg, 5.0);
+            let found = start.w * (airframe.field(attitude, heading_rad).ut / start.unit_ut - start.b);
+            let heading = attitude.level(Field::new(found)).heading_rad();
+            let off_deg = crate::frames::wrap_pi(heading - heading_rad).to_degrees().abs();
+            assert!(off_deg < 1.0 && (found.norm() - 1.0).abs() < 0.02, "seed {seed}: {off_deg} {found}");
+        }
+    }
+}
+
+#[test]
+fn coplanar_samples_give_no_start() {
+    let airframe = Airframe::random(&mut Random(1), 0.2, 1.0, 5.0, [60.0, 60.1]);
+    let level: Vec<Sample> = (0..40_u8)
+        .map(|i| sample(&airframe, Attitude::default(), f32::from(i) / 40.0 * TAU, 0.0, &mut Random(2)))
+        .collect();
+    let broken = [Sample { field: Field::new(Vector3::repeat(f32::NAN)), ..level[0] }; 20];
+    for samples in [&level[..], &level[..3], &broken, &[]] {
+        let any = Samples { unassigned: [samples, &[], &[]], ..Samples::default() };
+        let start = vertical_component_start(any, &Matrix3::identity());
+        assert!(start.is_none_or(|start| start.w.iter().all(|w| w.is_finite())), "{} samples", samples.len());
+    }
+}
+
+/// An inverted roll or pitch mirrors the geometry. With body rates it appears as reversed turns, without them as a
+/// wrong mounting.
+#[test]
+fn a_mirrored_attitude_is_detected() {
+    for seed in 0..10 {
+        let mut random = Random(8300 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [40.0, 70.0]);
+        let samples = multirotor_samples(&airframe, 0.3, &mut random);
+        assert!(solved(&samples, &NO_PRIOR).is_ok());
+        for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
+            let mirror = |s: &Sample| {
+                let Attitude { roll_rad, pitch_rad } = s.attitude;
+                Sample { attitude: Attitude { roll_rad: roll * roll_rad, pitch_rad: pitch * pitch_rad }, ..*s }
+            };
+            let mirrored: Vec<Sample> = samples.iter().map(mirror).collect();
+            let refused = solved(&mirrored, &NO_PRIOR).map(|_| ());
+            assert_eq!(refused, Err(SolveError::TurnsReversed), "seed {seed}: {roll} {pitch}");
+            let silent: Vec<Sample> = mirrored.iter().map(|s| Sample { rates: Rates::NONE, ..*s }).collect();
+            let refused = solved(&silent, &NO_PRIOR).map(|_| ());
+            assert!(matches!(refused, Err(SolveError::MountContradicted { .. })), "seed {seed}: {refused:?}");
+        }
+    }
+}
+
+/// Banking out of a turn, as a multirotor may, is accepted if body rates confirm the turn.
+#[test]
+fn banking_out_of_a_turn_is_accepted_with_body_rates() {
+    let mut random = Random(8400);
+    let airframe = Airframe::random(&mut random, 0.2, 1.0, 5.0, [55.0, 65.0]);
+    let turn = |bank_deg: f32, rate_rad_s: f32, known: bool, from_ms: u32, random: &mut Random| -> Vec<Sample> {
+        (0..120_u16)
+            .map(|i| {
+                let t_s = f32::from(i) * 0.4;
+                let wobble = Attitude::from_deg(bank_deg + 2.0 * t_s.sin(), 2.0 * (0.7 * t_s).cos());
+                let rates = if known { Rates::from_rad_s([0.0, 0.0, rate_rad_s]) } else { Rates::NONE };
+                let time = WrappingMillis::new(from_ms + u32::from(i) * 400);
+                Sample { rates, time, ..sample(&airframe, wobble, rate_rad_s * t_s, 0.1, random) }
+            })
+            .collect()
+    };
+    for (known, expected) in [(true, Ok(())), (false, Err(SolveError::TurnsReversed))] {
+        let (left, right) = (turn(-20.0, 0.2, known, 0, &mut random), turn(20.0, -0.2, known, 60_000, &mut random));
+        let turns = Samples { left: &left, right: &right, ..Samples::default() };
+        assert_eq!(solve(Method::MaximumLikelihood, turns, &NO_PRIOR).map(|_| ()), expected, "rates {known}");
+    }
+}
+
+#[test]
+fn another_mounting_is_reported() {
+    let mut random = Random(8500);
+    let airframe = Airframe::random(&mut random, 0.15, 1.0, 5.0, [50.0, 65.0]);
+    let samples = multirotor_samples(&airframe, 0.3, &mut random);
+    for found in Orientation::all() {
+        let sensor_from_body = found.body_from_sensor().transpose();
+        let turned: Vec<Sample> =
+            samples.iter().map(|s| Sample { field: Field::new(sensor_from_body * s.field.ut), ..*s }).collect();
+        let refused = solved(&turned, &NO_PRIOR).map(|_| ());
+        let expected = if found == Orientation::NONE { Ok(()) } else { Err(SolveError::MountContradicted { found }) };
+        assert_eq!(refused, expected, "{}", found.name());
+        assert!(solved(&turned, &Prior { mount: found, ..NO_PRIOR }).is_ok(), "{}", found.name());
+    }
+}
+
+/// Straight flight through gusts: a wrong minimum near a magnetic pole fits such samples.
+#[test]
+fn straight_flight_has_an_honest_expected_error() {
+    let mut not_determined = 0;
+    for seed in 0..40 {
+        let mut random = Random(8300 + seed);
+        let airframe = Airframe::random(&mut random, 0.2, 0.5, 3.0, [40.0, 72.0]);
+        let ahead_rad = random.uniform(0.0, TAU);
+        let [roll_deg, pitch_deg, heading_deg] = [4.0, 1.5, 6.0].map(|most| random.uniform(0.5 * most, most));
+        let samples: Vec<Sample> = (0..448_u16)
+            .map(|i| {
+                let t = f32::from(i);
+                let truth = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
+                let heading_rad = ahead_rad + (heading_deg * (t / 13.0).sin()).to_radians();
+                let measured = sample(&airframe, truth, heading_rad, 0.2, &mut random);
+                let mut off = || (random.normal() * 0.2).to_radians();
+                let [roll_off, pitch_off] = core::array::from_fn(|_| off());
+                let attitude = Attitude { roll_rad: truth.roll_rad + roll_off, pitch_rad: truth.pitch_rad + pitch_off };
+                Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
+            })
+            .collect();
+        match solved(&samples, &NO_PRIOR) {
+            Ok(solution) => {
+                let error_deg = rms(&airframe.errors_deg(&solution.calibration));
+                let expected_deg = solution.quality.expected_rms_deg;
+                assert!(error_deg <= 3.0 * expected_deg, "seed {seed}: {error_deg} {expected_deg}");
+            }
+            Err(error) => not_determined += usize::from(error == SolveError::NotDetermined(SamplePart::All)),
+        }
+    }
+    // 25 of 40 flights; a start from the sphere saves 14 from the pole, with an expected error of at least 37 deg.
+    assert!((20..=30).contains(&not_determined), "{not_determined}");
+}

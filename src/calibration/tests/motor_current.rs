@@ -1,0 +1,354 @@
+//! Motor-current interference: estimation, use, and effect on the expected error.
+
+use nalgebra::{Matrix3, SVector, Vector3};
+
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms, vector};
+use super::{NO_PRIOR, solved};
+use crate::calibration::information::Information;
+use crate::calibration::likelihood::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
+use crate::calibration::motor_current::InterferenceEstimate;
+use crate::calibration::{
+    Calibration, LeastSquares, Method, MotorCurrentInterference, Orientation, Prior, Sample, Solution, solve,
+    verification,
+};
+use crate::frames::Field;
+
+#[derive(Clone, Copy, Debug)]
+enum CurrentProfile {
+    /// 10 A, and 40 A for 3 s in every 9 s.
+    Bursts,
+    /// 20 A with 0.1 A of noise.
+    Steady,
+    /// 10 A in the left turn, 30 A in the right.
+    BySide,
+}
+
+impl CurrentProfile {
+    fn current_a(self, t_s: f32, is_right: bool, random: &mut Random) -> f32 {
+        match self {
+            Self::Bursts => (if t_s % 9.0 < 3.0 { 40.0 } else { 10.0 }) + random.normal(),
+            Self::Steady => 20.0 + 0.1 * random.normal(),
+            Self::BySide => (if is_right { 30.0 } else { 10.0 }) + 0.1 * random.normal(),
+        }
+    }
+}
+
+fn fly(airframe: &Airframe, k: Vector3<f32>, currents: CurrentProfile, random: &mut Random) -> RecordedTurns {
+    let mut recorded = Flight::TYPICAL.fly(airframe, random);
+    for (is_right, side) in [(false, &mut recorded.left), (true, &mut recorded.right)] {
+        for (i, sample) in side.iter_mut().enumerate() {
+            let current_a = currents.current_a(i as f32 * 0.4, is_right, random);
+            sample.field.ut += k * current_a;
+            sample.rates = sample.rates.with_current(Some(current_a));
+        }
+    }
+    recorded
+}
+
+#[derive(Default)]
+struct FlightResults {
+    used: usize,
+    normalised_errors: Vec<f32>,
+    errors_deg: Vec<f32>,
+    expected_deg: Vec<f32>,
+}
+
+/// Heading errors at the mean current plus and minus its standard deviation, degrees.
+fn errors_deg(airframe: &Airframe, k: Vector3<f32>, solution: &Solution) -> Vec<f32> {
+    let MotorCurrentInterference { mean_current_a: mean_a, current_sigma_a: spread_a, .. } =
+        solution.calibration.motor_current;
+    let at = |current_a: f32| {
+        // Uncorrected interference acts as additional hard iron.
+        let added = k * current_a - solution.calibration.motor_current.interference_ut(Some(current_a));
+        Airframe { b_ut: airframe.b_ut + added, ..*airframe }.errors_deg(&solution.calibration)
+    };
+    [mean_a - spread_a, mean_a + spread_a].map(at).concat()
+}
+
+fn results_of_flights(size_ut_per_a: f32, currents: CurrentProfile) -> FlightResults {
+    let mut shown = FlightResults::default();
+    for seed in 0..40 {
+        let mut random = Random(4000 + seed);
+        let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
+        let k = vector(&mut random, 1.0).normalize() * size_ut_per_a;
+        let solution = solved(&fly(&airframe, k, currents, &mut random)).unwrap();
+        let iron = solution.calibration.motor_current;
+        if iron.is_applied() {
+            shown.used += 1;
+            let off = Vector3::from(iron.ut_per_a) - k;
+            shown.normalised_errors.extend(off.iter().map(|axis| axis / iron.sigma_ut_per_a));
+        }
+        shown.errors_deg.push(rms(&errors_deg(&airframe, k, &solution)));
+        shown.expected_deg.push(solution.quality.expected_rms_deg);
+    }
+    shown
+}
+
+impl FlightResults {
+    fn ratio(&self) -> f32 {
+        rms(&self
+            .errors_deg
+            .iter()
+            .zip(&self.expected_deg)
+            .map(|(error, expected)| error / expected)
+            .collect::<Vec<_>>())
+    }
+}
+
+/// 0.4 uT/A with bursts of 30 A is 12 uT. The sigma is that of the least observable axis, so normalised errors are
+/// below 1.
+#[test]
+fn interference_is_estimated_and_used() {
+    let shown = results_of_flights(0.4, CurrentProfile::Bursts);
+    assert_eq!(shown.used, 40);
+    assert!((0.5..1.1).contains(&rms(&shown.normalised_errors)), "{}", rms(&shown.normalised_errors));
+    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!(mean(&shown.expected_deg) < 0.35 && mean(&shown.errors_deg) < 0.3, "{:?}", shown.errors_deg);
+}
+
+#[test]
+fn insignificant_interference_is_not_used() {
+    let shown = results_of_flights(0.0, CurrentProfile::Bursts);
+    assert_eq!(shown.used, 0);
+    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
+}
+
+#[test]
+fn a_steady_current_is_hard_iron() {
+    let shown = results_of_flights(0.4, CurrentProfile::Steady);
+    assert_eq!(shown.used, 0);
+    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!(mean(&shown.expected_deg) < 0.35, "{:?}", shown.expected_deg);
+}
+
+/// The current correlates with the turn side, as would a change of hard iron; both sides together determine `k`, with a
+/// larger expected error.
+#[test]
+fn interference_correlated_with_the_turn_is_estimated() {
+    let shown = results_of_flights(0.4, CurrentProfile::BySide);
+    assert_eq!(shown.used, 40);
+    assert!((0.6..1.05).contains(&shown.ratio()), "{}", shown.ratio());
+    assert!(mean(&shown.expected_deg) < 0.4, "{:?}", shown.expected_deg);
+}
+
+fn one_flight(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
+    let mut random = Random(seed);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+    let k = Vector3::new(0.25, -0.3, 0.15);
+    let recorded = fly(&airframe, k, CurrentProfile::Bursts, &mut random);
+    (airframe, k, recorded)
+}
+
+#[test]
+fn without_current_there_is_no_estimate() {
+    let mut random = Random(1);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+    // Small enough to be accepted without the correction.
+    let recorded = fly(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
+    let strip = |samples: &[Sample], every: usize| -> Vec<Sample> {
+        let rates = |i: usize, s: &Sample| if i.is_multiple_of(every) { s.rates.with_current(None) } else { s.rates };
+        samples.iter().enumerate().map(|(i, s)| Sample { rates: rates(i, s), ..*s }).collect()
+    };
+    let of = |every: usize| RecordedTurns { left: strip(&recorded.left, every), right: strip(&recorded.right, every) };
+    let [none, few, many] = [1, 3, 5].map(|every| solved(&of(every)).unwrap());
+    assert_eq!(
+        (none.calibration.motor_current, few.calibration.motor_current),
+        (MotorCurrentInterference::NONE, MotorCurrentInterference::NONE)
+    );
+    assert_eq!(none.calibration, few.calibration);
+    // One unknown current in five.
+    assert!(many.calibration.motor_current.is_applied());
+    let with = solved(&recorded).unwrap();
+    assert!(with.quality.norm_residual < 0.5 * none.quality.norm_residual, "{with:?} {none:?}");
+}
+
+#[test]
+fn verification_corrects_for_the_current() {
+    let (_, _, recorded) = one_flight(2);
+    let calibration = solved(&recorded).unwrap().calibration;
+    let unused = Calibration { motor_current: MotorCurrentInterference::NONE, ..calibration };
+    let scores = verification::score_held_back(recorded.turns(), true, &calibration, &unused);
+    assert!(scores.candidate < 0.2 * scores.active, "{scores:?}");
+}
+
+/// At unknown current the field is corrected for the mean current. Heading variance grows outside the calibrated
+/// currents with the sigma of `k`, and with `k` itself at unknown current.
+#[test]
+fn heading_variance_grows_outside_the_calibrated_currents() {
+    let current = MotorCurrentInterference {
+        ut_per_a: [0.3, 0.0, 0.4],
+        sigma_ut_per_a: 0.02,
+        mean_current_a: 20.0,
+        current_sigma_a: 10.0,
+    };
+    let calibration = Calibration {
+        inclination_rad: 60_f32.to_radians(),
+        total_ut: 50.0,
+        motor_current: current,
+        ..Calibration::uncalibrated(NO_PRIOR.mount)
+    };
+    let field = Field::from_ut(10.0, 5.0, 40.0);
+    for (current_a, added) in [(Some(10.0), 10.0), (Some(0.0), 0.0), (None, 20.0)] {
+        let expected = field.ut - Vector3::new(0.3, 0.0, 0.4) * added;
+        assert!((calibration.remove_motor_current(field, current_a).ut - expected).norm() < 1e-5);
+    }
+    for (current_a, sigma_ut) in [
+        (Some(20.0), 0.0),
+        (Some(10.0), 0.0),
+        (Some(30.0), 0.0),
+        (Some(50.0), 0.02 * f32::sqrt(900.0 - 100.0)),
+        (Some(0.0), 0.02 * f32::sqrt(400.0 - 100.0)),
+        (None, 0.5 * 10.0),
+    ] {
+        let sigma_rad = calibration.motor_current_heading_variance_rad2(current_a).sqrt();
+        assert!((sigma_rad - sigma_ut / 25.0).abs() < 1e-5, "{current_a:?}: {sigma_rad}");
+    }
+    // No NaN from zero interference with an unlimited current range.
+    assert_eq!(Calibration::uncalibrated(NO_PRIOR.mount).motor_current_heading_variance_rad2(None).to_bits(), 0);
+}
+
+/// Eliminating the three unknowns gives the step and covariance of a joint least-squares solution for sixteen unknowns
+/// with priors, for white errors.
+#[test]
+fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
+    let (airframe, k, recorded) = one_flight(3);
+    let samples = recorded.turns();
+    let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, airframe.total_ut);
+    likelihood.noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
+    (likelihood.sample_stride, likelihood.uses_normal_equations) = (1, false);
+    for used in [0.0, 0.9] {
+        likelihood.motor_current.ut_per_a = (k * used).into();
+        let unknowns = likelihood.unknowns_from_start(&airframe.exact_start()).unwrap();
+        let parameters = ModelParameters::new(&unknowns);
+        let mut joint = LeastSquares::<16, 1>::new();
+        let extended = |row: &SVector<f32, 13>, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+        for_each_prior(&likelihood, &parameters, &mut |prior| {
+            joint.add(&extended(&prior.row, Vector3::zeros()), [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+        });
+        for axis in 0..3 {
+            let row = SVector::<f32, 16>::ith(13 + axis, 1.0);
+            joint.add(
+                &row,
+                [-likelihood.motor_current_per_ampere()[axis]],
+                InterferenceEstimate::prior_precision(likelihood.unit_ut),
+            );
+        }
+        for sample in samples.iter() {
+            let equations = likelihood.equations(sample, None, &parameters);
+            let share_a = sample.rates.current_a().unwrap() - likelihood.motor_current.mean_current_a;
+            for equation in equations.iter() {
+                let more = -parameters.w.tr_mul(&equation.row.by_field) * share_a;
+                joint.add(&extended(&equation.row.as_vector(), more), [-equation.residual], equation.weight);
+            }
+        }
+        let expected = joint.solve().unwrap();
+        let mut information = Information::new(&likelihood.linearise(samples, &unknowns));
+        information.accumulate_samples(&likelihood, samples, &unknowns, None);
+        let found = information.estimate_motor_current(&likelihood).unwrap();
+        let step = found.k - likelihood.motor_current_per_ampere();
+        let of_k = expected.fixed_rows::<3>(13).into_owned();
+        assert!((step - of_k).norm() < 0.01 * found.max_sigma(), "{step} {of_k}");
+        let follow = information.step_for_motor_current(&step).unwrap();
+        let change = information.system.step_to_maximum().unwrap() + follow;
+        let others = expected.fixed_rows::<13>(0).into_owned();
+        assert!((change - others).norm() < 0.02 * others.norm(), "{change} {others}");
+        let inflation = found.significance[0] / found.significance[1];
+        for axis in 0..3 {
+            let column = joint.covariance_times(&SVector::<f32, 16>::ith(13 + axis, 1.0)).unwrap();
+            let ratio = found.covariance[(axis, axis)] / (column[13 + axis] * inflation);
+            assert!((0.9..1.02).contains(&ratio), "{axis}: {ratio}");
+        }
+    }
+}
+
+/// Iterates while significant, certain and not converged.
+#[test]
+fn it_is_used_while_certain_and_significant() {
+    let zero = Vector3::zeros();
+    let found = |x: f32, sigma: f32, significance| InterferenceEstimate {
+        k: Vector3::new(x, 0.0, 0.0),
+        covariance: Matrix3::from_diagonal(&Vector3::new(0.5, 1.0, 0.2)) * (sigma * sigma),
+        significance,
+    };
+    let k = |x: f32| Some(Vector3::new(x, 0.0, 0.0));
+    // Not in use: significance 30.
+    assert_eq!(found(0.01, 1e-4, [31.0, 1.0]).next_interference(&zero, 0, 500.0), k(0.01));
+    assert_eq!(found(0.01, 1e-4, [29.0, 29.0]).next_interference(&zero, 0, 500.0), None);
+    assert_eq!(found(0.01, 1e-4, [31.0, 31.0]).next_interference(&zero, 1, 500.0), None, "it was left before");
+    // In use: sigma of 0.5 uT at the current's standard deviation (500 A).
+    let used = Vector3::new(0.01, 0.0, 0.0);
+    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), None);
+    assert_eq!(found(0.01, 1.01e-3, [99.0, 16.4]).next_interference(&used, 2, 500.0), Some(zero));
+    assert_eq!(found(0.01, 0.99e-3, [99.0, 16.2]).next_interference(&used, 2, 500.0), Some(zero));
+    assert_eq!(
+        found(0.02, 0.99e-3, [99.0, 16.2]).next_interference(&used, 1, 500.0),
+        k(0.02),
+        "it may be known better yet"
+    );
+    // Until it converges, at most four times.
+    assert_eq!(found(0.0102, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), k(0.0102));
+    assert_eq!(found(0.0101, 0.5e-3, [99.0, 99.0]).next_interference(&used, 2, 500.0), None);
+    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 3, 500.0), k(0.02));
+    assert_eq!(found(0.02, 0.5e-3, [99.0, 99.0]).next_interference(&used, 4, 500.0), None);
+}
+
+#[test]
+fn roots_are_those_of_the_covariance() {
+    let a = Matrix3::new(1.0, 0.2, -0.3, 0.0, 0.7, 0.1, 0.5, 0.0, 0.4);
+    let found =
+        InterferenceEstimate { k: Vector3::new(1.0, 2.0, 3.0), covariance: a * a.transpose(), significance: [17.0; 2] };
+    let used = Vector3::new(0.5, 2.0, 3.0);
+    let roots = found.covariance_factors(&used);
+    let sum: Matrix3<f32> = roots.iter().take(3).map(|root| root * root.transpose()).sum();
+    assert!((sum - found.covariance).norm() < 1e-5, "{sum}");
+    assert_eq!(roots[3], Vector3::new(0.5, 0.0, 0.0));
+    let by_chance = InterferenceEstimate { significance: [99.0, 16.0], ..found.clone() };
+    assert_eq!(by_chance.covariance_factors(&used)[3], Vector3::zeros());
+    let nothing = InterferenceEstimate { covariance: Matrix3::zeros(), ..found }.covariance_factors(&used);
+    assert!(nothing.iter().take(3).all(|root| *root == Vector3::zeros()));
+}
+
+/// For another mounting only rounding differs, by at most a tenth of sigma.
+#[test]
+fn it_is_estimated_in_sensor_axes() {
+    let (_, _, recorded) = one_flight(5);
+    let straight = solved(&recorded).unwrap().calibration.motor_current;
+    let mount = Orientation::from_name("roll90-yaw90").unwrap();
+    let rotation = mount.body_from_sensor();
+    let turned = |samples: &[Sample]| -> Vec<Sample> {
+        samples.iter().map(|s| Sample { field: Field::new(rotation.tr_mul(&s.field.ut)), ..*s }).collect()
+    };
+    let turned = RecordedTurns { left: turned(&recorded.left), right: turned(&recorded.right) };
+    let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
+    let current = solution.calibration.motor_current;
+    let off = rotation * Vector3::from(current.ut_per_a) - Vector3::from(straight.ut_per_a);
+    assert!(straight.is_applied() && off.norm() < 0.1 * straight.sigma_ut_per_a, "{current:?} {straight:?}");
+    assert!((current.sigma_ut_per_a / straight.sigma_ut_per_a - 1.0).abs() < 0.02, "{current:?} {straight:?}");
+}
+
+/// Currents known for three quarters of the samples.
+#[test]
+fn current_statistics_are_those_of_the_samples() {
+    let (_, _, mut recorded) = one_flight(4);
+    let all: Vec<f32> = recorded.turns().all().filter_map(|s| s.rates.current_a()).collect();
+    let iron = MotorCurrentInterference::from_samples(recorded.turns());
+    assert!((iron.mean_current_a - mean(&all)).abs() < 1e-3);
+    let rest: Vec<f32> = all.iter().map(|a| a - mean(&all)).collect();
+    assert!((iron.current_sigma_a - rms(&rest)).abs() < 1e-3 && !iron.is_applied());
+    let number = recorded.left.len() + recorded.right.len();
+    for (unknown, is_known) in [(number / 4, true), (number / 4 + 1, false), (number, false)] {
+        for sample in recorded.left.iter_mut().chain(&mut recorded.right).take(unknown) {
+            sample.rates = sample.rates.with_current(None);
+        }
+        assert_eq!(
+            MotorCurrentInterference::from_samples(recorded.turns()) != MotorCurrentInterference::NONE,
+            is_known,
+            "{unknown}"
+        );
+    }
+    assert_eq!(
+        MotorCurrentInterference::from_samples(crate::calibration::Samples::default()),
+        MotorCurrentInterference::NONE
+    );
+}

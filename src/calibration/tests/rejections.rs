@@ -1,0 +1,223 @@
+//! Each rejection reason, and the second start that avoids one.
+
+use core::f32::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::NO_PRIOR;
+use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, rms, sample, vector};
+use crate::calibration::{
+    Axis, Mark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver, solve,
+};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+fn ordinary_flight(flight: Flight) -> (Airframe, RecordedTurns) {
+    let mut random = Random(41);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
+    (airframe, flight.fly(&airframe, &mut random))
+}
+
+fn solve_error(method: Method, samples: Samples<'_>) -> Option<SolveError> {
+    solve(method, samples, &NO_PRIOR).err()
+}
+
+#[test]
+fn too_few_samples_reports_the_part() {
+    let (airframe, recorded) = ordinary_flight(Flight::TYPICAL);
+    let missing = |part, have, need| Some(SolveError::TooFewSamples { part, have, need });
+    let RecordedTurns { left, right } = &recorded;
+    for method in [Method::TwoPlane, Method::FourEllipse] {
+        let of = |left, right| solve_error(method, Samples { left, right, ..Samples::default() });
+        assert_eq!(of(&left[..11], right), missing(SamplePart::Turns(Side::Left), 11, 12));
+        assert_eq!(of(left, &right[..11]), missing(SamplePart::Turns(Side::Right), 11, 12));
+    }
+    let thin = Samples { left: &left[..5], right: &right[..6], ..Samples::default() };
+    assert_eq!(solve_error(Method::MaximumLikelihood, thin), missing(SamplePart::All, 11, 12));
+    let level = level_circle(&airframe, 11, &mut Random(1));
+    let level = Samples { level: &level, ..Samples::default() };
+    assert_eq!(solve_error(Method::Level, level), missing(SamplePart::Level, 11, 12));
+    let mark = Mark { sample: left[0], heading_rad: 1.0 };
+    let marks = Samples { marks: &[mark; 3], ..Samples::default() };
+    assert_eq!(solve_error(Method::CompassSwing, marks), missing(SamplePart::Marks, 3, 4));
+}
+
+#[test]
+fn every_method_rejects_nonfinite_samples() {
+    let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
+    recorded.right[17].field.ut.z = f32::NAN;
+    for method in Method::ALL {
+        assert_eq!(solve_error(method, recorded.turns()), Some(SolveError::NotFinite), "{}", method.name());
+    }
+}
+
+#[test]
+fn too_few_headings_reports_their_number() {
+    let (airframe, _) = ordinary_flight(Flight::TYPICAL);
+    let mut random = Random(2);
+    let level: Vec<Sample> = (0..40_u8)
+        .map(|i| sample(&airframe, Attitude::default(), f32::from(i % 4) * PI / 2.0 + 0.1, 0.05, &mut random))
+        .collect();
+    let level = Samples { level: &level, ..Samples::default() };
+    let refused = solve_error(Method::Level, level);
+    assert!(matches!(refused, Some(SolveError::TooFewHeadings { have: 3 | 4, need: 5 })), "{refused:?}");
+}
+
+#[test]
+fn a_stuck_axis_is_reported() {
+    for (index, axis) in [Axis::X, Axis::Y, Axis::Z].into_iter().enumerate() {
+        let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
+        recorded.left.iter_mut().chain(&mut recorded.right).for_each(|s| s.field.ut[index] = 7.0);
+        let refused = solve_error(Method::MaximumLikelihood, recorded.turns());
+        assert_eq!(refused, Some(SolveError::AxisStuck { axis }));
+    }
+}
+
+#[test]
+fn a_turn_that_is_no_ellipse_is_reported() {
+    for side in [Side::Left, Side::Right] {
+        let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
+        let turn = if side == Side::Left { &mut recorded.left } else { &mut recorded.right };
+        // A short arc with gusts is a hyperbola as well.
+        for (i, s) in turn.iter_mut().enumerate() {
+            let along = i as f32 / 75.0 - 1.0;
+            s.field = Field::from_ut(20.0 * along.cosh(), 30.0 * along.sinh(), 10.0 * along);
+        }
+        for method in [Method::TwoPlane, Method::FourEllipse] {
+            let refused = solve_error(method, recorded.turns());
+            assert_eq!(refused, Some(SolveError::NotAnEllipse(SamplePart::Turns(side))), "{}", method.name());
+        }
+    }
+}
+
+#[test]
+fn unobservable_coefficients_are_reported() {
+    let (airframe, recorded) = ordinary_flight(Flight { wander_deg: 0.5, ..Flight::TYPICAL });
+    assert_eq!(solve_error(Method::Ellipsoid, recorded.turns()), Some(SolveError::NotDetermined(SamplePart::All)));
+    let still = sample(&airframe, Attitude::default(), 1.0, 0.0, &mut Random(0));
+    let marks = Samples { marks: &[Mark { sample: still, heading_rad: 1.0 }; 6], ..Samples::default() };
+    assert_eq!(solve_error(Method::CompassSwing, marks), Some(SolveError::NotDetermined(SamplePart::Marks)));
+}
+
+/// The limit is 9.8 deg between the planes: 4 deg of bank each way give 8, 6 deg give 12.
+#[test]
+fn small_banks_give_the_same_plane() {
+    for method in [Method::TwoPlane, Method::FourEllipse] {
+        let with = |bank_deg| {
+            let (_, recorded) = ordinary_flight(Flight { bank_deg, samples: 700, ..Flight::NOISE_FREE });
+            solve_error(method, recorded.turns())
+        };
+        assert_eq!(with(4.0), Some(SolveError::SamePlane), "{}", method.name());
+        assert_ne!(with(6.0), Some(SolveError::SamePlane), "{}", method.name());
+    }
+}
+
+#[test]
+fn a_random_field_does_not_converge() {
+    let (_, mut recorded) = ordinary_flight(Flight::TYPICAL);
+    let mut random = Random(3);
+    for s in recorded.left.iter_mut().chain(&mut recorded.right) {
+        s.field = Field::new(vector(&mut random, 60.0));
+    }
+    assert_eq!(solve_error(Method::MaximumLikelihood, recorded.turns()), Some(SolveError::NotConverged));
+}
+
+/// Airframe that the closed forms recover exactly.
+const ALIGNED: Airframe = Airframe {
+    a: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+    b_ut: Vector3::new(9.0, -4.0, 15.0),
+    total_ut: 50.0,
+    inclination_rad: 1.0,
+};
+
+fn aligned_sample(bank_deg: f32, heading_rad: f32, millis: u32) -> Sample {
+    let measured = sample(&ALIGNED, Attitude::from_deg(bank_deg, 0.0), heading_rad, 0.0, &mut Random(0));
+    Sample { time: WrappingMillis::new(millis), ..measured }
+}
+
+fn circles(bank_deg: f32, rate_rad: f32) -> Vec<Sample> {
+    (0..72_u16).map(|i| aligned_sample(bank_deg, f32::from(i) * rate_rad, u32::from(i) * 500)).collect()
+}
+
+#[test]
+fn headings_against_the_bank_are_reversed_turns() {
+    const RATE_RAD: f32 = TAU / 36.0;
+    let level = circles(0.0, RATE_RAD);
+    for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
+        let (left, right) = (circles(-25.0, -rate_rad), circles(25.0, rate_rad));
+        let of =
+            |method, left, right| solve_error(method, Samples { left, right, level: &level, ..Samples::default() });
+        assert_eq!(of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
+        assert_eq!(of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
+        let both = solve_error(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() });
+        assert_eq!(both, expected, "both {rate_rad}");
+        // With both sides, a sensor mounted upside down explains the samples as well.
+        let both = solve_error(Method::MaximumLikelihood, Samples { left: &left, right: &right, ..Samples::default() });
+        let found = Orientation::from_name("roll180").unwrap();
+        assert_eq!(both, expected.map(|_| SolveError::MountContradicted { found }));
+    }
+}
+
+/// Samples all round, too sparse to give a direction, and eight seconds of reversed heading. The limit is 3 rad on both
+/// sides together.
+#[test]
+fn half_a_circle_against_the_turns_is_rejected() {
+    let turn = |bank_deg: f32, runs_rad: f32| -> Vec<Sample> {
+        let stragglers = (0..24_u8).map(|i| aligned_sample(bank_deg, f32::from(i) / 24.0 * TAU, u32::from(i) * 5_000));
+        let seconds =
+            (0..=8_u8).map(|i| aligned_sample(bank_deg, runs_rad * f32::from(i) / 8.0, 200_000 + u32::from(i) * 1_000));
+        stragglers.chain(seconds).collect()
+    };
+    let refused = |left_rad: f32, right_rad: f32| {
+        let (left, right) = (turn(-25.0, left_rad), turn(25.0, right_rad));
+        solve_error(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() })
+    };
+    for (left_rad, right_rad, expected) in [
+        (0.0, -2.9, None),
+        (0.0, -3.1, Some(SolveError::TurnsReversed)),
+        (2.9, 0.0, None),
+        (3.1, 0.0, Some(SolveError::TurnsReversed)),
+        (1.6, -1.6, Some(SolveError::TurnsReversed)),
+        (-1.0, -3.5, None),
+        (-3.5, 3.5, None),
+    ] {
+        assert_eq!(refused(left_rad, right_rad), expected, "{left_rad} {right_rad}");
+    }
+}
+
+#[test]
+fn a_wrong_mounting_is_reported() {
+    let (_, recorded) = ordinary_flight(Flight::TYPICAL);
+    let found = Orientation::from_name("roll180-yaw90").unwrap();
+    let refused = solve_error(Method::MaximumLikelihood, recorded.in_mount(found).turns());
+    assert_eq!(refused, Some(SolveError::MountContradicted { found }));
+}
+
+/// Bank and pitch wander by half of the bank, which misleads the two-plane start; the sphere start converges.
+#[test]
+fn a_second_start_solves_a_misled_first() {
+    for seed in [26, 86, 109, 124, 184, 202, 254, 279, 288] {
+        let mut random = Random(seed);
+        let airframe = super::harsh_airframe(&mut random);
+        let rough = Flight { samples: 60, wander_deg: 8.0, bank_deg: 15.0, sensor_noise_ut: 0.12, ..Flight::TYPICAL };
+        let recorded = rough.fly(&airframe, &mut random);
+        let solution = super::solved(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let (error, expected) = (rms(&airframe.errors_deg(&solution.calibration)), solution.quality.expected_rms_deg);
+        assert!(error < 1.0 && error < 3.0 * expected, "seed {seed}: {error} deg, expected {expected}");
+    }
+}
+
+#[test]
+fn a_solution_reports_its_quality() {
+    let (airframe, recorded) = ordinary_flight(Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::TYPICAL });
+    let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR).unwrap();
+    let Solution { calibration, quality, advice, .. } = solver.run(recorded.turns()).unwrap();
+    assert_eq!((quality.method, quality.samples), (Method::MaximumLikelihood, 300));
+    // 0.12 uT of 50, and 0.3 deg plus the sensor's share; 20 % is five sigma for 300 samples.
+    let noise = 0.12 / airframe.total_ut;
+    assert!((0.8 * noise..1.3 * noise).contains(&quality.norm_residual), "{}", quality.norm_residual);
+    assert!((0.2..0.45).contains(&quality.inclination_residual_deg), "{}", quality.inclination_residual_deg);
+    assert!((calibration.inclination_rad - airframe.inclination_rad).abs() < 0.01);
+    assert!((calibration.w_matrix().determinant() - 1.0).abs() < 1e-4);
+    assert!(quality.expected_worst_deg > quality.expected_rms_deg && advice.is_some());
+}

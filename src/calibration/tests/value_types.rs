@@ -1,0 +1,146 @@
+//! Value types of the calibration.
+
+use crate::calibration::{
+    Axis, Calibration, Envelope, Mark, Method, MotorCurrentInterference, Orientation, Quality, Rates, Sample,
+    SamplePart, Samples, Side, matrix_rows,
+};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+fn sample(x_ut: f32) -> Sample {
+    Sample {
+        field: Field::from_ut(x_ut, 0.0, 0.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    }
+}
+
+/// 1,024 samples of a flight are kept in RAM.
+#[test]
+fn samples_are_small() {
+    assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (28, 32));
+}
+
+/// Roll wraps at 180 deg, pitch does not; both are constant without rates.
+#[test]
+fn attitude_is_extrapolated_with_its_rates() {
+    let attitude = Attitude { roll_rad: 3.1, pitch_rad: 0.2 };
+    let turning = Sample { attitude, rates: Rates::from_rad_s([1.0, -0.5, 0.0]), ..sample(1.0) };
+    let later = turning.latency_compensated_attitude(0.1);
+    assert!((later.roll_rad - (3.2 - core::f32::consts::TAU)).abs() < 1e-5 && (later.pitch_rad - 0.15).abs() < 1e-6);
+    let earlier = turning.latency_compensated_attitude(-0.1);
+    assert!((earlier.roll_rad - 3.0).abs() < 1e-5 && (earlier.pitch_rad - 0.25).abs() < 1e-6);
+    assert_eq!(turning.latency_compensated_attitude(0.0), attitude);
+    assert_eq!(Sample { rates: Rates::NONE, ..turning }.latency_compensated_attitude(1.0), attitude);
+    let calibration = Calibration { latency_s: 0.1, ..calibration() };
+    assert_eq!(calibration.corrected_level_field(&turning), later.level(calibration.apply(turning.field)));
+}
+
+#[test]
+fn samples_come_part_by_part_and_marks_only_when_all_are_asked_for() {
+    let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
+    let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
+    let samples = Samples { left: &left, right: &right, level: &level, marks: &marks, ..Samples::default() };
+    let numbers = |iter: &mut dyn Iterator<Item = &Sample>| -> Vec<f32> { iter.map(|s| s.field.ut.x).collect() };
+    assert_eq!(numbers(&mut samples.iter()), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    assert_eq!(numbers(&mut samples.all()), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    assert_eq!(Samples::default().all().count(), 0);
+}
+
+fn calibration() -> Calibration {
+    Calibration {
+        w: [[1.0, 2.0, 0.0], [0.0, 1.0, -1.0], [3.0, 0.0, 2.0]],
+        b_ut: [10.0, -20.0, 30.0],
+        inclination_rad: 1.0,
+        total_ut: 50.0,
+        latency_s: -0.02,
+        motor_current: MotorCurrentInterference::NONE,
+    }
+}
+
+/// Liu 2007 eq. 8 by hand: (1, 2, 3) remains after the hard iron is subtracted.
+#[test]
+fn a_calibration_subtracts_hard_iron_before_the_matrix() {
+    let corrected = calibration().apply(Field::from_ut(11.0, -18.0, 33.0));
+    assert_eq!(corrected, Field::from_ut(5.0, -1.0, 9.0));
+    assert_eq!(calibration().w_matrix() * nalgebra::Vector3::new(1.0, 2.0, 3.0), corrected.ut);
+    assert_eq!(matrix_rows(&calibration().w_matrix()), calibration().w);
+    assert_eq!(calibration().b_vector_ut(), nalgebra::Vector3::new(10.0, -20.0, 30.0));
+}
+
+#[test]
+fn uncalibrated_applies_the_mounting_only() {
+    let yaw90 = Orientation::from_name("yaw90").unwrap();
+    let none = Calibration::uncalibrated(yaw90);
+    assert_eq!(none.apply(Field::from_ut(1.0, 2.0, 3.0)), Field::from_ut(-2.0, 1.0, 3.0));
+    assert!(none.is_finite());
+}
+
+#[test]
+fn a_nonfinite_coefficient_is_detected() {
+    assert!(calibration().is_finite());
+    for bad in [f32::NAN, f32::INFINITY] {
+        for i in 0..9 {
+            let mut calibration = calibration();
+            calibration.w[i / 3][i % 3] = bad;
+            assert!(!calibration.is_finite(), "w {i}");
+        }
+        for i in 0..3 {
+            let mut calibration = calibration();
+            calibration.b_ut[i] = bad;
+            assert!(!calibration.is_finite(), "b {i}");
+        }
+        assert!(!Calibration { inclination_rad: bad, ..calibration() }.is_finite());
+        assert!(!Calibration { total_ut: bad, ..calibration() }.is_finite());
+        assert!(!Calibration { latency_s: bad, ..calibration() }.is_finite());
+        for current in [
+            MotorCurrentInterference { ut_per_a: [0.0, bad, 0.0], ..MotorCurrentInterference::NONE },
+            MotorCurrentInterference { sigma_ut_per_a: bad, ..MotorCurrentInterference::NONE },
+            MotorCurrentInterference { mean_current_a: bad, ..MotorCurrentInterference::NONE },
+            MotorCurrentInterference { current_sigma_a: bad, ..MotorCurrentInterference::NONE },
+        ] {
+            assert!(!Calibration { motor_current: current, ..calibration() }.is_finite(), "{current:?}");
+        }
+    }
+}
+
+#[test]
+fn names_are_stable() {
+    assert_eq!([Side::Left, Side::Right].map(Side::name), ["left", "right"]);
+    assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::name), ["x", "y", "z"]);
+    let parts = [
+        SamplePart::Turns(Side::Left),
+        SamplePart::Turns(Side::Right),
+        SamplePart::Level,
+        SamplePart::Marks,
+        SamplePart::All,
+    ];
+    assert_eq!(parts.map(SamplePart::name), ["left turns", "right turns", "level headings", "marks", "all attitudes"]);
+    let names = ["level", "four-ellipse", "two-plane", "maximum-likelihood", "compass-swing", "ellipsoid"];
+    assert_eq!(Method::ALL.map(Method::name), names);
+    for method in Method::ALL {
+        assert_eq!(Method::from_name(method.name()), Some(method));
+    }
+    assert_eq!(Method::from_name("guess"), None);
+}
+
+#[test]
+fn only_banked_samples_with_attitude_determine_all_coefficients() {
+    let quality = |method, envelope| Quality {
+        method,
+        envelope,
+        expected_rms_deg: 0.3,
+        expected_worst_deg: 0.5,
+        norm_residual: 0.004,
+        inclination_residual_deg: 0.3,
+        samples: 300,
+        latency: None,
+    };
+    assert!(quality(Method::MaximumLikelihood, Envelope::Banked).determines_all_coefficients());
+    assert!(quality(Method::CompassSwing, Envelope::Banked).determines_all_coefficients());
+    assert!(!quality(Method::CompassSwing, Envelope::Level).determines_all_coefficients());
+    assert!(!quality(Method::Level, Envelope::Level).determines_all_coefficients());
+    assert!(!quality(Method::Ellipsoid, Envelope::Banked).determines_all_coefficients());
+    assert!(!quality(Method::Ellipsoid, Envelope::Level).determines_all_coefficients());
+}

@@ -1,0 +1,182 @@
+//! D-optimal selection: finds the sample that contributes least information to a full buffer.
+//!
+//! Each sample contributes two equations for the coefficients, the field strength and the inclination of the corrected
+//! field (METHOD in [`likelihood`](crate::calibration)). The quality of a set is the determinant of its Fisher
+//! information `M` (D-optimality, V. V. Fedorov, "Theory of Optimal Experiments", 1972). Removing an equation `x` of
+//! leverage `l = x^T M^-1 x` multiplies the determinant by `1 - l`; the sample with the smallest sum of leverages is
+//! removed.
+//!
+//! The equations depend on the field's direction in the body, hence on the coefficients. A sphere through the samples
+//! gives it to 10 or 20 deg, which suffices; a trial solve gives it to about 1 deg. Soft iron, being linear, scales the
+//! determinants of all sets equally.
+//!
+//! Noise must not raise a sample's leverage: selection among thousands of samples would prefer noise of one sign and
+//! bias the solution. Hence the norm is normalised, and the inclination residual of a trial solve is removed by
+//! rotating the measured direction by the sensor's share of it. (An attitude error rotates the down direction in the
+//! same plane and leaves the derivative's direction unchanged.) Samples are not rejected for large inclination
+//! residuals: that reinforces an early wrong solution, and made one copter calibration in ten wrong instead of one in a
+//! hundred.
+
+use nalgebra::Vector3;
+
+use crate::calibration::{
+    Calibration, FieldPrediction, InformationMatrix, JacobianRow, LeastSquares, Orientation, Quality, Sample, Samples,
+    fit_sphere,
+};
+use crate::trig::Length as _;
+
+/// Prior information on each unknown, in units of inclination equations. Keeps the matrix invertible, above `f32`
+/// rounding in the sum over all samples.
+const PRIOR_INFORMATION: f32 = 0.01;
+
+/// Lower bound of the field's norm, microtesla, against division by zero.
+const MIN_NORM_UT: f32 = 1e-3;
+
+/// Largest correction of the direction, radians: five sigma of a sensor with 1 % noise. Larger residuals have other
+/// causes.
+const MAX_CORRECTION_RAD: f32 = 0.05;
+
+#[derive(Clone, Debug)]
+struct Linearisation {
+    calibration: Calibration,
+    /// Share of an inclination residual that is sensor noise, 0..1; the rest is attitude error.
+    sensor_noise_share: f32,
+    /// Factor on a new sample's leverage, below 1 because noise raises it; smaller for a sphere.
+    new_sample_factor: f32,
+    is_from_trial: bool,
+}
+
+impl Linearisation {
+    /// No coefficients. All zeros, so that initial data need no flash.
+    const NONE: Self = Self {
+        calibration: Calibration {
+            w: [[0.0; 3]; 3],
+            b_ut: [0.0; 3],
+            inclination_rad: 0.0,
+            total_ut: 0.0,
+            latency_s: 0.0,
+            motor_current: crate::calibration::MotorCurrentInterference::NONE,
+        },
+        sensor_noise_share: 0.0,
+        new_sample_factor: 0.0,
+        is_from_trial: false,
+    };
+
+    fn from_centre(centre_ut: Vector3<f32>) -> Self {
+        let calibration = Calibration { b_ut: centre_ut.into(), ..Calibration::uncalibrated(Orientation::NONE) };
+        Self { calibration, sensor_noise_share: 0.0, new_sample_factor: 0.8, is_from_trial: false }
+    }
+
+    /// Coefficients of a trial solve, with the residuals of its quality.
+    fn from_trial(calibration: &Calibration, quality: &Quality) -> Self {
+        let of_reading = quality.norm_residual / quality.inclination_residual_deg.to_radians();
+        // `min` maps NaN, if both residuals are zero, to 1.
+        Self {
+            calibration: *calibration,
+            sensor_noise_share: (of_reading * of_reading).min(1.0),
+            new_sample_factor: 0.9,
+            is_from_trial: true,
+        }
+    }
+
+    /// Jacobian rows of norm and inclination at the noise-corrected unit direction.
+    fn jacobian_rows(&self, sample: &Sample) -> [JacobianRow; 2] {
+        let field_ut = self.calibration.corrected_body_field(sample).ut;
+        let direction = field_ut / field_ut.length().max(MIN_NORM_UT);
+        let latency_s = self.calibration.latency_s;
+        let attitude = if latency_s == 0.0 { sample.attitude } else { sample.latency_compensated_attitude(latency_s) };
+        let seen = FieldPrediction::new(direction, &direction, &attitude.tilt());
+        if !self.is_from_trial {
+            return [seen.norm_row(), seen.inclination_row()];
+        }
+        let off_rad = self.sensor_noise_share * (seen.inclination_rad - self.calibration.inclination_rad);
+        let off_rad = off_rad.clamp(-MAX_CORRECTION_RAD, MAX_CORRECTION_RAD);
+        // Small rotation in the plane of field and vertical.
+        let direction = seen.direction - seen.inclination_by_field * off_rad;
+        let towards_down = seen.inclination_by_field + seen.direction * off_rad;
+        let truly = FieldPrediction { x: direction, direction, inclination_by_field: towards_down, ..seen };
+        [truly.norm_row(), truly.inclination_row()]
+    }
+}
+
+/// Relative leverage threshold of a new sample: its information lowers the leverage of the others.
+const NEW_SAMPLE_THRESHOLD: f32 = 0.9;
+
+#[derive(Debug)]
+pub(super) struct DOptimalSelection {
+    linearisation: Linearisation,
+    information: LeastSquares<13, 1>,
+    min_leverage: f32,
+}
+
+impl DOptimalSelection {
+    pub const NONE: Self =
+        Self { linearisation: Linearisation::NONE, information: LeastSquares::new(), min_leverage: 0.0 };
+
+    pub fn for_other_set(&self) -> Self {
+        Self { linearisation: self.linearisation.clone(), information: LeastSquares::new(), min_leverage: 0.0 }
+    }
+
+    pub fn reset(&mut self) {
+        self.set_linearisation(Linearisation::NONE);
+    }
+
+    /// Evaluates samples with the coefficients of a trial solve from now on.
+    pub fn use_trial_solution(&mut self, calibration: &Calibration, quality: &Quality) {
+        self.set_linearisation(Linearisation::from_trial(calibration, quality));
+    }
+
+    fn set_linearisation(&mut self, view: Linearisation) {
+        // The leverages of earlier coefficients do not apply; zero accepts every sample until the next full evaluation.
+        self.linearisation = view;
+        self.min_leverage = 0.0;
+    }
+
+    pub fn uses_trial_solution(&self) -> bool {
+        self.linearisation.is_from_trial
+    }
+
+    /// Whether a sample outside the set may exceed the smallest leverage; conservative, at a thousandth of the cost of
+    /// a full evaluation.
+    pub fn may_exceed_weakest(&self, sample: &Sample) -> bool {
+        // Leverage after inclusion in the set.
+        let worth: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
+        // NaN is left to the full evaluation, as is every sample without coefficients.
+        worth.is_nan() || self.linearisation.new_sample_factor * worth >= NEW_SAMPLE_THRESHOLD * self.min_leverage
+    }
+
+    fn leverages(&self, sample: &Sample) -> [f32; 2] {
+        self.linearisation.jacobian_rows(sample).map(|row| self.information.variance(&row.as_vector()))
+    }
+
+    /// Index of the sample with the least leverage, the first one being new; `None` if there is no sphere through the
+    /// samples.
+    #[inline(never)]
+    pub fn find_weakest(&mut self, samples: Samples<'_>) -> Option<usize> {
+        self.information = LeastSquares::new();
+        if !self.linearisation.is_from_trial {
+            let (centre_ut, _) = fit_sphere(samples).filter(|(ut, _)| ut.iter().all(|c| c.is_finite()))?;
+            self.linearisation = Linearisation::from_centre(centre_ut);
+        }
+        let mut squares = InformationMatrix::zero();
+        for sample in samples.all() {
+            let [strength, dip] = self.linearisation.jacobian_rows(sample);
+            // Equal weights: either the sensor or the attitude may be the more accurate.
+            squares.add_row_pair([&strength, &dip], [1.0; 2]);
+        }
+        let mut information = squares.upper_triangle();
+        for (i, row) in information.iter_mut().enumerate() {
+            row[i] += PRIOR_INFORMATION;
+        }
+        self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
+        let certain = core::iter::once(self.linearisation.new_sample_factor).chain(core::iter::repeat(1.0));
+        let worth = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
+        let worths = samples.all().zip(certain).map(worth).enumerate();
+        let (place, least) = worths.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        self.min_leverage = least;
+        Some(place)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,210 @@
+//! Statistics of all attitudes, stored or not, to diagnose missing samples.
+
+use core::fmt;
+
+use super::CollectionProgress;
+use super::dataset::SECTORS;
+use super::turn_detector::TurnDetectorConfig;
+use crate::calibration::{Manoeuvre, Sample, Side};
+use crate::decimal::Decimal;
+use crate::frames::Attitude;
+use crate::time::WrappingMillis;
+
+/// Reason for missing or uninformative samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CollectionProblem {
+    /// The sample interval is too long to follow a turn.
+    SampleIntervalTooLong {
+        /// Mean sample interval, seconds.
+        interval_s: f32,
+    },
+    /// Almost no tilt: the vehicle was not flown, or the attitude has a wrong unit.
+    NoTilt {
+        /// Largest tilt, degrees.
+        most_deg: f32,
+    },
+    /// Banks too small or too short.
+    InsufficientBank {
+        /// Largest tilt, degrees.
+        most_deg: f32,
+    },
+    /// Turns to this side only.
+    OneSideOnly(Side),
+    /// Turns to this side cover only an arc: the yaw rate was too low.
+    ArcOnly {
+        /// Side of the arc.
+        side: Side,
+        /// Sectors covered, of [`SECTORS`].
+        sectors: u8,
+    },
+    /// Manoeuvre that adds the most missing information.
+    MissingManoeuvre(Manoeuvre),
+}
+
+impl fmt::Display for CollectionProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::SampleIntervalTooLong { interval_s: every_s } => {
+                write!(f, "a sample comes every {} s, too slow for turns", Decimal::<1>(every_s))
+            }
+            Self::NoTilt { most_deg } => write!(f, "the attitude tilts by {} deg at most", Decimal::<1>(most_deg)),
+            Self::InsufficientBank { most_deg } => write!(f, "too little bank, {} deg at most", Decimal::<1>(most_deg)),
+            Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.name()),
+            Self::ArcOnly { side, sectors } => {
+                let side = side.name();
+                write!(f, "the {side} turns went through {sectors} of {SECTORS} sectors, too slow or too short")
+            }
+            Self::MissingManoeuvre(manoeuvre) => write!(f, "missing: {manoeuvre}"),
+        }
+    }
+}
+
+const DIAGNOSIS_LIMITS: DiagnosisLimits = DiagnosisLimits {
+    tilt_filter_ms: 1000,
+    min_samples: 20,
+    min_duration_ms: 20_000,
+    min_tilt_rad: 2_f32.to_radians(),
+    min_bank_ms: 5000,
+    min_arc_samples: 60,
+    max_arc_sectors: 8,
+};
+
+struct DiagnosisLimits {
+    /// Time constant of the tilt average, milliseconds: suppresses gusts.
+    tilt_filter_ms: u32,
+    /// Fewest samples for a diagnosis.
+    min_samples: u32,
+    /// Shortest duration for a diagnosis, milliseconds.
+    min_duration_ms: u32,
+    /// Tilt below that of any flight, radians (2 deg). 90 deg sent as radians and read as degrees are 1.6 deg.
+    min_tilt_rad: f32,
+    /// Shortest total bank time of a side that was flown, milliseconds; gusts last 1 to 2 s.
+    min_bank_ms: u32,
+    /// Samples of at least 32 s of turning.
+    min_arc_samples: u16,
+    /// Sectors that a turn of 8 deg/s exceeds in that time.
+    max_arc_sectors: u8,
+}
+
+/// Attitude statistics of a collection. 40 bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FlightStatistics {
+    samples: u32,
+    long_intervals: u32,
+    last_sample_at: Option<WrappingMillis>,
+    duration_ms: u32,
+    /// Low-pass filtered attitude, time constant 1 s.
+    filtered_attitude: Attitude,
+    max_tilt_rad: f32,
+    left_bank_ms: u32,
+    right_bank_ms: u32,
+}
+
+impl FlightStatistics {
+    pub const EMPTY: Self = Self {
+        samples: 0,
+        long_intervals: 0,
+        last_sample_at: None,
+        duration_ms: 0,
+        filtered_attitude: Attitude { roll_rad: 0.0, pitch_rad: 0.0 },
+        max_tilt_rad: 0.0,
+        left_bank_ms: 0,
+        right_bank_ms: 0,
+    };
+
+    /// State in retained memory.
+    pub fn encode(&self) -> [u32; 6] {
+        let Self {
+            samples,
+            long_intervals: gaps,
+            duration_ms: lasted_ms,
+            max_tilt_rad: most_rad,
+            left_bank_ms: left_ms,
+            right_bank_ms: right_ms,
+            ..
+        } = *self;
+        [samples, gaps, lasted_ms, most_rad.to_bits(), left_ms, right_ms]
+    }
+
+    pub const fn decode([samples, gaps, lasted_ms, most_rad, left_ms, right_ms]: [u32; 6]) -> Self {
+        let most_rad = f32::from_bits(most_rad);
+        Self {
+            samples,
+            long_intervals: gaps,
+            duration_ms: lasted_ms,
+            max_tilt_rad: most_rad,
+            left_bank_ms: left_ms,
+            right_bank_ms: right_ms,
+            ..Self::EMPTY
+        }
+    }
+
+    pub fn last_sample_at(&self) -> Option<WrappingMillis> {
+        self.last_sample_at
+    }
+
+    pub fn update(&mut self, sample: &Sample) {
+        let Attitude { roll_rad, pitch_rad } = sample.attitude;
+        if !(roll_rad.is_finite() && pitch_rad.is_finite()) {
+            return;
+        }
+        self.samples = self.samples.saturating_add(1);
+        let Some(last) = self.last_sample_at.replace(sample.time) else {
+            self.filtered_attitude = sample.attitude;
+            return;
+        };
+        let step_ms = sample.time.ms_since(last);
+        self.duration_ms = self.duration_ms.saturating_add(step_ms);
+        self.long_intervals += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
+        let share = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_ms as f32);
+        self.filtered_attitude.roll_rad += share * (roll_rad - self.filtered_attitude.roll_rad);
+        self.filtered_attitude.pitch_rad += share * (pitch_rad - self.filtered_attitude.pitch_rad);
+        let Attitude { roll_rad, pitch_rad } = self.filtered_attitude;
+        self.max_tilt_rad = self.max_tilt_rad.max(libm::fabsf(roll_rad)).max(libm::fabsf(pitch_rad));
+        if libm::fabsf(roll_rad) >= TurnDetectorConfig::DEFAULT.enter_roll_rad {
+            let side_ms = if roll_rad < 0.0 { &mut self.left_bank_ms } else { &mut self.right_bank_ms };
+            *side_ms = side_ms.saturating_add(step_ms);
+        }
+    }
+
+    fn is_long_enough(&self) -> bool {
+        self.samples >= DIAGNOSIS_LIMITS.min_samples && self.duration_ms >= DIAGNOSIS_LIMITS.min_duration_ms
+    }
+
+    pub fn check_tilt(&self) -> Option<CollectionProblem> {
+        let is_so = self.is_long_enough() && self.max_tilt_rad < DIAGNOSIS_LIMITS.min_tilt_rad;
+        is_so.then(|| CollectionProblem::NoTilt { most_deg: self.max_tilt_rad.to_degrees() })
+    }
+
+    /// Diagnosis of a collection in turns; `None` if no threshold is violated.
+    pub fn diagnose(&self, progress: &CollectionProgress) -> Option<CollectionProblem> {
+        let DiagnosisLimits {
+            min_bank_ms: held_ms, min_arc_samples: arc_samples, max_arc_sectors: arc_sectors, ..
+        } = DIAGNOSIS_LIMITS;
+        if !self.is_long_enough() {
+            return None;
+        }
+        if 2 * u64::from(self.long_intervals) > u64::from(self.samples) {
+            return Some(CollectionProblem::SampleIntervalTooLong {
+                interval_s: self.duration_ms as f32 / self.samples as f32 / 1e3,
+            });
+        }
+        if let Some(lack) = self.check_tilt() {
+            return Some(lack);
+        }
+        let most_deg = self.max_tilt_rad.to_degrees();
+        match (self.left_bank_ms >= held_ms, self.right_bank_ms >= held_ms) {
+            (false, false) => return Some(CollectionProblem::InsufficientBank { most_deg }),
+            (true, false) => return Some(CollectionProblem::OneSideOnly(Side::Left)),
+            (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
+            (true, true) => {}
+        }
+        [(Side::Left, progress.left), (Side::Right, progress.right)].into_iter().find_map(|(side, kept)| {
+            let is_arc = kept.samples >= arc_samples && kept.sectors <= arc_sectors;
+            is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: kept.sectors })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,149 @@
+//! Unit tests of `flight_statistics`.
+
+use super::super::Collector;
+use super::super::test_samples::{banked_sample, empty_memory, turn_samples};
+use super::*;
+use crate::calibration::method_selection::Procedure;
+
+fn diagnose_banks(step_ms: u32, banks: &[(f32, u32)]) -> Option<CollectionProblem> {
+    let mut flown = FlightStatistics::EMPTY;
+    let mut time_ms = u32::MAX - 5000;
+    for &(roll_deg, seconds) in banks {
+        for _ in 0..seconds * 1000 / step_ms {
+            flown.update(&banked_sample(roll_deg, 0.0, time_ms));
+            time_ms = time_ms.wrapping_add(step_ms);
+        }
+    }
+    flown.diagnose(&CollectionProgress::default())
+}
+
+#[test]
+fn long_sample_intervals_are_reported() {
+    let turns = [(-25.0, 60), (25.0, 60)];
+    assert_eq!(diagnose_banks(500, &turns), None);
+    let Some(CollectionProblem::SampleIntervalTooLong { interval_s: every_s }) = diagnose_banks(510, &turns) else {
+        panic!()
+    };
+    assert!((every_s - 0.51).abs() < 0.01, "{every_s}");
+    // More than half of the intervals must be long.
+    let mixed = |slow: u32| {
+        let mut flown = FlightStatistics::EMPTY;
+        let mut time_ms = 0;
+        for i in 0..100 {
+            time_ms += if i % 20 < slow { 1000 } else { 100 };
+            flown.update(&banked_sample(if i < 50 { 25.0 } else { -25.0 }, 0.0, time_ms));
+        }
+        flown.diagnose(&CollectionProgress::default())
+    };
+    assert!(
+        matches!((mixed(10), mixed(11)), (None, Some(CollectionProblem::SampleIntervalTooLong { .. }))),
+        "{:?} {:?}",
+        mixed(10),
+        mixed(11)
+    );
+}
+
+/// 45 deg in radians is 0.8.
+#[test]
+fn an_attitude_in_radians_is_reported() {
+    assert!(
+        matches!(diagnose_banks(100, &[(-0.8, 60), (0.8, 60)]), Some(CollectionProblem::NoTilt { most_deg }) if (most_deg - 0.8).abs() < 0.01)
+    );
+    assert!(matches!(diagnose_banks(100, &[(-1.9, 60), (1.9, 60)]), Some(CollectionProblem::NoTilt { .. })));
+    assert!(matches!(diagnose_banks(100, &[(-2.1, 60), (2.1, 60)]), Some(CollectionProblem::InsufficientBank { .. })));
+    let mut flown = FlightStatistics::EMPTY;
+    (0..300).for_each(|i| flown.update(&banked_sample(0.0, -15.0, i * 100)));
+    assert!(
+        matches!(flown.diagnose(&CollectionProgress::default()), Some(CollectionProblem::InsufficientBank { most_deg }) if most_deg > 14.0)
+    );
+}
+
+/// 10 deg for 5 s, after the 1 s low-pass filter.
+#[test]
+fn small_or_short_banks_are_reported() {
+    assert!(
+        matches!(diagnose_banks(100, &[(-9.9, 60), (9.9, 60)]), Some(CollectionProblem::InsufficientBank { most_deg }) if (most_deg - 9.9).abs() < 0.1)
+    );
+    assert_eq!(diagnose_banks(100, &[(-10.1, 60), (10.1, 60)]), None);
+    // At 20 deg the filter's delay is the same at both edges of the threshold.
+    let for_tenths = |tenths: u32| {
+        let mut flown = FlightStatistics::EMPTY;
+        for i in 0..600 {
+            let roll_deg = if (300..300 + tenths).contains(&i) { 20.0 } else { 0.0 };
+            flown.update(&banked_sample(roll_deg, 0.0, i * 100));
+        }
+        flown.diagnose(&CollectionProgress::default())
+    };
+    assert!(matches!(for_tenths(48), Some(CollectionProblem::InsufficientBank { .. })), "{:?}", for_tenths(48));
+    assert_eq!(for_tenths(52), Some(CollectionProblem::OneSideOnly(Side::Right)));
+    // 1 s at 20 deg gives a filtered 20 (1 - 0.91^10).
+    let gust = for_tenths(10);
+    assert!(
+        matches!(gust, Some(CollectionProblem::InsufficientBank { most_deg }) if (most_deg - 12.3).abs() < 0.2),
+        "{gust:?}"
+    );
+}
+
+#[test]
+fn a_missing_side_is_reported() {
+    assert_eq!(diagnose_banks(100, &[(-25.0, 60)]), Some(CollectionProblem::OneSideOnly(Side::Left)));
+    assert_eq!(diagnose_banks(100, &[(25.0, 60)]), Some(CollectionProblem::OneSideOnly(Side::Right)));
+    assert_eq!(diagnose_banks(100, &[(25.0, 60), (-25.0, 4)]), Some(CollectionProblem::OneSideOnly(Side::Right)));
+    assert_eq!(diagnose_banks(100, &[(25.0, 60), (-25.0, 7)]), None);
+}
+
+#[test]
+fn a_short_flight_has_no_diagnosis() {
+    assert_eq!(diagnose_banks(100, &[(0.0, 20)]), None);
+    assert!(diagnose_banks(100, &[(0.0, 21)]).is_some());
+    assert_eq!(diagnose_banks(2000, &[(0.0, 38)]), None);
+    assert!(diagnose_banks(2000, &[(0.0, 40)]).is_some());
+    assert_eq!(diagnose_banks(100, &[(f32::NAN, 100)]), None, "what is no number is no flight");
+}
+
+/// Two circles of 90 s, against arcs of 120 deg in 90 s.
+#[test]
+fn arcs_are_reported() {
+    let through = |rate_deg_s: f32, seconds: u16| {
+        let mut collector = Collector::new(empty_memory());
+        collector.begin(Procedure::Turns);
+        turn_samples(-25.0, 0, seconds, -rate_deg_s).for_each(|sample| collector.push(sample));
+        turn_samples(25.0, seconds, 2 * seconds, rate_deg_s).for_each(|sample| collector.push(sample));
+        collector.problem()
+    };
+    assert_eq!(through(4.5, 90), None);
+    assert!(
+        matches!(through(1.3, 90), Some(CollectionProblem::ArcOnly { side: Side::Left, sectors }) if sectors <= 8),
+        "{:?}",
+        through(1.3, 90)
+    );
+    let kept = |samples, sectors| CollectionProgress {
+        right: super::super::dataset::Coverage { samples, sectors, ..Default::default() },
+        ..CollectionProgress::default()
+    };
+    let mut both = FlightStatistics::EMPTY;
+    turn_samples(-25.0, 0, 20, 9.0).chain(turn_samples(25.0, 20, 40, 9.0)).for_each(|sample| both.update(&sample));
+    assert_eq!(both.diagnose(&kept(60, 8)), Some(CollectionProblem::ArcOnly { side: Side::Right, sectors: 8 }));
+    assert_eq!((both.diagnose(&kept(59, 8)), both.diagnose(&kept(60, 9))), (None, None));
+}
+
+#[test]
+fn diagnosis_is_per_collection_and_procedure() {
+    let mut collector = Collector::new(empty_memory());
+    for (procedure, is_said) in
+        [(Procedure::Turns, true), (Procedure::Flight, false), (Procedure::Level, false), (Procedure::Swing, false)]
+    {
+        collector.begin(procedure);
+        (0..300).for_each(|i| collector.push(banked_sample(5.0, 0.0, i * 100)));
+        assert_eq!(collector.problem().is_some(), is_said, "{procedure:?}");
+    }
+    collector.begin(Procedure::Flight);
+    assert_eq!(collector.problem(), None);
+    (0..300).for_each(|i| collector.push(banked_sample(1.9, 0.0, i * 100)));
+    assert!(
+        matches!(collector.problem(), Some(CollectionProblem::NoTilt { .. })),
+        "of whatever is flown nothing else is asked"
+    );
+    collector.begin(Procedure::Turns);
+    assert_eq!(collector.problem(), None);
+}

@@ -1,0 +1,297 @@
+use testkit::random::Random;
+
+use super::super::test_samples::{banked_sample, circle_sample, empty_memory, sample, turn_samples};
+use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
+use super::*;
+use crate::calibration::Samples;
+use crate::calibration::method_selection::Procedure;
+
+const MANUAL: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
+
+/// Flight with samples for all buffers.
+fn flight() -> impl Iterator<Item = Sample> {
+    let legs = [(-25.0, 0, 40, -13.0), (0.0, 40, 60, 3.0), (25.0, 60, 90, 13.0), (0.0, 90, 95, 3.0)];
+    legs.into_iter().flat_map(|(roll_deg, from_s, to_s, rate)| turn_samples(roll_deg, from_s, to_s, rate))
+}
+
+fn collect(kept: &mut RetainedSamples, procedure: Procedure, samples: impl Iterator<Item = Sample>) {
+    let mut collector = Collector::new(kept);
+    collector.begin(procedure);
+    for sample in samples {
+        collector.push(sample);
+        collector.save(MANUAL);
+    }
+    if procedure == Procedure::Swing {
+        assert!(collector.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 }));
+        collector.save(MANUAL);
+    }
+}
+
+fn copy_all(samples: Samples<'_>) -> Vec<Sample> {
+    samples.all().copied().collect()
+}
+
+/// Observable state of a collection.
+fn observable_state(
+    collector: &Collector<'_>,
+) -> (CollectionProgress, Vec<Sample>, Vec<Sample>, Option<CollectionProblem>, u32) {
+    // The turn in progress is detected only after two seconds.
+    let progress = CollectionProgress { turn_in_progress: None, ..collector.progress() };
+    (
+        progress,
+        copy_all(collector.fit()),
+        copy_all(collector.held_back()),
+        collector.problem(),
+        collector.distinct_samples(),
+    )
+}
+
+#[test]
+fn samples_survive_a_restart() {
+    for procedure in Procedure::ALL {
+        let kept = empty_memory();
+        collect(kept, procedure, flight());
+        let mut uninterrupted = empty_memory().clone();
+        let mut before = Collector::new(&mut uninterrupted);
+        before.begin(procedure);
+        flight().for_each(|sample| before.push(sample));
+        if procedure == Procedure::Swing {
+            before.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 });
+        }
+        let after = Collector::new(kept);
+        let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));
+        assert_eq!(
+            (after.restored_context(), after.state()),
+            (Some(MANUAL), CollectionState::Running),
+            "{procedure:?}"
+        );
+        assert_eq!(progress, then.0, "{procedure:?}");
+        assert!(fit == then.1 && held_back == then.2, "{procedure:?}");
+        assert_eq!(after.problem().is_some(), before.problem().is_some(), "{procedure:?}");
+        assert!(fit.len() > 20 && held_back.len() > 5, "{procedure:?}");
+        // The counter is stored with the next stored sample.
+        assert!(before.distinct_samples() - after.distinct_samples() <= 4, "{procedure:?}");
+    }
+}
+
+/// Restart at any sample, with the module's clock at zero; the collection then completes after two settling times of 2
+/// s.
+#[test]
+fn a_collection_continues_after_a_restart() {
+    let samples: Vec<Sample> = turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 180, 13.0)).collect();
+    for cut in (50..samples.len()).step_by(97) {
+        let kept = empty_memory();
+        collect(kept, Procedure::Turns, samples[..cut].iter().copied());
+        let mut collector = Collector::new(kept);
+        let anew = samples[cut].time;
+        for &sample in &samples[cut..] {
+            let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
+            collector.push(Sample { time, ..sample });
+            collector.save(MANUAL);
+        }
+        assert!(collector.progress().is_complete(), "{cut}: {:?}", collector.progress());
+        for part in [collector.fit().left, collector.fit().right, collector.held_back().left] {
+            assert!(part.is_sorted_by_key(|sample| sample.time.as_ms()), "{cut}");
+            assert!(part.windows(2).all(|two| two[1].time.ms_since(two[0].time) >= 400), "{cut}");
+        }
+    }
+}
+
+#[test]
+fn state_and_context_are_stored() {
+    let kept = empty_memory();
+    collect(kept, Procedure::Flight, flight());
+    let mut collector = Collector::new(kept);
+    let by_itself = CollectionContext { is_automatic: true, calibration_serial: 8 };
+    collector.save(by_itself);
+    let mut collector = Collector::new(kept);
+    assert_eq!((collector.restored_context(), collector.state()), (Some(by_itself), CollectionState::Running));
+    collector.set_state(CollectionState::Stopped);
+    collector.save(MANUAL);
+    let mut collector = Collector::new(kept);
+    assert_eq!((collector.restored_context(), collector.state()), (Some(MANUAL), CollectionState::Stopped));
+    assert!(collector.is_loss_reportable() && collector.fit().all().next().is_some());
+    collector.set_state(CollectionState::Inactive);
+    collector.save(MANUAL);
+    assert!(collector.fit().all().next().is_some(), "they stay for another solve");
+    let collector = Collector::new(kept);
+    assert_eq!(
+        (collector.restored_context(), collector.state()),
+        (Some(CollectionContext::default()), CollectionState::Inactive)
+    );
+    assert!(collector.fit().all().next().is_none() && !collector.is_loss_reportable());
+}
+
+/// Threshold: ten fit samples.
+#[test]
+fn losing_few_samples_is_not_reported() {
+    let kept = empty_memory();
+    let mut collector = Collector::new(kept);
+    collector.begin(Procedure::Tumble);
+    for i in 0..14_u32 {
+        collector.push(sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
+        let fit = collector.fit().all().count();
+        assert_eq!(collector.is_loss_reportable(), fit >= 10, "{fit}");
+    }
+}
+
+fn memory_words(kept: &RetainedSamples) -> Vec<u32> {
+    let mut words = Vec::new();
+    kept.clone().transform_words(|word| {
+        words.push(word);
+        word
+    });
+    words
+}
+
+fn memory_from_words(words: &[u32]) -> RetainedSamples {
+    let (mut kept, mut next) = (RetainedSamples::EMPTY, words.iter());
+    kept.transform_words(|_| *next.next().expect("as many"));
+    kept
+}
+
+/// A reset during a change writes any subset of the changed words. Memory is then valid with the old or the new
+/// content, or invalid. Tested for changes throughout a flight that fills all buffers.
+#[test]
+fn an_interrupted_change_is_atomic() {
+    let mut random = Random(1);
+    let found = |kept: &RetainedSamples| {
+        let mut kept = kept.clone();
+        let collector = Collector::new(&mut kept);
+        collector.restored_context().map(|_| (copy_all(collector.fit()), copy_all(collector.held_back())))
+    };
+    let kept = empty_memory();
+    let mut before: Option<RetainedSamples> = None;
+    let [mut whole, mut nothing] = [0; 2];
+    let mut flown: Vec<Sample> = Vec::new();
+    for (i, sample) in flight().chain(flight()).enumerate() {
+        flown.push(Sample { time: WrappingMillis::new(i as u32 * 100), ..sample });
+        if i % 61 < 59 {
+            continue;
+        }
+        *kept = RetainedSamples::EMPTY;
+        collect(kept, Procedure::Flight, flown.iter().copied());
+        let now = kept.clone();
+        if let Some(before) = before.filter(|_| i % 61 == 60) {
+            let (old, new) = (memory_words(&before), memory_words(&now));
+            let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
+            for _ in 0..40 {
+                let mut mixed = old.clone();
+                let share = random.byte();
+                changed.iter().filter(|_| random.byte() <= share).for_each(|&at| mixed[at] = new[at]);
+                match found(&memory_from_words(&mixed)) {
+                    Some(found_now) => {
+                        assert!(found(&before).as_ref() == Some(&found_now) || found(&now) == Some(found_now), "{i}");
+                        whole += 1;
+                    }
+                    None => nothing += 1,
+                }
+            }
+        }
+        before = Some(now);
+    }
+    assert!(nothing > 300 && whole > 5, "{whole} whole, {nothing} nothing");
+}
+
+/// Except in unused memory.
+#[test]
+fn a_flipped_bit_invalidates_the_memory() {
+    let kept = empty_memory();
+    collect(kept, Procedure::Turns, flight());
+    let good = memory_words(kept);
+    let mut collector = Collector::new(kept);
+    let then = observable_state(&collector);
+    collector.reset_restart_count();
+    let mut random = Random(2);
+    let mut same = 0;
+    for i in 0..3000 {
+        let mut damaged = good.clone();
+        let bit = if i < 32 * 19 { i } else { random.bits() as usize % (32 * good.len()) };
+        damaged[bit / 32] ^= 1 << (bit % 32);
+        let mut damaged = memory_from_words(&damaged);
+        let mut collector = Collector::new(&mut damaged);
+        if collector.restored_context().is_some() {
+            assert!(
+                (collector.restored_context(), observable_state(&collector)) == (Some(MANUAL), then.clone()),
+                "bit {bit}"
+            );
+            same += 1;
+        } else {
+            assert!(
+                collector.state() == CollectionState::Inactive && copy_all(collector.fit()).is_empty(),
+                "bit {bit}"
+            );
+            assert_eq!(collector.progress(), CollectionProgress::default(), "bit {bit}");
+            collector.begin(Procedure::Flight);
+        }
+    }
+    // Half of the memory is unused.
+    assert!((500..2500).contains(&same), "{same}");
+}
+
+/// Power-on content: random words, masked to small values that are plausible lengths and enum values.
+#[test]
+fn random_memory_is_rejected_and_usable() {
+    for (seed, mask) in (0..400).zip([u32::MAX, 0x1F_001F, 0xFF, 0].into_iter().cycle()) {
+        let (mut random, kept) = (Random(seed), empty_memory());
+        kept.transform_words(|_| random.bits() as u32 & mask);
+        let mut collector = Collector::new(kept);
+        assert_eq!((collector.restored_context(), collector.state()), (None, CollectionState::Inactive));
+        assert_eq!(collector.progress(), CollectionProgress::default());
+        collector.begin(Procedure::Flight);
+        flight().take(30).for_each(|sample| collector.push(sample));
+        assert!(collector.fit().all().all(|sample| sample.field.ut.norm() < 200.0));
+    }
+}
+
+#[test]
+fn memory_of_other_firmware_is_rejected() {
+    let kept = empty_memory();
+    collect(kept, Procedure::Turns, flight());
+    let seal = |kept: &mut RetainedSamples, firmware: u32| {
+        let mut copy = kept.clone();
+        let collector = Collector::new(&mut copy);
+        kept.header.checksum = compute_checksum(firmware, &kept.header.words, collector.dataset.all_buffers(), &[]);
+    };
+    seal(kept, FIRMWARE_SEED ^ 1);
+    assert_eq!(Collector::new(&mut kept.clone()).restored_context(), None);
+    let mut same = empty_memory().clone();
+    collect(&mut same, Procedure::Turns, flight());
+    seal(&mut same, FIRMWARE_SEED);
+    assert_eq!(Collector::new(&mut same).restored_context(), Some(MANUAL));
+}
+
+/// Discarded at the fourth unexpected restart; a requested restart or a completed solve resets the count.
+#[test]
+fn a_collection_is_discarded_after_repeated_restarts() {
+    let kept = empty_memory();
+    collect(kept, Procedure::Turns, flight());
+    for _ in 0..3 {
+        Collector::new(kept).reset_restart_count();
+        assert_eq!(Collector::new(kept).restored_context(), Some(MANUAL));
+    }
+    for found in [Some(MANUAL), Some(MANUAL), None, Some(CollectionContext::default())] {
+        assert_eq!(Collector::new(kept).restored_context(), found);
+    }
+    collect(kept, Procedure::Turns, flight());
+    assert_eq!(Collector::new(kept).restored_context(), Some(MANUAL), "another begins anew");
+}
+
+/// Only checksum and restart count change.
+#[test]
+fn an_unused_sample_does_not_change_the_memory() {
+    let kept = empty_memory();
+    collect(kept, Procedure::Turns, flight());
+    let mut collector = Collector::new(kept);
+    collector.reset_restart_count();
+    collector.push(banked_sample(8.0, 0.0, 1000));
+    collector.save(MANUAL);
+    let before = memory_words(kept);
+    let mut collector = Collector::new(kept);
+    collector.reset_restart_count();
+    for i in 0..10 {
+        collector.push(banked_sample(8.0, 0.0, 2000 + i * 100));
+        collector.save(MANUAL);
+    }
+    assert_eq!(memory_words(kept)[2..], before[2..], "neither level nor turned");
+}

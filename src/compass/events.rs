@@ -1,0 +1,209 @@
+//! Inputs and outputs of the state machine.
+
+use super::TrialResult;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
+use crate::collection::CollectionProgress;
+use crate::earth::{Date, LocalField, Position};
+use crate::messages::{ExpectedAccuracy, Message, Refusal};
+use crate::reading::Identity;
+use crate::settings::{PORT_COUNT, ProtocolKind, SettingChange, Settings};
+use crate::store::{CalibrationRecord, StoreError};
+use crate::time::WrappingMillis;
+
+/// Input of the state machine.
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// Detected magnetometer, and readings averaged per sample.
+    SensorDetected(Identity, u16),
+    /// Armed state of the autopilot; `None` if unknown.
+    Armed(Option<bool>),
+    /// Position from the autopilot.
+    Position(Position),
+    /// Date from the autopilot.
+    Date(Date),
+    /// Next averaged sample.
+    Sample(Sample),
+    /// Command and its time on the sample clock.
+    Command(Command, WrappingMillis),
+    /// Next step of a solve, while [`Compass::is_busy`](super::Compass::is_busy).
+    Advance,
+    /// Idle time: detected protocol of each port, and time on the sample clock.
+    ProtocolsDetected([ProtocolKind; PORT_COUNT], WrappingMillis),
+    /// Result of [`Effect::Save`].
+    Saved(Result<(), StoreError>),
+}
+
+/// User command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Start a collection, or take over an automatic one.
+    CalStart(Procedure),
+    /// Discard the present collection and start a new one; `None` repeats the last procedure.
+    CalStartNew(Option<Procedure>),
+    /// Known magnetic heading of the stationary vehicle, degrees.
+    CalMark(f32),
+    /// Stop collecting, keep the samples.
+    CalStop,
+    /// Solve by a given method, or by the best supported one.
+    CalSolve(Option<Method>),
+    /// Report the weakness of the last solve and the recommended manoeuvre.
+    CalAdvise,
+    /// Abort collection or solve, discard the samples.
+    CalAbort,
+    /// Erase the stored calibrations.
+    CalClear,
+    /// Restore the previous calibration.
+    CalUndo,
+    /// Report state, progress, settings and active calibration.
+    Report,
+    /// Change a setting.
+    Set(SettingChange),
+    /// Set the alignment so that the present heading becomes this one, degrees; `None` resets it.
+    Align(Option<f32>),
+    /// Set the alignment without a limit of its size.
+    AlignConfirmed(f32),
+    /// Prepare for a restart.
+    PrepareRestart,
+}
+
+impl Command {
+    /// Whether the command is rejected while armed: it would interrupt the heading in flight, or needs a stationary
+    /// vehicle.
+    #[must_use]
+    pub const fn requires_disarmed(self) -> bool {
+        match self {
+            Self::CalStart(Procedure::Swing)
+            | Self::CalStartNew(Some(Procedure::Swing))
+            | Self::CalMark(_)
+            | Self::CalClear
+            | Self::CalUndo
+            | Self::Set(SettingChange::Mount(_))
+            | Self::PrepareRestart => true,
+            Self::CalStart(Procedure::Flight | Procedure::Turns | Procedure::Level | Procedure::Tumble)
+            | Self::CalStartNew(_)
+            | Self::CalStop
+            | Self::CalSolve(_)
+            | Self::CalAdvise
+            | Self::CalAbort
+            | Self::Report
+            | Self::Set(_)
+            | Self::Align(_)
+            | Self::AlignConfirmed(_) => false,
+        }
+    }
+}
+
+/// Output of the state machine.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
+#[derive(Debug)]
+pub enum Effect {
+    /// No action.
+    None,
+    /// Reply to the sender of a command.
+    Reply(Result<Reply, Refusal>),
+    /// Message to all users.
+    Notify(Message),
+    /// Write [`Compass::to_save`](super::Compass::to_save) to flash, then send [`Event::Saved`].
+    Save,
+}
+
+/// Positive answer to a command.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and the board has no heap")]
+#[derive(Clone, Debug)]
+pub enum Reply {
+    /// Done; the present state.
+    Done(ModuleState),
+    /// Number of headings marked so far.
+    Marked(u16),
+    /// Weakness of the last solve and recommended manoeuvre.
+    Advice(Advice),
+    /// Full report.
+    Report(StatusReport),
+}
+
+/// State of the module, as shown to users.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModuleState {
+    /// No calibration for this sensor and mounting.
+    Uncalibrated,
+    /// Collecting samples.
+    Collecting,
+    /// Solving for the coefficients.
+    Solving,
+    /// Verifying on held-back samples, and saving.
+    Verifying,
+    /// A calibration is active.
+    Calibrated,
+}
+
+impl ModuleState {
+    /// Display name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uncalibrated => "uncalibrated",
+            Self::Collecting => "collecting",
+            Self::Solving => "solving",
+            Self::Verifying => "verifying",
+            Self::Calibrated => "calibrated",
+        }
+    }
+}
+
+/// Full report.
+#[derive(Clone, Debug)]
+pub struct StatusReport {
+    /// Present state.
+    pub state: ModuleState,
+    /// Armed state, if known.
+    pub is_armed: Option<bool>,
+    /// The collection was started automatically.
+    pub is_automatic: bool,
+    /// Automatic collection waits for arming.
+    pub awaits_arming: bool,
+    /// Progress of the collection.
+    pub progress: CollectionProgress,
+    /// Result of the last trial solve.
+    pub last_trial: Option<TrialResult>,
+    /// Stored settings.
+    pub settings: Settings,
+    /// Position, date, Earth field.
+    pub local_field: LocalField,
+    /// Stored calibration, possibly for another sensor or mounting.
+    pub stored_calibration: Option<CalibrationSummary>,
+    /// Whether `cal undo` has a calibration to restore.
+    pub can_undo: bool,
+    /// Result of the last solve.
+    pub last_outcome: Option<Message>,
+}
+
+/// Stored calibration without coefficient covariance.
+#[derive(Clone, Debug)]
+pub struct CalibrationSummary {
+    /// Coefficients.
+    pub calibration: Calibration,
+    /// Expected accuracy.
+    pub quality: Quality,
+    /// Sensor.
+    pub sensor: Identity,
+    /// Mounting.
+    pub mount: Orientation,
+    /// Sequence number of accepted calibrations.
+    pub serial: u32,
+}
+
+impl From<&CalibrationRecord> for CalibrationSummary {
+    fn from(record: &CalibrationRecord) -> Self {
+        let CalibrationRecord { calibration, quality, sensor, mount, serial, .. } = *record;
+        Self { calibration, quality, sensor, mount, serial }
+    }
+}
+
+impl CalibrationSummary {
+    /// Expected accuracy.
+    #[must_use]
+    pub fn expected_accuracy(&self) -> ExpectedAccuracy {
+        ExpectedAccuracy::new(self.quality, &self.calibration)
+    }
+}

@@ -1,0 +1,109 @@
+//! State that survives a restart: the running collection in RAM, and in flash whether one was running and which
+//! protocols were detected.
+
+use super::{Activity, Compass, Effect, PendingSave};
+use crate::collection::{CollectionContext, CollectionState};
+use crate::messages::Message;
+use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
+use crate::store::{StartupValues, StoreError};
+use crate::time::WrappingMillis;
+
+/// Duration after which a detected protocol is stored, milliseconds.
+const MIN_DETECTION_MS: u32 = 5000;
+
+#[derive(Debug)]
+pub(super) struct PersistentState {
+    /// Values written last, successfully or not.
+    last_written: StartupValues,
+    /// Detected protocols, and since when.
+    detected_since: Option<([ProtocolKind; PORT_COUNT], WrappingMillis)>,
+}
+
+impl PersistentState {
+    pub const fn new(stored: StartupValues) -> Self {
+        Self { last_written: stored, detected_since: None }
+    }
+
+    /// Updates the written values after a save; saving a calibration clears the collection flag.
+    pub fn update_after_save(&mut self, saving: &PendingSave, result: Result<(), StoreError>) {
+        self.last_written.is_collecting &=
+            result.is_err() || matches!(saving, PendingSave::Settings(_) | PendingSave::Remembered(_));
+    }
+
+    /// Detected protocols, once constant for long enough.
+    fn settled_protocols(
+        &mut self,
+        spoken: [ProtocolKind; PORT_COUNT],
+        now: WrappingMillis,
+    ) -> Option<[ProtocolKind; PORT_COUNT]> {
+        let (before, since) = *self.detected_since.get_or_insert((spoken, now));
+        if before != spoken {
+            self.detected_since = Some((spoken, now));
+            return None;
+        }
+        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(spoken)
+    }
+}
+
+impl Compass<'_> {
+    /// Resumes a collection that survived the restart, or detects that one was lost.
+    pub(super) fn restore_collection(&mut self) {
+        match self.collector.restored_context() {
+            // A collection for another than the present calibration has ended in the present one.
+            Some(CollectionContext { is_automatic: by_itself, calibration_serial: serial })
+                if serial == self.calibration_serial() =>
+            {
+                match self.collector.state() {
+                    CollectionState::Running => {
+                        self.phase = Activity::Collecting;
+                        (self.automatic.is_active, self.automatic.is_overridden) = (by_itself, !by_itself);
+                    }
+                    CollectionState::Stopped => self.automatic.is_overridden = true,
+                    CollectionState::Inactive => {}
+                }
+            }
+            Some(_) => self.collector.discard(),
+            None if self.persistent.last_written.is_collecting => self.last_outcome = Some(Message::CollectionLost),
+            None => {}
+        }
+    }
+
+    /// Updates the checksum of the retained collection.
+    #[inline(never)]
+    pub(super) fn update_retained(&mut self) {
+        self.collector.save(CollectionContext {
+            is_automatic: self.automatic.is_active,
+            calibration_serial: self.calibration_serial(),
+        });
+    }
+
+    /// Serial number of the current calibration; 0 without one.
+    fn calibration_serial(&self) -> u32 {
+        self.generations.current.as_ref().map_or(0, |record| record.serial)
+    }
+
+    /// Saves changed values while idle.
+    pub(super) fn save_persistent(&mut self, spoken: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
+        let mut wanted = self.persistent.last_written;
+        wanted.is_collecting = match self.collector.state() {
+            CollectionState::Inactive => false,
+            CollectionState::Stopped | CollectionState::Running => {
+                wanted.is_collecting || self.collector.is_loss_reportable()
+            }
+        };
+        if let Some(settled) = self.persistent.settled_protocols(spoken, now) {
+            for ((number, found), kind) in PortNumber::ALL.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
+            {
+                // Failed detection does not replace an earlier result, nor does a configured protocol.
+                if self.settings.ports.port(number).protocol == ProtocolKind::Auto && kind != ProtocolKind::Auto {
+                    *found = kind;
+                }
+            }
+        }
+        if wanted == self.persistent.last_written || self.is_busy() || self.saving.is_some() {
+            return Effect::None;
+        }
+        self.persistent.last_written = wanted;
+        self.request_save(PendingSave::Remembered(wanted))
+    }
+}

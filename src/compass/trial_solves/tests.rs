@@ -1,0 +1,151 @@
+//! Unit tests of `trial_solves`.
+
+use super::*;
+use crate::acceptance::Rejection;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality};
+use crate::calibration::{Rates, Sample};
+use crate::collection::RetainedSamples;
+use crate::frames::{Attitude, Field, Level};
+
+/// Times of trials, seconds, and the number each represents: 10 samples/s in turns of 18 s, pitched by -15 deg from
+/// 400 to 440 s, with the same readings in each turn.
+fn trial_times_in_turns() -> Vec<(f32, u8)> {
+    let mut kept = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut kept);
+    collector.begin(Procedure::Flight);
+    let mut pace = TrialSchedule::NONE;
+    let mut due = Vec::new();
+    for tenths in 0..6000_u16 {
+        let t_s = f32::from(tenths) / 10.0;
+        let pitch_deg = if (400.0..440.0).contains(&t_s) { -15.0 } else { 0.0 };
+        let attitude = Attitude::from_deg(0.0, pitch_deg);
+        let heading_rad = f32::from(tenths % 180).to_radians() * 2.0;
+        let field = Field::new(attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut);
+        let time = WrappingMillis::new(u32::from(tenths) * 100);
+        collector.push(Sample { field, attitude, rates: Rates::NONE, time });
+        if pace.is_due(&collector, time) {
+            due.push((t_s, pace.represented_trials));
+        }
+    }
+    due
+}
+
+/// A full buffer is tried once a minute; new samples cause a trial within 10 s.
+#[test]
+fn trials_without_new_samples_run_once_a_minute() {
+    let due = trial_times_in_turns();
+    // 600 places fill in two minutes at 5 samples/s.
+    let expected = [[1; 11].as_slice(), &[6, 6, 6, 6, 5, 1, 1, 1, 6, 6]].concat();
+    let tens: Vec<u8> = due.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / 10.0).round() as u8).collect();
+    assert_eq!(tens, expected, "{due:?}");
+    let stand_for: Vec<u8> = due.iter().skip(1).map(|&(_, stands_for)| stands_for).collect();
+    assert_eq!(stand_for, expected, "{due:?}");
+}
+
+fn trials_representing(stands_for: u8) -> TrialSolves {
+    TrialSolves {
+        schedule: TrialSchedule { represented_trials: stands_for, ..TrialSchedule::NONE },
+        ..TrialSolves::NONE
+    }
+}
+
+/// Threshold: an improvement of 5 %.
+#[test]
+fn six_trials_without_improvement_are_stalled() {
+    let mut trials = trials_representing(1);
+    assert!(!trials.update_stalled(2.0));
+    for _ in 0..5 {
+        assert!(!trials.update_stalled(1.91));
+    }
+    assert!(trials.update_stalled(1.91) && trials.update_stalled(3.0) && trials.update_stalled(f32::NAN));
+    assert!(!trials.update_stalled(1.89), "a twentieth less");
+    for deg in [1.85, 1.81, 1.80, 1.86, 2.5] {
+        assert!(!trials.update_stalled(deg));
+    }
+    assert!(trials.update_stalled(1.80), "all of them against 1.89");
+}
+
+#[test]
+fn skipped_trials_count_as_without_improvement() {
+    for (stands_for, stalled) in [(5, [false, true]), (6, [true, true]), (2, [false, false])] {
+        let mut trials = trials_representing(stands_for);
+        assert!(!trials.update_stalled(2.0), "the first one");
+        assert_eq!([2.0, 2.0].map(|deg| trials.update_stalled(deg)), stalled, "{stands_for}");
+    }
+}
+
+#[test]
+fn a_collection_ends_when_accurate_or_not_improvable() {
+    let over = |expected_deg, missing, is_at_floor, refusal| {
+        let prospect = TrialResult {
+            expected_deg,
+            missing_manoeuvre: missing,
+            is_limited_by_attitude: is_at_floor,
+            is_stalled: false,
+            refusal,
+        };
+        let stalled = TrialResult { is_limited_by_attitude: false, is_stalled: is_at_floor, ..prospect.clone() };
+        assert_eq!(prospect.ends_collection(1.0, true), stalled.ends_collection(1.0, true), "either is a reason");
+        assert_eq!(
+            prospect.ends_collection(1.0, false),
+            is_at_floor && prospect.ends_collection(1.0, true),
+            "good is not enough"
+        );
+        prospect.ends_collection(1.0, true)
+    };
+    let missing = Some(Manoeuvre::YawTurn);
+    assert!(over(Some(0.99), missing, false, None) && over(Some(1.0), None, false, None));
+    assert!(!over(Some(1.01), missing, false, None) && !over(Some(1.01), None, false, None));
+    assert!(over(Some(1.4), None, true, None));
+    assert!(!over(Some(1.4), missing, true, None), "something else would help");
+    assert!(!over(None, None, false, None) && !over(Some(f32::NAN), None, false, None));
+    let held_back = Refusal::Rejected(Rejection::TooFewHeldBack { have: 5, need: 8 });
+    let not_better = Refusal::Rejected(Rejection::NotBetter { candidate: 1.1, incumbent: 1.0 });
+    assert!(!over(Some(0.5), None, true, Some(held_back)), "more samples come");
+    assert!(over(Some(0.5), None, false, Some(not_better.clone())), "more would not change it");
+    assert!(!over(Some(1.4), None, false, Some(not_better)));
+}
+
+fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
+    let quality = Quality {
+        method: Method::MaximumLikelihood,
+        envelope: Envelope::Banked,
+        expected_rms_deg,
+        expected_worst_deg: expected_rms_deg,
+        norm_residual: 0.0,
+        inclination_residual_deg: 0.0,
+        samples: 100,
+        latency: None,
+    };
+    let current = MotorCurrentInterference { ut_per_a: [ut_per_a, 0.0, 0.0], ..MotorCurrentInterference::NONE };
+    let calibration = Calibration { motor_current: current, ..Calibration::uncalibrated(Orientation::NONE) };
+    Solution {
+        calibration,
+        quality,
+        uncertainty: HeadingUncertainty::NONE,
+        advice: None,
+        hard_iron_change: None,
+        bank_scale_error: None,
+    }
+}
+
+#[test]
+fn with_motor_current_interference_two_consecutive_good_trials_are_required() {
+    let mut kept = RetainedSamples::EMPTY;
+    let collector = Collector::new(&mut kept);
+    for (ut_per_a, trials_deg, ends) in [
+        (0.0, &[0.9][..], &[true][..]),
+        (0.0, &[1.1, 0.9], &[false, true]),
+        (0.5, &[0.9, 0.9], &[false, true]),
+        (0.5, &[1.1, 0.9, 0.9], &[false, false, true]),
+        (0.5, &[0.9, 1.1, 0.9, 0.9], &[false, false, false, true]),
+    ] {
+        let mut trials = TrialSolves::NONE;
+        let ended: Vec<bool> = trials_deg
+            .iter()
+            .map(|&deg| trials.record_result(&solution_with(deg, ut_per_a), None, &collector, 1.0))
+            .collect();
+        assert_eq!(ended, ends, "{ut_per_a} uT/A, {trials_deg:?}");
+    }
+}

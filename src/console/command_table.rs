@@ -1,0 +1,414 @@
+//! Table of the console's commands, for parsing, completion, help and errors.
+//!
+//! A new command, or a new setting with a number or a name, is one more row.
+
+use core::ops::RangeInclusive;
+
+use super::Request;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::{Method, Orientation};
+use crate::compass::Command;
+use crate::settings::{AttitudeError, HeadingKind, SettingChange, Settings};
+use crate::settings::{Baud, PortNumber, ProtocolKind};
+
+/// Command, or the first word of several commands.
+#[derive(Debug)]
+pub struct CommandSpec {
+    /// One or two words, lower case; the second is empty if there is one.
+    pub words: [&'static str; 2],
+    /// Description in `help`.
+    pub help: &'static str,
+    /// Arguments.
+    pub arguments: &'static [ArgumentSpec],
+    /// Constructor of the request; none if a second word is required.
+    pub request: Option<fn(&Arguments) -> Request>,
+}
+
+/// Argument of a command.
+#[derive(Debug)]
+pub struct ArgumentSpec {
+    /// Name, upper case.
+    pub name: &'static str,
+    /// Permitted values.
+    pub kind: ArgumentKind,
+    /// Whether it may be omitted.
+    pub is_optional: bool,
+}
+
+/// Permitted values of an argument.
+#[derive(Debug)]
+pub enum ArgumentKind {
+    /// Name with an index.
+    Choice(fn(usize) -> Option<&'static str>),
+    /// A number, or a word in its place, after which no argument follows. The range is for help and error texts; the
+    /// state machine checks the number.
+    Number {
+        /// Range from least to most.
+        range: RangeInclusive<f32>,
+        /// Unit.
+        unit: &'static str,
+        /// Word in place of the number.
+        or: Option<&'static str>,
+    },
+    /// Integer of at most 255.
+    Whole {
+        /// Range from least to most.
+        range: RangeInclusive<u8>,
+        /// Unit.
+        unit: &'static str,
+    },
+    /// Confirmation word.
+    Confirmation(&'static str),
+}
+
+/// Parsed argument.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ArgumentValue {
+    /// Omitted, or the word in place of a number.
+    Absent,
+    /// Number.
+    Number(f32),
+    /// Index of a choice.
+    Choice(usize),
+}
+
+/// Parsed arguments of a command, two at most.
+#[derive(Debug)]
+pub struct Arguments(pub [ArgumentValue; 2]);
+
+impl Arguments {
+    fn number(&self, slot: usize) -> Option<f32> {
+        match self.0.get(slot) {
+            Some(&ArgumentValue::Number(number)) => Some(number),
+            _ => None,
+        }
+    }
+
+    fn choice<T>(&self, slot: usize, of: impl Fn(usize) -> Option<T>) -> Option<T> {
+        match self.0.get(slot) {
+            Some(&ArgumentValue::Choice(number)) => of(number),
+            _ => None,
+        }
+    }
+}
+
+impl CommandSpec {
+    const fn new(first: &'static str, second: &'static str, help: &'static str) -> Self {
+        Self { words: [first, second], help, arguments: &[], request: None }
+    }
+
+    const fn takes(self, slots: &'static [ArgumentSpec]) -> Self {
+        Self { arguments: slots, ..self }
+    }
+
+    const fn with_request(self, means: fn(&Arguments) -> Request) -> Self {
+        Self { request: Some(means), ..self }
+    }
+}
+
+impl ArgumentSpec {
+    const fn new(name: &'static str, kind: ArgumentKind) -> Self {
+        Self { name, kind, is_optional: false }
+    }
+
+    const fn optional(name: &'static str, kind: ArgumentKind) -> Self {
+        Self { name, kind, is_optional: true }
+    }
+
+    /// Permitted word with this index.
+    pub fn nth_word(&self, number: usize) -> Option<&'static str> {
+        let only = |word| if number == 0 { word } else { None };
+        match self.kind {
+            ArgumentKind::Choice(name) => name(number),
+            ArgumentKind::Number { or, .. } => only(or),
+            ArgumentKind::Whole { .. } => None,
+            ArgumentKind::Confirmation(word) => only(Some(word)),
+        }
+    }
+}
+
+const DEGREES: &str = "deg";
+
+const HEADING: ArgumentKind = ArgumentKind::Number { range: 0.0..=360.0, unit: DEGREES, or: None };
+
+const fn number(range: RangeInclusive<f32>, unit: &'static str) -> ArgumentKind {
+    ArgumentKind::Number { range, unit, or: None }
+}
+
+const fn number_or(word: &'static str, range: RangeInclusive<f32>) -> ArgumentKind {
+    ArgumentKind::Number { range, unit: DEGREES, or: Some(word) }
+}
+
+/// All commands in the order of `help`, adjacent if they share the first word.
+pub static COMMANDS: &[CommandSpec] = &[
+    CommandSpec::new("help", "", "list the commands, or explain one"),
+    CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
+    CommandSpec::new("status", "", "show state, sensors, progress, settings and counters")
+        .with_request(|_| Request::Status),
+    CommandSpec::new("cal", "", "calibration"),
+    CommandSpec::new(
+        "cal",
+        "start",
+        "start collecting; flight, turns and level then solve automatically, swing and tumble need cal solve",
+    )
+    .takes(&[
+        ArgumentSpec::optional("PROCEDURE", ArgumentKind::Choice(procedure_or_again)),
+        ArgumentSpec::optional("again", ArgumentKind::Confirmation("again")),
+    ])
+    .with_request(|given| match (given.0, given.choice(0, nth_procedure)) {
+        ([ArgumentValue::Choice(AGAIN), _] | [_, ArgumentValue::Choice(_)], procedure) => {
+            Command::CalStartNew(procedure).into()
+        }
+        (_, procedure) => Command::CalStart(procedure.unwrap_or_default()).into(),
+    }),
+    CommandSpec::new(
+        "cal",
+        "auto",
+        "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
+    )
+    .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_request(|given| set(SettingChange::Auto(given.choice(0, nth_switch).unwrap_or(true)))),
+    CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
+        .takes(&[ArgumentSpec::new("HEADING", HEADING)])
+        .with_request(|given| Command::CalMark(given.number(0).unwrap_or(f32::NAN)).into()),
+    CommandSpec::new("cal", "stop", "stop collecting, keep the samples").with_request(|_| Command::CalStop.into()),
+    CommandSpec::new(
+        "cal",
+        "solve",
+        "solve with the collected samples, by the best method they support or by a given one",
+    )
+    .takes(&[ArgumentSpec::optional("METHOD", ArgumentKind::Choice(method))])
+    .with_request(|given| Command::CalSolve(given.choice(0, |number| METHODS.get(number).copied())).into()),
+    CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
+        .with_request(|_| Command::CalAdvise.into()),
+    CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Request::CalShow),
+    CommandSpec::new("cal", "clear", "delete the stored calibrations")
+        .takes(&[ArgumentSpec::new("all", ArgumentKind::Confirmation("all"))])
+        .with_request(|_| Command::CalClear.into()),
+    CommandSpec::new("cal", "undo", "return to the previous calibration; again: to the newer one")
+        .with_request(|_| Command::CalUndo.into()),
+    CommandSpec::new("cal", "abort", "stop the collection or the solve, delete the samples")
+        .with_request(|_| Command::CalAbort.into()),
+    CommandSpec::new("stream", "", "heading sentences"),
+    CommandSpec::new("stream", "on", "send them").with_request(|_| set(SettingChange::StreamOn(true))),
+    CommandSpec::new("stream", "off", "do not send them").with_request(|_| set(SettingChange::StreamOn(false))),
+    CommandSpec::new("stream", "rate", "sentences per second")
+        .takes(&[ArgumentSpec::new("HZ", ArgumentKind::Whole { range: Settings::STREAM_RATE_HZ, unit: "a second" })])
+        .with_request(|given| set(SettingChange::StreamRateHz(given.number(0).unwrap_or_default() as u8))),
+    CommandSpec::new(
+        "stream",
+        "heading",
+        "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
+    )
+    .takes(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(heading_kind))])
+    .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
+    CommandSpec::new("set", "", "settings"),
+    CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
+        .takes(&[ArgumentSpec::new("DEG", number_or("none", Settings::DECLINATION_DEG))])
+        .with_request(|given| set(SettingChange::Declination(given.number(0)))),
+    CommandSpec::new(
+        "set",
+        "mount",
+        "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
+    )
+    .takes(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
+    .with_request(|given| set(SettingChange::Mount(given.choice(0, nth_orientation).unwrap_or(Orientation::NONE)))),
+    CommandSpec::new(
+        "set",
+        "inclination",
+        "inclination of the local field, positive down; none: by the field model or the samples",
+    )
+    .takes(&[ArgumentSpec::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
+    .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
+    CommandSpec::new(
+        "set",
+        "align",
+        "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
+    )
+    .takes(&[
+        ArgumentSpec::new("HEADING", number_or("none", 0.0..=360.0)),
+        ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
+    ])
+    .with_request(|given| match given.0 {
+        [ArgumentValue::Number(heading_deg), ArgumentValue::Choice(_)] => Command::AlignConfirmed(heading_deg).into(),
+        _ => Command::Align(given.number(0)).into(),
+    }),
+    CommandSpec::new(
+        "set",
+        "attitude-error",
+        "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
+    )
+    .takes(&[
+        ArgumentSpec::new("DEG", number_or("default", AttitudeError::BIAS_DEG)),
+        ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
+    ])
+    .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
+    CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
+        .takes(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
+        .with_request(|given| set(SettingChange::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
+    CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
+        .takes(&[PROTOCOL])
+        .with_request(|given| set(protocol_of(PortNumber::One, given))),
+    CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
+        .takes(&[PROTOCOL])
+        .with_request(|given| set(protocol_of(PortNumber::Two, given))),
+    CommandSpec::new("set", "baud1", "baud rate of the first port")
+        .takes(&[BAUD])
+        .with_request(|given| set(baud_of(PortNumber::One, given))),
+    CommandSpec::new("set", "baud2", "baud rate of the second port")
+        .takes(&[BAUD])
+        .with_request(|given| set(baud_of(PortNumber::Two, given))),
+    CommandSpec::new(
+        "set",
+        "vision",
+        "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
+    )
+    .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_request(|given| set(SettingChange::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
+    CommandSpec::new("reboot", "", "restart the module").with_request(|_| Request::Reboot),
+];
+
+const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(protocol));
+const BAUD: ArgumentSpec = ArgumentSpec::new("BAUD", ArgumentKind::Choice(baud));
+
+/// Methods, the best first.
+const METHODS: [Method; 6] = [
+    Method::MaximumLikelihood,
+    Method::TwoPlane,
+    Method::FourEllipse,
+    Method::Level,
+    Method::CompassSwing,
+    Method::Ellipsoid,
+];
+
+fn method(number: usize) -> Option<&'static str> {
+    METHODS.get(number).map(|method| method.name())
+}
+
+fn nth_procedure(number: usize) -> Option<Procedure> {
+    Procedure::ALL.get(number).copied()
+}
+
+fn procedure(number: usize) -> Option<&'static str> {
+    nth_procedure(number).map(Procedure::name)
+}
+
+/// Index of the choice `again`, which follows the procedures: the last procedure with an empty collection.
+const AGAIN: usize = Procedure::ALL.len();
+
+fn procedure_or_again(number: usize) -> Option<&'static str> {
+    if number == AGAIN { Some("again") } else { procedure(number) }
+}
+
+fn nth_switch(number: usize) -> Option<bool> {
+    [true, false].get(number).copied()
+}
+
+fn switch(number: usize) -> Option<&'static str> {
+    nth_switch(number).map(|is_on| if is_on { "on" } else { "off" })
+}
+
+fn nth_kind(number: usize) -> Option<HeadingKind> {
+    HeadingKind::ALL.get(number).copied()
+}
+
+fn heading_kind(number: usize) -> Option<&'static str> {
+    nth_kind(number).map(HeadingKind::name)
+}
+
+fn nth_orientation(number: usize) -> Option<Orientation> {
+    Orientation::all().nth(number)
+}
+
+fn orientation(number: usize) -> Option<&'static str> {
+    nth_orientation(number).map(Orientation::name)
+}
+
+fn nth_protocol(number: usize) -> Option<ProtocolKind> {
+    ProtocolKind::ALL.get(number).copied()
+}
+
+fn protocol(number: usize) -> Option<&'static str> {
+    nth_protocol(number).map(ProtocolKind::name)
+}
+
+fn protocol_of(port: PortNumber, given: &Arguments) -> SettingChange {
+    SettingChange::Protocol(port, given.choice(0, nth_protocol).unwrap_or(ProtocolKind::Auto))
+}
+
+fn nth_baud(number: usize) -> Option<Baud> {
+    Baud::ALL.get(number).copied()
+}
+
+fn baud(number: usize) -> Option<&'static str> {
+    nth_baud(number).map(Baud::name)
+}
+
+fn baud_of(port: PortNumber, given: &Arguments) -> SettingChange {
+    SettingChange::Baud(port, given.choice(0, nth_baud).unwrap_or(Baud::B115200))
+}
+
+fn attitude_error(given: &Arguments) -> AttitudeError {
+    match (given.number(0), given.number(1)) {
+        (Some(bias_deg), Some(bank_percent)) => AttitudeError { bias_deg, bank_percent },
+        _ => AttitudeError::DEFAULT,
+    }
+}
+
+const fn set(setting: SettingChange) -> Request {
+    Request::Compass(Command::Set(setting))
+}
+
+impl From<Command> for Request {
+    fn from(command: Command) -> Self {
+        Self::Compass(command)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_method_can_be_asked_for() {
+        assert!(Method::ALL.iter().all(|method| METHODS.contains(method)));
+    }
+
+    /// Commands follow the row of their first word; no two are equal; a row without a request has second words.
+    #[test]
+    fn the_table_is_in_order() {
+        for (i, row) in COMMANDS.iter().enumerate() {
+            let [first, second] = row.words;
+            assert!(!COMMANDS[..i].iter().any(|other| other.words == row.words), "{first} {second} is there twice");
+            assert!(second.is_empty() || COMMANDS[i - 1].words[0] == first, "{first} {second} stands alone");
+            let is_group = row.request.is_none() && first != "help";
+            assert_eq!(is_group, second.is_empty() && COMMANDS.iter().filter(|row| row.words[0] == first).count() > 1);
+            assert!(row.arguments.len() <= 2);
+        }
+    }
+
+    /// Typed words are compared in lower case.
+    #[test]
+    fn words_are_lower_case_and_of_plain_characters() {
+        let is_plain = |word: &str| word.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
+        for row in COMMANDS {
+            assert!(row.words.iter().all(|word| is_plain(word)), "{:?}", row.words);
+            for slot in row.arguments {
+                assert!((0..).map_while(|number| slot.nth_word(number)).all(is_plain), "{}", slot.name);
+            }
+        }
+    }
+
+    #[test]
+    fn choices_are_what_they_are_called() {
+        for number in 0..30 {
+            assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
+            assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));
+            assert_eq!(nth_protocol(number), protocol(number).and_then(ProtocolKind::from_name));
+            assert_eq!(nth_baud(number), baud(number).and_then(Baud::from_name));
+            assert_eq!(nth_kind(number), heading_kind(number).and_then(HeadingKind::from_name));
+            assert_eq!(nth_orientation(number), orientation(number).and_then(Orientation::from_name));
+            assert_eq!(METHODS.get(number).copied(), method(number).and_then(Method::from_name));
+        }
+    }
+}

@@ -1,0 +1,602 @@
+//! Parser, completion and help of console lines, based on the table of commands.
+
+use core::fmt::{self, Display};
+
+use super::command_table::{ArgumentKind, ArgumentSpec, ArgumentValue, Arguments, COMMANDS, CommandSpec};
+use super::{LINE_CAPACITY, Request};
+use crate::decimal::{self, ShortestDecimal};
+
+/// Reason why a line is invalid.
+#[derive(Clone, Copy, Debug)]
+pub enum LineError {
+    /// Unknown command; contains the first word if it is valid.
+    UnknownCommand(Option<&'static str>),
+    /// Missing second word; contains the first.
+    MissingWord(&'static str),
+    /// Missing argument.
+    MissingArgument(&'static ArgumentSpec),
+    /// Invalid argument.
+    BadValue(&'static ArgumentSpec),
+    /// More arguments than the command takes.
+    UnexpectedArgument(&'static CommandSpec),
+    /// Destructive command without its confirmation word.
+    MissingConfirmation(&'static CommandSpec),
+    /// Line beyond the capacity.
+    TooLong,
+}
+
+impl LineError {
+    /// Stable code in kebab-case.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::UnknownCommand(_) => "unknown-command",
+            Self::MissingWord(_) | Self::MissingArgument(_) => "missing-argument",
+            Self::BadValue(_) => "bad-value",
+            Self::UnexpectedArgument(_) => "unexpected-argument",
+            Self::MissingConfirmation(_) => "needs-word",
+            Self::TooLong => "line-too-long",
+        }
+    }
+}
+
+/// Text of the expected input.
+impl Display for LineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::UnknownCommand(None) => f.write_str("unknown command; help lists all"),
+            Self::UnknownCommand(Some(first)) | Self::MissingWord(first) => {
+                write!(f, "after {first} expected ")?;
+                listed(f, &|number| ExpectedElement::Second(first).nth_word(number), " or ")
+            }
+            Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.name),
+            Self::BadValue(slot) => write!(f, "expected {slot}"),
+            Self::UnexpectedArgument(row) => write!(f, "too many words; it is {row}"),
+            Self::MissingConfirmation(row) => write!(f, "this cannot be undone; type {row}"),
+            Self::TooLong => write!(f, "a line holds {LINE_CAPACITY} characters"),
+        }
+    }
+}
+
+/// Parses a line; none for an empty line. Case is ignored.
+///
+/// # Errors
+///
+/// The first [`LineError`] from the left.
+#[must_use]
+pub fn parse(line: &str) -> Option<Result<Request, LineError>> {
+    let mut words = words(line);
+    words.next().map(|first| parse_words(first, words))
+}
+
+fn words(line: &str) -> impl Iterator<Item = &str> {
+    line.split(' ').filter(|word| !word.is_empty())
+}
+
+/// Splits a line before its last word, which is empty after a space.
+fn last_word(line: &str) -> (&str, &str) {
+    let begin = line.bytes().rposition(|byte| byte == b' ').map_or(0, |space| space + 1);
+    line.split_at_checked(begin).unwrap_or((line, ""))
+}
+
+fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
+    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    if let Some(means) = row.request {
+        return parse_arguments(row, means, words);
+    }
+    let [first, _] = row.words;
+    let Some(second) = words.next() else {
+        return if is_help(first) { Ok(Request::Help(None)) } else { Err(LineError::MissingWord(first)) };
+    };
+    if is_help(first) {
+        return parse_help(second, words);
+    }
+    let row = find([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
+    row.request.map_or(Err(LineError::UnknownCommand(None)), |means| parse_arguments(row, means, words))
+}
+
+fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
+    let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
+    let row = match words.next() {
+        Some(second) if row.request.is_none() && !is_help(row.words[0]) => {
+            find([first, second]).ok_or(LineError::UnknownCommand(Some(row.words[0])))?
+        }
+        Some(_) => return Err(LineError::UnexpectedArgument(row)),
+        None => row,
+    };
+    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(Request::Help(Some(row))) }
+}
+
+fn is_help(first: &str) -> bool {
+    first == "help"
+}
+
+fn find(words: [&str; 2]) -> Option<&'static CommandSpec> {
+    COMMANDS.iter().find(|row| row.words.iter().zip(words).all(|(word, typed)| word.eq_ignore_ascii_case(typed)))
+}
+
+fn parse_arguments<'a>(
+    row: &'static CommandSpec,
+    means: fn(&Arguments) -> Request,
+    mut words: impl Iterator<Item = &'a str>,
+) -> Result<Request, LineError> {
+    let mut given = Arguments([ArgumentValue::Absent; 2]);
+    for (slot, value) in row.arguments.iter().zip(&mut given.0) {
+        let Some(word) = words.next() else {
+            match slot.kind {
+                _ if slot.is_optional => break,
+                ArgumentKind::Confirmation(_) => return Err(LineError::MissingConfirmation(row)),
+                _ => return Err(LineError::MissingArgument(slot)),
+            }
+        };
+        *value = match value_of(slot, word) {
+            Some(value) => value,
+            None if matches!(slot.kind, ArgumentKind::Confirmation(_)) && !slot.is_optional => {
+                return Err(LineError::MissingConfirmation(row));
+            }
+            None => return Err(LineError::BadValue(slot)),
+        };
+        // No argument follows a word in place of a number.
+        if *value == ArgumentValue::Absent {
+            break;
+        }
+    }
+    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(means(&given)) }
+}
+
+fn value_of(slot: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
+    let choice = (0..).map_while(|number| slot.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
+    match &slot.kind {
+        ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
+        ArgumentKind::Number { .. } if choice.is_some() => Some(ArgumentValue::Absent),
+        ArgumentKind::Number { .. } => decimal::parse(typed).map(ArgumentValue::Number),
+        ArgumentKind::Whole { .. } => typed.parse::<u8>().ok().map(|number| ArgumentValue::Number(f32::from(number))),
+    }
+}
+
+/// Syntax element expected next in a line.
+#[derive(Clone, Copy)]
+enum ExpectedElement {
+    First,
+    Second(&'static str),
+    Slot(&'static ArgumentSpec),
+    Nothing,
+}
+
+impl ExpectedElement {
+    /// Element expected after complete words.
+    fn after_words(line: &str) -> Self {
+        let mut words = words(line);
+        let Some(mut first) = words.next() else { return Self::First };
+        let is_explained = is_help(first);
+        if is_explained {
+            let Some(explained) = words.next() else { return Self::First };
+            first = explained;
+        }
+        let Some(row) = find([first, ""]) else { return Self::Nothing };
+        let row = if row.request.is_some() {
+            Some(row)
+        } else {
+            let Some(second) = words.next() else { return Self::Second(row.words[0]) };
+            find([first, second])
+        };
+        let Some(row) = row.filter(|_| !is_explained) else { return Self::Nothing };
+        let mut slots = row.arguments.iter();
+        while words.next().is_some() {
+            slots.next();
+        }
+        slots.next().map_or(Self::Nothing, Self::Slot)
+    }
+
+    /// Allowed word with this index.
+    fn nth_word(self, number: usize) -> Option<&'static str> {
+        match self {
+            Self::First => all_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
+            Self::Second(of) => {
+                let of_it = |[first, second]: &[&'static str; 2]| *first == of && !second.is_empty();
+                all_words().filter(of_it).map(|[_, second]| second).nth(number)
+            }
+            Self::Slot(slot) => slot.nth_word(number),
+            Self::Nothing => None,
+        }
+    }
+}
+
+fn all_words() -> impl Iterator<Item = [&'static str; 2]> {
+    COMMANDS.iter().map(|row| row.words)
+}
+
+/// Completion of the last word of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Completion {
+    /// Common continuation of all matching words.
+    pub rest: &'static str,
+    /// Number of matching words.
+    pub fit: usize,
+}
+
+/// Completes the last word of a line, which is empty after a space; passes each matching word to the callback.
+pub fn complete(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
+    let (before, typed) = last_word(line);
+    let next = ExpectedElement::after_words(before);
+    let mut rest: Option<&'static str> = None;
+    let mut fit = 0;
+    for word in (0..).map_while(|number| next.nth_word(number)) {
+        let Some(found) = beyond(word, typed) else { continue };
+        fits(word);
+        fit += 1;
+        rest = Some(rest.map_or(found, |rest| in_common(rest, found)));
+    }
+    Completion { rest: rest.unwrap_or_default(), fit }
+}
+
+/// Rest of a word after its typed beginning; none if the beginning differs.
+fn beyond(word: &'static str, typed: &str) -> Option<&'static str> {
+    word.get(..typed.len()).filter(|start| start.eq_ignore_ascii_case(typed)).and_then(|_| word.get(typed.len()..))
+}
+
+fn in_common(one: &'static str, other: &str) -> &'static str {
+    let alike = one.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
+    one.get(..alike).unwrap_or_default()
+}
+
+/// Writes a list of words with commas, and `last` before the final one.
+fn listed(f: &mut fmt::Formatter<'_>, word: &dyn Fn(usize) -> Option<&'static str>, last: &str) -> fmt::Result {
+    let mut number = 0;
+    while let Some(found) = word(number) {
+        let is_last = word(number + 1).is_none();
+        f.write_str(if number == 0 {
+            ""
+        } else if is_last {
+            last
+        } else {
+            ", "
+        })?;
+        f.write_str(found)?;
+        number += 1;
+    }
+    Ok(())
+}
+
+impl Display for CommandSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [first, second] = self.words;
+        f.write_str(first)?;
+        if !second.is_empty() {
+            write!(f, " {second}")?;
+        }
+        for slot in self.arguments {
+            let (open, close) = if slot.is_optional { ("[", "]") } else { ("", "") };
+            write!(f, " {open}{}{close}", slot.name)?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for ArgumentSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.kind {
+            ArgumentKind::Number { range, unit, .. } => {
+                write!(
+                    f,
+                    "a number, {} to {} {unit}",
+                    ShortestDecimal(*range.start(), 0),
+                    ShortestDecimal(*range.end(), 0)
+                )?;
+            }
+            ArgumentKind::Whole { range, unit } => {
+                write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
+            }
+            ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => {
+                return listed(f, &|number| self.nth_word(number), " or ");
+            }
+        }
+        self.nth_word(0).map_or(Ok(()), |word| write!(f, ", or {word}"))
+    }
+}
+
+/// Writes the reply to `help`, for all commands or for one.
+///
+/// # Errors
+///
+/// Those of `out`.
+pub fn help(out: &mut dyn fmt::Write, of: Option<&'static CommandSpec>) -> fmt::Result {
+    let Some(of) = of else {
+        writeln!(out, "ok help COMMAND explains one")?;
+        return below(out, ExpectedElement::First);
+    };
+    writeln!(out, "ok {}", Explained(of))?;
+    for slot in of.arguments {
+        writeln!(out, "{}: {slot}", slot.name)?;
+    }
+    let [first, second] = of.words;
+    if second.is_empty() { below(out, ExpectedElement::Second(first)) } else { Ok(()) }
+}
+
+/// Writes the help of each word allowed next.
+fn below(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Result {
+    for word in (0..).map_while(|number| next.nth_word(number)) {
+        let words = if let ExpectedElement::Second(first) = next { [first, word] } else { [word, ""] };
+        if let Some(row) = find(words) {
+            writeln!(out, "{}", Explained(row))?;
+        }
+    }
+    Ok(())
+}
+
+/// Syntax and description of a command; for a first word also its second words.
+struct Explained(&'static CommandSpec);
+
+impl Display for Explained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.0, self.0.help)?;
+        let [first, second] = self.0.words;
+        if self.0.request.is_none() && second.is_empty() && !is_help(first) {
+            f.write_str(": ")?;
+            listed(f, &|number| ExpectedElement::Second(first).nth_word(number), ", ")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::method_selection::Procedure;
+    use crate::calibration::{Method, Orientation};
+    use crate::compass::Command;
+    use crate::settings::{AttitudeError, HeadingKind, SettingChange};
+    use crate::settings::{Baud, PortNumber, ProtocolKind};
+
+    fn command(line: &str) -> Command {
+        match parse(line) {
+            Some(Ok(Request::Compass(command))) => command,
+            other => panic!("{line}: {other:?}"),
+        }
+    }
+
+    fn refused(line: &str) -> String {
+        match parse(line) {
+            Some(Err(error)) => format!("{}: {error}", error.code()),
+            other => panic!("{line}: {other:?}"),
+        }
+    }
+
+    fn helped(line: &str) -> String {
+        let Some(Ok(Request::Help(of))) = parse(line) else { panic!("{line}") };
+        let mut text = String::new();
+        help(&mut text, of).unwrap();
+        text
+    }
+
+    #[test]
+    fn every_command_means_what_it_says() {
+        let yaw90 = Orientation::from_name("yaw90").unwrap();
+        let error = |bias_deg, bank_percent| SettingChange::AttitudeError(AttitudeError { bias_deg, bank_percent });
+        let set = Command::Set;
+        let examples = [
+            ("cal start", Command::CalStart(Procedure::Flight)),
+            ("cal start turns", Command::CalStart(Procedure::Turns)),
+            ("cal start tumble", Command::CalStart(Procedure::Tumble)),
+            ("cal start again", Command::CalStartNew(None)),
+            ("cal start turns again", Command::CalStartNew(Some(Procedure::Turns))),
+            ("cal auto on", set(SettingChange::Auto(true))),
+            ("cal auto off", set(SettingChange::Auto(false))),
+            ("cal mark 12.5", Command::CalMark(12.5)),
+            ("cal stop", Command::CalStop),
+            ("cal solve", Command::CalSolve(None)),
+            ("cal solve two-plane", Command::CalSolve(Some(Method::TwoPlane))),
+            ("cal advise", Command::CalAdvise),
+            ("cal clear all", Command::CalClear),
+            ("cal undo", Command::CalUndo),
+            ("cal abort", Command::CalAbort),
+            ("stream on", set(SettingChange::StreamOn(true))),
+            ("stream off", set(SettingChange::StreamOn(false))),
+            ("stream rate 25", set(SettingChange::StreamRateHz(25))),
+            ("stream heading raw", set(SettingChange::StreamHeading(HeadingKind::Raw))),
+            ("set declination -3.5", set(SettingChange::Declination(Some(-3.5)))),
+            ("set declination none", set(SettingChange::Declination(None))),
+            ("set mount yaw90", set(SettingChange::Mount(yaw90))),
+            ("set inclination 61", set(SettingChange::Inclination(Some(61.0)))),
+            ("set inclination none", set(SettingChange::Inclination(None))),
+            ("set align 90", Command::Align(Some(90.0))),
+            ("set align none", Command::Align(None)),
+            ("set align 90.5 yes", Command::AlignConfirmed(90.5)),
+            ("set attitude-error 0.5 2", set(error(0.5, 2.0))),
+            ("set accuracy 0.7", set(SettingChange::Accuracy(0.7))),
+            ("set port1 mavlink", set(SettingChange::Protocol(PortNumber::One, ProtocolKind::Mavlink))),
+            ("set port2 msp", set(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Msp))),
+            ("set baud1 460800", set(SettingChange::Baud(PortNumber::One, Baud::B460800))),
+            ("set baud2 57600", set(SettingChange::Baud(PortNumber::Two, Baud::B57600))),
+            ("set vision on", set(SettingChange::Vision(true))),
+            ("set vision off", set(SettingChange::Vision(false))),
+            ("set attitude-error default", set(SettingChange::AttitudeError(AttitudeError::DEFAULT))),
+        ];
+        for (line, meaning) in examples {
+            assert_eq!(command(line), meaning, "{line}");
+            // In upper case, and with extra spaces.
+            assert_eq!(command(&line.to_ascii_uppercase()), meaning, "{line}");
+            assert_eq!(command(&format!("  {}  ", line.replace(' ', "   "))), meaning, "{line}");
+        }
+        let others = [
+            ("version", "Version"),
+            ("STATUS", "Status"),
+            ("Cal Show", "CalShow"),
+            ("reboot", "Reboot"),
+            ("help", "Help"),
+        ];
+        for (line, name) in others {
+            let Some(Ok(request)) = parse(line) else { panic!("{line}") };
+            assert!(format!("{request:?}").starts_with(name), "{request:?}");
+        }
+        for row in COMMANDS.iter().filter(|row| row.request.is_some()) {
+            let words = row.words.join(" ");
+            let mut tried = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
+            assert!(tried.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
+        }
+        assert!(parse("").is_none() && parse("   ").is_none());
+    }
+
+    #[test]
+    fn a_complaint_says_what_is_expected() {
+        for (line, complaint) in [
+            ("frobnicate", "unknown-command: unknown command; help lists all"),
+            ("stream fast", "unknown-command: after stream expected on, off, rate or heading"),
+            ("STREAM", "missing-argument: after stream expected on, off, rate or heading"),
+            ("help frobnicate", "unknown-command: unknown command; help lists all"),
+            ("help stream fast", "unknown-command: after stream expected on, off, rate or heading"),
+            ("help stream rate 5", "unexpected-argument: too many words; it is stream rate HZ"),
+            ("help help me", "unexpected-argument: too many words; it is help"),
+            ("help version 1", "unexpected-argument: too many words; it is version"),
+            ("version 1", "unexpected-argument: too many words; it is version"),
+            ("cal start level now", "bad-value: expected again"),
+            ("cal start level again now", "unexpected-argument: too many words; it is cal start [PROCEDURE] [again]"),
+            (
+                "set attitude-error default 1",
+                "unexpected-argument: too many words; it is set attitude-error DEG PERCENT",
+            ),
+            ("cal start sideways", "bad-value: expected flight, turns, level, swing, tumble or again"),
+            ("set port1 can", "bad-value: expected auto, mavlink, msp or nmea"),
+            ("set baud2 9600", "bad-value: expected 57600, 115200, 230400 or 460800"),
+            ("cal auto maybe", "bad-value: expected on or off"),
+            ("stream heading smoothed", "bad-value: expected raw or smooth"),
+            ("stream heading smoot", "bad-value: expected raw or smooth"),
+            ("cal mark north", "bad-value: expected a number, 0 to 360 deg"),
+            ("cal mark 1e2", "bad-value: expected a number, 0 to 360 deg"),
+            ("set declination east", "bad-value: expected a number, -180 to 180 deg, or none"),
+            ("set declination default", "bad-value: expected a number, -180 to 180 deg, or none"),
+            ("set inclination x", "bad-value: expected a number, -90 to 90 deg, or none"),
+            ("set attitude-error much 1", "bad-value: expected a number, 0 to 5 deg, or default"),
+            ("set attitude-error 1 much", "bad-value: expected a number, 0 to 20 %"),
+            ("set attitude-error 1", "missing-argument: <PERCENT> is missing; expected a number, 0 to 20 %"),
+            ("stream rate", "missing-argument: <HZ> is missing; expected a whole number, 1 to 80 a second"),
+            ("stream rate 300", "bad-value: expected a whole number, 1 to 80 a second"),
+            ("stream rate 2.5", "bad-value: expected a whole number, 1 to 80 a second"),
+            ("stream rate -1", "bad-value: expected a whole number, 1 to 80 a second"),
+            ("set align 90 no", "bad-value: expected yes"),
+            ("set align none yes", "unexpected-argument: too many words; it is set align HEADING [yes]"),
+            ("cal clear", "needs-word: this cannot be undone; type cal clear all"),
+            ("cal clear everything", "needs-word: this cannot be undone; type cal clear all"),
+        ] {
+            assert_eq!(refused(line), complaint, "{line}");
+        }
+        assert_eq!(LineError::TooLong.to_string(), "a line holds 64 characters");
+        assert_eq!(LineError::TooLong.code(), "line-too-long");
+        let mounts = refused("set mount sideways");
+        assert!(
+            mounts.starts_with("bad-value: expected none, yaw90, ") && mounts.ends_with(" or roll90-yaw270"),
+            "{mounts}"
+        );
+        assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
+    }
+
+    #[test]
+    fn a_range_is_told_to_its_digits() {
+        let kind = ArgumentKind::Number { range: 0.25..=7.5, unit: "deg", or: None };
+        let slot = ArgumentSpec { name: "DEG", kind, is_optional: false };
+        assert_eq!(slot.to_string(), "a number, 0.25 to 7.5 deg");
+    }
+
+    #[test]
+    fn help_explains_everything_there_is() {
+        let all = helped("help");
+        for row in COMMANDS {
+            let words = row.words.join(" ");
+            let of_it = helped(&format!("help {words}"));
+            assert!(of_it.starts_with(&format!("ok {}", words.trim_end())), "{of_it}");
+            assert!(of_it.contains(row.help), "{of_it}");
+            let [first, second] = row.words;
+            let group = if second.is_empty() { all.clone() } else { helped(&format!("help {first}")) };
+            assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help)), "{row}: {group}");
+        }
+        assert_eq!(
+            helped("HELP Stream"),
+            "ok stream: heading sentences: on, off, rate, heading\n\
+             stream on: send them\n\
+             stream off: do not send them\n\
+             stream rate HZ: sentences per second\n\
+             stream heading KIND: heading sent: smoothed by the body rates, or raw for an autopilot with its own filter\n"
+        );
+        let mounts = helped("help set mount");
+        assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
+        assert!(helped("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
+    }
+
+    #[test]
+    fn every_word_is_completed() {
+        for (line, rest, fit) in [
+            ("", "", 7),
+            ("v", "ersion", 1),
+            ("VER", "sion", 1),
+            ("version", "", 1),
+            ("version ", "", 0),
+            ("s", "", 3),
+            ("st", "", 2),
+            ("sta", "tus", 1),
+            ("x", "", 0),
+            ("cal", "", 1),
+            ("cal ", "", 10),
+            ("cal so", "lve", 1),
+            ("cal s", "", 4),
+            ("cal st", "", 2),
+            ("CAL START ", "", 6),
+            ("cal auto o", "", 2),
+            ("cal start tu", "", 2),
+            ("cal start tur", "ns", 1),
+            ("cal start turns ", "again", 1),
+            ("cal solve m", "aximum-likelihood", 1),
+            ("cal clear ", "all", 1),
+            ("cal nonsense ", "", 0),
+            ("stream heading s", "mooth", 1),
+            ("set att", "itude-error", 1),
+            ("set attitude-error d", "efault", 1),
+            ("set attitude-error 1 d", "", 0),
+            ("set declination n", "one", 1),
+            ("set mount roll180-p", "itch", 2),
+            ("set mount roll27", "0", 5),
+            ("  set   mount   no", "ne", 1),
+            ("set align 90 ", "yes", 1),
+            ("help s", "", 3),
+            ("help str", "eam", 1),
+            ("help stream h", "eading", 1),
+            ("help stream heading r", "", 0),
+            ("stream rate ", "", 0),
+        ] {
+            let mut told = 0;
+            let found = complete(line, &mut |_| told += 1);
+            assert_eq!((found, told), (Completion { rest, fit }, fit), "{line:?}");
+        }
+    }
+
+    /// Random lines: no panic, and each error is one line of printable characters.
+    #[test]
+    fn no_line_stops_it() {
+        let mut random = testkit::random::Random(5);
+        let words: Vec<&str> = COMMANDS
+            .iter()
+            .flat_map(|row| row.words)
+            .chain(["none", "default", "all", "-1", "360.5", "", "\u{e9}"])
+            .collect();
+        for _ in 0..20_000 {
+            let mut line = String::new();
+            for _ in 0..random.byte() % 5 {
+                let mut word = words[usize::from(random.byte()) % words.len()].to_owned();
+                if random.byte() < 60 {
+                    word.push(char::from(random.byte()));
+                }
+                line += &word;
+                line.push(' ');
+            }
+            line.truncate(
+                (0..=line.len() - usize::from(random.byte() % 3).min(line.len()))
+                    .rfind(|&n| line.is_char_boundary(n))
+                    .unwrap(),
+            );
+            complete(&line, &mut |_| {});
+            if let Some(Err(error)) = parse(&line) {
+                let text = error.to_string();
+                assert!(!text.is_empty() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)), "{text:?}");
+            }
+        }
+    }
+}

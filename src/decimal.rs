@@ -1,0 +1,193 @@
+//! Fixed-point decimal text: core's float formatting and parsing cost 20 KB of flash and are not linked.
+
+use core::fmt::{self, Write};
+
+/// Displays a number with a fixed number of decimals, rounded half away from zero; NaN and infinity as `-`.
+///
+/// Exact to 7 digits, the precision of `f32`; numbers beyond +-2 000 000 are limited to that bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decimal<const DECIMALS: usize>(pub f32);
+
+impl<const DECIMALS: usize> fmt::Display for Decimal<DECIMALS> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&fixed(self.0, DECIMALS))
+    }
+}
+
+/// Displays a number with the decimals it was typed with: the fewest that parse to the same number, but at least a
+/// minimum.
+///
+/// The range is that of [`Decimal`]; typed zeros at the end are lost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShortestDecimal(pub f32, pub usize);
+
+impl fmt::Display for ShortestDecimal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(value, mut decimals) = *self;
+        let mut text = fixed(value, decimals);
+        while decimals < MOST_DIGITS && parse(&text) != Some(value) {
+            decimals += 1;
+            text = fixed(value, decimals);
+        }
+        f.pad(&text)
+    }
+}
+
+/// Formats a number with a fixed number of decimals; not generic, so that flash contains one copy.
+const CAPACITY: usize = 41 + MOST_DIGITS;
+fn fixed(value: f32, decimals: usize) -> heapless::String<CAPACITY> {
+    let mut text = heapless::String::new();
+    // Sign, seven digits, point and decimals always fit.
+    if !value.is_finite() {
+        let _ = text.push('-');
+        return text;
+    }
+    // There is room for any number.
+    let _ = write!(text, "{value:.decimals$}");
+    if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) && value.is_sign_negative() {
+        text.remove(0);
+    }
+    text
+}
+
+/// Maximum number of digits before and after the point.
+const MOST_DIGITS: usize = 6;
+
+/// Parses a number such as `12`, `-3.75`, `+0.5` or `.5`: a sign, up to 6 digits, up to 6 decimals.
+///
+/// `None` for anything else: no exponent, no white space, no `nan`.
+#[must_use]
+pub fn parse(text: &str) -> Option<f32> {
+    let (negative, digits) = match text.as_bytes() {
+        [b'-', rest @ ..] => (true, rest),
+        [b'+', rest @ ..] => (false, rest),
+        all => (false, all),
+    };
+    let point = digits.iter().position(|&b| b == b'.').unwrap_or(digits.len());
+    let (whole, fraction) = digits.split_at(point);
+    let fraction = fraction.get(1..).unwrap_or(&[]);
+    if whole.len() > MOST_DIGITS || fraction.len() > MOST_DIGITS || whole.len() + fraction.len() == 0 {
+        return None;
+    }
+    let number = |digits: &[u8]| {
+        digits.iter().try_fold(0_u32, |value, &b| b.is_ascii_digit().then(|| value * 10 + u32::from(b - b'0')))
+    };
+    let decimals = 10_u32.pow(fraction.len() as u32);
+    let magnitude = number(whole)? as f32 + number(fraction)? as f32 / decimals as f32;
+    Some(if negative { -magnitude } else { magnitude })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shows_rounded_fixed_point() {
+        for (value, text) in
+            [(0.0, "0.0"), (359.96, "360.0"), (-0.04, "0.0"), (-0.05, "-0.1"), (7.25, "7.2"), (f32::NAN, "-")]
+        {
+            assert_eq!(Decimal::<1>(value).to_string(), text);
+        }
+        assert_eq!(Decimal::<3>(1.0625).to_string(), "1.062");
+        assert_eq!(Decimal::<0>(-12.5).to_string(), "-12");
+        assert_eq!(format!("{:>7}", Decimal::<2>(1.5)), "   1.50");
+        assert_eq!(Decimal::<0>(f32::MAX).to_string(), format!("{:.0}", f32::MAX));
+    }
+
+    /// All digits of an `f32`, and no more than were typed; `at_least` is the minimum of decimals.
+    #[test]
+    fn what_was_typed_is_shown_as_it_was_typed() {
+        for (text, at_least) in [
+            ("-3.25", 0),
+            ("3.5", 1),
+            ("3.50", 2),
+            ("0.1", 1),
+            ("0.10", 2),
+            ("359.9999", 1),
+            ("0.000001", 1),
+            ("-11.3", 1),
+            ("179.999", 0),
+            ("7", 0),
+            ("0", 0),
+            ("-0.5", 0),
+        ] {
+            assert_eq!(ShortestDecimal(parse(text).unwrap(), at_least).to_string(), text);
+        }
+        for (typed, shown) in [("+7.", "7.0"), (".5", "0.5"), ("1.500", "1.5"), ("-0", "0.0")] {
+            assert_eq!(ShortestDecimal(parse(typed).unwrap(), 1).to_string(), shown);
+        }
+        assert_eq!(ShortestDecimal(f32::NAN, 2).to_string(), "-");
+        assert_eq!(ShortestDecimal(3e6, 0).to_string(), "3000000.000000", "too many digits to be read back");
+        for i in 0..40_000 {
+            let text = format!("{}.{:02}", i / 100, i % 100);
+            assert_eq!(ShortestDecimal(parse(&text).unwrap(), 2).to_string(), text);
+        }
+    }
+
+    #[test]
+    fn reads_what_people_type_and_nothing_else() {
+        for (text, value) in [("12", 12.0), ("-3.75", -3.75), ("+0.5", 0.5), (".5", 0.5), ("180.", 180.0)] {
+            assert_eq!(parse(text), Some(value), "{text}");
+        }
+        for text in ["", "-", ".", "1e3", "nan", " 1", "1.2.3", "--1", "1234567", "0.1234567", "1,5"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn halves_are_rounded_to_even_and_carried() {
+        for (value, text) in [(0.5, "0"), (0.51, "1"), (-0.49, "0"), (-0.5, "0"), (1.5, "2"), (99.5, "100")] {
+            assert_eq!(Decimal::<0>(value).to_string(), text);
+        }
+        // 0.125 and 0.375 are exact in binary.
+        for (value, text) in [(0.125, "0.12"), (-0.375, "-0.38"), (9.996, "10.00"), (-0.004, "0.00"), (12.06, "12.06")]
+        {
+            assert_eq!(Decimal::<2>(value).to_string(), text);
+        }
+        assert_eq!(Decimal::<4>(0.0625).to_string(), "0.0625", "leading zeros of the fraction");
+        assert_eq!(Decimal::<5>(-1.000_01).to_string(), "-1.00001");
+    }
+
+    #[test]
+    fn what_is_too_large_or_no_number_still_shows() {
+        assert_eq!(Decimal::<1>(1_999_999.0).to_string(), "1999999.0");
+        assert_eq!(Decimal::<6>(f32::MIN).to_string(), format!("{:.6}", f32::MIN), "the longest text");
+        for value in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            assert_eq!(format!("{:>4}|{:<4}", Decimal::<3>(value), Decimal::<3>(value)), "   -|-   ");
+        }
+    }
+
+    #[test]
+    fn six_digits_and_six_decimals_are_read_and_no_more() {
+        for (text, value) in [
+            ("999999", 999_999.0),
+            ("0.000001", 1e-6),
+            ("000000.500000", 0.5),
+            ("+.25", 0.25),
+            ("-.25", -0.25),
+            ("-7.", -7.0),
+            ("0", 0.0),
+            ("1.09", 1.09),
+        ] {
+            assert_eq!(parse(text), Some(value), "{text}");
+        }
+        for text in ["1000000", "0000001", "0.0000001", ".0000000", "+", "+.", "-+1", "1-", "1 ", "\u{661}"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+
+    /// The ASCII neighbours of `0` and `9`, before and after the point.
+    #[test]
+    fn only_digits_are_digits() {
+        for text in ["/1", ":1", "1/", "1:", "0./", "0.:", "a", "0x1"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_shown_is_read_back() {
+        for value in [0.0, 0.5, -0.5, 359.75, -179.25, 123_456.0] {
+            assert_eq!(parse(&Decimal::<2>(value).to_string()), Some(value));
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Heading from the corrected field and the attitude, and the criteria for withholding it.
+
+use nalgebra::Vector3;
+
+use crate::calibration::{Calibration, HeadingUncertainty};
+use crate::frames::{Attitude, Field, Sensor, wrap_two_pi};
+use crate::trig;
+use crate::trig::sqrt;
+
+/// A magnetic heading with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Heading {
+    /// Magnetic heading, radians, 0..2 pi.
+    pub magnetic_rad: f32,
+    /// Standard deviation, radians: coefficient covariance, sensor noise and attitude noise at this attitude and field.
+    pub sigma_rad: f32,
+    /// Share of the variance that is common to consecutive readings, square radians: that of the coefficients.
+    pub systematic_variance_rad2: f32,
+}
+
+impl Heading {
+    /// Magnetic heading, degrees, 0..360.
+    #[must_use]
+    pub fn magnetic_deg(&self) -> f32 {
+        self.magnetic_rad.to_degrees()
+    }
+
+    /// The heading with an offset added, degrees.
+    #[must_use]
+    pub fn rotated_by_deg(self, degrees: f32) -> Self {
+        Self { magnetic_rad: wrap_two_pi(self.magnetic_rad + degrees.to_radians()), ..self }
+    }
+
+    /// Raises the systematic variance to `variance_rad2`, square radians, if larger: both values describe the same
+    /// errors.
+    #[must_use]
+    pub fn with_min_systematic_variance(self, variance_rad2: f32) -> Self {
+        let more_rad2 = (variance_rad2 - self.systematic_variance_rad2).max(0.0);
+        Self {
+            sigma_rad: sqrt(self.sigma_rad * self.sigma_rad + more_rad2),
+            systematic_variance_rad2: self.systematic_variance_rad2 + more_rad2,
+            ..self
+        }
+    }
+
+    /// Adds an independent systematic variance, square radians.
+    #[must_use]
+    pub fn with_added_systematic_variance(self, variance_rad2: f32) -> Self {
+        self.with_min_systematic_variance(self.systematic_variance_rad2 + variance_rad2)
+    }
+
+    /// Standard deviation, degrees.
+    #[must_use]
+    pub fn sigma_deg(&self) -> f32 {
+        self.sigma_rad.to_degrees()
+    }
+}
+
+/// Reason for withholding the heading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoHeading {
+    /// No recent measurement from the sensor.
+    SensorSilent,
+    /// The sensor is at its range limit.
+    SensorSaturated,
+    /// A sensor axis is limited below its range.
+    SensorClipped,
+    /// A sensor axis repeats a value.
+    SensorStuck,
+    /// The step from the previous reading is implausible.
+    SensorSpike,
+    /// No attitude, or too old.
+    AttitudeStale,
+    /// The attitude source repeats a value.
+    AttitudeFrozen,
+    /// No calibration for this sensor and mounting.
+    Uncalibrated,
+    /// The corrected field is not the Earth's: external iron, a current, or an outdated calibration.
+    FieldDisturbed,
+    /// Hard iron changed since the calibration and is not yet estimated well enough.
+    FieldChanged,
+    /// Attitude, body rates and field are inconsistent, most likely due to the attitude.
+    AttitudeContradicted,
+}
+
+impl NoHeading {
+    /// Stable code, as shown by `status`.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::SensorSilent => "sensor-silent",
+            Self::SensorSaturated => "sensor-saturated",
+            Self::SensorClipped => "sensor-clipped",
+            Self::SensorStuck => "sensor-stuck",
+            Self::SensorSpike => "sensor-spike",
+            Self::AttitudeStale => "attitude-stale",
+            Self::AttitudeFrozen => "attitude-frozen",
+            Self::Uncalibrated => "uncalibrated",
+            Self::FieldDisturbed => "field-disturbed",
+            Self::FieldChanged => "field-changed",
+            Self::AttitudeContradicted => "attitude-contradicted",
+        }
+    }
+}
+
+/// Acceptance limits of a heading.
+#[derive(Clone, Copy, Debug)]
+pub struct HeadingLimits {
+    /// Largest relative deviation of field strength from the calibration's: twice the 10 % by which it changes over
+    /// 1000 km.
+    pub max_strength_deviation: f32,
+    /// Cosine of the largest inclination deviation from the calibration's, 12 deg: twice its change over 1000 km, and
+    /// more than the attitude error in a sharp manoeuvre.
+    pub min_cos_of_dip_deviation: f32,
+}
+
+impl HeadingLimits {
+    /// Limits for flights within 1000 km of the place of calibration.
+    pub const DEFAULT: Self = Self { max_strength_deviation: 0.2, min_cos_of_dip_deviation: 0.978_1 };
+
+    /// No limits, for display only.
+    pub const ANY_FIELD: Self = Self { max_strength_deviation: f32::INFINITY, min_cos_of_dip_deviation: -1.1 };
+
+    /// Whether the limits are disabled, as in [`ANY_FIELD`](Self::ANY_FIELD).
+    #[must_use]
+    pub const fn accepts_any_field(&self) -> bool {
+        self.max_strength_deviation == f32::INFINITY
+    }
+
+    /// The same without a limit of inclination.
+    #[must_use]
+    pub const fn without_inclination_limit(self) -> Self {
+        Self { min_cos_of_dip_deviation: Self::ANY_FIELD.min_cos_of_dip_deviation, ..self }
+    }
+}
+
+/// Heading from a raw field, its attitude and a calibration (Liu 2007 eq. 8, 7 and 3).
+///
+/// # Errors
+///
+/// [`NoHeading::FieldDisturbed`] if the corrected field deviates from the calibration's by more than the limits.
+pub fn compute_heading(
+    config: HeadingLimits,
+    calibration: &Calibration,
+    uncertainty: &HeadingUncertainty,
+    field: Field<Sensor>,
+    attitude: Attitude,
+) -> Result<Heading, NoHeading> {
+    let tilt = attitude.tilt();
+    let level = tilt.level(calibration.apply(field));
+    let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
+    let of_total = Vector3::new(x, y, z);
+    if exceeds_limits(config, calibration, &of_total) {
+        return Err(NoHeading::FieldDisturbed);
+    }
+    let variance = uncertainty.heading_variance(calibration, field, &tilt, level);
+    Ok(Heading {
+        magnetic_rad: level.heading_rad(),
+        sigma_rad: variance.sigma_rad(),
+        systematic_variance_rad2: variance.coefficients,
+    })
+}
+
+/// Whether the level field, relative to the calibrated strength, violates the limits; NaN and infinity do.
+fn exceeds_limits(config: HeadingLimits, calibration: &Calibration, field: &Vector3<f32>) -> bool {
+    let horizontal_squared = field.x * field.x + field.y * field.y;
+    let total_squared = horizontal_squared + field.z * field.z;
+    // Field strength times the cosine of the inclination deviation.
+    let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
+    let along = cos * sqrt(horizontal_squared) + sin * field.z;
+    // Compares signed squares, to avoid a square root.
+    let (least, most) = ((1.0 - config.max_strength_deviation).max(0.0), 1.0 + config.max_strength_deviation);
+    let min_cos = config.min_cos_of_dip_deviation;
+    let as_calibrated = total_squared >= least * least
+        && total_squared <= most * most
+        && along * along.abs() >= min_cos * min_cos.abs() * total_squared;
+    !as_calibrated
+}
+
+#[cfg(test)]
+mod tests;

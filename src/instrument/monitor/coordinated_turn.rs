@@ -1,0 +1,122 @@
+//! Coordinated-turn pseudo-measurement: the pitch rate in a turn observes roll errors without the magnetometer.
+//!
+//! Body rates give `theta' = q cos(phi) - r sin(phi)` with the reported roll. A roll that is too large by `e` adds
+//! `-psi' cos(theta) e` to it, so that the integral deviates from the reported pitch. Over a window of 2 s in a turn
+//! the deviation measures `a_r + k phi`.
+
+use super::measurement_model::{BANK_SCALE_ERROR, ROLL_BIAS, STATE_COUNT, StateVector};
+use super::ud_filter::Measurement;
+use crate::attitude::EulerRates;
+use crate::frames::Attitude;
+
+/// Integration window, seconds: long against the noise of pitch, short against a turn.
+const WINDOW_S: f32 = 2.0;
+
+/// Measurement variance, (rad/s)^2: attitude noise at both ends of the window.
+const PITCH_RATE_VARIANCE_RAD2_S2: f32 = 0.006 * 0.006;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CoordinatedTurn {
+    start_pitch_rad: Option<f32>,
+    duration_s: f32,
+    pitch_change_rad: f32,
+    heading_change_rad: f32,
+    roll_integral_rad_s: f32,
+}
+
+impl CoordinatedTurn {
+    pub const EMPTY: Self = Self {
+        start_pitch_rad: None,
+        duration_s: 0.0,
+        pitch_change_rad: 0.0,
+        heading_change_rad: 0.0,
+        roll_integral_rad_s: 0.0,
+    };
+
+    /// Integrates a sample `step_s` after the last; returns a measurement at the end of each window.
+    pub fn integrate(
+        &mut self,
+        reported: Attitude,
+        motion: &EulerRates,
+        step_s: f32,
+        unknowns: &StateVector,
+    ) -> Option<Measurement<STATE_COUNT>> {
+        let Some(from_pitch_rad) = self.start_pitch_rad else {
+            self.start_pitch_rad = Some(reported.pitch_rad);
+            return None;
+        };
+        self.duration_s += step_s;
+        self.pitch_change_rad += motion.pitch_rad_s * step_s;
+        self.heading_change_rad += motion.heading_rad_s * step_s;
+        self.roll_integral_rad_s += reported.roll_rad * step_s;
+        if self.duration_s < WINDOW_S {
+            return None;
+        }
+        let (heading_rad_s, roll_rad) =
+            (self.heading_change_rad / self.duration_s, self.roll_integral_rad_s / self.duration_s);
+        let unbalanced = (self.pitch_change_rad - (reported.pitch_rad - from_pitch_rad)) / self.duration_s;
+        *self = Self { start_pitch_rad: Some(reported.pitch_rad), ..Self::EMPTY };
+        let mut row = [0.0; STATE_COUNT];
+        row[ROLL_BIAS] = -heading_rad_s;
+        row[BANK_SCALE_ERROR] = -heading_rad_s * roll_rad;
+        let predicted = row[ROLL_BIAS] * unknowns[ROLL_BIAS] + row[BANK_SCALE_ERROR] * unknowns[BANK_SCALE_ERROR];
+        Some(Measurement { jacobian: row, residual: unbalanced - predicted, variance: PITCH_RATE_VARIANCE_RAD2_S2 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attitude::{AttitudeReport, SenderId};
+    use crate::time::WrappingMillis;
+
+    /// Level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
+    fn measured(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
+        let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
+        let told = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
+        let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
+        let report = AttitudeReport {
+            sender: SenderId::default(),
+            sender_time: WrappingMillis::default(),
+            attitude: told,
+            rates_rad_s,
+        };
+        let motion = EulerRates::from_report(&report).unwrap();
+        let mut balance = CoordinatedTurn::EMPTY;
+        (0..30).find_map(|_| balance.integrate(told, &motion, 0.1, unknowns)).unwrap()
+    }
+
+    /// Bias: 0.02 rad * 0.3 rad/s = 6 mrad/s; scale error: 0.1 * 0.8 rad * 0.3 rad/s = 24 mrad/s.
+    #[test]
+    fn a_wrong_bank_shows_in_the_pitch() {
+        let right = measured(0.0, 0.0, &[0.0; STATE_COUNT]);
+        assert!(right.residual.abs() < 1e-6, "{right:?}");
+        let biased = measured(0.02, 0.0, &[0.0; STATE_COUNT]);
+        assert!((biased.residual + 0.006).abs() < 1e-4, "{biased:?}");
+        let scaled = measured(0.0, 0.1, &[0.0; STATE_COUNT]);
+        assert!((scaled.residual + 0.024).abs() < 2e-4, "{scaled:?}");
+        let mut unknowns = [0.0; STATE_COUNT];
+        unknowns[ROLL_BIAS] = 0.02;
+        assert!(measured(0.02, 0.0, &unknowns).residual.abs() < 2e-4);
+        let mut unknowns = [0.0; STATE_COUNT];
+        unknowns[BANK_SCALE_ERROR] = 0.1 / 1.1;
+        assert!(measured(0.0, 0.1, &unknowns).residual.abs() < 3e-4);
+    }
+
+    #[test]
+    fn what_pitches_by_its_rates_balances() {
+        let motion = EulerRates { pitch_rad_s: 0.05, heading_rad_s: 0.2, roll_rad_s: 0.0 };
+        let mut balance = CoordinatedTurn::EMPTY;
+        let told = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
+        let (i, found) =
+            (0..60).find_map(|i| Some((i, balance.integrate(told(i), &motion, 0.1, &[0.0; STATE_COUNT])?))).unwrap();
+        assert!((20..=21).contains(&i), "two seconds: {i}");
+        assert!(found.residual.abs() < 1e-5, "{found:?}");
+        assert!(
+            (found.jacobian[ROLL_BIAS] + 0.2).abs() < 1e-5 && (found.jacobian[BANK_SCALE_ERROR] + 0.06).abs() < 1e-5,
+            "{found:?}"
+        );
+        let next = (i + 1..60).find_map(|i| balance.integrate(told(i), &motion, 0.1, &[0.0; STATE_COUNT])).unwrap();
+        assert!(next.residual.abs() < 1e-5, "{next:?}");
+    }
+}

@@ -1,0 +1,137 @@
+//! Significance test for a change of hard iron since the calibration.
+
+use crate::trig::Length as _;
+use nalgebra::Vector3;
+
+/// Change of hard iron since the calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardIronChange {
+    /// Change of the corrected field, body axes, microtesla.
+    pub change_ut: Vector3<f32>,
+    /// Standard deviation of the least certain component, microtesla.
+    pub sigma_ut: f32,
+}
+
+/// Reports each change of hard iron once.
+#[derive(Clone, Copy, Debug)]
+pub struct HardIronChangeReporter {
+    last_reported: Option<HardIronChange>,
+}
+
+/// Relative difference from the last report that causes another one.
+const REPORT_AGAIN_RATIO: f32 = 0.5;
+
+impl HardIronChangeReporter {
+    /// Nothing reported yet.
+    pub const NONE: Self = Self { last_reported: None };
+
+    /// Returns the present change if it is to be reported; `Some(None)` if hard iron is back as calibrated.
+    pub fn update(&mut self, now: Option<HardIronChange>) -> Option<Option<HardIronChange>> {
+        let is_news = match (self.last_reported, now) {
+            (None, None) => false,
+            (Some(told), Some(now)) => {
+                (now.change_ut - told.change_ut).length() > REPORT_AGAIN_RATIO * told.change_ut.length()
+            }
+            (Some(_), None) | (None, Some(_)) => true,
+        };
+        is_news.then(|| {
+            self.last_reported = now;
+            now
+        })
+    }
+}
+
+/// Smallest reported change, relative to the field strength: 1 uT in 50 uT, at most 3 deg of heading.
+const MIN_REPORTED_CHANGE: f32 = 0.02;
+
+/// Significance: sigmas of the least certain component.
+const SIGNIFICANCE_SIGMAS: f32 = 4.0;
+
+/// Time without a failed gate before a report, seconds, for objects that pass by.
+const MIN_UNDISTURBED_S: f32 = 15.0;
+
+const HYSTERESIS_RATIO: f32 = 0.5;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HardIronDetector {
+    is_reported: bool,
+    undisturbed_s: f32,
+}
+
+impl HardIronDetector {
+    pub const NEW: Self = Self { is_reported: false, undisturbed_s: 0.0 };
+
+    /// Updates with the estimated change (relative to the field strength) and the largest sigma of its components,
+    /// `step_s` after the last; returns whether the change is significant.
+    pub fn update(&mut self, change: &Vector3<f32>, sigma: f32, is_silent: bool, step_s: f32) -> bool {
+        self.undisturbed_s = if is_silent { 0.0 } else { self.undisturbed_s + step_s };
+        let part = change.length() / MIN_REPORTED_CHANGE.max(SIGNIFICANCE_SIGMAS * sigma);
+        if self.is_reported {
+            // A larger sigma does not end a reported change.
+            self.is_reported = change.length() > HYSTERESIS_RATIO * MIN_REPORTED_CHANGE;
+        } else {
+            self.is_reported = self.undisturbed_s >= MIN_UNDISTURBED_S && part > 1.0;
+        }
+        self.is_reported
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn repeat_update(moved: &mut HardIronDetector, change: f32, sigma: f32, is_silent: bool, tenths: usize) -> bool {
+        (0..tenths).map(|_| moved.update(&Vector3::new(0.0, -change, 0.0), sigma, is_silent, 0.1)).last().unwrap()
+    }
+
+    #[test]
+    fn what_is_large_and_sure_is_told() {
+        for (change, sigma, expected) in
+            [(0.021, 0.005, true), (0.019, 0.001, false), (0.1, 0.024, true), (0.1, 0.026, false)]
+        {
+            assert_eq!(
+                repeat_update(&mut HardIronDetector::NEW.clone(), change, sigma, false, 200),
+                expected,
+                "{change} {sigma}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_change_is_reported_once() {
+        let iron = |y_ut: f32| Some(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut: 0.1 });
+        let mut news = HardIronChangeReporter::NONE;
+        for (now, expected) in [
+            (None, None),
+            (iron(4.0), Some(iron(4.0))),
+            (iron(4.1), None),
+            (iron(5.9), None),
+            (iron(2.1), None),
+            (iron(6.1), Some(iron(6.1))),
+            (iron(3.2), None),
+            (iron(-6.0), Some(iron(-6.0))),
+            (None, Some(None)),
+            (None, None),
+        ] {
+            assert_eq!(news.update(now), expected, "{now:?}");
+        }
+    }
+
+    #[test]
+    fn fifteen_seconds_of_calm_come_first() {
+        let mut moved = HardIronDetector::NEW;
+        assert!(!repeat_update(&mut moved, 0.1, 0.01, true, 300));
+        assert!(!repeat_update(&mut moved, 0.1, 0.01, false, 149));
+        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 2));
+    }
+
+    #[test]
+    fn what_was_told_holds_until_it_is_gone() {
+        let mut moved = HardIronDetector::NEW;
+        assert!(repeat_update(&mut moved, 0.1, 0.01, false, 200));
+        assert!(repeat_update(&mut moved, 0.1, 0.2, true, 50));
+        assert!(repeat_update(&mut moved, 0.011, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.009, 0.01, false, 1));
+        assert!(!repeat_update(&mut moved, 0.011, 0.001, false, 200));
+    }
+}

@@ -1,0 +1,288 @@
+//! Innovation gates of the monitor, as a state machine without a filter: innovations in, detected changes out.
+//!
+//! ```text
+//!                    innovation beyond 4 sigma twice in a row,
+//!                    or beyond 2 sigma six times in a row
+//!   quiet ---------------------------------------------------> withhold 4 s <--+
+//!     ^                                                          |  |  again   |
+//!     +----------------------------------------------------------+  +----------+
+//! ```
+//!
+//! Gross residuals, beyond any usable heading, may be short: a sensor restart, a steel hangar. Headings are withheld,
+//! and the states stay unchanged for longer than the second that a sensor restart takes.
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum MeasurementKind {
+    Strength,
+    Inclination,
+    Heading,
+}
+
+impl MeasurementKind {
+    pub const ALL: [Self; 3] = [Self::Strength, Self::Inclination, Self::Heading];
+}
+
+pub(super) type PerKind<T> = [T; MeasurementKind::ALL.len()];
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Innovation {
+    /// Measured minus predicted.
+    pub residual: f32,
+    /// Innovation variance if nothing has changed.
+    pub variance: f32,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct InnovationGateConfig {
+    /// Wide gate, sigmas.
+    pub wide_gate_sigmas: f32,
+    /// Consecutive innovations beyond the wide gate that detect a change.
+    pub wide_gate_count: u8,
+    /// Narrow gate, sigmas.
+    pub narrow_gate_sigmas: f32,
+    /// Consecutive innovations beyond the narrow gate that detect a change.
+    pub narrow_gate_count: u8,
+    /// Residual of relative strength or inclination (radians) above which a sample is gross.
+    pub gross_residual: f32,
+    /// Consecutive gross samples after which the usual gates apply again.
+    pub max_gross_count: u8,
+    /// Time for which headings are withheld after a detected change, seconds.
+    pub withhold_s: f32,
+}
+
+impl InnovationGateConfig {
+    /// For 10 samples a second.
+    pub const DEFAULT: Self = Self {
+        wide_gate_sigmas: 4.0,
+        wide_gate_count: 2,
+        narrow_gate_sigmas: 2.0,
+        narrow_gate_count: 6,
+        gross_residual: 0.2,
+        max_gross_count: 13,
+        withhold_s: 4.0,
+    };
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum GateResult {
+    /// No change detected. A first innovation beyond the wide gate is not used.
+    Consistent {
+        /// Per kind, whether to use it for the update.
+        is_usable: PerKind<bool>,
+    },
+    /// A change was detected.
+    ChangeDetected {
+        /// Per kind, the absolute residual if beyond the narrow gate, otherwise zero.
+        exceeding_residuals: PerKind<f32>,
+    },
+}
+
+/// Counters of consecutive innovations beyond each gate.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct InnovationGate {
+    beyond_wide_gate: PerKind<u8>,
+    beyond_narrow_gate: PerKind<u8>,
+    gross_count: u8,
+    withhold_left_s: f32,
+}
+
+impl InnovationGate {
+    pub const NONE: Self =
+        Self { beyond_wide_gate: [0; 3], beyond_narrow_gate: [0; 3], gross_count: 0, withhold_left_s: 0.0 };
+
+    /// Tests the innovations of a sample `step_s` after the last one; `None` for a kind without a measurement.
+    pub fn test_innovations(
+        &mut self,
+        config: &InnovationGateConfig,
+        deviations: PerKind<Option<Innovation>>,
+        step_s: f32,
+    ) -> GateResult {
+        self.withhold_left_s = (self.withhold_left_s - step_s).max(0.0);
+        if self.is_awaiting_gross_end(config, &deviations) {
+            return GateResult::Consistent { is_usable: [false; 3] };
+        }
+        let mut learn = [true; 3];
+        let mut sizes = [0.0; 3];
+        let mut has_changed = false;
+        for (i, deviation) in deviations.into_iter().enumerate() {
+            // A missing measurement leaves the counters unchanged.
+            let Some(Innovation { residual, variance }) = deviation else { continue };
+            let beyond = |sigmas: f32| residual * residual > sigmas * sigmas * variance;
+            let (is_large, is_odd) = (beyond(config.wide_gate_sigmas), beyond(config.narrow_gate_sigmas));
+            self.beyond_wide_gate[i] = if is_large { self.beyond_wide_gate[i].saturating_add(1) } else { 0 };
+            self.beyond_narrow_gate[i] = if is_odd { self.beyond_narrow_gate[i].saturating_add(1) } else { 0 };
+            has_changed |= self.beyond_wide_gate[i] >= config.wide_gate_count
+                || self.beyond_narrow_gate[i] >= config.narrow_gate_count;
+            learn[i] = !is_large;
+            sizes[i] = if is_odd { residual.abs() } else { 0.0 };
+        }
+        if has_changed {
+            self.withhold_left_s = config.withhold_s;
+            GateResult::ChangeDetected { exceeding_residuals: sizes }
+        } else {
+            GateResult::Consistent { is_usable: learn }
+        }
+    }
+
+    /// Counts gross samples; whether to wait for the end of a short disturbance.
+    fn is_awaiting_gross_end(
+        &mut self,
+        config: &InnovationGateConfig,
+        deviations: &PerKind<Option<Innovation>>,
+    ) -> bool {
+        let [strength, inclination, _] = deviations;
+        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > config.gross_residual);
+        self.gross_count = if is_gross { self.gross_count.saturating_add(1) } else { 0 };
+        let is_waiting = is_gross && self.gross_count < config.max_gross_count;
+        if is_waiting {
+            // Averaged samples at its edges are partly disturbed, and must not complete a sequence.
+            (self.beyond_wide_gate, self.beyond_narrow_gate) = ([0; 3], [0; 3]);
+        }
+        is_waiting
+    }
+
+    pub fn is_withholding(&self) -> bool {
+        self.withhold_left_s > 0.0 || self.gross_count > 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONFIG: InnovationGateConfig = InnovationGateConfig::DEFAULT;
+
+    /// Innovations in sigmas of 0.01; NaN for a missing one.
+    fn innovations_of_sigmas(each: [f32; 3]) -> PerKind<Option<Innovation>> {
+        each.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
+    }
+
+    fn changed_after(each: [f32; 3]) -> Option<usize> {
+        let mut contradiction = InnovationGate::NONE;
+        (1..=40).find(|_| {
+            matches!(
+                contradiction.test_innovations(&CONFIG, innovations_of_sigmas(each), 0.1),
+                GateResult::ChangeDetected { .. }
+            )
+        })
+    }
+
+    #[test]
+    fn two_large_or_six_odd_ones_in_a_row_contradict() {
+        for i in 0..3 {
+            let alone = |n: f32| core::array::from_fn(|k| if k == i { n } else { 0.0 });
+            for (n, expected) in [(4.1, Some(2)), (-4.1, Some(2)), (3.9, Some(6)), (2.1, Some(6)), (-2.1, Some(6))] {
+                assert_eq!(changed_after(alone(n)), expected, "{n} of {:?}", MeasurementKind::ALL[i]);
+            }
+            assert_eq!(changed_after(alone(1.9)), None);
+        }
+        // Alternating kinds do not form a sequence.
+        let mut contradiction = InnovationGate::NONE;
+        for i in 0..20 {
+            let each = if i % 2 == 0 { [5.0, 0.0, 0.0] } else { [0.0, 5.0, 0.0] };
+            assert!(
+                matches!(
+                    contradiction.test_innovations(&CONFIG, innovations_of_sigmas(each), 0.1),
+                    GateResult::Consistent { .. }
+                ),
+                "{i}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_first_large_one_is_not_learnt_from() {
+        let mut contradiction = InnovationGate::NONE;
+        let verdict = contradiction.test_innovations(&CONFIG, innovations_of_sigmas([4.1, 3.9, -4.1]), 0.1);
+        assert_eq!(verdict, GateResult::Consistent { is_usable: [false, true, false] });
+        assert!(!contradiction.is_withholding());
+    }
+
+    #[test]
+    fn a_change_is_as_large_as_what_is_odd() {
+        let mut contradiction = InnovationGate::NONE;
+        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1);
+        let GateResult::ChangeDetected { exceeding_residuals: sizes } =
+            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1)
+        else {
+            panic!()
+        };
+        for (size, expected) in sizes.into_iter().zip([0.05, 0.025, 0.0]) {
+            assert!((size - expected).abs() < 1e-7, "{sizes:?}");
+        }
+    }
+
+    #[test]
+    fn four_seconds_of_silence_follow_the_last_contradiction() {
+        let mut contradiction = InnovationGate::NONE;
+        for _ in 0..7 {
+            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
+        }
+        let silent = (1..100).take_while(|_| {
+            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0; 3]), 0.1);
+            contradiction.is_withholding()
+        });
+        // One sample of tolerance: 0.1 is not exact in binary.
+        assert!((39..=41).contains(&silent.count()));
+    }
+
+    /// Limits: 20 % of the field, 0.2 rad of inclination; up to 12 samples.
+    #[test]
+    fn what_is_grossly_off_is_waited_for() {
+        let off = |residual: f32, kind: usize| {
+            core::array::from_fn(|k| (k == kind).then_some(Innovation { residual, variance: 1e-4 }))
+        };
+        for kind in [0, 1] {
+            let mut contradiction = InnovationGate::NONE;
+            for residual in [0.21, -0.21].into_iter().cycle().take(12) {
+                let verdict = contradiction.test_innovations(&CONFIG, off(residual, kind), 0.1);
+                assert_eq!(verdict, GateResult::Consistent { is_usable: [false; 3] });
+                assert!(contradiction.is_withholding());
+            }
+            let mut over = contradiction;
+            assert!(matches!(over.test_innovations(&CONFIG, off(0.1, kind), 0.1), GateResult::Consistent { .. }));
+            assert_eq!(
+                over.test_innovations(&CONFIG, off(0.0, kind), 0.1),
+                GateResult::Consistent { is_usable: [true; 3] }
+            );
+            assert!(!over.is_withholding());
+            contradiction.test_innovations(&CONFIG, off(0.21, kind), 0.1);
+            assert!(matches!(
+                contradiction.test_innovations(&CONFIG, off(0.21, kind), 0.1),
+                GateResult::ChangeDetected { .. }
+            ));
+        }
+        let mut contradiction = InnovationGate::NONE;
+        contradiction.test_innovations(&CONFIG, off(0.19, 0), 0.1);
+        assert!(matches!(
+            contradiction.test_innovations(&CONFIG, off(0.19, 0), 0.1),
+            GateResult::ChangeDetected { .. }
+        ));
+        // The heading has no limit for gross residuals.
+        let mut contradiction = InnovationGate::NONE;
+        contradiction.test_innovations(&CONFIG, off(2.0, 2), 0.1);
+        assert!(matches!(contradiction.test_innovations(&CONFIG, off(2.0, 2), 0.1), GateResult::ChangeDetected { .. }));
+    }
+
+    #[test]
+    fn what_is_not_measured_says_nothing() {
+        let mut contradiction = InnovationGate::NONE;
+        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1);
+        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, f32::NAN]), 0.1);
+        assert!(matches!(
+            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1),
+            GateResult::ChangeDetected { .. }
+        ));
+        assert_eq!(changed_after([f32::NAN; 3]), None);
+    }
+
+    #[test]
+    fn counts_saturate() {
+        assert_eq!(changed_after([9.0; 3]), Some(2));
+        let mut contradiction = InnovationGate::NONE;
+        for _ in 0..1000 {
+            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([9.0; 3]), 0.1);
+        }
+        assert!(contradiction.is_withholding());
+    }
+}

@@ -1,0 +1,266 @@
+//! Measurement model of the monitor: states, predictions and Jacobian rows.
+//!
+//! With `h` the corrected field of a sample in body axes, in units of the calibrated field strength, `phi` and `theta`
+//! the reported attitude, `phi'` and `theta'` their rates, `I` the calibrated inclination and `psi'` the turn rate:
+//!
+//! | state | meaning | model |
+//! |---|---|---|
+//! | `beta` (3) | change of hard iron since the calibration, body axes | `h - beta` is the Earth's field |
+//! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
+//! | `c`, `g` | gyro heading: offset and drift rate | heading `integral + c + tau psi'` |
+//! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
+//! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
+
+use nalgebra::Vector3;
+
+use super::ud_filter::Measurement;
+use crate::attitude::{EulerRates, GyroHeading};
+use crate::calibration::FieldPrediction;
+use crate::frames::{Attitude, Field, wrap_pi};
+
+pub(super) const STATE_COUNT: usize = 11;
+pub(super) const HARD_IRON_CHANGE: usize = 0;
+pub(super) const STRENGTH_CHANGE: usize = 3;
+pub(super) const INCLINATION_CHANGE: usize = 4;
+pub(super) const GYRO_OFFSET: usize = 5;
+pub(super) const GYRO_DRIFT: usize = 6;
+pub(super) const ROLL_BIAS: usize = 7;
+pub(super) const PITCH_BIAS: usize = 8;
+pub(super) const BANK_SCALE_ERROR: usize = 9;
+pub(super) const ATTITUDE_LATENCY: usize = 10;
+
+pub(super) type StateVector = [f32; STATE_COUNT];
+
+pub(super) fn hard_iron_change(unknowns: &StateVector) -> Vector3<f32> {
+    Vector3::new(unknowns[HARD_IRON_CHANGE], unknowns[HARD_IRON_CHANGE + 1], unknowns[HARD_IRON_CHANGE + 2])
+}
+
+pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, unknowns: &StateVector) -> Attitude {
+    let Attitude { roll_rad, pitch_rad } = reported;
+    let tau = unknowns[ATTITUDE_LATENCY];
+    Attitude {
+        roll_rad: roll_rad - unknowns[ROLL_BIAS] - unknowns[BANK_SCALE_ERROR] * roll_rad + tau * motion.roll_rad_s,
+        pitch_rad: pitch_rad - unknowns[PITCH_BIAS] + tau * motion.pitch_rad_s,
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MonitorSample {
+    /// Body axes, relative to the calibrated field strength.
+    pub field: Vector3<f32>,
+    pub attitude: Attitude,
+    /// Euler-angle rates; zero if the source sends no body rates.
+    pub motion: EulerRates,
+}
+
+impl MonitorSample {
+    pub fn is_finite(&self) -> bool {
+        let Self { field, attitude, motion } = self;
+        let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *motion;
+        let numbers = [attitude.roll_rad, attitude.pitch_rad, roll_rad_s, pitch_rad_s, heading_rad_s];
+        field.iter().chain(&numbers).all(|number| number.is_finite())
+    }
+}
+
+/// Predicted Earth field; strength relative to the calibration's.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PredictedField {
+    pub strength: f32,
+    pub inclination_rad: f32,
+    /// Gyro heading, radians; `None` without body rates.
+    pub heading_rad: Option<f32>,
+}
+
+impl PredictedField {
+    /// Prediction from the states, the calibrated inclination and the gyro's integral: `psi = integral + c + tau psi'`.
+    pub fn new(unknowns: &StateVector, inclination_rad: f32, turning: Option<&GyroHeading>) -> Self {
+        let by_gyro = |turning: &GyroHeading| {
+            turning.relative_heading_rad
+                + unknowns[GYRO_OFFSET]
+                + unknowns[ATTITUDE_LATENCY] * turning.euler_rates.heading_rad_s
+        };
+        Self {
+            strength: 1.0 + unknowns[STRENGTH_CHANGE],
+            inclination_rad: inclination_rad + unknowns[INCLINATION_CHANGE],
+            heading_rad: turning.map(by_gyro),
+        }
+    }
+}
+
+/// Sample corrected by the states, with Jacobian rows.
+#[derive(Clone, Debug)]
+pub(super) struct MeasurementModel {
+    pub strength: f32,
+    pub inclination_rad: f32,
+    pub heading_rad: f32,
+    pub tan_inclination: f32,
+    pub strength_jacobian: StateVector,
+    pub inclination_jacobian: StateVector,
+    pub heading_jacobian: StateVector,
+}
+
+impl MeasurementModel {
+    /// Evaluates the model. The Jacobian is taken at the predicted field, not at the measured one: noise common to a
+    /// residual and its derivative does not average out and would make the hard-iron estimate grow along the field.
+    #[inline(never)]
+    pub fn new(seen: &MonitorSample, unknowns: &StateVector, expected: &PredictedField) -> Self {
+        let tilt = correct_attitude(seen.attitude, &seen.motion, unknowns).tilt();
+        let measured = tilt.level(Field::new(seen.field - hard_iron_change(unknowns)));
+        let heading_rad = measured.heading_rad();
+        let level =
+            Field::earth(expected.strength, expected.inclination_rad, expected.heading_rad.unwrap_or(heading_rad));
+        let earth = tilt.body(level).ut;
+        let prediction = FieldPrediction::new(earth, &earth, &tilt);
+        let dip_by_tilt = prediction.inclination_by_attitude(&tilt);
+        let heading_by_tilt = prediction.heading_by_attitude(&tilt);
+        Self {
+            strength: measured.total_ut(),
+            inclination_rad: measured.inclination_rad(),
+            heading_rad,
+            tan_inclination: prediction.level.z / prediction.horizontal,
+            strength_jacobian: jacobian_row(seen, &prediction.direction, [0.0; 2]),
+            inclination_jacobian: jacobian_row(seen, &prediction.inclination_by_field, dip_by_tilt),
+            heading_jacobian: jacobian_row(seen, &prediction.heading_by_field(&tilt), heading_by_tilt),
+        }
+    }
+
+    pub fn field_jacobians(&self) -> [Vector3<f32>; 3] {
+        // The model subtracts `beta` from the field; hence the sign.
+        [self.strength_jacobian, self.inclination_jacobian, self.heading_jacobian].map(|row| -hard_iron_change(&row))
+    }
+
+    /// Strength: `|h - beta| = 1 + f`.
+    pub fn strength_measurement(&self, expected: &PredictedField, variance: f32) -> Measurement<STATE_COUNT> {
+        let mut row = self.strength_jacobian.map(|d| -d);
+        row[STRENGTH_CHANGE] += 1.0;
+        Measurement { jacobian: row, residual: self.strength - expected.strength, variance }
+    }
+
+    /// Inclination: `inclination(h - beta) = I + i`.
+    pub fn inclination_measurement(&self, expected: &PredictedField, variance: f32) -> Measurement<STATE_COUNT> {
+        let mut row = self.inclination_jacobian.map(|d| -d);
+        row[INCLINATION_CHANGE] += 1.0;
+        Measurement { jacobian: row, residual: self.inclination_rad - expected.inclination_rad, variance }
+    }
+
+    /// Heading measurement against the gyro, if available: `psi = integral + c + tau psi'`.
+    pub fn heading_measurement(
+        &self,
+        expected: &PredictedField,
+        seen: &MonitorSample,
+        variance: f32,
+    ) -> Option<Measurement<STATE_COUNT>> {
+        let mut row = self.heading_jacobian.map(|d| -d);
+        row[GYRO_OFFSET] += 1.0;
+        row[ATTITUDE_LATENCY] += seen.motion.heading_rad_s;
+        let residual = wrap_pi(self.heading_rad - expected.heading_rad?);
+        Some(Measurement { jacobian: row, residual, variance })
+    }
+}
+
+/// Jacobian row by the chain rule, from derivatives with respect to the field and to roll and pitch.
+fn jacobian_row(seen: &MonitorSample, by_field: &Vector3<f32>, [by_roll, by_pitch]: [f32; 2]) -> StateVector {
+    let MonitorSample { attitude, motion, .. } = seen;
+    let mut row = [0.0; STATE_COUNT];
+    for axis in 0..3 {
+        row[HARD_IRON_CHANGE + axis] = -by_field[axis];
+    }
+    row[ROLL_BIAS] = -by_roll;
+    row[PITCH_BIAS] = -by_pitch;
+    row[BANK_SCALE_ERROR] = -by_roll * attitude.roll_rad;
+    row[ATTITUDE_LATENCY] = by_roll * motion.roll_rad_s + by_pitch * motion.pitch_rad_s;
+    row
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+    use crate::calibration::tests::derivatives::assert_derivative;
+
+    fn random_sample(random: &mut Random) -> MonitorSample {
+        let mut number = |size: f32| random.uniform(-size, size);
+        let attitude = Attitude { roll_rad: number(0.8), pitch_rad: number(0.4) };
+        let level = Field::earth(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
+        MonitorSample {
+            field: attitude.body(level).ut,
+            attitude,
+            motion: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
+        }
+    }
+
+    #[test]
+    fn the_rows_are_the_changes_of_what_is_predicted() {
+        let mut random = Random(1);
+        for _ in 0..20 {
+            let seen = random_sample(&mut random);
+            let at: StateVector = random_states(&mut random, 0.05);
+            let nowhere = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
+            let found = MeasurementModel::new(&seen, &at, &nowhere);
+            let seen = MonitorSample {
+                field: hard_iron_change(&at)
+                    + (seen.field - hard_iron_change(&at)) * (1.0 + at[STRENGTH_CHANGE]) / found.strength,
+                ..seen
+            };
+            let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;
+            let turning = GyroHeading { euler_rates: seen.motion, relative_heading_rad: by_gyro_rad, run: 0 };
+            let measured = |unknowns: &StateVector| {
+                let expected =
+                    PredictedField::new(unknowns, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));
+                let predicted = MeasurementModel::new(&seen, unknowns, &expected);
+                [
+                    predicted.strength_measurement(&expected, 1.0),
+                    predicted.inclination_measurement(&expected, 1.0),
+                    predicted.heading_measurement(&expected, &seen, 1.0).unwrap(),
+                ]
+            };
+            let here = measured(&at);
+            for (kind, measurement) in here.iter().enumerate() {
+                for i in 0..STATE_COUNT {
+                    let moved = |step: f32| {
+                        let mut unknowns = at;
+                        unknowns[i] += step;
+                        wrap_pi(measurement.residual - measured(&unknowns)[kind].residual)
+                    };
+                    assert_derivative(measurement.jacobian[i], moved, &format!("measurement {kind} by unknown {i}"));
+                }
+            }
+        }
+    }
+
+    fn random_states(random: &mut Random, size: f32) -> StateVector {
+        core::array::from_fn(|_| random.uniform(-size, size))
+    }
+
+    #[test]
+    fn a_true_field_is_predicted_as_it_is() {
+        let attitude = Attitude::from_deg(-30.0, 8.0);
+        let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
+        let seen = MonitorSample { field: body, attitude, motion: EulerRates::default() };
+        let expected = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
+        let predicted = MeasurementModel::new(&seen, &[0.0; STATE_COUNT], &expected);
+        assert!((predicted.strength - 1.0).abs() < 1e-6 && (predicted.inclination_rad - 1.1).abs() < 1e-5);
+        assert!((predicted.heading_rad - 2.0).abs() < 1e-5);
+        assert!((predicted.tan_inclination / 1.1_f32.tan() - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn an_attitude_is_put_right() {
+        let motion = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
+        let reported = Attitude { roll_rad: 0.4, pitch_rad: 0.1 };
+        for (index, value, roll_rad, pitch_rad) in [
+            (ROLL_BIAS, 0.01, 0.39, 0.1),
+            (PITCH_BIAS, 0.01, 0.4, 0.09),
+            (BANK_SCALE_ERROR, 0.1, 0.36, 0.1),
+            (ATTITUDE_LATENCY, 0.1, 0.45, 0.08),
+            (GYRO_OFFSET, 1.0, 0.4, 0.1),
+        ] {
+            let mut unknowns = [0.0; STATE_COUNT];
+            unknowns[index] = value;
+            let found = correct_attitude(reported, &motion, &unknowns);
+            let off = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
+            assert!(off < 1e-6, "{index}: {found:?}");
+        }
+    }
+}

@@ -1,0 +1,522 @@
+//! Tests of the monitor on synthetic samples.
+
+use core::f32::consts::PI;
+
+use testkit::random::Random;
+
+use super::*;
+use crate::calibration::{Orientation, Rates};
+use crate::frames::Field;
+use crate::time::WrappingMillis;
+
+const INCLINATION_RAD: f32 = 1.0;
+const TOTAL_UT: f32 = 50.0;
+/// Noise of a sample: relative strength, and each attitude angle.
+const STRENGTH_SIGMA: f32 = 0.003;
+const TILT_SIGMA_RAD: f32 = 0.005;
+
+#[derive(Clone, Copy, Debug)]
+struct Wrong {
+    iron_ut: [f32; 3],
+    strength: f32,
+    inclination_rad: f32,
+    /// Attitude bias: reported minus true, radians.
+    roll_rad: f32,
+    pitch_rad: f32,
+    /// Factor on the reported bank.
+    bank: f32,
+    /// Attitude latency, seconds.
+    late_s: f32,
+    /// Gyro heading drift, rad/s.
+    drift_rad_s: f32,
+    /// Real pitch excursion, radians, and its rate, rad/s.
+    raised_rad: f32,
+    raising_rad_s: f32,
+}
+
+impl Wrong {
+    const NOTHING: Self = Self {
+        iron_ut: [0.0; 3],
+        strength: 0.0,
+        inclination_rad: 0.0,
+        roll_rad: 0.0,
+        pitch_rad: 0.0,
+        bank: 1.0,
+        late_s: 0.0,
+        drift_rad_s: 0.0,
+        raised_rad: 0.0,
+        raising_rad_s: 0.0,
+    };
+}
+
+/// Alternates a minute of straight flight with a full circle to either side, with small oscillations.
+struct Flight {
+    watch: Monitor,
+    calibration: Calibration,
+    uncertainty: HeadingUncertainty,
+    random: Random,
+    wrong: Wrong,
+    samples: u32,
+    gyro_rad: f32,
+}
+
+const STEP_S: f32 = 0.1;
+const CIRCLE_S: f32 = 24.0;
+const STRAIGHT_S: f32 = 60.0;
+
+fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
+    let of_leg_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
+    let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
+    let banked = (of_leg_s / 2.0).min((CIRCLE_S - of_leg_s) / 2.0).clamp(0.0, 1.0);
+    let rolling = if of_leg_s > 0.0 && of_leg_s < 2.0 {
+        0.5
+    } else if of_leg_s > CIRCLE_S - 2.0 {
+        -0.5
+    } else {
+        0.0
+    };
+    let (phase, pitch_phase) = (0.9 * t_s, 0.6 * t_s);
+    let attitude =
+        Attitude { roll_rad: side * 0.45 * banked + 0.02 * phase.sin(), pitch_rad: 0.03 + 0.015 * pitch_phase.sin() };
+    let motion = EulerRates {
+        roll_rad_s: side * 0.45 * rolling + 0.018 * phase.cos(),
+        pitch_rad_s: 0.009 * pitch_phase.cos(),
+        heading_rad_s: side * banked * 2.0 * PI / (CIRCLE_S - 2.0),
+    };
+    let u = of_leg_s.clamp(0.0, CIRCLE_S);
+    let ramp = (u.min(2.0).powi(2) / 4.0) + (u.clamp(2.0, CIRCLE_S - 2.0) - 2.0) + {
+        let v = (u - (CIRCLE_S - 2.0)).max(0.0);
+        v - v * v / 4.0
+    };
+    (attitude, motion, wrap_pi(0.7 + side * ramp * 2.0 * PI / (CIRCLE_S - 2.0)))
+}
+
+impl Flight {
+    fn new(seed: u64) -> Self {
+        let calibration = Calibration {
+            inclination_rad: INCLINATION_RAD,
+            total_ut: TOTAL_UT,
+            ..Calibration::uncalibrated(Orientation::NONE)
+        };
+        let uncertainty = HeadingUncertainty {
+            sensor_sigma: STRENGTH_SIGMA,
+            attitude_sigma_rad: TILT_SIGMA_RAD,
+            ..HeadingUncertainty::NONE
+        };
+        Self {
+            watch: Monitor::new(MonitorConfig::DEFAULT),
+            calibration,
+            uncertainty,
+            random: Random(seed),
+            wrong: Wrong::NOTHING,
+            samples: 0,
+            gyro_rad: 2.0,
+        }
+    }
+
+    fn now_s(&self) -> f32 {
+        // Wraps with the flight pattern, which keeps the time exact in `f32`.
+        (self.samples % 1680) as f32 * STEP_S
+    }
+
+    /// Flies one sample; returns heading error and sigma in degrees, or the reason for no heading.
+    fn step(&mut self) -> Result<(f32, f32), NoHeading> {
+        self.samples += 1;
+        let Wrong { iron_ut, strength, inclination_rad, roll_rad, pitch_rad, bank, late_s, drift_rad_s, .. } =
+            self.wrong;
+        let (mut attitude, _, heading_rad) = moment(self.now_s());
+        attitude.pitch_rad += self.wrong.raised_rad;
+        let earth = Field::earth(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
+        let (mut told, mut motion, told_heading_rad) = moment(self.now_s() - late_s);
+        told.pitch_rad += self.wrong.raised_rad;
+        motion.pitch_rad_s += self.wrong.raising_rad_s;
+        let mut noise = |sigma: f32| sigma * self.random.normal();
+        let field = attitude.body(earth).ut
+            + Vector3::from(iron_ut)
+            + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
+        let told = Attitude {
+            roll_rad: bank * told.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
+            pitch_rad: told.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
+        };
+        self.gyro_rad = wrap_pi(self.gyro_rad + drift_rad_s * STEP_S);
+        let turning = GyroHeading {
+            euler_rates: motion,
+            relative_heading_rad: wrap_pi(told_heading_rad + self.gyro_rad),
+            run: 0,
+        };
+        let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
+        let sample =
+            Sample { field: Field::new(field), attitude: told, rates: Rates::NONE, time: at.wrapping_millis() };
+        let watched = MonitoredCalibration {
+            calibration: &self.calibration,
+            uncertainty: &self.uncertainty,
+            readings_per_sample: 1,
+        };
+        self.watch.update(&watched, at, &sample, Some(turning));
+        let adjustment = self.watch.output();
+        adjustment.validity?;
+        let (calibration, uncertainty) = adjustment.correct_calibration(&watched);
+        let attitude = adjustment.correct_attitude(told, &motion);
+        let found = crate::heading::compute_heading(
+            crate::heading::HeadingLimits::ANY_FIELD,
+            &calibration,
+            &uncertainty,
+            sample.field,
+            attitude,
+        )?
+        .with_min_systematic_variance(adjustment.heading_variance_rad2);
+        Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
+    }
+
+    fn fly(&mut self, seconds: u32) -> Flown {
+        let mut flown = Flown::default();
+        for _ in 0..10 * seconds {
+            flown.take(self.step());
+        }
+        flown
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+struct Flown {
+    told: u32,
+    worst_deg: f32,
+    beyond: u32,
+    none: Vec<NoHeading>,
+}
+
+impl Flown {
+    fn take(&mut self, heading: Result<(f32, f32), NoHeading>) {
+        match heading {
+            Ok((error_deg, sigma_deg)) => {
+                self.told += 1;
+                self.worst_deg = self.worst_deg.max(error_deg.abs());
+                self.beyond += u32::from(error_deg.abs() > 3.0 * sigma_deg);
+            }
+            Err(why) => self.none.push(why),
+        }
+    }
+}
+
+/// Half an hour. Normal errors exceed 3 sigma in 0.3 % of samples.
+#[test]
+fn a_clean_flight_is_not_silenced() {
+    for seed in 0..3 {
+        let flown = Flight::new(seed).fly(1800);
+        assert_eq!(flown.none, []);
+        assert!(flown.beyond < flown.told / 300 && flown.worst_deg < 4.5, "{flown:?}");
+    }
+}
+
+/// 24 hours with a gyro drift of 0.05 deg/s.
+#[test]
+fn a_day_is_as_an_hour() {
+    let mut flight = Flight::new(4);
+    flight.wrong.drift_rad_s = 0.05_f32.to_radians();
+    flight.fly(600);
+    let first = flight.fly(3600);
+    for _ in 0..22 {
+        flight.fly(3600);
+    }
+    let last = flight.fly(3600);
+    for hour in [first, last] {
+        assert_eq!(hour.none, []);
+        assert!(hour.worst_deg < 4.5, "{hour:?}");
+    }
+    assert_eq!(flight.watch.output().hard_iron_change, None);
+}
+
+/// 3 uT or more in level flight, in any direction: detected at once; heading usable within seconds; estimated within 30
+/// % after a circle to either side.
+#[test]
+fn iron_that_moves_is_found_and_told() {
+    for (i, iron_ut) in
+        [[3.0, 0.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [4.0, 4.0, -4.0], [-7.0, 6.0, 3.0]].into_iter().enumerate()
+    {
+        let mut flight = Flight::new(i as u64);
+        flight.fly(200);
+        flight.wrong.iron_ut = iron_ut;
+        // Two samples beyond the wide gate, or six beyond the narrow one.
+        let at_once = flight.fly(2);
+        let little = at_once.told <= 7 && at_once.worst_deg < 5.0;
+        assert!(at_once.told <= 1 || little, "{iron_ut:?}: {at_once:?}");
+        flight.fly(18);
+        let turning = flight.fly(60);
+        assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
+        let flown = flight.fly(180);
+        assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{iron_ut:?}: {flown:?}");
+        let told = flight.watch.output().hard_iron_change.unwrap();
+        let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
+        assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
+        assert!(off_ut < 6.0 * told.sigma_ut, "{iron_ut:?}: {told:?}");
+        flight.wrong.iron_ut = [0.0; 3];
+        flight.fly(200);
+        assert_eq!(flight.watch.output().hard_iron_change, None, "{iron_ut:?}");
+    }
+}
+
+/// A change of place equivalent to an hour of flight is estimated as such, and not as hard iron.
+#[test]
+fn another_place_is_learnt() {
+    let mut flight = Flight::new(7);
+    flight.fly(100);
+    (flight.wrong.strength, flight.wrong.inclination_rad) = (-0.08, 0.12);
+    let turning = flight.fly(80);
+    assert!(turning.none.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
+    let flown = flight.fly(1000);
+    assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{flown:?}");
+    let adjustment = flight.watch.output();
+    assert_eq!(adjustment.hard_iron_change, None);
+    let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
+    assert!((strength + 0.08).abs() < 0.01 && (inclination_rad - 0.12).abs() < 0.015, "{strength} {inclination_rad}");
+}
+
+/// Attitude errors are not estimated as hard iron; the heading stays within its sigma or is withheld.
+#[test]
+fn an_attitude_that_is_wrong_is_found() {
+    let cases = [
+        ("roll", Wrong { roll_rad: 0.035, ..Wrong::NOTHING }, 0.2),
+        ("pitch", Wrong { pitch_rad: -0.035, ..Wrong::NOTHING }, 0.2),
+        ("bank", Wrong { bank: 0.7, ..Wrong::NOTHING }, 0.5),
+        ("late", Wrong { late_s: 0.3, ..Wrong::NOTHING }, 0.2),
+    ];
+    for (name, wrong, silent) in cases {
+        let mut flight = Flight::new(8);
+        flight.fly(200);
+        flight.wrong = wrong;
+        let flown = flight.fly(600);
+        assert!(flown.beyond < flown.told / 8, "{name}: {} of {}", flown.beyond, flown.told);
+        assert!((flown.none.len() as f32) < silent * 6000.0, "{name}: {}", flown.none.len());
+    }
+}
+
+/// A braking VTOL: an attitude error of 2.6 deg for 3 s is tolerated with a larger sigma if the nose rose by 8 deg, and
+/// detected otherwise.
+#[test]
+fn an_attitude_of_an_aircraft_that_is_pushed_is_believed_less() {
+    for (raised_rad, is_silenced) in [(0.14, false), (-0.14, false), (0.0, true)] {
+        let mut flight = Flight::new(5);
+        assert!(flight.fly(40).none.is_empty());
+        let mut silent = 0;
+        for i in 1..=36_u8 {
+            flight.wrong = Wrong {
+                raised_rad: raised_rad * f32::from(i.min(6)) / 6.0,
+                raising_rad_s: if i <= 6 { raised_rad / 0.6 } else { 0.0 },
+                pitch_rad: if i > 6 { 0.045 } else { 0.0 },
+                ..Wrong::NOTHING
+            };
+            silent += u32::from(flight.step().is_err());
+        }
+        assert_eq!(silent > 0, is_silenced, "{raised_rad}: {silent}");
+        // 0.15 times the excursion is 0.8 deg or more; calibration and adaptation alone give 0.3 deg.
+        let tilt_sigma_rad = libm::sqrtf(flight.watch.output().sample_noise.unwrap().tilt_rad2);
+        assert_eq!(tilt_sigma_rad > 0.0125, !is_silenced, "{raised_rad}: {tilt_sigma_rad}");
+    }
+}
+
+#[test]
+fn the_attitude_s_errors_are_told_apart() {
+    for (wrong, index, expected, within) in [
+        (Wrong { late_s: 0.1, ..Wrong::NOTHING }, ATTITUDE_LATENCY, 0.1, 0.03),
+        (Wrong { late_s: -0.05, ..Wrong::NOTHING }, ATTITUDE_LATENCY, -0.05, 0.03),
+        (Wrong { drift_rad_s: 2e-3, ..Wrong::NOTHING }, GYRO_DRIFT, -2e-3, 3e-4),
+    ] {
+        let mut flight = Flight::new(9);
+        flight.wrong = wrong;
+        flight.fly(600);
+        let found = flight.watch.output().states[index];
+        assert!((found - expected).abs() < within, "{wrong:?}: {found}");
+    }
+}
+
+#[test]
+fn a_change_leaves_more_doubt_than_the_unknowns_do() {
+    let after = |unsettled_times: f32| {
+        let mut flight = Flight::new(5);
+        flight.watch.config.post_change_inflation = unsettled_times;
+        flight.fly(40);
+        assert!(flight.watch.output().heading_variance_rad2 <= 0.0, "nothing has changed");
+        flight.wrong.iron_ut = [0.0, 5.0, 0.0];
+        flight.fly(15);
+        flight
+    };
+    let mut flight = after(MonitorConfig::DEFAULT.post_change_inflation);
+    let times = flight.watch.output().heading_variance_rad2 / after(1.0).watch.output().heading_variance_rad2;
+    assert!((4.0..=6.0).contains(&times), "{times}");
+    flight.wrong.iron_ut = [0.0; 3];
+    flight.fly(200);
+    assert!(flight.watch.output().heading_variance_rad2 <= 0.0);
+}
+
+#[test]
+fn there_are_limits() {
+    let watched_verdict = |index: usize, value: f32| {
+        let mut flight = Flight::new(10);
+        flight.fly(30);
+        flight.watch.filter.set_mean(index, value);
+        let seen = MonitorSample {
+            field: Vector3::new(0.5, 0.0, 0.8),
+            attitude: Attitude::default(),
+            motion: EulerRates::default(),
+        };
+        flight.watch.assess_validity(flight.watch.filter.mean(), &seen, &[0.0; STATE_COUNT], 0.0)
+    };
+    for (index, limit, why) in [
+        (HARD_IRON_CHANGE, 0.6, NoHeading::FieldChanged),
+        (STRENGTH_CHANGE, 0.2, NoHeading::FieldDisturbed),
+        (INCLINATION_CHANGE, 0.2, NoHeading::FieldDisturbed),
+        (ROLL_BIAS, 0.15, NoHeading::AttitudeContradicted),
+        (PITCH_BIAS, 0.15, NoHeading::AttitudeContradicted),
+        (BANK_SCALE_ERROR, 0.5, NoHeading::AttitudeContradicted),
+    ] {
+        for sign in [1.0, -1.0] {
+            assert_eq!(watched_verdict(index, sign * 0.97 * limit), Ok(()), "{index}");
+            assert_eq!(watched_verdict(index, sign * 1.03 * limit), Err(why), "{index}");
+        }
+    }
+}
+
+/// Limit: 8 deg. The reason names the states with the larger part of the variance.
+#[test]
+fn a_heading_that_is_not_known_well_is_not_told() {
+    let mut flight = Flight::new(11);
+    flight.fly(30);
+    let watch = &mut flight.watch;
+    let seen = MonitorSample {
+        field: Vector3::new(0.5, 0.0, 0.8),
+        attitude: Attitude::default(),
+        motion: EulerRates::default(),
+    };
+    let mut row = [0.0; STATE_COUNT];
+    (row[HARD_IRON_CHANGE], row[ROLL_BIAS]) = (1.0, 1.0);
+    let mean = *watch.filter.mean();
+    assert_eq!(watch.assess_validity(&mean, &seen, &row, 0.139 * 0.139), Ok(()));
+    watch.filter.inflate_variance(ROLL_BIAS, 0.01);
+    assert_eq!(watch.assess_validity(&mean, &seen, &row, 0.0201), Err(NoHeading::AttitudeContradicted));
+    watch.filter.inflate_variance(HARD_IRON_CHANGE, 0.1);
+    assert_eq!(watch.assess_validity(&mean, &seen, &row, 0.1), Err(NoHeading::FieldChanged));
+}
+
+#[test]
+fn a_source_without_rates_is_watched_as_far_as_it_goes() {
+    let flight = Flight::new(12);
+    let mut watch = Monitor::new(MonitorConfig::DEFAULT);
+    let mut verdicts = Vec::new();
+    for i in 0..240_u16 {
+        let iron_ut = if i < 200 { 0.0 } else { 8.0 };
+        let (attitude, _, heading_rad) = moment(f32::from(i) * STEP_S);
+        let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
+        let at = Timestamp::from_us(u64::from(i) * 100_000);
+        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
+        let watched = MonitoredCalibration {
+            calibration: &flight.calibration,
+            uncertainty: &flight.uncertainty,
+            readings_per_sample: 1,
+        };
+        watch.update(&watched, at, &sample, None);
+        verdicts.push(watch.output().validity);
+    }
+    assert!(verdicts[..201].iter().all(Result::is_ok));
+    assert!(verdicts[201..].iter().all(|verdict| *verdict == Err(NoHeading::FieldDisturbed)));
+    assert_eq!(watch.output().gyro_offset, None);
+}
+
+#[test]
+fn what_is_no_number_is_left_away() {
+    let mut flight = Flight::new(13);
+    flight.fly(30);
+    let before = *flight.watch.output();
+    let watched = MonitoredCalibration {
+        calibration: &flight.calibration,
+        uncertainty: &flight.uncertainty,
+        readings_per_sample: 1,
+    };
+    let good = Sample {
+        field: Field::from_ut(20.0, 3.0, 40.0),
+        attitude: Attitude::default(),
+        rates: Rates::NONE,
+        time: WrappingMillis::default(),
+    };
+    let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let turned = GyroHeading { relative_heading_rad: f32::INFINITY, ..GyroHeading::default() };
+    for (sample, turning) in [
+        (Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..good }, None),
+        (Sample { attitude: nowhere, ..good }, None),
+        (good, Some(turned)),
+    ] {
+        flight.watch.update(&watched, Timestamp::from_us(60_000_000), &sample, turning);
+        assert_eq!(*flight.watch.output(), before);
+    }
+}
+
+#[test]
+fn a_reading_that_the_gyro_contradicts_is_not_told() {
+    let mut flight = Flight::new(14);
+    flight.fly(300);
+    let adjustment = flight.watch.output();
+    let (run, offset_rad2) = adjustment.gyro_offset.unwrap();
+    let motion = EulerRates { heading_rad_s: 0.3, ..EulerRates::default() };
+    let turning = GyroHeading { euler_rates: motion, relative_heading_rad: 1.0, run };
+    let by_gyro = 1.0 + adjustment.states[GYRO_OFFSET] + 0.3 * adjustment.states[ATTITUDE_LATENCY];
+    let sigma_rad = 0.02;
+    let limit = 4.5 * (sigma_rad * sigma_rad + offset_rad2).sqrt();
+    let agrees = |off_rad: f32, turning: Option<&GyroHeading>| {
+        let heading = Heading { magnetic_rad: by_gyro + off_rad, sigma_rad, systematic_variance_rad2: 0.0 };
+        adjustment.passes_reading_gate(&MonitorConfig::DEFAULT, heading, turning)
+    };
+    for sign in [1.0, -1.0] {
+        assert!(agrees(sign * 0.98 * limit, Some(&turning)) && !agrees(sign * 1.02 * limit, Some(&turning)));
+    }
+    assert!(agrees(1.0, None) && agrees(1.0, Some(&GyroHeading { run: run.wrapping_add(1), ..turning })));
+}
+
+#[test]
+fn a_calibration_in_force_has_what_was_learnt() {
+    let w = [[1.1, 0.1, 0.0], [0.0, 0.9, -0.1], [0.05, 0.0, 1.0]];
+    let calibration = Calibration {
+        w,
+        b_ut: [1.0, 2.0, 3.0],
+        inclination_rad: 1.0,
+        total_ut: 50.0,
+        ..Calibration::uncalibrated(Orientation::NONE)
+    };
+    let watched = MonitoredCalibration {
+        calibration: &calibration,
+        uncertainty: &HeadingUncertainty::NONE,
+        readings_per_sample: 4,
+    };
+    let mut unknowns = [0.0; STATE_COUNT];
+    unknowns[..5].copy_from_slice(&[0.02, -0.04, 0.06, 0.1, -0.05]);
+    let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 });
+    let (found, learnt) = MonitorOutput { states: unknowns, sample_noise: variances, ..MonitorOutput::INITIAL }
+        .correct_calibration(&watched);
+    let field = Field::from_ut(20.0, -10.0, 30.0);
+    let moved = calibration.apply(field).ut - found.apply(field).ut;
+    assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
+    assert!((found.total_ut - 55.0).abs() < 1e-4 && (found.inclination_rad - 0.95).abs() < 1e-6);
+    // The mean of four readings has half the sigma of one.
+    assert!((learnt.sensor_sigma - 0.02).abs() < 1e-6 && (learnt.attitude_sigma_rad - 0.02).abs() < 1e-6);
+    assert_eq!(MonitorOutput::INITIAL.correct_calibration(&watched), (calibration, HeadingUncertainty::NONE));
+}
+/// 24 hours at rest without body rates: all is unobservable, and no state drifts.
+#[test]
+fn a_day_at_rest_tells_nothing() {
+    let mut random = Random(15);
+    let flight = Flight::new(15);
+    let mut watch = Monitor::new(MonitorConfig::DEFAULT);
+    let attitude = Attitude::from_deg(2.0, 5.0);
+    let body = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, 0.7)).ut;
+    for i in 0..864_000_u32 {
+        let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
+        let at = Timestamp::from_us(u64::from(i) * 100_000);
+        let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
+        let watched = MonitoredCalibration {
+            calibration: &flight.calibration,
+            uncertainty: &flight.uncertainty,
+            readings_per_sample: 1,
+        };
+        watch.update(&watched, at, &sample, None);
+        assert_eq!(watch.output().validity, Ok(()), "{i}");
+    }
+    assert!(watch.filter.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", watch.filter.mean());
+}

@@ -1,0 +1,224 @@
+//! Kalman filter state with UD-factorised covariance.
+//!
+//! `P = U D U^T`, with `U` unit upper triangular and `D` diagonal. Rounding cannot make an element of `D` negative,
+//! hence no variance; a covariance matrix in `f32` loses that property within hours. Source: G. J. Bierman,
+//! "Factorization Methods for Discrete Sequential Estimation" (1977): his measurement update, and the Agee-Turner
+//! rank-one update (appendix III.C) for process noise.
+
+#[derive(Clone, Debug)]
+pub(super) struct UdFilter<const N: usize> {
+    mean: [f32; N],
+    /// `U` by rows; elements on and below the diagonal are unused.
+    upper: [[f32; N]; N],
+    diagonal: [f32; N],
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Measurement<const N: usize> {
+    pub jacobian: [f32; N],
+    pub residual: f32,
+    /// Noise variance; must be positive.
+    pub variance: f32,
+}
+
+impl<const N: usize> UdFilter<N> {
+    pub fn new(sigmas: &[f32; N]) -> Self {
+        Self { mean: [0.0; N], upper: [[0.0; N]; N], diagonal: sigmas.map(|sigma| sigma * sigma) }
+    }
+
+    pub const fn mean(&self) -> &[f32; N] {
+        &self.mean
+    }
+
+    pub fn set_mean(&mut self, index: usize, value: f32) {
+        if let Some(mean) = self.mean.get_mut(index) {
+            *mean = value;
+        }
+    }
+
+    pub fn is_finite(&self) -> bool {
+        self.mean.iter().chain(&self.diagonal).chain(self.upper.as_flattened()).all(|x| x.is_finite())
+    }
+
+    /// Variance of `row . states`: `sum d_j (U^T row)_j^2`, never negative.
+    pub fn projected_variance(&self, row: &[f32; N]) -> f32 {
+        let squares = self.diagonal.iter().enumerate().map(|(j, d)| {
+            let f = self.u_transposed_times(row, j);
+            d * f * f
+        });
+        squares.sum()
+    }
+
+    pub fn state_variance(&self, index: usize) -> f32 {
+        let Some((row, own)) = self.upper.get(index).zip(self.diagonal.get(index)) else { return 0.0 };
+        let others = row.iter().zip(&self.diagonal).skip(index + 1).map(|(u, d)| u * u * d);
+        own + others.sum::<f32>()
+    }
+
+    fn u_transposed_times(&self, row: &[f32; N], j: usize) -> f32 {
+        row[j] + (0..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>()
+    }
+
+    /// Measurement update (Bierman).
+    pub fn update(&mut self, measurement: &Measurement<N>) {
+        let Measurement { jacobian: row, residual, variance } = measurement;
+        let f: [f32; N] = core::array::from_fn(|j| self.u_transposed_times(row, j));
+        let mut gain = [0.0; N];
+        // Innovation variance from noise and states up to `j`.
+        let mut before = *variance;
+        for j in 0..N {
+            let v = self.diagonal[j] * f[j];
+            let after = before + f[j] * v;
+            self.diagonal[j] *= before / after;
+            let lambda = -f[j] / before;
+            gain[j] = v;
+            for (gain, row) in gain.iter_mut().zip(&mut self.upper).take(j) {
+                let u = row[j];
+                row[j] = u + lambda * *gain;
+                *gain += v * u;
+            }
+            before = after;
+        }
+        let step = residual / before;
+        for (mean, gain) in self.mean.iter_mut().zip(gain) {
+            *mean += gain * step;
+        }
+    }
+
+    /// Adds to the variance of one state and keeps its covariances (Agee-Turner).
+    pub fn inflate_variance(&mut self, index: usize, variance: f32) {
+        let mut a: [f32; N] = core::array::from_fn(|i| if i == index { 1.0 } else { 0.0 });
+        let mut weight = variance;
+        for j in (0..=index.min(N - 1)).rev() {
+            let (a_j, before) = (a[j], self.diagonal[j]);
+            let after = before + weight * a_j * a_j;
+            self.diagonal[j] = after;
+            if after > 0.0 {
+                let share = weight * a_j / after;
+                for (a_i, row) in a.iter_mut().zip(&mut self.upper).take(j) {
+                    *a_i -= a_j * row[j];
+                    row[j] += share * *a_i;
+                }
+                weight *= before / after;
+            }
+        }
+    }
+
+    /// Time update `x_to += factor x_by`, for `by > to`.
+    pub fn propagate(&mut self, to: usize, by: usize, factor: f32) {
+        self.mean[to] += factor * self.mean[by];
+        self.upper[to][by] += factor;
+        for j in by + 1..N {
+            self.upper[to][j] += factor * self.upper[by][j];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{SMatrix, SVector};
+    use testkit::random::Random;
+
+    use super::*;
+
+    const N: usize = 5;
+    type Matrix = SMatrix<f64, N, N>;
+    type Vector = SVector<f64, N>;
+
+    fn covariance(state: &UdFilter<N>) -> Matrix {
+        let upper = Matrix::from_fn(|i, j| match i.cmp(&j) {
+            core::cmp::Ordering::Less => f64::from(state.upper[i][j]),
+            core::cmp::Ordering::Equal => 1.0,
+            core::cmp::Ordering::Greater => 0.0,
+        });
+        upper * Matrix::from_diagonal(&Vector::from_fn(|i, _| f64::from(state.diagonal[i]))) * upper.transpose()
+    }
+
+    fn row(random: &mut Random) -> [f32; N] {
+        core::array::from_fn(|_| random.uniform(-1.0, 1.0))
+    }
+
+    /// Conventional filter in `f64`: `K = P h / (h^T P h + r)`.
+    struct ConventionalFilter {
+        mean: Vector,
+        covariance: Matrix,
+    }
+
+    impl ConventionalFilter {
+        fn update(&mut self, measurement: &Measurement<N>) {
+            let h = Vector::from_fn(|i, _| f64::from(measurement.jacobian[i]));
+            let gain = self.covariance * h / (h.dot(&(self.covariance * h)) + f64::from(measurement.variance));
+            self.mean += gain * f64::from(measurement.residual);
+            self.covariance -= gain * (h.transpose() * self.covariance);
+        }
+    }
+
+    #[test]
+    fn it_is_the_textbook_s_filter() {
+        let mut random = Random(1);
+        let sigmas = [1.0, 0.5, 2.0, 0.1, 1.5];
+        let mut state = UdFilter::new(&sigmas);
+        let mut textbook = ConventionalFilter {
+            mean: Vector::zeros(),
+            covariance: Matrix::from_diagonal(&Vector::from_fn(|i, _| f64::from(sigmas[i] * sigmas[i]))),
+        };
+        for step in 0..200_usize {
+            let variance = random.uniform(0.05, 2.0);
+            let measurement = Measurement { jacobian: row(&mut random), residual: random.normal(), variance };
+            state.update(&measurement);
+            textbook.update(&measurement);
+            let (index, noise) = (step % N, random.uniform(0.0, 0.1));
+            state.inflate_variance(index, noise);
+            textbook.covariance[(index, index)] += f64::from(noise);
+            state.propagate(1, 3, 0.1);
+            let mut growth = Matrix::identity();
+            growth[(1, 3)] = f64::from(0.1_f32);
+            textbook.mean = growth * textbook.mean;
+            textbook.covariance = growth * textbook.covariance * growth.transpose();
+            let difference = (covariance(&state) - textbook.covariance).norm() / textbook.covariance.norm();
+            assert!(difference < 1e-4, "step {step}: {difference}");
+            for i in 0..N {
+                assert!((f64::from(state.mean()[i]) - textbook.mean[i]).abs() < 1e-4, "step {step}, unknown {i}");
+            }
+        }
+        let h = row(&mut random);
+        let exact = Vector::from_fn(|i, _| f64::from(h[i]));
+        let exact = exact.dot(&(textbook.covariance * exact));
+        assert!((f64::from(state.projected_variance(&h)) / exact - 1.0).abs() < 1e-4);
+        for i in 0..N {
+            assert!((f64::from(state.state_variance(i)) / textbook.covariance[(i, i)] - 1.0).abs() < 1e-4);
+        }
+    }
+
+    /// A day of precise, almost collinear measurements at 10 Hz. A covariance matrix in `f32` becomes negative within
+    /// minutes.
+    #[test]
+    fn no_variance_is_ever_negative() {
+        let mut random = Random(2);
+        let mut state = UdFilter::<N>::new(&[10.0; N]);
+        let mut h = [1.0, 1.0, 1.0, 1.0, 1.0];
+        for step in 0..864_000_usize {
+            h[step % N] = 1.0 + 1e-3 * random.uniform(-1.0, 1.0);
+            state.update(&Measurement { jacobian: h, residual: 1e-3 * random.normal(), variance: 1e-8 });
+            state.inflate_variance(step % N, 1e-12);
+            if step % 1000 == 0 {
+                assert!(state.diagonal.iter().all(|d| *d >= 0.0) && state.is_finite(), "step {step}: {state:?}");
+            }
+        }
+        assert!((0..N).all(|i| state.state_variance(i) > 0.0));
+    }
+
+    #[test]
+    fn a_mean_is_set_and_what_is_no_number_is_seen() {
+        let mut state = UdFilter::<N>::new(&[1.0; N]);
+        state.set_mean(2, 3.0);
+        assert_eq!(state.mean().map(f32::to_bits), [0.0, 0.0, 3.0, 0.0, 0.0].map(f32::to_bits));
+        state.set_mean(N, 9.0);
+        assert!(state.is_finite() && state.state_variance(N) == 0.0);
+        state.set_mean(0, f32::NAN);
+        assert!(!state.is_finite());
+        let mut state = UdFilter::<N>::new(&[1.0; N]);
+        state.inflate_variance(1, f32::INFINITY);
+        assert!(!state.is_finite());
+    }
+}

@@ -1,0 +1,208 @@
+//! Unit tests of `sensor_check`.
+
+use testkit::random::Random;
+
+use super::*;
+
+const PERIOD_US: u64 = 12_500;
+const STUCK_AFTER: u16 = 16;
+
+fn new_check() -> SensorCheck {
+    SensorCheck::new(&InstrumentConfig { stuck_after: Some(STUCK_AFTER), ..InstrumentConfig::new(PERIOD_US as u32) })
+}
+
+struct Readings {
+    check: SensorCheck,
+    number: u64,
+    random: Random,
+}
+
+impl Readings {
+    fn new() -> Self {
+        Self { check: new_check(), number: 0, random: Random(1) }
+    }
+
+    fn check_with_slow_turn(&mut self, field_ut: [f32; 3]) -> Option<ReadingFault> {
+        self.check_with_turn_rate(field_ut, Some(0.2))
+    }
+
+    fn check_with_turn_rate(&mut self, [x, y, z]: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
+        self.number += 1;
+        let reading = Reading { field: Field::from_ut(x, y, z), saturated: false, overrun: false };
+        self.check.check(Timestamp::from_us(self.number * PERIOD_US), &reading, turning_rad_s)
+    }
+
+    /// Adds LIS3MDL noise, quantised to its counts.
+    fn noisy(&mut self, field_ut: [f32; 3]) -> [f32; 3] {
+        let counts = field_ut.map(|ut| ((ut + 0.35 * self.random.normal()) * 68.42).round());
+        counts.map(|counts| counts / 68.42)
+    }
+
+    fn faults_at_rest(&mut self, field_ut: [f32; 3], readings: u32) -> Vec<ReadingFault> {
+        (0..readings)
+            .filter_map(|_| {
+                let field_ut = self.noisy(field_ut);
+                self.check_with_slow_turn(field_ut)
+            })
+            .collect()
+    }
+}
+
+const PARKED: [f32; 3] = [20.0, -5.0, 40.0];
+
+#[test]
+fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
+    for axis in 0..3 {
+        let mut readings = Readings::new();
+        readings.faults_at_rest(PARKED, 100);
+        let stuck_at = PARKED[axis];
+        let faults: Vec<_> = (0..20)
+            .map(|_| {
+                let mut field_ut = readings.noisy(PARKED);
+                field_ut[axis] = stuck_at;
+                readings.check_with_slow_turn(field_ut)
+            })
+            .collect();
+        assert_eq!(faults.iter().position(Option::is_some), Some(15), "axis {axis}: {faults:?}");
+        assert!(faults[15..].iter().all(|fault| *fault == Some(ReadingFault::Stuck)));
+        assert_eq!(readings.faults_at_rest(PARKED, 10), []);
+    }
+}
+
+/// An hour; 1 of 80 consecutive values is equal. tests/integrity.rs runs a day.
+#[test]
+fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
+    let mut readings = Readings::new();
+    assert_eq!(readings.faults_at_rest(PARKED, 80 * 3600), []);
+}
+
+#[test]
+fn what_repeats_bit_by_bit_repeats_though_it_is_no_number() {
+    let mut axis = AxisCheck::NEW;
+    let faults: Vec<_> = (0..16).map(|_| axis.check(f32::NAN, 16)).collect();
+    assert_eq!(faults[15], Some(ReadingFault::Stuck));
+    // 0.0 and -0.0 differ in bits.
+    let mut axis = AxisCheck::NEW;
+    assert!((0..32).all(|i| axis.check(if i % 2 == 0 { 0.0 } else { -0.0 }, 16).is_none()));
+}
+
+/// At either end: half of sixteen readings, then immediately.
+#[test]
+fn an_axis_that_ends_is_clipped_at_the_eighth_reading_and_known_from_then_on() {
+    for sign in [1.0, -1.0] {
+        let mut axis = AxisCheck::NEW;
+        for i in 0_u8..40 {
+            assert_eq!(axis.check(sign * f32::from(i) * 0.5, 16), None);
+        }
+        let end_ut = sign * 20.0;
+        let faults: Vec<_> = (0..10).map(|_| axis.check(end_ut, 16)).collect();
+        assert_eq!(faults.iter().position(Option::is_some), Some(7), "{faults:?}");
+        assert_eq!(faults[7], Some(ReadingFault::Clipped));
+        assert_eq!(axis.check(sign * 10.0, 16), None);
+        assert_eq!(axis.check(end_ut, 16), Some(ReadingFault::Clipped), "the first reading at the end that is known");
+        // A larger value revokes the clipping level.
+        assert_eq!(axis.check(sign * 20.1, 16), None);
+        assert_eq!(axis.check(end_ut, 16), None);
+    }
+}
+
+/// Limit: 5 uT.
+#[test]
+fn an_axis_that_has_not_moved_has_shown_no_end() {
+    for (range_ut, expected) in [(4.9, None), (5.1, Some(ReadingFault::Clipped))] {
+        let mut axis = AxisCheck::NEW;
+        axis.check(0.0, 16);
+        assert_eq!((0..8).find_map(|_| axis.check(range_ut, 16)), expected, "{range_ut}");
+    }
+    let mut axis = AxisCheck::NEW;
+    axis.check(0.0, 16);
+    axis.check(20.0, 16);
+    assert_eq!((0..15).find_map(|_| axis.check(10.0, 16)), None);
+}
+
+#[test]
+fn a_recording_s_axes_may_repeat() {
+    let mut check = SensorCheck::new(&InstrumentConfig::new(100_000));
+    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: false, overrun: false };
+    assert!((1..100).all(|i| check.check(Timestamp::from_us(i * 100_000), &reading, None).is_none()));
+}
+
+#[test]
+fn the_chip_s_own_word_comes_first() {
+    let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: true, overrun: false };
+    assert_eq!(new_check().check(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
+}
+
+/// RMS step of the reference sensor 0.9 uT, times 5 = 4.4 uT, plus 0.9 uT for 0.2 + 0.5 rad/s.
+#[test]
+fn a_reading_far_from_the_one_before_is_a_spike_and_the_next_one_is_none() {
+    for (height_ut, expected) in [(3.0, None), (8.0, Some(ReadingFault::Spike)), (300.0, Some(ReadingFault::Spike))] {
+        for axis in 0..3 {
+            let mut readings = Readings::new();
+            assert_eq!(readings.faults_at_rest(PARKED, 500), []);
+            let mut field_ut = readings.noisy(PARKED);
+            field_ut[axis] += height_ut;
+            assert_eq!(readings.check_with_slow_turn(field_ut), expected, "{height_ut}");
+            assert_eq!(readings.faults_at_rest(PARKED, 500), []);
+        }
+    }
+    let mut readings = Readings::new();
+    readings.faults_at_rest(PARKED, 500);
+    assert_eq!(readings.check_with_slow_turn([f32::NAN, 0.0, 0.0]), Some(ReadingFault::Spike));
+}
+
+/// Limit: 5 * 1.5 uT, plus 100 uT times rotation in one period: (2 + 0.5) rad/s adds 3.1 uT, unknown rates 5 uT.
+#[test]
+fn an_aircraft_that_turns_moves_the_field() {
+    for (turning_rad_s, limit_ut) in [(Some(0.0), 8.125), (Some(2.0), 10.625), (None, 12.5)] {
+        for (step_ut, expected) in [(limit_ut - 0.1, None), (limit_ut + 0.1, Some(ReadingFault::Spike))] {
+            let mut readings = Readings::new();
+            readings.check_with_slow_turn([0.0; 3]);
+            assert_eq!(
+                readings.check_with_turn_rate([step_ut, 0.0, 0.0], turning_rad_s),
+                expected,
+                "{turning_rad_s:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_field_that_stays_elsewhere_is_believed_at_the_fourth_reading() {
+    let mut readings = Readings::new();
+    readings.faults_at_rest(PARKED, 500);
+    let moved = [35.0, -5.0, 40.0];
+    assert_eq!(readings.faults_at_rest(moved, 3), [ReadingFault::Spike; 3]);
+    assert_eq!(readings.faults_at_rest(moved, 500), []);
+}
+
+/// Limit 0.5 s; 0.49 s of rotation do not explain 100 uT.
+#[test]
+fn readings_far_apart_are_not_compared() {
+    for (gap_us, expected) in [(490_000, Some(ReadingFault::Spike)), (510_000, None)] {
+        let mut check = new_check();
+        let reading = |x: f32| Reading { field: Field::from_ut(x, 0.0, 0.0), saturated: false, overrun: false };
+        check.check(Timestamp::from_us(1), &reading(0.0), Some(0.0));
+        let fault = check.check(Timestamp::from_us(1 + gap_us), &reading(100.0), Some(0.0));
+        assert_eq!(fault, expected, "{gap_us}");
+    }
+}
+
+/// Five times the noise is accepted within a second.
+#[test]
+fn noise_is_got_used_to() {
+    let mut readings = Readings::new();
+    readings.faults_at_rest(PARKED, 500);
+    let mut spikes = [0; 2];
+    for second in &mut spikes {
+        for _ in 0..80 {
+            let noise = [(); 3].map(|()| 1.75 * readings.random.normal());
+            let field_ut = [PARKED[0] + noise[0], PARKED[1] + noise[1], PARKED[2] + noise[2]];
+            *second += usize::from(readings.check_with_slow_turn(field_ut).is_some());
+        }
+    }
+    assert!(spikes[0] < 40 && spikes[1] == 0, "{spikes:?}");
+    // The limit decreases as fast.
+    readings.faults_at_rest(PARKED, 160);
+    assert_eq!(readings.check_with_slow_turn([28.0, -5.0, 40.0]), Some(ReadingFault::Spike));
+}

@@ -1,0 +1,306 @@
+//! List of messages: stable code, what happened, and what to do.
+//!
+//! Each entry calls `show` with these three; the advice is empty if no action is required. Scripts depend on the codes,
+//! so they do not change. Texts are plain, at most 200 characters in all.
+
+use core::fmt::{self, Arguments, Display};
+
+use super::{Message, Refusal, RefusalCause};
+use crate::acceptance::Rejection;
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, SamplePart, Side, SolveError};
+use crate::collection::CollectionProblem;
+use crate::decimal::{Decimal, ShortestDecimal};
+use crate::health::SampleLoss;
+use crate::instrument::HardIronChange;
+use crate::settings::OutOfRange;
+use crate::store::StoreError;
+use crate::trig::Length as _;
+
+/// Receives code, what happened, and what to do.
+type EntryWriter<'a> = &'a mut dyn FnMut(&'static str, Arguments<'_>, Arguments<'_>) -> fmt::Result;
+
+/// Receives what happened and what to do, for an entry with another entry's code.
+type TextWriter<'a> = &'a mut dyn FnMut(Arguments<'_>, Arguments<'_>) -> fmt::Result;
+
+const NO_ADVICE: Arguments<'_> = format_args!("");
+const FIRMWARE_FAULT: Arguments<'_> = format_args!("this is a fault of the firmware, please report it");
+const FLASH_FAULT: Arguments<'_> = format_args!("try again, then replace the board");
+
+impl Message {
+    fn entry(&self, show: EntryWriter<'_>) -> fmt::Result {
+        match self {
+            Self::Solved(Ok(verdict)) => show("calibrated", format_args!("{verdict}"), NO_ADVICE),
+            Self::Solved(Err(refusal)) | Self::CommandRejected(refusal) => refusal.entry(show),
+            Self::StoreUnreadable(error) => store_error(*error, show),
+            Self::CollectionLost => show(
+                "collection-lost",
+                format_args!("the power failed during a collection, and its samples are lost"),
+                format_args!("collect again"),
+            ),
+            Self::Collecting(percent) => show("collecting", format_args!("{percent} %"), NO_ADVICE),
+            Self::CollectionEnded => show("collection-ended", format_args!("no more samples"), NO_ADVICE),
+            Self::HardIronChanged(iron) => show(
+                "iron-moved",
+                format_args!("{}", HardIronChangeText(iron)),
+                format_args!("headings are corrected for it; fix what moved, or calibrate again"),
+            ),
+            Self::HardIronRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
+        }
+    }
+}
+
+impl Refusal {
+    fn entry(&self, show: EntryWriter<'_>) -> fmt::Result {
+        match self {
+            Self::Armed => show(
+                "armed",
+                format_args!("the autopilot is armed, and this command is for the ground"),
+                format_args!("land and disarm first"),
+            ),
+            Self::Busy => show("busy", format_args!("a solve is running"), format_args!("wait for it, or cal abort")),
+            Self::Collecting { present: by, requested: wanted } => show(
+                "collecting",
+                format_args!("a collection of {} is in progress", by.name()),
+                format_args!("to discard it: cal start {} again", wanted.name()),
+            ),
+            Self::NotCollecting => show(
+                "not-collecting",
+                format_args!("no collection is in progress"),
+                format_args!("cal start begins one"),
+            ),
+            Self::NotSwinging => show(
+                "not-swinging",
+                format_args!("no compass swing is in progress"),
+                format_args!("cal start swing begins one"),
+            ),
+            Self::NotStationary => show(
+                "not-steady",
+                format_args!("the vehicle moves, or no attitude is received"),
+                format_args!("keep it still for a second"),
+            ),
+            Self::TooManyMarks => {
+                show("too-many-marks", format_args!("there is no room for another mark"), format_args!("cal solve"))
+            }
+            Self::NotSolved => {
+                show("not-solved", format_args!("nothing was solved since the start"), format_args!("cal solve first"))
+            }
+            Self::NoCalibration => {
+                show("no-calibration", format_args!("there is no active calibration"), format_args!("calibrate first"))
+            }
+            Self::NoStoredCalibration => show(
+                "no-calibration",
+                format_args!("no calibration is stored"),
+                format_args!("cal start, then fly; status shows what is missing"),
+            ),
+            Self::NoSamples => show(
+                "no-samples",
+                format_args!("there are no samples"),
+                format_args!("cal start, then fly, turning and tilting to all sides"),
+            ),
+            Self::InsufficientSamples { code, expected_rms_deg, cause } => {
+                cause.entry(&mut |fact, advice| match *expected_rms_deg {
+                    Some(deg) => show(code, format_args!("expected error {} deg; {fact}", Decimal::<1>(deg)), advice),
+                    None => show(code, fact, advice),
+                })
+            }
+            Self::LargeAlignment { heading_deg, align_deg } => show(
+                "needs-word",
+                format_args!(
+                    "every heading would be turned by {} deg, more than a mounting is usually off",
+                    Decimal::<1>(*align_deg)
+                ),
+                format_args!("if that is right: set align {} yes", ShortestDecimal(*heading_deg, 0)),
+            ),
+            Self::NoSensor => show(
+                "no-sensor",
+                format_args!("the magnetometer does not answer"),
+                format_args!("check its wiring, see status"),
+            ),
+            Self::NoPreviousCalibration => {
+                show("nothing-to-undo", format_args!("there is no previous calibration"), NO_ADVICE)
+            }
+            Self::OutOfRange(OutOfRange(range)) => show("out-of-range", format_args!("{range}"), NO_ADVICE),
+            Self::Solve(error) => solve_error(error, show),
+            Self::Rejected(rejection) => self::rejection(rejection, show),
+            Self::Store(error) => store_error(*error, show),
+        }
+    }
+}
+
+fn solve_error(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
+    let fact = format_args!("{error}");
+    match error {
+        SolveError::TooFewSamples { part, .. } => {
+            let verb = if let SamplePart::Turns(_) = part { "fly" } else { "take" };
+            show("too-few-samples", fact, format_args!("{verb} more {}", part.name()))
+        }
+        SolveError::NotFinite => show("not-finite", fact, FIRMWARE_FAULT),
+        SolveError::TooFewHeadings { .. } => show("too-few-headings", fact, format_args!("turn through all of them")),
+        SolveError::AxisStuck { .. } => {
+            show("axis-stuck", fact, format_args!("move the sensor away from magnets, or replace it"))
+        }
+        SolveError::NotAnEllipse(_) => show("not-an-ellipse", fact, format_args!("turn all the way round")),
+        SolveError::NotDetermined(_) => show("not-determined", fact, format_args!("turn all the way round")),
+        SolveError::SamePlane => show("same-plane", fact, format_args!("bank 15 deg or more each way")),
+        SolveError::HardIronChanged(change) => iron_changed(change, show),
+        SolveError::NotConverged => {
+            show("not-converged", fact, format_args!("move the sensor away from iron and wires, then fly again"))
+        }
+        SolveError::TurnsReversed => {
+            show("turns-reversed", fact, format_args!("check the sign of the attitude source's roll"))
+        }
+        SolveError::InclinationContradicted { found_deg } => {
+            show("inclination-contradicted", fact, format_args!("set inclination {found_deg} or none, then cal solve"))
+        }
+        SolveError::MountContradicted { found } => {
+            show("mount-contradicted", fact, format_args!("set mount {}, then cal solve", found.name()))
+        }
+    }
+}
+
+fn rejection(rejection: &Rejection, show: EntryWriter<'_>) -> fmt::Result {
+    let fact = format_args!("{rejection}");
+    match rejection {
+        Rejection::TooFewHeldBack { .. } => show("too-few-held-back", fact, format_args!("fly longer turns each way")),
+        Rejection::IronChanged(change) => iron_changed(change, show),
+        Rejection::AttitudeContradicted { .. } => {
+            show("attitude-contradicted", fact, format_args!("calibrate the attitude source and fly again"))
+        }
+        Rejection::NotAccurate { .. } => show("not-accurate", fact, format_args!("cal advise shows what to fly")),
+        Rejection::NotBetter { .. } => show("not-better", fact, format_args!("the active one stays")),
+        Rejection::Thinner { .. } => {
+            show("thinner", fact, format_args!("the active one stays; cal advise shows what to fly"))
+        }
+    }
+}
+
+fn iron_changed(change: &DetectedHardIronChange, show: EntryWriter<'_>) -> fmt::Result {
+    let advice = match change.time_course {
+        HardIronTimeCourse::Step { .. } => format_args!("fix what moved and fly again"),
+        HardIronTimeCourse::Drift => format_args!("wait until temperatures settle and fly again"),
+    };
+    show("iron-changed", format_args!("{change}"), advice)
+}
+
+fn store_error(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
+    let fact = format_args!("{error}");
+    match error {
+        StoreError::Flash => show("store-flash", fact, FLASH_FAULT),
+        StoreError::Corrupt => show("store-corrupt", fact, format_args!("calibrate again")),
+        StoreError::OtherFormat(_) => {
+            show("store-version", fact, format_args!("install that firmware, or delete them: cal clear all"))
+        }
+        StoreError::Full => show("store-full", fact, FIRMWARE_FAULT),
+        StoreError::Verify => show("store-verify", fact, FLASH_FAULT),
+        StoreError::Invalid => show("store-invalid", fact, NO_ADVICE),
+    }
+}
+
+impl RefusalCause {
+    fn entry(&self, explain: TextWriter<'_>) -> fmt::Result {
+        match self {
+            Self::CollectionProblem(lack) => {
+                let fact = format_args!("{lack}");
+                match lack {
+                    CollectionProblem::SampleIntervalTooLong { .. } => {
+                        explain(fact, format_args!("send field and attitude ten times a second"))
+                    }
+                    CollectionProblem::NoTilt { .. } => explain(
+                        fact,
+                        format_args!(
+                            "tilt by 15 deg or more to both sides, or if that was flown, check the unit of the \
+                             attitude: radians for degrees?"
+                        ),
+                    ),
+                    CollectionProblem::InsufficientBank { .. } => {
+                        explain(fact, format_args!("fly turns at 15 deg of bank or more each way"))
+                    }
+                    CollectionProblem::OneSideOnly(side) => {
+                        let other = if *side == Side::Left { Side::Right } else { Side::Left };
+                        explain(fact, format_args!("fly {} turns, too", other.name()))
+                    }
+                    CollectionProblem::ArcOnly { .. } => explain(fact, format_args!("fly full circles")),
+                    CollectionProblem::MissingManoeuvre(_) => explain(fact, NO_ADVICE),
+                }
+            }
+            Self::SampleLoss(loss) => {
+                let fact = format_args!("{loss}");
+                match loss {
+                    SampleLoss::Saturated(_) => {
+                        explain(fact, format_args!("move the sensor away from magnets and wires"))
+                    }
+                    SampleLoss::ImpossibleAttitude => {
+                        explain(fact, format_args!("check their unit: MAVLink's is radians, not degrees"))
+                    }
+                    SampleLoss::NoAttitude(_) => {
+                        explain(fact, format_args!("send ATTITUDE ten times a second or more"))
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Text of a hard-iron change: size, main direction, components in body axes.
+struct HardIronChangeText<'a>(&'a HardIronChange);
+
+impl Display for HardIronChangeText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let HardIronChange { change_ut, sigma_ut } = self.0;
+        let axes = [("forward", "aft"), ("to the right", "to the left"), ("down", "up")];
+        let (axis, &most) = change_ut
+            .iter()
+            .enumerate()
+            .fold((0, &0.0), |most, next| if next.1.abs() > f32::abs(*most.1) { next } else { most });
+        let direction = axes.get(axis).map_or("", |(ahead, back)| if most < 0.0 { *back } else { *ahead });
+        let [x, y, z] = [change_ut.x, change_ut.y, change_ut.z].map(Decimal::<1>);
+        let (size, sigma) = (Decimal::<1>(change_ut.length()), Decimal::<1>(*sigma_ut));
+        write!(f, "{size} uT since the calibration, mostly {direction} (x {x}, y {y}, z {z}, sigma {sigma})")
+    }
+}
+
+impl Message {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        code(|show| self.entry(show))
+    }
+
+    /// What happened and what to do.
+    #[must_use]
+    pub fn text(&self) -> impl Display {
+        fmt::from_fn(|f| text(f, |show| self.entry(show)))
+    }
+}
+
+impl Refusal {
+    /// Stable code, kebab-case.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        code(|show| self.entry(show))
+    }
+}
+
+/// What happened and what to do.
+impl Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        text(f, |show| self.entry(show))
+    }
+}
+
+fn code(entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> &'static str {
+    let mut found = "";
+    // Infallible: the closure only copies the code.
+    let _ = entry(&mut |code, _, _| {
+        found = code;
+        Ok(())
+    });
+    found
+}
+
+fn text(f: &mut fmt::Formatter<'_>, entry: impl FnOnce(EntryWriter<'_>) -> fmt::Result) -> fmt::Result {
+    entry(&mut |_, fact, advice| {
+        f.write_fmt(fact)?;
+        if advice.as_str() == Some("") { Ok(()) } else { write!(f, "; {advice}") }
+    })
+}

@@ -1,0 +1,285 @@
+//! A port with its protocols, and the detection of the autopilot's protocol.
+
+use super::{Mavlink, Msp, Nmea, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use crate::calibration::Calibration;
+use crate::messages::{Message, Refusal};
+use crate::settings::ProtocolKind;
+use crate::time::Timestamp;
+
+/// Silence after which the protocol is detected anew, microseconds.
+const DETECTION_EXPIRY_US: u64 = 10_000_000;
+
+/// Port. While it sends NMEA sentences it still receives MAVLink, so that attitude may arrive on the same line.
+#[derive(Debug)]
+pub struct Port {
+    chosen: ProtocolKind,
+    detection: ProtocolDetection,
+    mavlink: Mavlink,
+    msp: Msp,
+    nmea: Nmea,
+    /// Bytes to write.
+    pub output: TransmitBuffer,
+}
+
+/// Detected protocol, and the time of its last frame.
+#[derive(Clone, Copy, Debug)]
+struct ProtocolDetection {
+    /// `Auto` if none was detected.
+    kind: ProtocolKind,
+    last_frame_at: Timestamp,
+    /// Whether a frame was received since the start. A protocol detected before the restart is used at once, so that
+    /// the same autopilot need not wait; the first received frame may replace it.
+    is_heard: bool,
+}
+
+impl ProtocolDetection {
+    /// Records a frame of a protocol; another protocol than the detected one changes nothing until that is silent.
+    fn record_frame(&mut self, kind: ProtocolKind, at: Timestamp) {
+        if !self.is_heard || [kind, ProtocolKind::Auto].contains(&self.protocol_at(at)) {
+            *self = Self { kind, last_frame_at: at, is_heard: true };
+        }
+    }
+
+    fn protocol_at(&self, now: Timestamp) -> ProtocolKind {
+        if now.us_since(self.last_frame_at) <= DETECTION_EXPIRY_US { self.kind } else { ProtocolKind::Auto }
+    }
+}
+
+impl Port {
+    /// Creates a port at its start time, with the protocol detected before the restart, or `Auto`.
+    #[must_use]
+    pub fn new(chosen: ProtocolKind, found: ProtocolKind, start: Timestamp) -> Self {
+        Self {
+            chosen,
+            detection: ProtocolDetection { kind: found, last_frame_at: start, is_heard: false },
+            mavlink: Mavlink::new(),
+            msp: Msp::new(),
+            nmea: Nmea::new(),
+            output: TransmitBuffer::new(),
+        }
+    }
+
+    /// Selects the protocol.
+    pub const fn set_protocol(&mut self, chosen: ProtocolKind) {
+        self.chosen = chosen;
+    }
+
+    /// Protocol in use: if `auto` is set, the detected one, or `auto` during detection.
+    #[must_use]
+    pub fn active_protocol(&self, now: Timestamp) -> ProtocolKind {
+        match self.chosen {
+            ProtocolKind::Auto => self.detection.protocol_at(now),
+            chosen => chosen,
+        }
+    }
+
+    /// Processes a received byte.
+    pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+        // Until a frame is received, either protocol may be detected.
+        let is_sure = self.detection.is_heard || self.chosen != ProtocolKind::Auto;
+        let spoken = if is_sure { self.active_protocol(at) } else { ProtocolKind::Auto };
+        let by_msp = if matches!(spoken, ProtocolKind::Auto | ProtocolKind::Msp) {
+            self.msp.process_byte(at, byte)
+        } else {
+            None
+        };
+        let by_mavlink = if spoken == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
+        if by_msp.is_some() {
+            self.detection.record_frame(ProtocolKind::Msp, at);
+        }
+        if by_mavlink.is_some() {
+            self.detection.record_frame(ProtocolKind::Mavlink, at);
+        }
+        by_mavlink.or(by_msp)
+    }
+
+    /// Whether the autopilot is armed, if it has reported that recently.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
+        self.mavlink.is_armed(now).or_else(|| self.msp.is_armed(now))
+    }
+
+    /// Number of broken or impossible frames; wraps.
+    #[must_use]
+    pub fn rejected_frames(&self) -> u32 {
+        self.mavlink.rejected_frames().wrapping_add(self.msp.rejected_frames())
+    }
+
+    /// Whether a calibration differs from the last reported one.
+    #[must_use]
+    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
+        self.mavlink.is_unreported(calibration)
+    }
+
+    /// Appends due messages to the output. During detection the port sends MSP requests: an MSP autopilot sends nothing
+    /// without a request and searches for its compass while it starts; a MAVLink autopilot ignores them.
+    pub fn poll(&mut self, facts: &Snapshot<'_>) {
+        match self.active_protocol(facts.now) {
+            ProtocolKind::Mavlink => self.mavlink.poll(facts, &mut self.output),
+            ProtocolKind::Nmea => self.nmea.poll(facts, &mut self.output),
+            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(facts, &mut self.output),
+        }
+    }
+
+    /// Processes the result of an order received on this port.
+    pub fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
+        self.mavlink.complete_order(order, result);
+    }
+
+    /// Whether the set protocol carries text messages, or may after detection.
+    #[must_use]
+    pub fn carries_texts(&self) -> bool {
+        matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink)
+    }
+
+    /// Queues a text message.
+    pub fn queue_text(&mut self, message: &Message) {
+        self.mavlink.queue_text(message);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attitude::SenderId;
+    use crate::instrument::Estimate;
+    use crate::port::tests::facts;
+    use crate::settings::Settings;
+    use ::mavlink::dialects::common::{ATTITUDE_DATA, HEARTBEAT_DATA, MavAutopilot};
+    use ::mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+    use crc::{CRC_8_DVB_S2, Crc};
+
+    fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
+        raw.raw_bytes().to_vec()
+    }
+
+    fn heartbeat_frame() -> Vec<u8> {
+        mavlink_frame(&HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            ..HEARTBEAT_DATA::default()
+        })
+    }
+
+    fn variant_frame(name: [u8; 4]) -> Vec<u8> {
+        let checked = [&[0, 2, 0, 4, 0], &name[..]].concat();
+        let crc = Crc::<u8>::new(&CRC_8_DVB_S2).checksum(&checked);
+        [&b"$X>"[..], &checked, &[crc]].concat()
+    }
+
+    const fn at(ms: u64) -> Timestamp {
+        Timestamp::from_us(ms * 1000)
+    }
+
+    fn hear(port: &mut Port, ms: u64, bytes: &[u8]) {
+        for &byte in bytes {
+            let _ = port.process_byte(at(ms), byte);
+        }
+    }
+
+    fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
+        let estimate = Estimate { at: at(ms), ..Estimate::EMPTY };
+        port.poll(&facts(&estimate, &Settings::DEFAULT));
+        let said = port.output.pending().to_vec();
+        port.output.consume(usize::MAX);
+        said
+    }
+
+    /// Both sides of ten seconds.
+    #[test]
+    fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
+        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"ARDU"), ProtocolKind::Msp)]
+        {
+            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
+            assert_eq!(port.active_protocol(at(0)), ProtocolKind::Auto);
+            hear(&mut port, 5, &frame[..frame.len() - 1]);
+            assert_eq!(port.active_protocol(at(5)), ProtocolKind::Auto, "half a frame is none");
+            hear(&mut port, 6, &frame[frame.len() - 1..]);
+            assert_eq!(port.active_protocol(at(6)), kind);
+            assert_eq!(port.active_protocol(at(10_006)), kind);
+            assert_eq!(port.active_protocol(at(10_007)), ProtocolKind::Auto);
+            hear(&mut port, 20_000, &frame);
+            assert_eq!(port.active_protocol(at(20_000)), kind);
+        }
+    }
+
+    /// Frames of another protocol, for example from a repeater, change nothing until the autopilot is silent.
+    #[test]
+    fn a_detected_protocol_is_kept_while_it_is_received() {
+        let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
+        hear(&mut port, 0, &mavlink);
+        for ms in (0..20_000).step_by(1000) {
+            hear(&mut port, ms, &mavlink);
+            hear(&mut port, ms + 1, &msp);
+            assert_eq!(port.active_protocol(at(ms + 1)), ProtocolKind::Mavlink);
+        }
+        for ms in (20_000..30_001).step_by(1000) {
+            hear(&mut port, ms, &msp);
+        }
+        assert_eq!(port.active_protocol(at(30_001)), ProtocolKind::Msp);
+    }
+
+    /// The protocol detected before the restart is used at once and expires after ten seconds of silence; the first
+    /// frame of either protocol replaces it.
+    #[test]
+    fn detection_begins_with_the_protocol_before_the_restart() {
+        let remembering = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, at(100));
+        let mut port = remembering();
+        assert!(!sent_bytes(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
+        assert_eq!(port.active_protocol(at(10_100)), ProtocolKind::Mavlink);
+        assert_eq!(port.active_protocol(at(10_101)), ProtocolKind::Auto);
+        assert!(sent_bytes(&mut port, 10_101).starts_with(b"$X<"));
+        for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
+        {
+            let mut port = remembering();
+            hear(&mut port, 4000, &frame);
+            assert_eq!(port.active_protocol(at(4000)), kind);
+            assert_eq!(
+                (port.active_protocol(at(14_000)), port.active_protocol(at(14_001))),
+                (kind, ProtocolKind::Auto)
+            );
+        }
+        // After the first frame another protocol changes nothing.
+        let mut port = remembering();
+        hear(&mut port, 4000, &heartbeat_frame());
+        hear(&mut port, 4001, &variant_frame(*b"INAV"));
+        assert_eq!(port.active_protocol(at(4001)), ProtocolKind::Mavlink);
+        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, at(0));
+        assert_eq!(port.active_protocol(at(1)), ProtocolKind::Nmea);
+    }
+
+    /// The requests end with the first MAVLink frame.
+    #[test]
+    fn detection_sends_msp_requests() {
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
+        assert!(sent_bytes(&mut port, 0).starts_with(b"$X<"));
+        hear(&mut port, 1, &heartbeat_frame());
+        assert!((1..2_000).step_by(12).all(|ms| !sent_bytes(&mut port, ms).starts_with(b"$X<")));
+    }
+
+    #[test]
+    fn a_configured_protocol_is_never_replaced() {
+        for kind in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
+            let mut port = Port::new(kind, ProtocolKind::Auto, at(0));
+            hear(&mut port, 0, &heartbeat_frame());
+            hear(&mut port, 1, &variant_frame(*b"ARDU"));
+            assert_eq!(port.active_protocol(at(2)), kind);
+            port.set_protocol(ProtocolKind::Auto);
+            assert_eq!(port.active_protocol(at(2)) == ProtocolKind::Msp, kind == ProtocolKind::Msp);
+        }
+    }
+
+    #[test]
+    fn sentences_and_attitude_share_a_line() {
+        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, at(0));
+        assert!(sent_bytes(&mut port, 0).starts_with(b"$HCHDM"));
+        let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
+        let heard = frame.iter().find_map(|&byte| port.process_byte(at(1), byte));
+        assert!(
+            matches!(heard, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
+            "{heard:?}"
+        );
+    }
+}

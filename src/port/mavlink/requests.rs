@@ -1,0 +1,166 @@
+//! Requests for the messages that the module needs from the autopilot.
+//!
+//! ArduPilot sends next to nothing without a request. It denies a rate of more than 80 % of its main loop's, 40 Hz at the
+//! default loop of an aeroplane (`GCS_MAVLINK::cap_message_interval`), and warns its pilot of the request. So the module
+//! begins with 40 Hz and lowers the rate until the messages come. An autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets
+//! REQUEST_DATA_STREAM. Requests are at least a second apart.
+
+use ::mavlink::MessageData;
+use ::mavlink::dialects::common::{
+    ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, MavCmd, MavResult, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+};
+
+use super::Transmitter;
+use crate::attitude::SenderId;
+use crate::time::{Timestamp, WrappingMillis};
+use crate::wire::mavlink::{Acknowledgement, Address, OutboundMessage};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum MessageRequest {
+    /// ATTITUDE at this rate, Hz.
+    Attitude(u8),
+    /// The stream that contains ATTITUDE at this rate, Hz.
+    Stream(u8),
+    /// Another message by its number at this rate, Hz.
+    Message(u32, u8),
+}
+
+/// Requests in order: first for the calibration, then for the field model.
+const REQUESTS: [MessageRequest; 7] = [
+    MessageRequest::Attitude(40),
+    MessageRequest::Attitude(25),
+    MessageRequest::Attitude(20),
+    MessageRequest::Stream(25),
+    MessageRequest::Message(SYS_STATUS_DATA::ID, CURRENT_HZ),
+    MessageRequest::Message(GLOBAL_POSITION_INT_DATA::ID, 1),
+    MessageRequest::Message(SYSTEM_TIME_DATA::ID, 1),
+];
+
+/// Rate of SYS_STATUS, Hz: the current of a copter changes within half a second.
+const CURRENT_HZ: u8 = 10;
+
+/// Index of the first request after those for attitude.
+const AFTER_ATTITUDE: usize = 4;
+
+/// Time for the reply to a request and for the first messages, microseconds; also the least time between requests.
+const REPLY_TIMEOUT_US: u64 = 1_000_000;
+
+/// Number of requests for a message that does not arrive.
+const ATTEMPTS: u8 = 2;
+
+/// Silence of the attitude after which all requests are repeated, microseconds.
+const ATTITUDE_TIMEOUT_US: u64 = 2_000_000;
+
+/// Backward step of the autopilot's clock, milliseconds, that indicates a restart, which discards its requests.
+const RESTART_MS: i32 = 1_000;
+
+/// Requests to the autopilot, and their progress.
+#[derive(Debug, Default)]
+pub(super) struct RequestSequence {
+    /// The autopilot that receives the requests.
+    autopilot: Option<SenderId>,
+    /// Index of the present or next request; past the end when all are done.
+    request_index: usize,
+    /// Number of times this request was sent.
+    attempts: u8,
+    /// Time of the request or of its acceptance; reports are counted from it.
+    since: Timestamp,
+    reports: u16,
+    /// Time of the last attitude report, and its sender's clock.
+    last: Option<(Timestamp, WrappingMillis)>,
+}
+
+impl RequestSequence {
+    /// Records an attitude report of the selected sender.
+    pub fn on_attitude(&mut self, at: Timestamp, sender_time: WrappingMillis) {
+        if self.last.is_some_and(|(_, before)| before.signed_ms_since(sender_time) > RESTART_MS) {
+            self.begin(at);
+        }
+        self.reports = self.reports.saturating_add(1);
+        self.last = Some((at, sender_time));
+    }
+
+    /// Processes the autopilot's acknowledgement of a request.
+    pub fn on_acknowledgement(&mut self, at: Timestamp, ack: Acknowledgement) {
+        let is_open = self.attempts > 0 && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16;
+        let is_granted = ack.result == MavResult::MAV_RESULT_ACCEPTED as u8;
+        if !is_open || ack.result == MavResult::MAV_RESULT_IN_PROGRESS as u8 {
+            return;
+        }
+        match REQUESTS.get(self.request_index) {
+            // The messages must arrive from now on.
+            Some(MessageRequest::Attitude(_)) if is_granted => self.count_from(at),
+            Some(MessageRequest::Attitude(_) | MessageRequest::Message(..)) => self.go_on_to(self.request_index + 1),
+            Some(MessageRequest::Stream(_)) | None => {}
+        }
+    }
+
+    /// Sends the due request; returns whether one was sent.
+    pub fn send(&mut self, now: Timestamp, autopilot: SenderId, line: &mut Transmitter<'_>) -> bool {
+        if self.autopilot != Some(autopilot) {
+            *self = Self { autopilot: Some(autopilot), ..Self::default() };
+            self.begin(now);
+        }
+        let is_sent = self.due(now).is_some_and(|wish| line.send(wish.request(Address::from_sender(autopilot))));
+        if is_sent {
+            self.attempts += 1;
+            self.count_from(now);
+        }
+        is_sent
+    }
+
+    /// Measures the rate of the attitude, then requests everything.
+    fn begin(&mut self, now: Timestamp) {
+        self.go_on_to(0);
+        self.count_from(now);
+    }
+
+    fn go_on_to(&mut self, wish: usize) {
+        (self.request_index, self.attempts) = (wish, 0);
+    }
+
+    fn count_from(&mut self, at: Timestamp) {
+        (self.since, self.reports) = (at, 0);
+    }
+
+    fn due(&mut self, now: Timestamp) -> Option<MessageRequest> {
+        let elapsed_us = now.us_since(self.since);
+        let wish = REQUESTS.get(self.request_index);
+        if wish.is_none() {
+            let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
+            if heard_us > ATTITUDE_TIMEOUT_US {
+                self.begin(now);
+            }
+        }
+        if elapsed_us < REPLY_TIMEOUT_US {
+            return None;
+        }
+        if wish.is_some_and(|wish| wish.is_satisfied(self.reports, elapsed_us)) {
+            self.go_on_to(AFTER_ATTITUDE);
+        } else if self.attempts >= ATTEMPTS {
+            self.go_on_to(self.request_index + 1);
+        }
+        REQUESTS.get(self.request_index).copied()
+    }
+}
+
+impl MessageRequest {
+    /// Whether attitude arrives at 80 % of the requested rate or more; the autopilot's loop and the line lose some
+    /// reports.
+    fn is_satisfied(self, reports: u16, elapsed_us: u64) -> bool {
+        match self {
+            Self::Attitude(rate_hz) | Self::Stream(rate_hz) => {
+                u64::from(reports) * 1_250_000 >= u64::from(rate_hz) * elapsed_us
+            }
+            Self::Message(..) => false,
+        }
+    }
+
+    fn request(self, autopilot: Address) -> OutboundMessage {
+        match self {
+            Self::Attitude(rate_hz) => OutboundMessage::set_message_interval(autopilot, ATTITUDE_DATA::ID, rate_hz),
+            Self::Stream(rate_hz) => OutboundMessage::request_attitude_stream(autopilot, rate_hz),
+            Self::Message(id, rate_hz) => OutboundMessage::set_message_interval(autopilot, id, rate_hz),
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Random frames from random senders.
+
+use super::*;
+use testkit::random::Random;
+
+/// Valid frame of a supported message from one of a few senders; often from the autopilot, and often to the module.
+fn any_frame(random: &mut Random) -> Vec<u8> {
+    const MESSAGES: [(u8, u8, usize); 7] =
+        [(0, 50, 9), (30, 39, 28), (33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35), (77, 143, 10)];
+    let (id, extra, length) = MESSAGES[usize::from(random.byte()) % MESSAGES.len()];
+    let who = [AUTOPILOT, AUTOPILOT, AUTOPILOT, SECOND, GIMBAL, STATION, [1, 158], [random.byte(), 1]]
+        [usize::from(random.byte()) % 8];
+    let mut payload = random.bytes(length);
+    if id == 76 || id == 75 {
+        let command = [42_424, 42_425, 42_426, 246, 511, 0][usize::from(random.byte()) % 6_usize];
+        payload[28..30].copy_from_slice(&u16::to_le_bytes(command));
+        payload[30..32].copy_from_slice(&[random.byte() % 2, 158]);
+    }
+    if id == 77 {
+        payload[..3].copy_from_slice(&[0xFF, 1, random.byte() % 6]);
+        payload[8..].copy_from_slice(&[random.byte() % 2, 158]);
+    }
+    if id == 30 {
+        // Small angles, and a clock that sometimes goes back.
+        payload[4..].fill(0);
+    }
+    frame(who, id, extra, &payload)
+}
+
+/// 100,000 frames: nothing panics, whole frames are sent, requests are a second apart, and no command has more than one
+/// acknowledgement.
+#[test]
+fn whatever_is_said_the_line_is_used_with_measure() {
+    let mut random = Random(3);
+    let mut bed = MavlinkBench::new();
+    let (mut commands, mut answers, mut requests) = (0, 0, 0);
+    let mut last_request_ms = 0;
+    for _ in 0..100_000 {
+        let bytes = any_frame(&mut random);
+        commands += usize::from([75, 76].contains(&bytes[7]));
+        for heard in bed.hear(&bytes) {
+            if let ReceivedMessage::Order(order) = heard
+                && random.byte() < 200
+            {
+                bed.module.complete_order(order, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
+            }
+        }
+        bed.glance = [
+            IndicatorState::Idle,
+            IndicatorState::Collecting(random.byte() % 101),
+            IndicatorState::Calibrated,
+            IndicatorState::Refused,
+        ][usize::from(random.byte()) % 4];
+        bed.settings.sends_vision_yaw = random.byte() < 128;
+        bed.room = (random.byte() < 64).then(|| usize::from(random.byte()));
+        bed.ms += u64::from(random.byte() % 32);
+        bed.poll();
+        for sent in bed.sent.drain(..) {
+            match sent.id {
+                76 | 66 => {
+                    assert!(sent.ms >= last_request_ms + 1_000);
+                    last_request_ms = sent.ms;
+                    requests += 1;
+                }
+                77 => answers += 1,
+                _ => {}
+            }
+        }
+    }
+    assert!(answers <= commands, "{answers} to {commands}");
+    assert!(answers > 1_000 && requests > 100, "{answers} {requests}");
+}

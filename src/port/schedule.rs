@@ -1,0 +1,73 @@
+//! Schedule of periodic messages.
+
+use crate::time::Timestamp;
+
+/// Keeps messages on an even time grid, which jitter of the readings does not shift.
+#[derive(Debug, Default)]
+pub struct MessageSchedule {
+    due: Timestamp,
+}
+
+impl MessageSchedule {
+    /// Creates a schedule with the first message due at once.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { due: Timestamp::START }
+    }
+
+    /// Whether a message is due at this rate; if so, schedules the next one.
+    pub fn is_due(&mut self, now: Timestamp, rate_hz: u8) -> bool {
+        if now < self.due {
+            return false;
+        }
+        let period_us = 1_000_000 / u64::from(rate_hz.max(1));
+        // On the grid of the last due time, unless a whole period was missed.
+        let next = self.due.plus_us(period_us);
+        self.due = if next > now { next } else { now.plus_us(period_us) };
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Number of messages due in a second of readings with this period.
+    fn in_a_second(period_us: u64, rate_hz: u8) -> usize {
+        let mut pace = MessageSchedule::new();
+        (0..1_000_000 / period_us).filter(|i| pace.is_due(Timestamp::from_us(1 + i * period_us), rate_hz)).count()
+    }
+
+    /// Readings at 80, 155 and 200 Hz, which need not be multiples of the rate.
+    #[test]
+    fn the_rate_is_kept_on_any_grid_of_readings() {
+        for period_us in [12_500, 6_450, 5_000] {
+            for rate_hz in [1, 5, 10, 33, 50] {
+                let count = in_a_second(period_us, rate_hz);
+                assert!(count.abs_diff(rate_hz.into()) <= 1, "{rate_hz} Hz of readings every {period_us} us: {count}");
+            }
+        }
+        assert_eq!(in_a_second(12_500, 80), 80);
+        assert_eq!(in_a_second(100_000, 80), 10);
+    }
+
+    /// One message after a pause of seconds.
+    #[test]
+    fn a_pause_is_not_made_up_for() {
+        let mut pace = MessageSchedule::new();
+        assert!(pace.is_due(Timestamp::from_us(1_000_000), 10));
+        assert!(pace.is_due(Timestamp::from_us(5_000_000), 10));
+        assert!(!pace.is_due(Timestamp::from_us(5_099_999), 10));
+        assert!(pace.is_due(Timestamp::from_us(5_100_000), 10));
+        // This message is 40 ms late; the next one is due on the old grid.
+        assert!(pace.is_due(Timestamp::from_us(5_240_000), 10));
+        assert!(!pace.is_due(Timestamp::from_us(5_299_999), 10));
+        assert!(pace.is_due(Timestamp::from_us(5_300_000), 10));
+    }
+
+    /// A rate of zero, which the settings reject, means 1 Hz here.
+    #[test]
+    fn no_rate_divides_by_zero() {
+        assert_eq!(in_a_second(12_500, 0), 1);
+    }
+}

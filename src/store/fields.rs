@@ -1,0 +1,132 @@
+//! Encoding of an item's content as tagged fields, so that the format grows without a new version.
+//!
+//! Each field is a tag (1 byte), the length of its value (2 bytes, little endian) and the value in postcard's format.
+//! A reader looks every field up by its tag: it skips unknown tags, and a missing optional field keeps its default.
+//! Postcard alone writes values one behind the other and can do neither.
+//!
+//! Rules for changes within a format:
+//! - A new field takes the next unused tag, is optional, and is visited last. A tag is never used again.
+//! - The type of a field never changes. A new variant of an enumeration is its last; firmware without that variant treats
+//!   an optional field that holds it as missing.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::StoreError;
+
+/// Tag and length, bytes.
+const HEADER_SIZE: usize = 3;
+
+/// Value stored as tagged fields.
+pub trait Fields: Copy {
+    /// Value before any field is read, with defaults in optional fields.
+    fn blank() -> Self;
+
+    /// Passes each field and its tag to the visitor, in the order of introduction.
+    fn visit(&mut self, visitor: &mut impl Visitor);
+
+    fn is_valid(&self) -> bool;
+}
+
+/// Reads or writes fields.
+pub trait Visitor {
+    /// Visits a field without which the value is invalid.
+    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
+
+    /// Visits a field that keeps its value if missing or unreadable.
+    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T);
+}
+
+/// Encodes all fields; returns their length in bytes.
+pub fn encode<T: Fields>(value: &T, buffer: &mut [u8]) -> Result<usize, StoreError> {
+    if !value.is_valid() {
+        return Err(StoreError::Invalid);
+    }
+    let mut writer = Writer { buffer, length: Some(0) };
+    { *value }.visit(&mut writer);
+    writer.length.ok_or(StoreError::Full)
+}
+
+pub fn decode<T: Fields>(fields: &[u8]) -> Result<T, StoreError> {
+    let mut reader = Reader { fields, is_complete: is_well_formed(fields) };
+    let mut value = T::blank();
+    value.visit(&mut reader);
+    if reader.is_complete && value.is_valid() { Ok(value) } else { Err(StoreError::Corrupt) }
+}
+
+struct Writer<'a> {
+    buffer: &'a mut [u8],
+    /// Bytes written; `None` once a field does not fit.
+    length: Option<usize>,
+}
+
+impl Writer<'_> {
+    /// Writes a field at `offset`; returns the end offset.
+    fn write<T: Serialize>(&mut self, offset: usize, tag: u8, field: &T) -> Option<usize> {
+        let (header, rest) = self.buffer.get_mut(offset..)?.split_first_chunk_mut::<HEADER_SIZE>()?;
+        let value = postcard::to_slice(field, rest).ok()?;
+        let [low, high] = u16::try_from(value.len()).ok()?.to_le_bytes();
+        *header = [tag, low, high];
+        Some(offset + HEADER_SIZE + value.len())
+    }
+}
+
+impl Visitor for Writer<'_> {
+    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        self.length = self.length.and_then(|offset| self.write(offset, tag, field));
+    }
+
+    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        self.required(tag, field);
+    }
+}
+
+struct Reader<'a> {
+    fields: &'a [u8],
+    /// Whether all required fields were read.
+    is_complete: bool,
+}
+
+impl Reader<'_> {
+    /// The field with this tag, if present and decodable.
+    fn read<T: DeserializeOwned>(&self, tag: u8) -> Option<T> {
+        let mut rest = self.fields;
+        while let Some((found, value, after)) = split_field(rest) {
+            if found == tag {
+                return postcard::from_bytes(value).ok();
+            }
+            rest = after;
+        }
+        None
+    }
+}
+
+impl Visitor for Reader<'_> {
+    fn required<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        match self.read(tag) {
+            Some(value) => *field = value,
+            None => self.is_complete = false,
+        }
+    }
+
+    fn optional<T: Serialize + DeserializeOwned>(&mut self, tag: u8, field: &mut T) {
+        if let Some(value) = self.read(tag) {
+            *field = value;
+        }
+    }
+}
+
+/// Tag and value of the first field, and the remaining bytes.
+fn split_field(fields: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (&[tag, low, high], rest) = fields.split_first_chunk::<HEADER_SIZE>()?;
+    let (value, after) = rest.split_at_checked(usize::from(u16::from_le_bytes([low, high])))?;
+    Some((tag, value, after))
+}
+
+/// Whether the bytes consist of whole fields.
+fn is_well_formed(mut fields: &[u8]) -> bool {
+    while let Some((_, _, after)) = split_field(fields) {
+        fields = after;
+    }
+    fields.is_empty()
+}

@@ -1,0 +1,268 @@
+//! Stored values and the tags of their fields.
+
+use serde::{Deserialize, Serialize};
+
+use super::CALIBRATION_SLOTS;
+use super::fields::{Fields, Visitor};
+use crate::calibration::{
+    AttitudeLatency, Calibration, Envelope, HeadingUncertainty, Method, MotorCurrentInterference, Orientation, Quality,
+};
+use crate::reading::{Identity, Model};
+use crate::settings::{AttitudeError, PORT_COUNT, PortNumber, PortSettings, ProtocolKind, Settings};
+
+/// A calibration, with sensor and mounting for which it is valid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationRecord {
+    /// Coefficients.
+    pub calibration: Calibration,
+    /// Expected accuracy.
+    pub quality: Quality,
+    /// Heading uncertainty.
+    pub uncertainty: HeadingUncertainty,
+    /// Sensor of the samples.
+    pub sensor: Identity,
+    /// Mounting of the sensor.
+    pub mount: Orientation,
+    /// Sequence number of accepted calibrations.
+    pub serial: u32,
+}
+
+impl CalibrationRecord {
+    /// Whether all numbers are finite and the mounting is one of the 24.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let Quality {
+            expected_rms_deg,
+            expected_worst_deg,
+            norm_residual,
+            inclination_residual_deg: dip_residual_deg,
+            latency,
+            ..
+        } = self.quality;
+        let AttitudeLatency { estimate_s: found_s, sigma_s } =
+            latency.unwrap_or(AttitudeLatency { estimate_s: 0.0, sigma_s: 0.0 });
+        self.calibration.is_finite()
+            && self.uncertainty.is_finite()
+            && [expected_rms_deg, expected_worst_deg, norm_residual, dip_residual_deg, found_s, sigma_s]
+                .iter()
+                .all(|number| number.is_finite())
+            && self.mount.is_valid()
+    }
+}
+
+/// All fields of the first release are required.
+impl Fields for CalibrationRecord {
+    fn blank() -> Self {
+        Self {
+            calibration: Calibration::uncalibrated(Orientation::NONE),
+            quality: Quality {
+                method: Method::Level,
+                envelope: Envelope::Level,
+                expected_rms_deg: 0.0,
+                expected_worst_deg: 0.0,
+                norm_residual: 0.0,
+                inclination_residual_deg: 0.0,
+                samples: 0,
+                latency: None,
+            },
+            uncertainty: HeadingUncertainty::NONE,
+            sensor: Identity { model: Model::Lis3mdl, address: 0 },
+            mount: Orientation::NONE,
+            serial: 0,
+        }
+    }
+
+    fn visit(&mut self, visitor: &mut impl Visitor) {
+        let Self { calibration, quality, uncertainty, sensor, mount, serial } = self;
+        let Calibration { w, b_ut, inclination_rad, total_ut, latency_s, motor_current: current } = calibration;
+        visitor.required(1, w);
+        visitor.required(2, b_ut);
+        visitor.required(3, inclination_rad);
+        visitor.required(4, total_ut);
+        visitor.required(5, latency_s);
+        let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, mean_current_a: mean_a, current_sigma_a: spread_a } =
+            current;
+        visitor.required(6, ut_per_a);
+        visitor.required(7, sigma_ut_per_a);
+        visitor.required(8, mean_a);
+        visitor.required(9, spread_a);
+        let Quality {
+            method,
+            envelope,
+            expected_rms_deg,
+            expected_worst_deg,
+            norm_residual,
+            inclination_residual_deg: dip_residual_deg,
+            samples,
+            latency,
+        } = quality;
+        visitor.required(10, method);
+        visitor.required(11, envelope);
+        visitor.required(12, expected_rms_deg);
+        visitor.required(13, expected_worst_deg);
+        visitor.required(14, norm_residual);
+        visitor.required(15, dip_residual_deg);
+        visitor.required(16, samples);
+        visitor.required(17, latency);
+        let HeadingUncertainty { reduced_covariance: products, sensor_sigma, attitude_sigma_rad } = uncertainty;
+        visitor.required(18, products);
+        visitor.required(19, sensor_sigma);
+        visitor.required(20, attitude_sigma_rad);
+        let Identity { model, address } = sensor;
+        visitor.required(21, model);
+        visitor.required(22, address);
+        visitor.required(23, mount);
+        visitor.required(24, serial);
+    }
+
+    fn is_valid(&self) -> bool {
+        Self::is_valid(self)
+    }
+}
+
+/// Current and previous calibration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Generations {
+    /// Active calibration, if any.
+    pub current: Option<CalibrationRecord>,
+    /// Calibration that [`undo`](Self::undo) restores.
+    pub previous: Option<CalibrationRecord>,
+}
+
+impl Generations {
+    /// Adds a new current calibration; the current one becomes the previous one.
+    pub fn push(&mut self, record: &CalibrationRecord) {
+        self.previous = self.current;
+        self.current = Some(*record);
+    }
+
+    /// Swaps both, so that a second `undo` reverses the first.
+    pub fn undo(&mut self) {
+        core::mem::swap(&mut self.current, &mut self.previous);
+    }
+
+    /// Removes both.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// Everything stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StoredValues {
+    /// User settings.
+    pub settings: Settings,
+    /// Current and previous calibration.
+    pub generations: Generations,
+    /// Values for the next start.
+    pub remembered: StartupValues,
+}
+
+/// Values that the module stores for its next start without a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StartupValues {
+    /// Whether a collection is running. Its samples are in RAM only, and lost with the power.
+    pub is_collecting: bool,
+    /// Detected protocol of each port; `Auto` if none.
+    pub detected_protocols: [ProtocolKind; PORT_COUNT],
+}
+
+impl StartupValues {
+    /// No collection and no detected protocol.
+    pub const NOTHING: Self = Self { is_collecting: false, detected_protocols: [ProtocolKind::Auto; PORT_COUNT] };
+}
+
+impl Default for StartupValues {
+    fn default() -> Self {
+        Self::NOTHING
+    }
+}
+
+/// Change made by a save. All other values are preserved.
+#[derive(Clone, Copy, Debug)]
+pub enum StoreChange<'a> {
+    /// New settings.
+    Settings(&'a Settings),
+    /// New calibrations, possibly already stored.
+    Generations {
+        /// New active calibration.
+        current: Option<&'a CalibrationRecord>,
+        /// New previous calibration.
+        previous: Option<&'a CalibrationRecord>,
+    },
+    /// New values for the next start.
+    Remembered(StartupValues),
+    /// Removes both calibrations; in a store of another format, everything.
+    Clear,
+}
+
+/// Slot of a stored calibration, and the CRC of the item expected there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SlotReference {
+    pub slot: u8,
+    pub crc: u32,
+}
+
+/// State item: everything except the calibrations, which it refers to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StoredState {
+    /// Number of saves; the state with the highest is valid. Cannot overflow: a page endures 10,000 erases.
+    pub saves: u32,
+    pub current: Option<SlotReference>,
+    pub previous: Option<SlotReference>,
+    pub settings: Settings,
+    pub remembered: StartupValues,
+}
+
+impl Fields for StoredState {
+    fn blank() -> Self {
+        Self::default()
+    }
+
+    fn visit(&mut self, visitor: &mut impl Visitor) {
+        let Self { saves, current, previous, settings, remembered } = self;
+        visitor.required(1, saves);
+        visitor.required(2, current);
+        visitor.required(3, previous);
+        let Settings {
+            declination_deg,
+            inclination_deg,
+            align_deg,
+            stream_on,
+            stream_rate_hz,
+            mount,
+            attitude_error: AttitudeError { bias_deg, bank_percent },
+            stream_heading,
+            accuracy_deg,
+            auto_on,
+            ports,
+            sends_vision_yaw: tells_vision,
+        } = settings;
+        visitor.optional(4, declination_deg);
+        visitor.optional(5, inclination_deg);
+        visitor.optional(6, align_deg);
+        visitor.optional(7, stream_on);
+        visitor.optional(8, stream_rate_hz);
+        visitor.optional(9, mount);
+        visitor.optional(10, bias_deg);
+        visitor.optional(11, bank_percent);
+        visitor.optional(12, stream_heading);
+        visitor.optional(13, accuracy_deg);
+        visitor.optional(14, auto_on);
+        for (number, [protocol_tag, baud_tag]) in PortNumber::ALL.into_iter().zip([[15, 16], [17, 18]]) {
+            let PortSettings { protocol, baud } = ports.port_mut(number);
+            visitor.optional(protocol_tag, protocol);
+            visitor.optional(baud_tag, baud);
+        }
+        visitor.optional(19, tells_vision);
+        let StartupValues { is_collecting, detected_protocols: [first, second] } = remembered;
+        visitor.optional(20, is_collecting);
+        visitor.optional(21, first);
+        visitor.optional(22, second);
+    }
+
+    fn is_valid(&self) -> bool {
+        let mut references = [self.current, self.previous].into_iter().flatten();
+        references.all(|reference| reference.slot < CALIBRATION_SLOTS) && self.settings.is_valid()
+    }
+}

@@ -1,0 +1,90 @@
+//! The item on a page of flash.
+//!
+//! ```text
+//! byte 0           format
+//! byte 1 to 2      length of the fields, little endian
+//! byte 3 on        fields (see `fields`)
+//! then 4 bytes     CRC-32 (ISO-HDLC) of everything before, little endian
+//! ```
+//!
+//! The rest of the page is erased. Format, length and CRC have their places in every format, so that each firmware
+//! recognises an item that it must not overwrite.
+
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+
+use super::StoreError;
+use super::fields::{self, Fields};
+
+/// Changes with the position or meaning of stored bytes; appended fields do not change it.
+pub const FORMAT: u8 = 1;
+
+/// Largest item of any format, bytes: twice a calibration of the first release.
+pub const ITEM_SIZE: usize = 1024;
+
+/// Program granularity, bytes: a double word of the STM32L4.
+pub const WORD_SIZE: usize = 8;
+
+const HEADER_SIZE: usize = 3;
+const CRC_SIZE: usize = 4;
+
+/// Without a lookup table, which takes 1 KB: a save waits for the flash, not for the checksum.
+pub const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
+
+#[derive(Debug, PartialEq, Eq)]
+pub enum PageContent<'a> {
+    /// No write since the last erase.
+    Erased,
+    /// No complete item: damaged, or interrupted by a power failure.
+    Damaged,
+    /// A complete item of another format.
+    OtherFormat(u8),
+    Item(Item<'a>),
+}
+
+#[derive(Debug, PartialEq, Eq)]
+pub struct Item<'a> {
+    pub fields: &'a [u8],
+    pub crc: u32,
+}
+
+/// Finds the item at the start of a page.
+pub fn parse(page: &[u8]) -> PageContent<'_> {
+    let Some(&[format, low, high]) = page.first_chunk::<HEADER_SIZE>() else { return PageContent::Damaged };
+    let length = HEADER_SIZE + usize::from(u16::from_le_bytes([low, high]));
+    match split_checked(page, length) {
+        Some((item, crc)) if format == FORMAT => PageContent::Item(Item { fields: &item[HEADER_SIZE..], crc }),
+        Some(_) => PageContent::OtherFormat(format),
+        None => match development_format(page) {
+            Some(format) => PageContent::OtherFormat(format),
+            None if [format, low, high] == [0xFF; HEADER_SIZE] => PageContent::Erased,
+            None => PageContent::Damaged,
+        },
+    }
+}
+
+/// Encodes an item into the buffer, padded like erased flash. Returns the bytes to program and the item's CRC.
+pub fn encode<'a, T: Fields>(value: &T, buffer: &'a mut [u8; ITEM_SIZE]) -> Result<(&'a [u8], u32), StoreError> {
+    buffer.fill(0xFF);
+    let length = HEADER_SIZE + fields::encode(value, &mut buffer[HEADER_SIZE..ITEM_SIZE - CRC_SIZE])?;
+    let [low, high] = ((length - HEADER_SIZE) as u16).to_le_bytes();
+    buffer[..HEADER_SIZE].copy_from_slice(&[FORMAT, low, high]);
+    let crc = CRC.checksum(&buffer[..length]);
+    buffer[length..length + CRC_SIZE].copy_from_slice(&crc.to_le_bytes());
+    Ok((&buffer[..(length + CRC_SIZE).next_multiple_of(WORD_SIZE)], crc))
+}
+
+/// The first `length` bytes and their CRC, if the CRC that follows them is correct.
+fn split_checked(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
+    let (body, rest) = bytes.split_at_checked(length)?;
+    let crc = u32::from_le_bytes(*rest.first_chunk::<CRC_SIZE>()?);
+    (CRC.checksum(body) == crc).then_some((body, crc))
+}
+
+/// Format of a page written by firmware before the first release (formats 2 to 9): a marker of 8 bytes; a log entry's
+/// header of 8 bytes, whose bytes 4 and 5 are the entry's length; then key (1 byte), format, content, and CRC-32 of
+/// format and content.
+fn development_format(page: &[u8]) -> Option<u8> {
+    let length = u16::from_le_bytes(*page.get(12..)?.first_chunk()?);
+    let (value, _) = split_checked(page.get(17..)?, usize::from(length).checked_sub(1 + CRC_SIZE)?)?;
+    value.first().copied()
+}

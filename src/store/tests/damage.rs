@@ -1,0 +1,125 @@
+//! Damaged pages.
+
+use testkit::random::Random;
+
+use super::*;
+
+/// Flash with two accepted calibrations, then saved settings.
+fn stored() -> Flash {
+    let mut flash = Flash::new(PAGES);
+    let first = Generations { current: Some(record(1)), previous: None };
+    save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 5, ..settings() })).unwrap();
+    save_change(&mut flash, change(&first)).unwrap();
+    save_change(&mut flash, change(&Generations { current: Some(record(2)), previous: first.current })).unwrap();
+    save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
+    flash
+}
+
+/// Replacement bytes of a damaged page.
+fn damages() -> [Vec<u8>; 4] {
+    let mut noise = Random(3);
+    [vec![0; PAGE], vec![0xFF; PAGE], vec![0x5A; PAGE], (0..PAGE).map(|_| noise.byte()).collect()]
+}
+
+/// One calibration remains, its loss is reported, and saves succeed.
+#[test]
+fn one_damaged_page_never_loses_both_calibrations() {
+    for saves in 0..8 {
+        let mut flash = stored();
+        for serial in 0..saves {
+            save(&mut flash, 3 + serial).unwrap();
+        }
+        let whole = load(&mut flash).unwrap();
+        for page in 0..PAGES {
+            for damage in damages() {
+                let case = format!("page {page} after {saves} saves");
+                let mut damaged = flash.clone();
+                put(&mut damaged, page, &damage);
+                let Loaded { stored, error } = load_readable(&mut damaged);
+                let Generations { current, previous } = stored.generations;
+                assert!(current.is_some() || previous.is_some(), "{case}");
+                assert_eq!(error.is_some(), current.is_none() || previous.is_none(), "{case}");
+                assert!(stored.settings == whole.settings || stored.settings.stream_rate_hz == 5, "{case}");
+                save(&mut damaged, 99).unwrap();
+                assert_eq!(load(&mut damaged), Ok(StoredValues { generations: generations(99), ..stored }), "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_previous_calibration_replaces_a_damaged_one() {
+    let mut flash = flash_after(2);
+    put(&mut flash, 2, &[0; PAGE]);
+    let Loaded { stored, error } = load_readable(&mut flash);
+    assert_eq!(error, Some(StoreError::Corrupt));
+    assert_eq!(stored.generations, Generations { current: None, previous: Some(record(1)) });
+    // A save of settings keeps the damage visible.
+    save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
+    assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
+    let undone = Generations { current: stored.generations.previous, previous: None };
+    save_change(&mut flash, change(&undone)).unwrap();
+    assert_eq!(load_generations(&mut flash), Ok(undone));
+}
+
+/// A complete item in the slot is not loaded unless its CRC is that in the state.
+#[test]
+fn a_slot_with_another_calibration_is_damaged() {
+    let mut flash = flash_after(1);
+    put(&mut flash, 0, &item_of(&record(7)));
+    let Loaded { stored, error } = load_readable(&mut flash);
+    assert_eq!((stored.generations.current, error), (None, Some(StoreError::Corrupt)));
+}
+
+#[test]
+fn damaged_states_are_reported_and_replaced() {
+    for fields in [vec![], vec![1, 2, 3], vec![1, 1, 0, 7]] {
+        let mut item = vec![page::FORMAT, fields.len() as u8, 0];
+        item.extend(fields);
+        for page in CALIBRATION_SLOTS as usize..PAGES {
+            let mut flash = Flash::new(PAGES);
+            put(&mut flash, page, &with_crc(item.clone()));
+            assert_eq!(load(&mut flash), Err(StoreError::Corrupt));
+            save(&mut flash, 5).unwrap();
+            assert_eq!(load(&mut flash), Ok(StoredValues { generations: generations(5), ..StoredValues::default() }));
+        }
+    }
+    let mut flash = flash_after(3);
+    flash.bytes[CALIBRATION_SLOTS as usize * PAGE..].fill(0x33);
+    assert_eq!(load_readable(&mut flash), Loaded { stored: StoredValues::default(), error: Some(StoreError::Corrupt) });
+}
+
+#[test]
+fn garbage_is_survived() {
+    for seed in 0..200 {
+        let mut noise = Random(seed);
+        // From a few flipped bits to all bytes.
+        let density = 1_u64 << (seed % 12);
+        let mut flash = flash_after(seed as u32 % 20);
+        for byte in &mut flash.bytes {
+            if noise.bits().is_multiple_of(density) {
+                *byte = noise.byte();
+            }
+        }
+        let _ = load(&mut flash);
+        save(&mut flash, 77).unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
+        assert_eq!(load_generations(&mut flash), Ok(generations(77)), "seed {seed}");
+    }
+}
+
+#[test]
+fn damage_never_invents_a_calibration() {
+    let flash = flash_after(5);
+    let stored: Vec<_> = (0..=5).map(record).map(Some).chain([None]).collect();
+    for position in 0..flash.bytes.len() {
+        if position % PAGE > 600 {
+            continue; // After every item.
+        }
+        let mut damaged = flash.clone();
+        damaged.bytes[position] ^= 0x5A;
+        let Loaded { stored: StoredValues { generations: Generations { current, previous }, .. }, error } =
+            load_readable(&mut damaged);
+        assert!(stored.contains(&current) && stored.contains(&previous), "byte {position}");
+        assert!(error.is_some() || (current.is_some() && previous.is_some()), "byte {position}");
+    }
+}

@@ -1,0 +1,271 @@
+//! Stored bytes, and extension of the format.
+
+use serde::Serialize;
+
+use super::*;
+use crate::settings::{AttitudeError, Baud, PortNumber};
+
+fn state() -> StoredState {
+    let mut settings = Settings {
+        inclination_deg: Some(-60.0),
+        align_deg: 3.5,
+        stream_rate_hz: 25,
+        mount: Orientation::from_name("yaw90").unwrap(),
+        attitude_error: AttitudeError { bias_deg: 0.5, bank_percent: 2.0 },
+        sends_vision_yaw: true,
+        ..settings()
+    };
+    settings.ports.port_mut(PortNumber::One).baud = Baud::B460800;
+    settings.ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
+    StoredState {
+        saves: 300,
+        current: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
+        previous: None,
+        settings,
+        remembered: StartupValues {
+            is_collecting: true,
+            detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto],
+        },
+    }
+}
+
+fn calibration() -> CalibrationRecord {
+    let mut record = record(7);
+    record.calibration.motor_current = MotorCurrentInterference {
+        ut_per_a: [0.5, -0.25, 0.125],
+        sigma_ut_per_a: 0.01,
+        mean_current_a: 12.0,
+        current_sigma_a: 4.0,
+    };
+    record.sensor.model = Model::Lsm303dlhc;
+    record
+}
+
+fn fields_of(item: &[u8]) -> Vec<u8> {
+    let PageContent::Item(Item { fields, .. }) = page::parse(item) else { panic!("{item:?}") };
+    fields.to_vec()
+}
+
+#[test]
+fn items_come_back() {
+    assert_eq!(fields::decode(&fields_of(&item_of(&state()))), Ok(state()));
+    assert_eq!(fields::decode(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
+    assert_eq!(fields::decode(&fields_of(&item_of(&calibration()))), Ok(calibration()));
+    let largest = CalibrationRecord { serial: u32::MAX, ..calibration() };
+    assert!(item_of(&largest).len() <= ITEM_SIZE / 2, "room for as many fields again");
+}
+
+fn bytes_of(hex: &str) -> Vec<u8> {
+    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
+    digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
+}
+
+/// Items of the first release. They never change, because every later firmware of this format must read them.
+const STATE: &str = "
+    01 7300
+    01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
+    06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
+    0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
+    14 0100 01  15 0100 01  16 0100 00
+    40345fbc ffffffffffff";
+const CALIBRATION_BEGIN: &str = "
+    01 b601
+    01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
+    02 0c00 0000e040 00000040 00004040  03 0400 0000803f  04 0400 00004042  05 0400 0ad723bd
+    06 0c00 0000003f 000080be 0000003e  07 0400 0ad7233c  08 0400 00004041  09 0400 00008040
+    0a 0100 03  0b 0100 00  0c 0400 9a99993e  0d 0400 3333333f  0e 0400 6f12833b  0f 0400 cdcccc3e
+    10 0300 ffff03  11 0900 01 31082cbd a69bc43b
+    12 f000";
+const CALIBRATION_END: &str = "
+    13 0400 6f12033b  14 0400 00000000  15 0100 01  16 0100 1e  17 0100 00  18 0100 07
+    a34415cf ffffff";
+
+/// Bytes of a calibration. The 240 bytes of the reduced covariance, between beginning and end, are zero.
+fn pinned_calibration() -> Vec<u8> {
+    [bytes_of(CALIBRATION_BEGIN), vec![0; 240], bytes_of(CALIBRATION_END)].concat()
+}
+
+#[test]
+fn items_of_the_first_release_are_read() {
+    assert_eq!(fields::decode(&fields_of(&bytes_of(STATE))), Ok(state()));
+    assert_eq!(fields::decode(&fields_of(&pinned_calibration())), Ok(calibration()));
+}
+
+/// If this fails, the written bytes have changed. After appending a field, add its bytes as another item.
+#[test]
+fn written_bytes_are_those_of_the_first_release() {
+    assert_eq!(item_of(&state()), bytes_of(STATE));
+    assert_eq!(item_of(&calibration()), pinned_calibration());
+}
+
+/// Flash after three saves of the first release.
+#[test]
+fn a_store_of_the_first_release_is_loaded() {
+    let mut flash = Flash::new(PAGES);
+    let crc = u32::from_le_bytes(bytes_of("a34415cf").try_into().unwrap());
+    put(&mut flash, 3, &pinned_calibration());
+    put(&mut flash, 5, &item_of(&StoredState { current: Some(SlotReference { slot: 3, crc }), ..state() }));
+    let generations = Generations { current: Some(calibration()), previous: None };
+    let StoredState { settings, remembered, .. } = state();
+    assert_eq!(load(&mut flash), Ok(StoredValues { settings, generations, remembered }));
+}
+
+fn field(tag: u8, value: &[u8]) -> Vec<u8> {
+    [&[tag, value.len() as u8, 0], value].concat()
+}
+
+#[test]
+fn unknown_fields_are_ignored() {
+    for value in [&[][..], &[1], &[0xFF; 200]] {
+        let unknown = field(200, value);
+        for fields in
+            [[&fields_of(&item_of(&state()))[..], &unknown].concat(), [unknown.clone(), state_fields()].concat()]
+        {
+            assert_eq!(fields::decode(&fields), Ok(state()));
+        }
+        let fields = [fields_of(&item_of(&calibration())), unknown].concat();
+        assert_eq!(fields::decode(&fields), Ok(calibration()));
+    }
+}
+
+fn state_fields() -> Vec<u8> {
+    fields_of(&item_of(&state()))
+}
+
+fn split(mut fields: &[u8]) -> Vec<(u8, Vec<u8>)> {
+    let mut all = Vec::new();
+    while let [tag, low, high, rest @ ..] = fields {
+        let (value, after) = rest.split_at(usize::from(u16::from_le_bytes([*low, *high])));
+        all.push((*tag, field(*tag, value)));
+        fields = after;
+    }
+    all
+}
+
+/// Written by firmware with fewer fields; or a value known only to later firmware, here a variant after the last.
+#[test]
+fn a_missing_field_has_its_default() {
+    let fields = split(&state_fields());
+    for (missing, _) in &fields {
+        let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
+        let found: Result<StoredState, _> = fields::decode(&others.collect::<Vec<_>>());
+        if *missing <= 3 {
+            assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
+        } else {
+            // The other fields are unchanged.
+            let found = found.unwrap();
+            let default = split(&fields_of(&item_of(&StoredState::default())));
+            for ((tag, stored), (_, default)) in split(&fields_of(&item_of(&found))).iter().zip(&default) {
+                let (_, before) = &fields[usize::from(*tag) - 1];
+                assert_eq!(stored, if tag == missing { default } else { before }, "{missing} {tag}");
+            }
+        }
+    }
+    let from_later: Vec<u8> = state_fields();
+    let at = from_later.windows(4).position(|bytes| bytes == [0x0c, 1, 0, 0]).unwrap();
+    let mut from_later = from_later;
+    from_later[at + 3] = 99;
+    let stream_heading = HeadingKind::Smooth;
+    let settings = Settings { stream_heading, ..state().settings };
+    assert_eq!(fields::decode(&from_later), Ok(StoredState { settings, ..state() }));
+}
+
+#[test]
+fn a_calibration_needs_every_field_of_the_first_release() {
+    let fields = split(&fields_of(&item_of(&calibration())));
+    assert_eq!(fields.len(), 24);
+    for (missing, _) in &fields {
+        let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
+        let found: Result<CalibrationRecord, _> = fields::decode(&others.collect::<Vec<_>>());
+        assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
+    }
+}
+
+/// A new variant before the last would renumber the later ones.
+#[test]
+fn variants_keep_their_numbers() {
+    fn assert_numbers<T: Serialize>(variants: &[T]) {
+        for (number, variant) in (0..).zip(variants) {
+            assert_eq!(postcard::to_slice(variant, &mut [0; 8]).map(|bytes| bytes.to_vec()), Ok(vec![number]));
+        }
+    }
+    assert_numbers(&[Model::Lis3mdl, Model::Lsm303dlhc]);
+    assert_numbers(&[Envelope::Banked, Envelope::Level]);
+    assert_numbers(&[HeadingKind::Raw, HeadingKind::Smooth]);
+    assert_numbers(&ProtocolKind::ALL);
+    assert_numbers(&Baud::ALL);
+    assert_numbers(&[
+        Method::Level,
+        Method::FourEllipse,
+        Method::TwoPlane,
+        Method::MaximumLikelihood,
+        Method::CompassSwing,
+        Method::Ellipsoid,
+    ]);
+}
+
+#[test]
+fn fields_that_do_not_fit_are_refused() {
+    let size = state_fields().len();
+    for room in 0..size {
+        assert_eq!(fields::encode(&state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
+    }
+    assert_eq!(fields::encode(&state(), &mut vec![0; size]), Ok(size));
+}
+
+#[test]
+fn a_reference_beyond_the_slots_is_refused() {
+    for (slot, valid) in [(3, true), (4, false), (255, false)] {
+        let reference = Some(SlotReference { slot, crc: 1 });
+        for state in [StoredState { current: reference, ..state() }, StoredState { previous: reference, ..state() }] {
+            assert_eq!(page::encode(&state, &mut [0; ITEM_SIZE]).is_ok(), valid, "{slot}");
+        }
+    }
+}
+
+#[test]
+fn a_flipped_bit_makes_an_item_damaged() {
+    let item = pinned_calibration();
+    let padding = 3;
+    for bit in 0..(item.len() - padding) * 8 {
+        let mut damaged = item.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(page::parse(&damaged), PageContent::Damaged, "bit {bit}");
+    }
+}
+
+#[test]
+fn a_truncated_item_is_damaged() {
+    let item = pinned_calibration();
+    for length in 0..item.len() - 3 {
+        assert_eq!(page::parse(&item[..length]), PageContent::Damaged, "{length}");
+    }
+    for fields in [state_fields(), fields_of(&item)] {
+        let ends: Vec<_> = split(&fields)
+            .iter()
+            .scan(0, |end, (_, field)| {
+                *end += field.len();
+                Some(*end)
+            })
+            .collect();
+        for length in (0..fields.len()).filter(|length| !ends.contains(length)) {
+            assert_eq!(fields::decode::<StoredState>(&fields[..length]), Err(StoreError::Corrupt), "{length}");
+        }
+    }
+}
+
+/// Any bytes with a correct CRC.
+#[test]
+fn any_fields_are_survived() {
+    for seed in 0..20_000 {
+        let mut noise = testkit::random::Random(seed);
+        let mut fields = if seed % 2 == 0 { state_fields() } else { fields_of(&item_of(&calibration())) };
+        for _ in 0..=seed % 7 {
+            let at = noise.bits() as usize % fields.len();
+            fields[at] = noise.byte();
+        }
+        let (state, record) = (fields::decode::<StoredState>(&fields), fields::decode::<CalibrationRecord>(&fields));
+        assert!(state.is_ok_and(|state| state.settings.is_valid()) || state.is_err());
+        assert!(record.is_ok_and(|record| record.is_valid()) || record.is_err());
+    }
+}

@@ -1,0 +1,141 @@
+//! Stores written by other firmware.
+
+use std::format;
+
+use testkit::flash::CutProgress;
+
+use super::*;
+
+/// A later format.
+const LATER: u8 = page::FORMAT + 1;
+
+/// Item of another format, longer than any of this one.
+fn other_item(format: u8) -> Vec<u8> {
+    let mut item = vec![format];
+    item.extend(1000_u16.to_le_bytes());
+    item.extend((0..1000).map(|n| n as u8));
+    with_crc(item)
+}
+
+/// Start of a page written by firmware before the first release: page marker; CRC, length and CRC of the length of the
+/// entry; key, format, content, CRC.
+fn development_page(format: u8) -> Vec<u8> {
+    let mut value = vec![format];
+    value.extend((0..700).map(|n| n as u8));
+    let value = with_crc(value);
+    let mut page = vec![0; 8];
+    page.extend([0x11, 0x22, 0x33, 0x44]);
+    page.extend((value.len() as u16 + 1).to_le_bytes());
+    page.extend([0x55, 0x66, 0]);
+    // The entry's data starts after the header, aligned to 8 bytes.
+    page.truncate(16);
+    page.push(0);
+    page.extend(value);
+    page
+}
+
+/// Another format on one, two or all pages; the others are erased, hold values of this format, or are damaged.
+fn flashes(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
+    let mut flashes = Vec::new();
+    let mut damaged = Flash::new(PAGES);
+    damaged.bytes.fill(0x5A);
+    for (others, flash) in [("erased", Flash::new(PAGES)), ("in use", flash_after(6)), ("damaged", damaged)] {
+        for first in 0..PAGES {
+            for pages in [first..first + 1, first..PAGES, 0..first + 1] {
+                let mut flash = flash.clone();
+                flash.operations = 0;
+                pages.clone().for_each(|page| put(&mut flash, page, item));
+                flashes.push((format!("format {format} in pages {pages:?}, others {others}"), flash));
+            }
+        }
+    }
+    flashes
+}
+
+fn all_flashes() -> Vec<(u8, String, Flash)> {
+    let of = |format, item: Vec<u8>| flashes(format, &item).into_iter().map(move |(case, flash)| (format, case, flash));
+    of(LATER, other_item(LATER)).chain(of(9, development_page(9))).collect()
+}
+
+/// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
+/// saves by the other firmware.
+#[test]
+fn another_format_is_reported_and_left_untouched() {
+    for (format, case, flash) in all_flashes() {
+        let mut tried = flash.clone();
+        let error = StoreError::OtherFormat(format);
+        assert_eq!(load_readable(&mut tried), Loaded { stored: StoredValues::default(), error: Some(error) }, "{case}");
+        let nothing = StoreChange::Generations { current: None, previous: None };
+        let remembered = StoreChange::Remembered(StartupValues::NOTHING);
+        for change in [StoreChange::Settings(&settings()), change(&generations(8)), nothing, remembered] {
+            assert_eq!(save_change(&mut tried, change), Err(error), "{case}");
+        }
+        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+    }
+}
+
+#[test]
+fn each_other_format_is_named() {
+    for format in (0..=255).filter(|format| *format != page::FORMAT) {
+        assert_eq!(page::parse(&other_item(format)), PageContent::OtherFormat(format));
+    }
+    for format in 2..=9 {
+        assert_eq!(page::parse(&development_page(format)), PageContent::OtherFormat(format));
+    }
+}
+
+#[test]
+fn clear_replaces_another_format() {
+    for (_, case, mut flash) in all_flashes() {
+        save_change(&mut flash, StoreChange::Clear).unwrap();
+        assert_eq!(load(&mut flash), Ok(StoredValues::default()), "{case}");
+        for serial in 1..=4 {
+            save(&mut flash, serial).unwrap();
+            assert_eq!(load_generations(&mut flash), Ok(generations(serial)), "{case}");
+        }
+    }
+}
+
+/// After a cut at any operation of the clearing, the other format is reported or defaults are loaded, never an old
+/// value. A second clearing succeeds.
+#[test]
+fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
+    for (format, case, start) in all_flashes() {
+        let mut complete = start.clone();
+        save_change(&mut complete, StoreChange::Clear).unwrap();
+        for at in 0..complete.operations {
+            for cut in CutProgress::ALL {
+                let mut flash = start.cut_at(at, cut);
+                save_change(&mut flash, StoreChange::Clear).unwrap_err();
+                let mut flash = flash.power_on();
+                let found = load(&mut flash);
+                let allowed = [Err(StoreError::OtherFormat(format)), Ok(StoredValues::default())];
+                assert!(allowed.contains(&found), "{case}, {cut:?} at {at}: {found:?}");
+                save_change(&mut flash, StoreChange::Clear).unwrap();
+                assert_eq!(load(&mut flash), Ok(StoredValues::default()), "{case}, {cut:?} at {at}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_unreadable_flash_is_not_cleared() {
+    for (_, case, flash) in all_flashes() {
+        let mut tried = flash.clone();
+        tried.unreadable = Some((0..PAGE, usize::MAX));
+        assert_eq!(save_change(&mut tried, StoreChange::Clear), Err(StoreError::Flash), "{case}");
+        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+    }
+}
+
+#[test]
+fn a_page_that_cannot_be_erased_is_reported() {
+    for (_, case, flash) in all_flashes() {
+        let mut complete = flash.clone();
+        save_change(&mut complete, StoreChange::Clear).unwrap();
+        for last in [complete.operations - 1, 0] {
+            let mut cut = flash.cut_at(last, (CutProgress::Before, 0));
+            assert_eq!(save_change(&mut cut, StoreChange::Clear), Err(StoreError::Flash), "{case}");
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! NMEA 0183 heading sentences: `HCHDM`, `HCHDG`, `HCHDT`, and the proprietary `PASWH` with the heading's quality.
+//!
+//! Written without `core::fmt`, which takes 2,000 instructions for a sentence.
+
+use crate::heading::{Heading, NoHeading};
+use crate::settings::HeadingKind;
+
+/// ASCII sentence with checksum and line end; at most 82 characters by the standard.
+pub type Sentence = heapless::Vec<u8, 82>;
+
+/// Whether there was room; always, because bodies have at most 40 characters.
+type Fits = Option<()>;
+
+/// `$HCHDM,hhh.h,M*cs`: magnetic heading; the field is empty without a valid heading.
+#[must_use]
+pub fn hdm(heading_deg: Option<f32>) -> Sentence {
+    sentence(|body| {
+        put(body, "HCHDM,")?;
+        put_heading(body, heading_deg)?;
+        put(body, ",M")
+    })
+}
+
+/// `$HCHDG,hhh.h,,,v.v,E*cs`: magnetic heading, deviation, variation.
+///
+/// The deviation fields are empty because the heading is corrected already. Variation (declination) is empty if
+/// unknown; the heading is magnetic in any case.
+#[must_use]
+pub fn hdg(heading_deg: Option<f32>, variation_deg: Option<f32>) -> Sentence {
+    sentence(|body| {
+        put(body, "HCHDG,")?;
+        put_heading(body, heading_deg)?;
+        put(body, ",,,")?;
+        match variation_deg {
+            Some(variation_deg) => {
+                put_tenths(body, rounded_tenths(variation_deg.abs()), 1)?;
+                put(body, if variation_deg < 0.0 { ",W" } else { ",E" })
+            }
+            None => put(body, ","),
+        }
+    })
+}
+
+/// `$HCHDT,hhh.h,T*cs`: true heading, the sum of magnetic heading and variation (declination); the field is empty
+/// without a valid heading. The talker is `HC`, magnetic compass, as in the other sentences.
+#[must_use]
+pub fn hdt(heading_deg: Option<f32>, variation_deg: f32) -> Sentence {
+    sentence(|body| {
+        put(body, "HCHDT,")?;
+        put_heading(body, heading_deg.map(|magnetic_deg| magnetic_deg + variation_deg))?;
+        put(body, ",T")
+    })
+}
+
+/// `$PASWH,hhh.h,s.s,ok,smooth*cs`: magnetic heading, its standard deviation, degrees, `ok`, and the kind of heading,
+/// `smooth` or `raw`. Without a heading: two empty fields, the code of the reason, and an empty field.
+#[must_use]
+pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sentence {
+    sentence(|body| {
+        put(body, "PASWH,")?;
+        match heading {
+            Ok(heading) => {
+                put_heading(body, Some(heading.magnetic_deg()))?;
+                put(body, ",")?;
+                // A larger sigma carries no information.
+                put_tenths(body, rounded_tenths(heading.sigma_deg().min(180.0)), 1)?;
+                put(body, ",ok,")?;
+                put(body, kind.name())
+            }
+            Err(why) => {
+                put(body, ",,")?;
+                put(body, why.code())?;
+                put(body, ",")
+            }
+        }
+    })
+}
+
+fn put(body: &mut Sentence, text: &str) -> Fits {
+    body.extend_from_slice(text.as_bytes()).ok()
+}
+
+/// Writes 000.0..359.9, or nothing.
+fn put_heading(body: &mut Sentence, heading_deg: Option<f32>) -> Fits {
+    let Some(heading_deg) = heading_deg.filter(|h| h.is_finite()) else { return Some(()) };
+    // Rounded before it is wrapped, so that 359.97 becomes 000.0 and never 360.0.
+    let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
+    put_tenths(body, tenths.rem_euclid(3600).unsigned_abs(), 3)
+}
+
+fn rounded_tenths(value: f32) -> u32 {
+    (value * 10.0 + 0.5) as u32
+}
+
+/// Writes tenths as a number with one decimal and a minimum of digits before the point.
+fn put_tenths(body: &mut Sentence, tenths: u32, least_digits: usize) -> Fits {
+    /// Digits of the largest whole part.
+    const DIGITS: usize = 9;
+    let digit = |value: u32| b'0' + (value % 10) as u8;
+    let mut text = [b'.'; DIGITS + 2];
+    let (whole, fraction) = text.split_at_mut(DIGITS);
+    if let Some(last) = fraction.last_mut() {
+        *last = digit(tenths);
+    }
+    let mut rest = tenths / 10;
+    let mut digits = 0;
+    for place in whole.iter_mut().rev() {
+        if rest == 0 && digits >= least_digits {
+            break;
+        }
+        *place = digit(rest);
+        rest /= 10;
+        digits += 1;
+    }
+    body.extend_from_slice(text.get(DIGITS - digits..)?).ok()
+}
+
+/// Adds `$`, checksum and line end to a body. A sentence that does not fit is cut, and lacks the checksum, so that
+/// receivers reject it.
+fn sentence(fill: impl FnOnce(&mut Sentence) -> Fits) -> Sentence {
+    const HEX: &[u8; 16] = b"0123456789ABCDEF";
+    let mut out = Sentence::new();
+    let complete = put(&mut out, "$").and_then(|()| fill(&mut out));
+    if complete.is_some() {
+        let checksum = checksum(out.get(1..).unwrap_or_default());
+        let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX[usize::from(nibble)]);
+        let end = [b'*', high, low, b'\r', b'\n'];
+        // There is room: bodies have at most 40 characters.
+        let _ = out.extend_from_slice(&end);
+    }
+    out
+}
+
+/// Exclusive or of all characters between `$` and `*`.
+#[must_use]
+pub fn checksum(body: &[u8]) -> u8 {
+    body.iter().fold(0, |sum, byte| sum ^ byte)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,169 @@
+//! Unit tests of `nmea`.
+
+use super::*;
+
+fn text(sentence: &Sentence) -> &str {
+    str::from_utf8(sentence).unwrap()
+}
+
+fn heading(magnetic_rad: f32, sigma_rad: f32) -> Heading {
+    Heading { magnetic_rad, sigma_rad, systematic_variance_rad2: 0.0 }
+}
+
+#[test]
+fn sentences_read_as_the_standard_says() {
+    // Checksums from an independent implementation.
+    assert_eq!(text(&hdm(Some(101.14))), "$HCHDM,101.1,M*28\r\n");
+    assert_eq!(text(&hdm(None)), "$HCHDM,,M*07\r\n");
+    assert!(hdg(Some(7.0), Some(-11.56)).starts_with(b"$HCHDG,007.0,,,11.6,W*"));
+    assert!(hdg(None, None).starts_with(b"$HCHDG,,,,,*"));
+}
+
+/// Across north in both directions; without a valid heading the field is empty.
+#[test]
+fn a_true_heading_is_the_magnetic_one_and_the_variation() {
+    for (heading_deg, variation_deg, text) in [
+        (Some(101.1), 5.25, "106.4"),
+        (Some(101.1), -11.3, "089.8"),
+        (Some(358.0), 3.0, "001.0"),
+        (Some(2.0), -3.0, "359.0"),
+        (Some(0.0), -180.0, "180.0"),
+        (None, 5.0, ""),
+        (Some(1.0), f32::NAN, ""),
+    ] {
+        assert_eq!(body(&hdt(heading_deg, variation_deg)), format!("HCHDT,{text},T"));
+    }
+}
+
+#[test]
+fn quality_shows_sigma_or_the_reason() {
+    let heading = heading(1.765_2, 0.009_6);
+    for kind in [HeadingKind::Raw, HeadingKind::Smooth] {
+        let told = quality(&Ok(heading), kind);
+        assert!(text(&told).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{told:?}");
+        assert!(quality(&Err(NoHeading::AttitudeStale), kind).starts_with(b"$PASWH,,,attitude-stale,*"));
+    }
+    let lost = Heading { sigma_rad: f32::NAN, ..heading };
+    assert!(quality(&Ok(lost), HeadingKind::Raw).starts_with(b"$PASWH,101.1,180.0,ok,raw*"));
+}
+
+#[test]
+fn heading_never_shows_360() {
+    for (heading_deg, shown) in [(359.94, "359.9"), (359.96, "000.0"), (-0.2, "359.8"), (360.0, "000.0")] {
+        assert!(text(&hdm(Some(heading_deg))).contains(shown), "{heading_deg}");
+    }
+    assert_eq!(hdm(Some(f32::NAN)), hdm(None));
+}
+
+/// Body of a sentence, whose length and checksum are checked independently.
+fn body(sentence: &Sentence) -> &str {
+    let (body, sum) = text(sentence).strip_prefix('$').unwrap().strip_suffix("\r\n").unwrap().split_once('*').unwrap();
+    let mut expected = 0;
+    for byte in body.bytes() {
+        expected ^= byte;
+    }
+    assert_eq!(sum, format!("{expected:02X}"), "{sentence:?}");
+    assert!(sentence.len() <= 82);
+    body
+}
+
+/// 12.25 and other quarters are exact in binary, so that rounding to tenths meets exact ties.
+#[test]
+fn a_heading_has_three_digits_and_is_rounded_to_the_nearest_tenth() {
+    for (heading_deg, text) in [
+        (0.0, "000.0"),
+        (0.04, "000.0"),
+        (0.06, "000.1"),
+        (9.94, "009.9"),
+        (9.96, "010.0"),
+        (12.125, "012.1"),
+        (12.25, "012.3"),
+        (99.96, "100.0"),
+        (180.0, "180.0"),
+        (359.94, "359.9"),
+        (359.96, "000.0"),
+        (360.04, "000.0"),
+        (361.0, "001.0"),
+        (725.5, "005.5"),
+        (-0.04, "000.0"),
+        (-0.06, "359.9"),
+        (-0.25, "359.7"),
+        (-90.0, "270.0"),
+        (-360.1, "359.9"),
+    ] {
+        assert_eq!(body(&hdm(Some(heading_deg))), format!("HCHDM,{text},M"), "{heading_deg}");
+        assert_eq!(body(&hdg(Some(heading_deg), None)), format!("HCHDG,{text},,,,"), "{heading_deg}");
+    }
+    for heading_deg in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        assert_eq!(body(&hdm(Some(heading_deg))), "HCHDM,,M");
+        assert_eq!(body(&hdg(Some(heading_deg), Some(1.0))), "HCHDG,,,,1.0,E");
+    }
+}
+
+#[test]
+fn variation_is_a_size_with_its_side() {
+    for (variation_deg, text) in [
+        (0.0, "0.0,E"),
+        (-0.0, "0.0,E"),
+        (3.5, "3.5,E"),
+        (-3.5, "3.5,W"),
+        (0.25, "0.3,E"),
+        (-0.25, "0.3,W"),
+        (9.96, "10.0,E"),
+        (-11.54, "11.5,W"),
+        (180.0, "180.0,E"),
+        (-180.0, "180.0,W"),
+    ] {
+        assert_eq!(body(&hdg(Some(90.0), Some(variation_deg))), format!("HCHDG,090.0,,,{text}"));
+    }
+}
+
+#[test]
+fn sigma_is_in_degrees_and_ends_at_half_a_circle() {
+    for (sigma_deg, text) in [
+        (0.0, "0.0"),
+        (0.44, "0.4"),
+        (0.46, "0.5"),
+        (9.97, "10.0"),
+        (179.9, "179.9"),
+        (180.1, "180.0"),
+        (f32::INFINITY, "180.0"),
+    ] {
+        let heading = heading(45.0_f32.to_radians(), sigma_deg.to_radians());
+        assert_eq!(body(&quality(&Ok(heading), HeadingKind::Smooth)), format!("PASWH,045.0,{text},ok,smooth"));
+    }
+    let none = quality(&Err(NoHeading::AttitudeStale), HeadingKind::Smooth);
+    assert_eq!(body(&none), "PASWH,,,attitude-stale,");
+}
+
+#[test]
+fn the_longest_sentences_are_complete() {
+    for extreme in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, 1e7] {
+        body(&hdm(Some(extreme)));
+        body(&hdg(Some(extreme), Some(extreme)));
+        body(&hdt(Some(extreme), extreme));
+        body(&quality(&Ok(heading(extreme, extreme)), HeadingKind::Smooth));
+    }
+    assert_eq!(body(&hdg(None, Some(f32::MAX))), format!("HCHDG,,,,{}.5,E", u32::MAX / 10));
+}
+
+/// `$`, 76 characters, `*`, two digits and the line end are 82.
+#[test]
+fn what_does_not_fit_has_no_checksum() {
+    let of = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
+    assert_eq!((of(76).len(), body(&of(76)).len()), (82, 76));
+    for length in [77, 80, 81, 82, 100] {
+        assert!(!of(length).contains(&b'*'), "{length}");
+    }
+}
+
+#[test]
+fn tenths_have_as_many_digits_as_they_need_and_no_fewer_than_asked() {
+    for (tenths, least, text) in
+        [(0, 1, "0.0"), (0, 3, "000.0"), (7, 1, "0.7"), (99, 1, "9.9"), (100, 1, "10.0"), (12_345, 3, "1234.5")]
+    {
+        let mut out = Sentence::new();
+        put_tenths(&mut out, tenths, least).unwrap();
+        assert_eq!(out, text.as_bytes());
+    }
+}
