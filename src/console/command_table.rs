@@ -265,6 +265,9 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
     .with_request(|given| set(SettingChange::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
+    CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
+        .takes(&[ArgumentSpec::new("HZ", ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" })])
+        .with_request(|given| set(SettingChange::AttitudeRateHz(given.number(0).unwrap_or_default() as u8))),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Request::Reboot),
 ];
 

@@ -410,6 +410,7 @@ mod tests {
             ("set baud2 57600", set(SettingChange::Baud(PortNumber::Two, Baud::B57600))),
             ("set vision on", set(SettingChange::Vision(true))),
             ("set vision off", set(SettingChange::Vision(false))),
+            ("set attitude-rate 50", set(SettingChange::AttitudeRateHz(50))),
             ("set attitude-error default", set(SettingChange::AttitudeError(AttitudeError::DEFAULT))),
         ];
         for (line, meaning) in examples {
@@ -548,7 +549,7 @@ mod tests {
             ("cal clear ", "all", 1),
             ("cal nonsense ", "", 0),
             ("stream heading s", "mooth", 1),
-            ("set att", "itude-error", 1),
+            ("set att", "itude-", 2),
             ("set attitude-error d", "efault", 1),
             ("set attitude-error 1 d", "", 0),
             ("set declination n", "one", 1),

@@ -37,6 +37,8 @@ pub struct Settings {
     pub ports: PortsSettings,
     /// Whether true yaw is sent to an autopilot that can use an external yaw.
     pub sends_vision_yaw: bool,
+    /// Highest rate at which attitude is requested from a MAVLink autopilot, Hz.
+    pub attitude_rate_hz: u8,
 }
 
 /// Kind of heading.
@@ -121,6 +123,7 @@ impl Settings {
         auto_on: true,
         ports: PortsSettings::DEFAULT,
         sends_vision_yaw: false,
+        attitude_rate_hz: 40,
     };
 
     /// Range of the declination, degrees.
@@ -132,6 +135,9 @@ impl Settings {
     /// Range of the heading rate, up to the measurement rate.
     pub const STREAM_RATE_HZ: RangeInclusive<u8> = 1..=80;
 
+    /// Range of the requested attitude rate. ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
+    pub const ATTITUDE_RATE_HZ: RangeInclusive<u8> = 20..=50;
+
     /// Range of the accuracy, degrees RMS: from that of the best compasses to the largest accepted expected error.
     pub const ACCURACY_DEG: RangeInclusive<f32> = 0.2..=3.0;
 
@@ -142,6 +148,7 @@ impl Settings {
             && self.inclination_deg.is_none_or(|inclination_deg| Self::INCLINATION_DEG.contains(&inclination_deg))
             && self.align_deg.abs() <= 180.0
             && Self::STREAM_RATE_HZ.contains(&self.stream_rate_hz)
+            && Self::ATTITUDE_RATE_HZ.contains(&self.attitude_rate_hz)
             && self.mount.is_valid()
             && self.attitude_error.is_valid()
             && Self::ACCURACY_DEG.contains(&self.accuracy_deg)
@@ -175,6 +182,8 @@ pub enum SettingChange {
     Baud(PortNumber, Baud),
     /// Whether true yaw is sent to an autopilot.
     Vision(bool),
+    /// Highest requested attitude rate, Hz.
+    AttitudeRateHz(u8),
 }
 
 /// Description of the valid range, for a value outside of it.
@@ -195,7 +204,8 @@ impl SettingChange {
             | Self::Auto(_)
             | Self::Protocol(..)
             | Self::Baud(..)
-            | Self::Vision(_) => false,
+            | Self::Vision(_)
+            | Self::AttitudeRateHz(_) => false,
         }
     }
 
@@ -204,6 +214,7 @@ impl SettingChange {
             Self::StreamOn(_) | Self::Auto(_) | Self::Vision(_) => "on or off",
             Self::StreamRateHz(_) => "a rate is 1 to 80 sentences a second",
             Self::StreamHeading(_) => "a heading is raw or smooth",
+            Self::AttitudeRateHz(_) => "a rate of attitude is 20 to 50 Hz",
             Self::Declination(_) => "a declination is -180 to 180 degrees",
             Self::Inclination(_) => "an inclination is -90 to 90 degrees, positive down",
             Self::Mount(_) => "a mounting is one of the 24 right-angle ones",
@@ -236,6 +247,7 @@ impl Settings {
             SettingChange::Protocol(port, protocol) => changed.ports.port_mut(port).protocol = protocol,
             SettingChange::Baud(port, baud) => changed.ports.port_mut(port).baud = baud,
             SettingChange::Vision(on) => changed.sends_vision_yaw = on,
+            SettingChange::AttitudeRateHz(hz) => changed.attitude_rate_hz = hz,
         }
         if changed.is_valid() { Ok(changed) } else { Err(OutOfRange(setting.valid_range())) }
     }

@@ -102,6 +102,7 @@ fn a_setting_changes_itself_and_nothing_else() {
         (SettingChange::Accuracy(1.5), Settings { accuracy_deg: 1.5, ..before }),
         (SettingChange::Auto(false), Settings { auto_on: false, ..before }),
         (SettingChange::Vision(true), Settings { sends_vision_yaw: true, ..before }),
+        (SettingChange::AttitudeRateHz(50), Settings { attitude_rate_hz: 50, ..before }),
         (SettingChange::Declination(Some(-3.5)), Settings { declination_deg: Some(-3.5), ..before }),
         (SettingChange::Inclination(Some(60.0)), Settings { inclination_deg: Some(60.0), ..before }),
         (SettingChange::Mount(mount), Settings { mount, ..before }),
@@ -155,6 +156,7 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         (SettingChange::Protocol(PortNumber::One, ProtocolKind::Msp), false),
         (SettingChange::Baud(PortNumber::One, Baud::B57600), false),
         (SettingChange::Vision(true), false),
+        (SettingChange::AttitudeRateHz(50), false),
     ] {
         assert_eq!(setting.is_used_by_solves(), used, "{setting:?}");
     }

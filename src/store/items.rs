@@ -236,7 +236,8 @@ impl Fields for StoredState {
             accuracy_deg,
             auto_on,
             ports,
-            sends_vision_yaw: tells_vision,
+            sends_vision_yaw,
+            attitude_rate_hz,
         } = settings;
         visitor.optional(4, declination_deg);
         visitor.optional(5, inclination_deg);
@@ -254,11 +255,12 @@ impl Fields for StoredState {
             visitor.optional(protocol_tag, protocol);
             visitor.optional(baud_tag, baud);
         }
-        visitor.optional(19, tells_vision);
+        visitor.optional(19, sends_vision_yaw);
         let StartupValues { is_collecting, detected_protocols: [first, second] } = remembered;
         visitor.optional(20, is_collecting);
         visitor.optional(21, first);
         visitor.optional(22, second);
+        visitor.optional(23, attitude_rate_hz);
     }
 
     fn is_valid(&self) -> bool {

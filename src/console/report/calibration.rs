@@ -92,7 +92,7 @@ pub(super) fn advise(out: &mut impl Write, advice: &Advice) -> fmt::Result {
         (advice.unobservable.hard_iron, " hard iron"),
     ];
     if assumed.iter().any(|(is, _)| *is) {
-        write!(out, "assumed, for want of samples:")?;
+        write!(out, "assumed, no samples:")?;
         for (_, name) in assumed.iter().filter(|(is, _)| *is) {
             out.write_str(name)?;
         }

@@ -18,10 +18,11 @@ pub(super) enum SettingGroup {
     Auto,
     Port(PortNumber),
     Vision,
+    AttitudeRate,
 }
 
 impl SettingGroup {
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Stream,
         Self::Declination,
         Self::Inclination,
@@ -32,6 +33,7 @@ impl SettingGroup {
         Self::Port(PortNumber::One),
         Self::Port(PortNumber::Two),
         Self::Vision,
+        Self::AttitudeRate,
     ];
 
     pub const fn containing(setting: SettingChange) -> Self {
@@ -47,6 +49,7 @@ impl SettingGroup {
             SettingChange::Auto(_) => Self::Auto,
             SettingChange::Protocol(port, _) | SettingChange::Baud(port, _) => Self::Port(port),
             SettingChange::Vision(_) => Self::Vision,
+            SettingChange::AttitudeRateHz(_) => Self::AttitudeRate,
         }
     }
 }
@@ -96,6 +99,7 @@ pub(super) fn setting_line(
             write!(out, "port{}{between}{}, {} baud", port as u8 + 1, protocol.name(), baud.name())
         }
         SettingGroup::Vision => write!(out, "vision{between}{}", on_or_off(settings.sends_vision_yaw)),
+        SettingGroup::AttitudeRate => write!(out, "attitude-rate{between}{} Hz at most", settings.attitude_rate_hz),
     }
 }
 

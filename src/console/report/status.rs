@@ -158,7 +158,7 @@ fn counters(out: &mut impl Write, counts: &Counts) -> fmt::Result {
     )?;
     writeln!(
         out,
-        "not believed: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",
+        "rejected readings: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",
         counts.saturated,
         counts.sensor_clipped,
         counts.sensor_stuck,

@@ -212,7 +212,7 @@ impl Protocol for Mavlink {
         let _is_sent = self.orders.send(line)
             || self.send_pose(facts, line)
             || self.send_heartbeat(facts, line)
-            || self.requests.send(now, autopilot, line)
+            || self.requests.send(now, autopilot, facts.settings.attitude_rate_hz, line)
             || self.collection.send(facts, line)
             || self.send_percent(facts, line)
             || self.texts.send(now, line)

@@ -2,7 +2,7 @@
 //!
 //! ArduPilot sends next to nothing without a request. It denies a rate of more than 80 % of its main loop's, 40 Hz at the
 //! default loop of an aeroplane (`GCS_MAVLINK::cap_message_interval`), and warns its pilot of the request. So the module
-//! begins with 40 Hz and lowers the rate until the messages come. An autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets
+//! begins with 40 Hz, or with 50 Hz if the setting allows it, and lowers the rate until the messages come. An autopilot without MAV_CMD_SET_MESSAGE_INTERVAL gets
 //! REQUEST_DATA_STREAM. Requests are at least a second apart.
 
 use ::mavlink::MessageData;
@@ -26,7 +26,8 @@ enum MessageRequest {
 }
 
 /// Requests in order: first for the calibration, then for the field model.
-const REQUESTS: [MessageRequest; 7] = [
+const REQUESTS: [MessageRequest; 8] = [
+    MessageRequest::Attitude(50),
     MessageRequest::Attitude(40),
     MessageRequest::Attitude(25),
     MessageRequest::Attitude(20),
@@ -40,7 +41,7 @@ const REQUESTS: [MessageRequest; 7] = [
 const CURRENT_HZ: u8 = 10;
 
 /// Index of the first request after those for attitude.
-const AFTER_ATTITUDE: usize = 4;
+const AFTER_ATTITUDE: usize = 5;
 
 /// Time for the reply to a request and for the first messages, microseconds; also the least time between requests.
 const REPLY_TIMEOUT_US: u64 = 1_000_000;
@@ -59,6 +60,8 @@ const RESTART_MS: i32 = 1_000;
 pub(super) struct RequestSequence {
     /// The autopilot that receives the requests.
     autopilot: Option<SenderId>,
+    /// Highest rate of attitude to request, Hz.
+    max_attitude_hz: u8,
     /// Index of the present or next request; past the end when all are done.
     request_index: usize,
     /// Number of times this request was sent.
@@ -95,10 +98,16 @@ impl RequestSequence {
         }
     }
 
-    /// Sends the due request; returns whether one was sent.
-    pub fn send(&mut self, now: Timestamp, autopilot: SenderId, line: &mut Transmitter<'_>) -> bool {
-        if self.autopilot != Some(autopilot) {
-            *self = Self { autopilot: Some(autopilot), ..Self::default() };
+    /// Sends the due request; returns whether one was sent. All are repeated for another autopilot or highest rate.
+    pub fn send(
+        &mut self,
+        now: Timestamp,
+        autopilot: SenderId,
+        max_attitude_hz: u8,
+        line: &mut Transmitter<'_>,
+    ) -> bool {
+        if (self.autopilot, self.max_attitude_hz) != (Some(autopilot), max_attitude_hz) {
+            *self = Self { autopilot: Some(autopilot), max_attitude_hz, ..Self::default() };
             self.begin(now);
         }
         let is_sent = self.due(now).is_some_and(|wish| line.send(wish.request(Address::from_sender(autopilot))));
@@ -111,7 +120,11 @@ impl RequestSequence {
 
     /// Measures the rate of the attitude, then requests everything.
     fn begin(&mut self, now: Timestamp) {
-        self.go_on_to(0);
+        let is_allowed = |request: &MessageRequest| match request {
+            MessageRequest::Attitude(rate_hz) => *rate_hz <= self.max_attitude_hz,
+            MessageRequest::Stream(_) | MessageRequest::Message(..) => true,
+        };
+        self.go_on_to(REQUESTS.iter().position(is_allowed).unwrap_or(0));
         self.count_from(now);
     }
 

