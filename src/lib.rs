@@ -16,7 +16,7 @@
 //! |---|---|
 //! | [`frames`], [`time`] | types for fields in frames, attitude, time |
 //! | [`calibration`] | the twelve coefficients and their covariance from samples |
-//! | [`heading`], [`attitude`], `earth` | heading from a corrected field; attitude track; field model |
+//! | [`heading`], [`attitude`], [`earth`] | heading from a corrected field; attitude track; field model |
 //! | [`magnetometer`], [`wire`] | sensor drivers; MAVLink, MSP, NMEA |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
 //! | [`collection`], [`acceptance`], [`store`] | selection of samples, acceptance of results, flash |
@@ -59,7 +59,6 @@ pub mod compass;
 #[cfg(feature = "firmware")]
 pub mod console;
 pub mod decimal;
-#[cfg(feature = "firmware")]
 pub mod earth;
 pub mod frames;
 pub mod heading;
