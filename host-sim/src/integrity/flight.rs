@@ -64,7 +64,7 @@ const PATIENCE_S: f64 = 10.0;
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
 pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
-    let DrawnCase { world, routine, faults, switch, onset, ground_time_s: stands_s, use_s } =
+    let DrawnCase { world, routine, faults, switch, onset, ground_time_s: stands_s, use_s, .. } =
         case.draw(seed, plan.aircraft);
     let fields = faults.field.clone();
     let mut rig = Rig::with_far_ends(world, faults, [plan.source.far_end(), FarEnd::Unconnected]);
@@ -102,7 +102,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
             tally.add_sentence(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
         });
     }
-    let iron = (calibrated.is_ok() && case.changes_hard_iron()).then(|| {
+    let iron = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
         let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
