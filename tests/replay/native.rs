@@ -5,11 +5,12 @@ use std::fmt::Write as _;
 use host_sim::log::csv::FieldUnit;
 use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog, record_turns};
 use host_sim::log::{self, FieldCorrection, Flight, NumberedRotation};
+use host_sim::replay::HeadingScore;
 use host_sim::replay::evaluation::{
     CompassEvaluation, CorrectionSource, EvaluationOptions, evaluate_flight, score_correction,
 };
+use host_sim::replay::note::Note;
 use host_sim::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
-use host_sim::replay::{HeadingScore, summary};
 use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
 use nalgebra::{Matrix3, Vector3};
 
@@ -245,7 +246,8 @@ fn units_that_cannot_be_are_told() {
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read(&mut source, unit).unwrap();
-        summary::notes(&flight, &evaluate_flight(&flight, &ASKED)).join("; ")
+        let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
+        notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
     assert_eq!(notes(&text, FieldUnit::Milligauss), "");
     let in_ut = notes(&text, FieldUnit::Microtesla);

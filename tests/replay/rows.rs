@@ -7,7 +7,6 @@ use autoswing::calibration::SolveError;
 use autoswing::collection::CollectionProblem;
 use autoswing::frames::Attitude;
 use host_sim::log::{FieldCorrection, Flight};
-use host_sim::replay::evaluation::refusal;
 use host_sim::replay::{
     HeadingScore, ReferenceHeading, ReplayOptions, ReplayRefusal, ReplayRow, RowSelection, build_rows, hard_iron_step,
     replay,
@@ -154,7 +153,7 @@ fn a_refusal_tells_what_to_fly() {
         .collect();
     assert!(!inaccurate.is_empty());
     for replayed in inaccurate {
-        let words = refusal(&replayed).unwrap().to_string();
+        let words = replayed.refusal().unwrap().to_string();
         assert!(words.starts_with("expected error ") && words.contains(" deg; missing: "), "{words}");
     }
 }

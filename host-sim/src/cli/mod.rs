@@ -16,6 +16,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use host_sim::integrity::AttitudeProtocol;
+use host_sim::numbers::round_to;
 use host_sim::world::WorldConfig;
 use host_sim::world::airframe::AirframeDescription;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -412,7 +413,7 @@ fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
 fn airframe_json(world: &WorldConfig) -> Value {
     let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
     json!({
-        "soft_iron": soft_iron.map(|row| row.map(|number| print::round_to(number, 4))),
+        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
         "hard_iron_ut": hard_iron_ut,
         "mounting_deg": mounting_deg,
         "total_ut": world.earth.total_ut,

@@ -8,10 +8,11 @@ pub mod field_latency;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_step;
+pub mod note;
 pub mod parameter_export;
 mod reference;
 mod rows;
-pub mod summary;
+pub mod verdict;
 
 pub use reference::ReferenceHeading;
 pub use rows::{AttitudeSample, ReplayRow, RowCounts, attitudes_between, build_rows};
@@ -22,7 +23,7 @@ use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
-    Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    Advice, Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, CollectionProblem, Collector, RetainedSamples};
@@ -30,6 +31,7 @@ use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::messages::Refusal;
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
@@ -151,6 +153,25 @@ pub struct ReplayResult {
     pub smoothed_score: Option<HeadingScore>,
     /// Score of the uncorrected field.
     pub uncorrected_score: Option<HeadingScore>,
+}
+
+impl ReplayResult {
+    /// The module's reason for a refusal, with what the flight lacked or the most useful manoeuvre.
+    #[must_use]
+    pub fn refusal(&self) -> Option<Refusal> {
+        let refusal = match self.accepted.as_ref().err()? {
+            ReplayRefusal::Solve(error) => Refusal::Solve(*error),
+            ReplayRefusal::Rejected(rejection) => Refusal::Rejected(*rejection),
+        };
+        let advice = || self.solution.as_ref()?.advice.filter(Advice::is_worthwhile);
+        let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
+        Some(refusal.with_cause(self.missing.or_else(missing)))
+    }
+
+    /// Expected error of the solution, degrees RMS.
+    fn expected_rms_deg(&self) -> Option<f64> {
+        self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
+    }
 }
 
 /// Replays rows, in order of time, without attitudes between them.

@@ -2,8 +2,8 @@
 
 use super::super::model::{CompassReport, ReportSample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Heading sectors, centred on their number.
 const SECTORS: usize = 12;

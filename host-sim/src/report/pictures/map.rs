@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, subsample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Largest number of points of the track.
 const POINTS: usize = 2500;

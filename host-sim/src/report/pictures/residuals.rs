@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, magnitude_quantile, max_magnitude};
 use super::super::svg::{Point, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Largest number of columns, each drawn from its least to its largest value, which bounds the size of long flights.
 const COLUMNS: usize = 500;
