@@ -1,4 +1,7 @@
-//! Numbers as text and in JSON.
+//! Numbers as text and in JSON, and their statistics.
+
+use autoswing::calibration::Calibration;
+use serde_json::{Value, json};
 
 /// Rounds for JSON; a negative value that rounds to zero becomes plain zero.
 #[must_use]
@@ -11,6 +14,41 @@ pub fn round_to(value: f64, decimals: i32) -> f64 {
 #[must_use]
 pub fn f32_as_f64(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+/// Coefficients of a calibration for JSON: at most nine digits, as of an f32.
+#[must_use]
+pub fn coefficients_json(calibration: &Calibration) -> Value {
+    json!({
+        "w": calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
+        "b_ut": calibration.b_ut.map(f32_as_f64),
+    })
+}
+
+/// Value that a fraction `part` of the numbers does not exceed; none of no numbers.
+#[must_use]
+pub fn quantile(numbers: impl IntoIterator<Item = f64>, part: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = numbers.into_iter().collect();
+    sorted.sort_by(f64::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((part * last as f64).round() as usize).copied()
+}
+
+/// Median; NaN of no numbers.
+#[must_use]
+pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    quantile(numbers, 0.5).unwrap_or(f64::NAN)
+}
+
+/// Circular mean of finite angles, degrees.
+#[must_use]
+pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let finite = angles.into_iter().filter(|angle| angle.is_finite());
+    let sums = finite.map(|angle| angle.to_radians().sin_cos()).fold(None, |sums, (s, c)| {
+        let (sin, cos) = sums.unwrap_or((0.0, 0.0));
+        Some((sin + s, cos + c))
+    });
+    sums.map(|(sin, cos)| sin.atan2(cos).to_degrees())
 }
 
 /// Formats a number; a dash if it is not finite.

@@ -20,6 +20,7 @@ use serde::Serialize;
 
 use trial::{ConstantErrorSigmas, Ranges, Recording, Trial};
 
+use crate::numbers::{median, quantile};
 use crate::score::within_percent;
 
 /// Extent of the study.
@@ -98,7 +99,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let all_of =
         |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     AccuracyResult {
-        bound_median_deg: quantile(trials.iter().map(|t| t.bound_deg), 0.5),
+        bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
         methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
         coverage: coverage(&all_of(|t| &t.normalised)),
         coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
@@ -204,20 +205,13 @@ fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodRes
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
         wrong: sum(|c| c.wrong),
-        rms_median_deg: quantile(solved_ones().map(|(_, counts)| counts.rms_deg()), 0.5),
-        ratio_median: quantile(ratios(), 0.5),
-        ratio_worst_decile: quantile(ratios(), 0.9),
+        rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
+        ratio_median: median(ratios()),
+        ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
     }
 }
 
 fn coverage(normalised: &[f64]) -> Coverage {
     let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
     Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
-}
-
-fn quantile(values: impl Iterator<Item = f64>, part: f64) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let index = (sorted.len().saturating_sub(1) as f64 * part).round() as usize;
-    sorted.get(index).copied().unwrap_or(f64::NAN)
 }

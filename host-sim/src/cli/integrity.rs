@@ -10,14 +10,14 @@ use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
-    let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
+    let Integrity { heading, aircraft, source, flights, seed, .. } = *options;
     let is_to_be_had = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
         list(&is_to_be_had);
         return Ok(ExitCode::SUCCESS);
     }
     let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
-    let plan = IntegrityPlan { flights: options.flights, seed: options.seed, heading, aircraft, source };
+    let plan = IntegrityPlan { flights, seed, heading, aircraft, source };
     let bar = progress("flights", integrity::flights(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();

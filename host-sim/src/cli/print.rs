@@ -5,9 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
-use autoswing::calibration::Calibration;
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
-use host_sim::numbers::{f32_as_f64, round_to};
+use host_sim::numbers::round_to;
 use host_sim::report::{self, Report};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
@@ -127,13 +126,6 @@ pub fn command_line() -> String {
         if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
     });
     std::iter::once("host-sim".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
-}
-
-pub fn coefficients_json(calibration: &Calibration) -> Value {
-    json!({
-        "w": calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
-        "b_ut": calibration.b_ut.map(f32_as_f64),
-    })
 }
 
 pub fn right_aligned(text: impl ToString) -> Cell {

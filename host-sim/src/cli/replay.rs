@@ -6,7 +6,6 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use autoswing::heading::NoHeading;
-use clap::ValueEnum as _;
 use comfy_table::Table;
 use host_sim::log::{self, LogError};
 use host_sim::replay::HeadingRow;
@@ -16,12 +15,12 @@ use host_sim::replay::verdict::Verdict;
 use host_sim::report::{self, ReportOrigin};
 
 use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
-use super::{Failure, Replay, waiting};
+use super::{Failure, Replay, SAMPLES, waiting};
 
 pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let name = options.file.display();
     let bar = waiting("reading the log");
-    let flight = log::open(&options.file, options.unit.into(), options.system).map_err(|e| match e {
+    let flight = log::open(&options.file, options.unit, options.system).map_err(|e| match e {
         LogError::Io(why) => {
             Failure(format!("cannot read {name}: {why}; give the path of a log, or - for standard input"))
         }
@@ -31,7 +30,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
     let evaluation = evaluate_flight(
         &flight,
         &EvaluationOptions {
-            selected: options.samples.into(),
+            selected: options.samples,
             compass: options.compass,
             inclination_deg: options.inclination,
             fit_until_s: options.fit_until,
@@ -43,8 +42,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
         let numbers: Vec<String> = flight.compasses.iter().map(|compass| compass.number.to_string()).collect();
         return Err(Failure(format!("{name}: the log has no compass of this number; it has {}", numbers.join(", "))));
     }
-    let format =
-        options.params_for.map_or_else(|| ParameterFormat::for_autopilot(flight.autopilot), ParameterFormat::from);
+    let format = options.params_for.unwrap_or_else(|| ParameterFormat::for_autopilot(flight.autopilot));
     let verdict = Verdict::new(&flight, &evaluation, format);
     let parameters = verdict.parameters();
     let parameter_file = || parameter_export::format_parameter_file(&flight, &parameters, format);
@@ -77,7 +75,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
 }
 
 fn settings(options: &Replay) -> Vec<[String; 2]> {
-    let samples = options.samples.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+    let samples = SAMPLES.iter().find(|(_, value)| *value == options.samples).map_or("", |(name, _)| name).to_owned();
     let age = options.age.map_or_else(|| "estimated from the flight".to_owned(), |ms| format!("{ms} ms"));
     let mut settings = vec![["samples".to_owned(), samples], ["age of the field".to_owned(), age]];
     let given = [

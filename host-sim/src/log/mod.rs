@@ -32,8 +32,8 @@ mod tlog;
 mod ulog;
 pub mod write;
 
-pub(crate) use correction::px4_mounting;
 pub use correction::{FieldCorrection, missing_ardupilot_parameters, mounting_parameter_changes};
+pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts};
 pub use parameters::ParameterHistory;
 pub use rotation::NumberedRotation;

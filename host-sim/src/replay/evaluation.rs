@@ -273,12 +273,6 @@ fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     f64::from(row.attitude.level(field).heading_rad().to_degrees())
 }
 
-/// Median; NaN if empty.
-pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
-    numbers.sort_by(f64::total_cmp);
-    numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 fn place(flight: &Flight) -> Option<Position> {
     let rows = flight.gps.rows();
     let gps = Gps::from_columns(rows.get(rows.len() / 2)?.values);

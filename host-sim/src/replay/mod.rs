@@ -35,6 +35,7 @@ use autoswing::messages::Refusal;
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
+use crate::numbers::mean_angle_deg;
 use crate::score::{within_percent, wrap_180};
 
 /// Rows used for the fit.
@@ -452,16 +453,9 @@ fn score(rows: &[ReplayRow], mut heading: impl FnMut(&ReplayRow) -> Option<(f64,
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })
         .collect();
-    if errors.is_empty() {
-        return None;
-    }
     let number = errors.len() as f64;
-    // Circular mean, so that errors near 180 deg do not cancel.
-    let (sin, cos) = errors.iter().fold((0.0, 0.0), |(sin, cos), (error, _)| {
-        let (s, c) = error.to_radians().sin_cos();
-        (sin + s, cos + c)
-    });
-    let mean_deg = sin.atan2(cos).to_degrees();
+    // Circular, so that errors near 180 deg do not cancel.
+    let mean_deg = mean_angle_deg(errors.iter().map(|(error, _)| *error))?;
     let rest = |error: f64| wrap_180(error - mean_deg);
     let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
     Some(HeadingScore {

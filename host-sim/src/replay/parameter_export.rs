@@ -11,7 +11,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
 
 use super::evaluation::{CompassEvaluation, score_correction};
 use super::{HeadingScore, ReplayRow};
-use crate::log::{Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting};
+use crate::log::{
+    Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
+};
 use crate::score::wrap_180;
 
 /// Format of a parameter file.
@@ -188,10 +190,6 @@ fn nearest(
     let total = |iron: &FieldCorrection| -> f64 { pairs.iter().map(|(row, _)| row.corrected(iron).norm()).sum() };
     let size = total(&near) / total(&found);
     if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
-}
-
-fn symmetric_matrix(d: &Vector3<f64>, o: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
 }
 
 fn heading_deg(row: &ReplayRow, iron: &FieldCorrection) -> f64 {

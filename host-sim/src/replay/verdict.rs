@@ -14,7 +14,7 @@ use super::note::Note;
 use super::parameter_export::{ExportedCorrection, ParameterFormat, export_correction};
 use super::{HeadingScore, ReplayResult, RowCounts};
 use crate::log::Flight;
-use crate::numbers::{f32_as_f64, format_number, round_to};
+use crate::numbers::{coefficients_json, format_number, round_to};
 
 /// Version of the JSON schema.
 const SCHEMA: u32 = 2;
@@ -501,10 +501,7 @@ fn result_json(result: &ReplayResult) -> Value {
         "accepted": result.accepted.is_ok(),
         "refusal": result.refusal().map(|r| json!({ "code": r.code(), "words": r.to_string() })),
         "method": solution.map(|s| s.quality.method.name()),
-        "coefficients": solution.map(|s| json!({
-            "w": s.calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
-            "b_ut": s.calibration.b_ut.map(f32_as_f64),
-        })),
+        "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
         "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),
         "expected_rms_deg": solution.map(|s| rounded(s.quality.expected_rms_deg, 3)),
         "iron_changed_ut": solution.and_then(|s| s.hard_iron_change).map(|finding| rounded(finding.violation.size_ut, 2)),

@@ -11,6 +11,7 @@ use super::frozen_field::frozen_intervals_s;
 use super::reference::ReferenceHeading;
 use crate::log::series::{Series, Stamped};
 use crate::log::{Compass, FieldCorrection, Flight};
+use crate::numbers::quantile;
 
 /// Largest gap between attitudes, seconds: one lost at 3 Hz.
 const MAX_GAP_S: f64 = 0.7;
@@ -346,9 +347,7 @@ fn motion_at(rates: &Series<3>, at: &Stamped<3>) -> Option<EulerRates> {
 }
 
 pub(super) fn median_step_s(rows: &[ReplayRow]) -> Option<f64> {
-    let mut steps_s: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    steps_s.sort_by(f64::total_cmp);
-    steps_s.get(steps_s.len() / 2).copied()
+    quantile(rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s), 0.5)
 }
 
 #[cfg(test)]
