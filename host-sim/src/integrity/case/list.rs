@@ -3,8 +3,8 @@
 use std::f64::consts::TAU;
 
 use super::{COUNTS_PER_UT, Case, DrawnCase, IN_TURN_S, LEVEL_FLIGHT_S, Onset, SENSOR_SIGMA, SOON_S, USE_S};
-use crate::faults::attitude::AttitudeSpikes;
-use crate::faults::sensor::{AdditionalNoise, MeasurementSpikes};
+use crate::faults::attitude::attitude_spikes;
+use crate::faults::sensor::{additional_noise, measurement_spikes};
 use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::SenderKind;
 
@@ -56,14 +56,14 @@ pub static CASES: &[Case] = &[
     case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
     case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
         flight.stick_axes([true; 3]);
-        flight.add_sensor_fault(flight.onset, AdditionalNoise::new(flight.switch(), SENSOR_SIGMA, flight.seed));
+        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA, flight.seed));
     }),
     case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
-        let fault = MeasurementSpikes::new(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
+        let fault = measurement_spikes(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
         flight.add_sensor_fault(Onset::SOON, fault);
     }),
     case("sensor-noise", "five times the sensor's noise", |flight| {
-        let fault = AdditionalNoise::new(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA, flight.seed);
+        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA, flight.seed);
         flight.add_sensor_fault(Onset::SOON, fault);
     }),
     case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON)),
@@ -78,7 +78,7 @@ pub static CASES: &[Case] = &[
     }),
     case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
     case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
-        flight.add_attitude_fault(Onset::SOON, AttitudeSpikes::new(flight.switch(), 0.01, flight.seed));
+        flight.add_attitude_fault(Onset::SOON, attitude_spikes(flight.switch(), 0.01, flight.seed));
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
         flight.add_sender(Some(SenderKind::Other));

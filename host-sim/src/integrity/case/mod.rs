@@ -9,11 +9,13 @@ use nalgebra::Vector3;
 
 use super::AttitudeProtocol;
 use crate::faults::attitude::{
-    AdditionalLatency, AttitudeBias, AttitudeFault, AttitudeQuantisation, BankScaleError, FilterAlignment,
-    FrozenAttitude, RateScaleError, SecondSender,
+    AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
+    filter_alignment, frozen_attitude, rate_scale_error,
 };
-use crate::faults::field::{FieldFault, HardIronChange, OtherPlace, PassingObject, ThrottleInterference, ZeroDrift};
-use crate::faults::sensor::{AxisClipping, RegisterUpset, SensorFault, StuckAxes};
+use crate::faults::field::{
+    FieldFault, OtherPlace, hard_iron_change, passing_object, throttle_interference, zero_drift,
+};
+use crate::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
 use crate::faults::{Faults, Switch};
 use crate::random::{Purpose, Random};
 use crate::routine::{Routine, TurnPlan};
@@ -192,7 +194,7 @@ impl DrawnCase {
 
     fn stick_axes(&mut self, axes: [bool; 3]) {
         let onset = self.random_onset();
-        self.add_sensor_fault(onset, StuckAxes::new(self.switch(), axes));
+        self.add_sensor_fault(onset, stuck_axes(self.switch(), axes));
     }
 
     fn upset_register(&mut self, register: u8, bits: u8) {
@@ -204,15 +206,15 @@ impl DrawnCase {
     fn clip_axis(&mut self, onset: Onset) {
         let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
         let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
-        self.add_sensor_fault(onset, AxisClipping { switch: self.switch(), axis, limit_counts });
+        self.add_sensor_fault(onset, axis_clipping(self.switch(), axis, limit_counts));
     }
 
     fn quantise_attitude(&mut self) {
-        self.faults.attitude.push(Box::new(AttitudeQuantisation { resolution_deg: 0.1 }));
+        self.faults.attitude.push(Box::new(attitude_quantisation(0.1)));
     }
 
     fn freeze_attitude(&mut self, after_s: f64) {
-        self.add_attitude_fault(Onset::permanent_after(after_s), FrozenAttitude::new(self.switch()));
+        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.switch()));
     }
 
     /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
@@ -224,7 +226,7 @@ impl DrawnCase {
     fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random.uniform(0.0, TAU);
         let bias_rad = [direction_rad.cos(), direction_rad.sin()].map(|part| degrees.to_radians() * part);
-        self.add_attitude_fault(Onset::SOON, AttitudeBias { switch: self.switch(), bias_rad });
+        self.add_attitude_fault(Onset::SOON, attitude_bias(self.switch(), bias_rad));
     }
 
     /// The autopilot's attitude filter aligns on the ground.
@@ -234,12 +236,12 @@ impl DrawnCase {
             [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
         self.add_attitude_fault(
             Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S },
-            FilterAlignment { switch: self.switch(), amplitude_deg, periods_s: [roll_s, pitch_s] },
+            filter_alignment(self.switch(), amplitude_deg, [roll_s, pitch_s]),
         );
     }
 
     fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
-        self.add_attitude_fault(onset, BankScaleError { switch: self.switch(), reported_ratio });
+        self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
     }
 
     fn delay_attitude(&mut self, latency_ms: u64) {
@@ -248,35 +250,35 @@ impl DrawnCase {
     }
 
     fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(Onset::SOON, RateScaleError { switch: self.switch(), factor });
+        self.add_attitude_fault(Onset::SOON, rate_scale_error(self.switch(), factor));
     }
 
     fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
-        self.add_field_fault(Onset::SOON, HardIronChange { switch: self.switch(), change_ut });
+        self.add_field_fault(Onset::SOON, hard_iron_change(self.switch(), change_ut));
     }
 
     fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_ut(magnitude_ut);
         let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
         let onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
-        self.add_field_fault(onset, HardIronChange { switch: self.switch(), change_ut });
+        self.add_field_fault(onset, hard_iron_change(self.switch(), change_ut));
     }
 
     fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_ut(full_ut);
-        self.add_field_fault(Onset::SOON, ThrottleInterference::new(self.switch(), full_ut, self.seed));
+        self.add_field_fault(Onset::SOON, throttle_interference(self.switch(), full_ut, self.seed));
     }
 
     fn drift_zero(&mut self, onset: Onset) {
         let change_ut = self.random_ut(10.0);
-        self.add_field_fault(onset, ZeroDrift { switch: self.switch(), change_ut });
+        self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
     }
 
     fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
         let peak_ut = self.random_ut(peak_ut);
         let onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
-        self.add_field_fault(onset, PassingObject { switch: self.switch(), peak_ut });
+        self.add_field_fault(onset, passing_object(self.switch(), peak_ut));
     }
 
     fn move_to_other_place(&mut self) {
