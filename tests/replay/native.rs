@@ -132,7 +132,9 @@ fn an_internal_compass_is_given_no_orientation() {
     let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
     let mut handed = parameter_export::export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
     handed.rotation = NumberedRotation::new(2.0).unwrap();
-    for (external, line) in [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: COMPASS_EXTERNAL is 0")] {
+    for (external, line) in
+        [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: not used, because COMPASS_EXTERNAL is 0")]
+    {
         flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
         let text =
             parameter_export::format_parameter_file(&flight, std::slice::from_ref(&handed), ParameterFormat::ArduPilot);

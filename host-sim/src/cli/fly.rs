@@ -89,8 +89,8 @@ fn made(options: &Fly) -> ReportOrigin {
         setting("seed", options.seed.to_string()),
     ];
     if options.current > 0.0 {
-        let told = if options.tell_current { ", told" } else { "" };
-        settings.push(setting("iron by current", format!("{} uT{told}", options.current)));
+        let reported = if options.tell_current { ", reported" } else { "" };
+        settings.push(setting("motor-current interference", format!("{} uT{reported}", options.current)));
     }
     settings.push(setting("turns", format!("{} circles each way, {} deg of bank", options.circles, options.bank)));
     ReportOrigin { command: command_line(), settings, ..ReportOrigin::default() }

@@ -118,9 +118,9 @@ impl Note {
         let mut add_if = |applies: bool, note: Self| notes.extend(applies.then_some(note));
         add_if(counts.restarts > 0, Self::Restarts(counts.restarts));
         for (number, items) in [
-            (counts.garbage, "bytes or lines that belong to nothing"),
-            (counts.bad_times, "messages whose time is nonsense"),
-            (counts.unhealthy, "readings that the autopilot called unhealthy, or that are no field"),
+            (counts.garbage, "bytes or lines that were not recognised"),
+            (counts.bad_times, "messages with an invalid time"),
+            (counts.unhealthy, "readings out of range, or marked unhealthy by the autopilot"),
         ] {
             add_if(number > 0, Self::Skipped(number, items));
         }
@@ -193,28 +193,27 @@ impl fmt::Display for Note {
         let list = |numbers: &[u8]| numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
         match self {
             Self::NoBodyRates => f.write_str(
-                "no body rates are logged: attitude is interpolated on straight lines, and nothing is smoothed",
+                "no body rates are logged: attitude is interpolated linearly, and headings are not smoothed",
             ),
             Self::OtherAttitude(source) => {
-                write!(f, "the autopilot's own attitude is not logged: {source}'s is taken")
+                write!(f, "the autopilot's own attitude is not logged; that of {source} is used")
             }
             Self::FieldWithoutTime => f.write_str(
-                "rows of the field carry no time, as it was until 2014: that of the last message that has one is taken, \
-                 which may be a tenth of a second earlier",
+                "field rows carry no time (logs until 2014); each has that of the message before it, up to a tenth of a \
+                 second early",
             ),
             Self::SmallTilt(most_deg) => {
-                write!(f, "the attitude tilts by {most_deg:.2} deg at most: are these radians in columns of degrees?")
+                write!(f, "the attitude tilts by {most_deg:.2} deg at most: radians in columns of degrees?")
             }
             Self::SlowField(hz) => write!(
                 f,
-                "the field comes {hz:.1} times a second; the module reads its own ten times, so what it adjusts in \
-                 flight is left out of its headings",
+                "the field is logged {hz:.1} times a second, too slowly for the monitor (ten times): headings are without \
+                 its adjustments",
             ),
             Self::RatesLost(percent) => write!(
                 f,
-                "{percent:.0} % of the body rates are lost: what the module smooths and adjusts by them in flight is \
-                 left out of its headings, and so is what it learns of scatter: where the flight is rougher than what \
-                 was fitted to, their sigma is too small",
+                "{percent:.0} % of the body rates are lost: headings are without smoothing and monitor, and their sigma \
+                 does not adapt; it is too small where the flight is rougher than the fitted samples",
             ),
             Self::Strength { compass, found_ut, model_ut, cause } => {
                 let expected = model_ut.map_or_else(
@@ -227,8 +226,8 @@ impl fmt::Display for Note {
             }
             Self::FieldFrozen { compass, interval_s: [from_s, to_s] } => write!(
                 f,
-                "compass {compass}: its field stands still while the aircraft moves, from {from_s:.0} to {to_s:.0} s: \
-                 left out, as the module does (sensor-stuck)",
+                "compass {compass}: its field is constant while the aircraft moves, from {from_s:.0} to {to_s:.0} s; \
+                 these rows are not used, as in the module (sensor-stuck)",
             ),
             Self::FieldEnds { compass, at_s, log_s } => {
                 write!(f, "compass {compass}: its field ends at {at_s:.0} s, the log at {log_s:.0} s")
@@ -238,31 +237,29 @@ impl fmt::Display for Note {
                     changes.iter().map(|(name, at_s)| format!("{name} after {at_s:.0} s")).collect();
                 write!(
                     f,
-                    "mountings were changed in the log: {}; what was logged before is in other axes than what was \
-                     logged after, and no calibration holds for both",
+                    "mountings were changed in the log: {}; no calibration fits the rows both before and after a change",
                     changes.join(", ")
                 )
             }
             Self::OtherAutopilots(own, others) => write!(
                 f,
-                "more than one autopilot of the same system on the link: component {own} is judged, which was heard \
-                 first, not {}",
+                "several autopilots of the same system on the link: component {own}, received first, is evaluated, not {}",
                 list(others)
             ),
             Self::RatesContradicted(percent) => write!(
                 f,
-                "the attitude changes otherwise than the body rates say in {percent} % of the log, which is left out: \
-                 are the rates in another unit, or of other axes?",
+                "the attitude contradicts the body rates in {percent} % of the log, which is not used: are the rates in \
+                 another unit, or of other axes?",
             ),
             Self::OtherVehicles(own, others) => write!(
                 f,
-                "several vehicles on the link: system {own} is judged; --system judges another ({})",
+                "several vehicles on the link: system {own} is evaluated; --system selects another ({})",
                 list(others)
             ),
             Self::Restarts(number) => {
-                write!(f, "the autopilot restarted {number} time(s) in the file; time goes on after each")
+                write!(f, "the autopilot restarted {number} time(s) in the log; time continues after each")
             }
-            Self::Skipped(number, items) => write!(f, "passed over: {number} {items}"),
+            Self::Skipped(number, items) => write!(f, "skipped: {number} {items}"),
             Self::ThrottleCompensation => f.write_str(
                 "the autopilot compensates by throttle; interference is estimated only from a logged current",
             ),
@@ -271,10 +268,10 @@ impl fmt::Display for Note {
                 "no current is logged: motor-current interference is neither estimated nor part of the expected error",
             ),
             Self::MissingParameters(names) => {
-                write!(f, "parameters that are not in the log, taken as if never set: {}", names.join(", "))
+                write!(f, "parameters that are not in the log, assumed unset: {}", names.join(", "))
             }
             Self::NoParameters => {
-                f.write_str("the parameters are not in the log: what the autopilot had applied could not be undone")
+                f.write_str("the parameters are not in the log: the autopilot's correction could not be undone")
             }
         }
     }
@@ -319,11 +316,11 @@ mod tests {
                 },
                 "tilts by 1.15 deg at most",
             ),
-            (|flight| flight.systems = vec![3, 7, 9], "system 3 is judged; --system judges another (7, 9)"),
+            (|flight| flight.systems = vec![3, 7, 9], "system 3 is evaluated; --system selects another (7, 9)"),
             (|flight| flight.counts.restarts = 2, "restarted 2 time"),
-            (|flight| flight.counts.garbage = 3, "passed over: 3 bytes or lines"),
-            (|flight| flight.counts.bad_times = 4, "passed over: 4 messages whose time"),
-            (|flight| flight.counts.unhealthy = 5, "passed over: 5 readings"),
+            (|flight| flight.counts.garbage = 3, "skipped: 3 bytes or lines"),
+            (|flight| flight.counts.bad_times = 4, "skipped: 4 messages with an invalid time"),
+            (|flight| flight.counts.unhealthy = 5, "skipped: 5 readings"),
             (|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 1.0), "compensates by throttle"),
             (|flight| flight.current = crate::log::series::Series::new(), "no current is logged"),
             (|flight| flight.parameters = crate::log::ParameterHistory::default(), "the parameters are not in the log"),

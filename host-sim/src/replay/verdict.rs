@@ -371,7 +371,7 @@ impl fmt::Display for FlightOutcome {
         let (Self::Calibrated { slow_attitude_s, .. } | Self::Refused { slow_attitude_s, .. }) = self;
         let slow = slow_attitude_s.map_or_else(String::new, |interval_s| {
             let hz = 1.0 / interval_s;
-            format!("the attitude comes {hz:.1} times a second, and below 3 Hz what lies between is a guess")
+            format!("the attitude is logged {hz:.1} times a second; below 3 Hz its interpolation is unreliable")
         });
         let slow_after = |joint: &str| if slow.is_empty() { String::new() } else { format!("; {joint}{slow}") };
         match self {
@@ -388,7 +388,7 @@ impl fmt::Display for FlightOutcome {
                 match at_s {
                     Some([first, last]) if last - first < 1.5 => write!(f, " by itself, {first:.0} s into the flight"),
                     Some([first, last]) => write!(f, " by itself, {first:.0} to {last:.0} s into the flight"),
-                    None => f.write_str(" when asked to at the end of the flight"),
+                    None => f.write_str(" by a command at the end of the flight"),
                 }?;
                 write!(f, ", expecting {expected_deg:.1} deg{}", slow_after("but "))
             }
@@ -421,10 +421,10 @@ impl fmt::Display for FlightRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::FewReadings(number) => {
-                write!(f, "the log holds {number} readings of the field, which is no flight")
+                write!(f, "the log has {number} readings of the field, too few for a flight")
             }
             Self::FewRows { readings, used, rejected: (number, why) } => {
-                write!(f, "of {readings} readings of the field {used} may be used, {number} are {why}")
+                write!(f, "of {readings} readings of the field {used} are usable; {number} are {why}")
             }
             Self::Module(refusal) => refusal.fmt(f),
         }
@@ -437,7 +437,7 @@ impl fmt::Display for CompassOutcome {
             Self::Automatic(after_s) => {
                 write!(f, "would have calibrated itself after {} s", format_number(*after_s, 0))
             }
-            Self::Commanded => f.write_str("would have calibrated when asked to at the end"),
+            Self::Commanded => f.write_str("would have calibrated by a command at the end"),
             Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.code()),
         }
     }

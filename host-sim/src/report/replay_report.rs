@@ -127,7 +127,7 @@ fn swung(
         ..CompassReport::default()
     };
     let [before, after] = swung.subtract_mean_errors();
-    for (what, mean) in [("mean as logged, taken out", before), ("mean with ours, taken out", after)] {
+    for (what, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
         if let Some(mean) = mean {
             swung.facts.push([what.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
         }
@@ -320,7 +320,7 @@ mod tests {
         assert!(taken.accepted && !refused.accepted);
         let asked = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
         assert!(asked.compasses[0].marks.is_empty());
-        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated when asked to at the end");
+        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated by a command at the end");
     }
 
     #[test]

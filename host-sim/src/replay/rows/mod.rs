@@ -109,9 +109,9 @@ impl RowCounts {
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
-            (self.unsettled, "while the attitude was settling"),
-            (self.stuck, "with a field that stands still"),
-            (self.kept_out, "kept out by the log"),
+            (self.unsettled, "while the attitude contradicts the body rates"),
+            (self.stuck, "with a frozen field"),
+            (self.kept_out, "excluded by the log"),
         ]
     }
 

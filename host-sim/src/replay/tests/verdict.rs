@@ -26,7 +26,7 @@ fn a_verdict_tells_when_and_how_well_the_worst_does() {
     assert!(at(Some(41.4)).contains("by itself, 40 s into"), "{}", at(Some(41.4)));
     assert!(at(Some(41.6)).contains("by itself, 40 to 42 s into"), "{}", at(Some(41.6)));
     assert!(at(Some(12.0)).contains("by itself, 12 to 40 s into"), "{}", at(Some(12.0)));
-    assert!(at(None).contains("when asked to at the end of the flight, expecting 0.9 deg"), "{}", at(None));
+    assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
     let refused = of_two(|second| (second.module.accepted, second.module.ended_s) = (REFUSED, None));
     assert!(
         refused.contains("1 of 2 compasses (number 1) by itself, 40 s into the flight, expecting 0.5"),
@@ -57,8 +57,8 @@ fn a_log_of_nearly_nothing_is_the_cause_of_a_refusal() {
         let own = compass.module.refusal().unwrap().to_string();
         FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
     };
-    assert!(refused(19, 19).ends_with("the log holds 19 readings of the field, which is no flight"));
-    assert!(refused(20, 19).ends_with("of 20 readings of the field 19 may be used, 1 are disarmed"));
+    assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
+    assert!(refused(20, 19).ends_with("of 20 readings of the field 19 are usable; 1 are disarmed"));
     assert_eq!(refused(20, 20), "the module would have refused: its own");
 }
 
@@ -120,7 +120,7 @@ fn parameters_that_are_missing_are_told() {
             .collect::<Vec<_>>()
     };
     assert_eq!(found(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
-    let missing = "parameters that are not in the log, taken as if never set: COMPASS_OFS_X, COMPASS_OFS_Z";
+    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
     assert_eq!(found(&["COMPASS_OFS_Y"]), [missing]);
     let none = found(&[]);
     assert!(none.len() == 1 && none[0].starts_with("the parameters are not in the log"), "{none:?}");

@@ -81,7 +81,7 @@ fn kinds(knows_fitted: bool) -> [TrackClass; 2] {
     let kind = |name, class, belongs| TrackClass { name, class, belongs };
     if knows_fitted {
         [
-            kind("does not count", "l l0 thin faint", |moment| !moment.is_usable),
+            kind("not used", "l l0 thin faint", |moment| !moment.is_usable),
             kind("flown, counts", "trace", |moment| moment.is_usable),
         ]
     } else {

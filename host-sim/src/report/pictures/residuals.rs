@@ -23,7 +23,7 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
     let error = format!("{word}, deg");
     let panels: Vec<Panel<'_>> = [
         ("strength, %", (|moment| moment.norm_residual_percent) as fn(&ReportSample) -> Option<f64>),
-        ("dip, deg", |moment| moment.inclination_residual_deg),
+        ("inclination, deg", |moment| moment.inclination_residual_deg),
         (&error, |moment| moment.error_deg),
     ]
     .into_iter()
@@ -39,7 +39,7 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
         (LegendSample::Line("l trace"), "as it was"),
         (LegendSample::Line("edge"), "expected, 1 sigma"),
         (LegendSample::Area("bent"), "would not be sent"),
-        (LegendSample::Area("off"), "does not count"),
+        (LegendSample::Area("off"), "not used"),
     ];
     let top = draw_legend(&mut svg, [16.0, 8.0], WIDTH + 60.0, &items) + 15.0 * rows;
     let mut beyond = 0;
