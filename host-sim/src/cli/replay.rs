@@ -26,7 +26,7 @@ pub fn run(options: &Replay) -> Result<ExitCode, Failure> {
         }
         other => Failure(format!("{name}: {other}")),
     })?;
-    bar.set_message("judging its compasses");
+    bar.set_message("evaluating the compasses");
     let evaluation = evaluate_flight(
         &flight,
         &EvaluationOptions {

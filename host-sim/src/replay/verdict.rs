@@ -221,7 +221,7 @@ impl<'a> Verdict<'a> {
         }
         if let Some(exported) = parameters {
             let lost = format_number(exported.heading_loss_deg[0], 2);
-            add("as parameters", format!("{lost} deg RMS of it are lost"));
+            add("as parameters", format!("{lost} deg RMS lost"));
             exported.warnings.iter().for_each(|warning| add("parameters", warning.clone()));
         }
         facts

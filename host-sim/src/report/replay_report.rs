@@ -61,7 +61,7 @@ fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
-            limits: "the log has no heading to compare with: shown is what the module would have changed".to_owned(),
+            limits: "the log has no reference heading; shown is the change by the module".to_owned(),
         },
     }
 }

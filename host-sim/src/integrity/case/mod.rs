@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 
-use super::AttitudeProtocol;
+use super::{AttitudeProtocol, use_legs};
 use crate::faults::attitude::{
     AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
     filter_alignment, frozen_attitude, rate_scale_error,
@@ -22,7 +22,9 @@ use crate::routine::{Routine, TurnPlan};
 use crate::world::WorldConfig;
 use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::SenderKind;
+use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
+use crate::world::far_end::FarEnd;
 use crate::world::rotation::Euler;
 
 pub use list::CASES;
@@ -34,7 +36,7 @@ pub struct Case {
     pub name: &'static str,
     /// Description of the fault.
     pub description: &'static str,
-    /// Changes world, routine, onset and use of the flight, and adds faults.
+    /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
     set_up: fn(&mut DrawnCase),
     /// Vehicles to which the case applies.
     vehicles: fn(VehicleKind) -> bool,
@@ -71,8 +73,10 @@ pub enum Onset {
 
 /// Case with random values drawn from a seed.
 pub struct DrawnCase {
-    /// Airframe, place, weather, attitude source.
+    /// Airframe, place, weather, errors of the attitude source.
     pub world: WorldConfig,
+    /// Attitude source.
+    pub far_end: FarEnd,
     /// Calibration routine.
     pub routine: Routine,
     /// Injected faults.
@@ -85,6 +89,8 @@ pub struct DrawnCase {
     pub ground_time_s: f64,
     /// Duration of use, seconds.
     pub use_s: f64,
+    /// Draws the further legs of use, after the first.
+    pub next_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
     seed: u64,
     random: Random,
 }
@@ -144,15 +150,17 @@ impl Case {
 
     /// Draws the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64, aircraft: VehicleKind) -> DrawnCase {
+    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> DrawnCase {
         let mut drawn = DrawnCase {
             world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
+            far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
             switch: Switch::off(),
             onset: Onset::Never,
             ground_time_s: 0.0,
             use_s: USE_S,
+            next_legs: use_legs::next_legs,
             seed,
             random: Random::new(seed, Purpose::Case),
         };

@@ -32,7 +32,7 @@ pub fn common_scale_picture(swung: &CompassReport, word: &str) -> Picture {
             )
         }
         (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
-        _ => "There is nothing to compare with.".to_owned(),
+        _ => "There is no reference heading.".to_owned(),
     };
     Picture { svg, title, description: words, is_wide: false }
 }

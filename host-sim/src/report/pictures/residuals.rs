@@ -77,8 +77,8 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
 }
 
 fn words(swung: &CompassReport, beyond: usize) -> String {
-    const WHAT: &str = "The corrected field against the Earth's, in strength and dip: steady iron and a right calibration \
-                        leave noise about nothing, iron that moves or a current leaves steps and bumps.";
+    const WHAT: &str = "Strength and inclination of the corrected field, less the Earth's: with a correct calibration only \
+                        noise about zero remains; a change of hard iron is a step, motor current or iron nearby a bump.";
     let mut words = vec![WHAT.to_owned()];
     for mark in &swung.marks {
         words.push(format!("{} s: {}.", format_number(mark.at_s, 0), mark.name));
