@@ -11,7 +11,8 @@ use autoswing::calibration::{ConsiderSigmas, Method};
 use super::flight::{Flight, FlightPattern};
 use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
 use super::{
-    AccuracyPlan, COVERAGE_EVERY, Coverage, HEADINGS, SolveCounts, coverage, cramer_rao, d_optimal, retention, solve,
+    AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, cramer_rao, d_optimal, retention, solve,
+    use_headings,
 };
 use crate::numbers::{median, quantile};
 use crate::world::aircraft::VehicleKind;
@@ -102,20 +103,16 @@ impl FlightResult {
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
             tried.counts.add(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_EVERY == 0 {
-                tried.normalised.extend(use_headings(&trial, draw, ConsiderSigmas::ZERO));
-                tried.normalised_with_faults.extend(use_headings(&trial, draw, ConsiderSigmas::DEFAULT));
+                let record = |faults| {
+                    let (samples, source) = trial.record_all(draw, faults);
+                    (retention::retain_samples(&samples), source)
+                };
+                tried.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
+                tried.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
             }
         }
         Some(tried)
     }
-}
-
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers.
-fn use_headings(trial: &Trial, draw: u64, consider: ConsiderSigmas) -> Vec<f64> {
-    let (samples, mut used) = trial.record_all(draw, ConstantErrorSigmas::considered_by(consider));
-    let recorded = retention::retain_samples(&samples);
-    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut used)).collect()
 }
 
 fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {

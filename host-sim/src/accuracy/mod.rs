@@ -13,15 +13,14 @@ pub mod flight_study;
 pub mod retention;
 pub mod trial;
 
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
-use autoswing::calibration::{ConsiderSigmas, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
+use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use trial::{ConstantErrorSigmas, Ranges, Recording, Trial};
+use trial::{ConstantErrorSigmas, PostFlightSource, Ranges, Recording, Trial};
 
 use crate::numbers::{median, quantile};
-use crate::score::within_percent;
+use crate::score::{accepted_by_uncalibrated, within_percent};
 
 /// Extent of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,11 +113,16 @@ struct AirframeResult {
     normalised_with_faults: Vec<f64>,
 }
 
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers.
-fn use_headings(trial: &Trial, draw: u64, consider: ConsiderSigmas) -> Vec<f64> {
-    let (recorded, mut used) = trial.record(draw, ConstantErrorSigmas::considered_by(consider));
+/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
+/// `record` records.
+fn use_headings(
+    trial: &Trial,
+    consider: ConsiderSigmas,
+    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
+) -> Vec<f64> {
+    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut used)).collect()
+    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
 }
 
 #[derive(Clone, Copy, Default)]
@@ -151,8 +155,9 @@ impl AirframeResult {
                 counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_EVERY == 0 {
-                tried.normalised.extend(use_headings(trial, draw, ConsiderSigmas::ZERO));
-                tried.normalised_with_faults.extend(use_headings(trial, draw, ConsiderSigmas::DEFAULT));
+                let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
+                tried.normalised.extend(headings(ConsiderSigmas::ZERO));
+                tried.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }
         }
         Some(tried)
@@ -167,25 +172,12 @@ impl SolveCounts {
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let accepted = is_accepted(recorded, solution);
+        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
         self.solved += 1;
         self.squares += square;
         self.accepted += u32::from(accepted);
         self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
     }
-}
-
-/// Whether an uncalibrated module accepts the solution.
-fn is_accepted(recorded: &Recording, solution: &Solution) -> bool {
-    let grounds =
-        AcceptanceSamples { fit: recorded.samples(), held_back: recorded.held_back(), is_attitude_known: true };
-    acceptance::evaluate_candidate(
-        &AcceptancePolicy::DEFAULT,
-        solution,
-        grounds,
-        &Incumbent::uncalibrated(Orientation::NONE),
-    )
-    .is_ok()
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {

@@ -19,7 +19,7 @@ pub use rows::{AttitudeSample, ReplayRow, RowCounts, attitudes_between, build_ro
 
 use crate::log::Flight;
 
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent, Rejection};
+use autoswing::acceptance::Rejection;
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
@@ -36,7 +36,7 @@ use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
 use crate::numbers::mean_angle_deg;
-use crate::score::{within_percent, wrap_180};
+use crate::score::{accepted_by_uncalibrated, within_percent, wrap_180};
 
 /// Rows used for the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,8 +152,6 @@ pub struct ReplayResult {
     pub score: Option<HeadingScore>,
     /// Score of the heading sent, smoothed if available.
     pub smoothed_score: Option<HeadingScore>,
-    /// Score of the uncorrected field.
-    pub uncorrected_score: Option<HeadingScore>,
 }
 
 impl ReplayResult {
@@ -208,8 +206,6 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         Ok((solution, accepted)) => (Some(solution), accepted),
         Err(error) => (None, Err(ReplayRefusal::Solve(error))),
     };
-    let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
-    let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let of = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
@@ -227,7 +223,6 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         headings: shown,
         score: raw,
         smoothed_score: smooth,
-        uncorrected_score: uncorrected,
     }
 }
 
@@ -329,7 +324,13 @@ fn from_collected(collector: &Collector<'_>, known: &SolverPrior) -> FitOutcome 
     let fit = selection.select(collector.fit());
     let solved = method_selection::select_method(collector.fit(), procedure)
         .and_then(|method| known.solve(method, fit))
-        .map(|solution| (solution, judged(&solution, fit, selection.select(collector.held_back()))));
+        .map(|solution| {
+            (
+                solution,
+                accepted_by_uncalibrated(&solution, fit, selection.select(collector.held_back()))
+                    .map_err(ReplayRefusal::Rejected),
+            )
+        });
     (solved, fit.all().map(sample_time_s).collect(), collector.problem())
 }
 
@@ -343,9 +344,12 @@ fn from_all(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
             .collect()
     };
     let (fit, held_back) = (SamplesByBank::from_samples(&thinned(0.0)), SamplesByBank::from_samples(&thinned(0.5)));
-    let solved = known
-        .solve(Method::MaximumLikelihood, fit.samples())
-        .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
+    let solved = known.solve(Method::MaximumLikelihood, fit.samples()).map(|solution| {
+        (
+            solution,
+            accepted_by_uncalibrated(&solution, fit.samples(), held_back.samples()).map_err(ReplayRefusal::Rejected),
+        )
+    });
     (solved, fit.samples().all().map(sample_time_s).collect(), None)
 }
 
@@ -378,15 +382,6 @@ impl SamplesByBank {
     }
 }
 
-/// Whether an uncalibrated module would accept the solution.
-fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), ReplayRefusal> {
-    let none = Incumbent::uncalibrated(Orientation::NONE);
-    let grounds = AcceptanceSamples { fit: fitted, held_back, is_attitude_known: true };
-    acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, grounds, &none)
-        .map(|_| ())
-        .map_err(ReplayRefusal::Rejected)
-}
-
 /// Field of a row, calibrated and levelled.
 #[must_use]
 pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
@@ -395,10 +390,6 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
     calibration.corrected_level_field(&sample)
-}
-
-fn heading_deg(calibration: &Calibration, row: &ReplayRow) -> f64 {
-    f64::from(level_field(calibration, row).heading_rad().to_degrees())
 }
 
 fn compute_headings(
