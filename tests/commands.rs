@@ -352,7 +352,7 @@ fn progress_is_shown_on_a_terminal_only() {
     for (words, bar) in [
         ("bench accuracy --airframes 2 --draws 1", "airframes"),
         ("bench integrity --flights 1 --case clean", "flights"),
-        ("replay host-sim/data/flight.csv", "judging its compasses"),
+        ("replay host-sim/data/flight.csv", "evaluating the compasses"),
         ("fly --json --circles 0.1", "take-off"),
     ] {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();

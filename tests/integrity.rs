@@ -8,7 +8,7 @@ use autoswing::reading::Reading;
 use autoswing::settings::HeadingKind;
 use autoswing::time::{Timestamp, WrappingMillis};
 use host_sim::faults::Faults;
-use host_sim::faults::attitude::{AttitudeFault, AttitudeQuantisation};
+use host_sim::faults::attitude::{AttitudeFault, attitude_quantisation};
 use host_sim::integrity::{self, CASES, IntegrityPlan, IntegrityRow, case, run};
 use host_sim::module::Module as _;
 use host_sim::nmea::SentenceReader;
@@ -326,7 +326,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
         let mut world = WorldConfig::table1(3);
         world.attitude_source.noise_deg = 0.01;
         let attitude: Vec<Box<dyn AttitudeFault>> =
-            if coarse { vec![Box::new(AttitudeQuantisation { resolution_deg: 0.1 })] } else { vec![] };
+            if coarse { vec![Box::new(attitude_quantisation(0.1))] } else { vec![] };
         let mut rig = Rig::with_faults(world, Faults { attitude, ..Faults::default() });
         rig.run_for_s(1.0);
         rig.type_line("cal start turns");

@@ -7,7 +7,8 @@ use host_sim::log::csv::FieldUnit;
 use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog, record_turns};
 use host_sim::log::{self, Flight};
 use host_sim::replay::evaluation::{CorrectionSource, EvaluationOptions, FlightEvaluation, evaluate_flight};
-use host_sim::replay::summary;
+use host_sim::replay::note::Note;
+use host_sim::replay::verdict::FlightOutcome;
 use host_sim::world::WorldConfig;
 
 const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
@@ -24,6 +25,10 @@ fn judged(text: &str) -> (Flight, FlightEvaluation) {
     let flight = read(text);
     let verdict = evaluate_flight(&flight, &ASKED);
     (flight, verdict)
+}
+
+fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
+    Note::all(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Keeps one of `number` messages of a name.
@@ -56,8 +61,8 @@ fn a_field_that_is_logged_seldom_gives_the_same_headings() {
             assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}, 1 of {number}: {ours:?}");
             // Smoothing integrates the rates between rows, so it must not degrade the heading.
             assert!(smooth.rms_deg < ours.rms_deg, "seed {seed}, 1 of {number}: {smooth:?} {ours:?}");
-            let notes = summary::notes(&flight, &verdict).join("; ");
-            assert_eq!(notes.contains("what it adjusts in flight"), number > 1, "{notes}");
+            let notes = notes(&flight, &verdict);
+            assert_eq!(notes.contains("too slowly for the monitor"), number > 1, "{notes}");
         }
     }
 }
@@ -68,7 +73,7 @@ fn a_verdict_says_that_the_attitude_comes_too_seldom() {
     let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
     for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
         let (_, verdict) = judged(&every(&text, "ATT", number));
-        let told = summary::verdict_line(&verdict);
+        let told = FlightOutcome::new(&verdict).to_string();
         assert!(told.contains(words) && told.contains("below 3 Hz") == (number > 1), "1 of {number}: {told}");
         assert_eq!(told.contains("without an attitude near it"), number == 20, "{told}");
     }
@@ -81,8 +86,8 @@ fn a_verdict_says_that_there_was_no_flight() {
         instant.is_armed = i >= 2370;
     }
     let text = String::from_utf8(encode_csv(&recording)).unwrap();
-    let told = summary::verdict_line(&judged(&text).1);
-    assert!(told.contains("10 may be used") && told.contains("are disarmed"), "{told}");
+    let told = FlightOutcome::new(&judged(&text).1).to_string();
+    assert!(told.contains("10 are usable") && told.contains("are disarmed"), "{told}");
 }
 
 /// Both are refused after 30 s with a poor sensor; the other compass is pure noise.
@@ -99,7 +104,7 @@ fn a_verdict_names_what_kept_the_better_compass() {
         }
         let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
         let (_, verdict) = judged(&text);
-        let told = summary::verdict_line(&verdict);
+        let told = FlightOutcome::new(&verdict).to_string();
         let whose = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
         assert!(told.starts_with(&whose), "{worse}: {told}");
     }
@@ -116,7 +121,7 @@ fn a_mounting_that_was_changed_in_the_log_is_told() {
             format!("{line}\n{set}")
         };
         let (flight, verdict) = judged(&text.lines().enumerate().map(change).collect::<String>());
-        let notes = summary::notes(&flight, &verdict).join("; ");
+        let notes = notes(&flight, &verdict);
         assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_told, "{notes}");
     }
 }
@@ -136,7 +141,7 @@ fn units_are_doubted_without_a_place() {
     };
     let notes = |text: &str| {
         let (flight, verdict) = judged(text);
-        summary::notes(&flight, &verdict).join("; ")
+        notes(&flight, &verdict)
     };
     assert_eq!(notes(&text), "");
     for (by, words) in [
@@ -202,13 +207,14 @@ fn a_compass_that_dies_in_flight_is_named() {
             }
         }
         let (flight, verdict) = judged(&log);
-        let notes = summary::notes(&flight, &verdict).into_iter().filter(|note| note.starts_with("compass "));
+        let notes = Note::all(&flight, &verdict);
+        let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
     };
     let (still, verdict) = second(str::to_owned);
     assert!(
         still.len() == 1
-            && still[0].starts_with("compass 2: its field stands still while the aircraft moves, from 118 to 238 s"),
+            && still[0].starts_with("compass 2: its field is constant while the aircraft moves, from 118 to 238 s"),
         "{still:?}"
     );
     // Half of its rows are rejected; the others are as good as the first compass's.
@@ -237,7 +243,7 @@ fn the_filters_attitude_gives_the_same_headings() {
         verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap()
     };
     assert_eq!(score(&own), score(&other));
-    assert!(summary::notes(&flight, &other).iter().any(|note| note.contains("XKF1's is taken")));
+    assert!(notes(&flight, &other).contains("that of XKF1 is used"));
 }
 
 /// Until 2014 field and attitude had no time; they get the stamp before, 0.1 s earlier, while the rates have their own,
@@ -261,7 +267,7 @@ fn rows_without_a_time_are_read_by_their_neighbours() {
     let (flight, verdict) = judged(&strip(&["MAG", "ATT"], &text));
     let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
-    assert!(summary::notes(&flight, &verdict).iter().any(|note| note.contains("carry no time")));
+    assert!(notes(&flight, &verdict).contains("carry no time"));
     let nothing = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "MSG", "PARM"], &text);
     let refused = log::read(&mut nothing.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
@@ -287,7 +293,7 @@ fn a_log_with_holes_gives_headings_as_good() {
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
         assert_eq!(compass.module.smoothed_score, Some(ours), "seed {seed}");
-        let notes = summary::notes(&flight, &verdict).join("; ");
+        let notes = notes(&flight, &verdict);
         assert!(notes.contains("of the body rates are lost"), "{notes}");
     }
 }
@@ -305,6 +311,6 @@ fn an_aircraft_at_rest_says_nothing_of_the_strength() {
     }
     let (flight, verdict) = judged(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
     assert_eq!(verdict.compasses[0].radius_ut, None);
-    let notes = summary::notes(&flight, &verdict).join("; ");
+    let notes = notes(&flight, &verdict);
     assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");
 }

@@ -16,6 +16,7 @@
 //! | [`accuracy`] | accuracy relative to the Cramér-Rao bound |
 //! | [`faults`] | fault injection |
 //! | [`integrity`] | headings output as good while a fault is active |
+//! | [`numbers`] | numbers as text and in JSON |
 //! | [`random`] | seeded random streams, one per purpose |
 //!
 //! All results are functions of the seed; no code reads real time or unseeded random numbers.
@@ -31,6 +32,7 @@ pub mod log;
 pub mod mission;
 pub mod module;
 pub mod nmea;
+pub mod numbers;
 pub mod paper;
 pub mod random;
 pub mod replay;

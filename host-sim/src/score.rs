@@ -2,7 +2,8 @@
 
 use std::f64::consts::FRAC_PI_6;
 
-use autoswing::calibration::Calibration;
+use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent, Rejection};
+use autoswing::calibration::{Calibration, Orientation, Samples, Solution};
 use autoswing::frames::{Attitude, Field};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -70,6 +71,21 @@ impl ErrorStatistics {
             max_demeaned_deg: largest(mean_deg),
         }
     }
+}
+
+/// Whether an uncalibrated module accepts a solution.
+///
+/// # Errors
+///
+/// The reason of a rejection.
+pub fn accepted_by_uncalibrated(
+    solution: &Solution,
+    fit: Samples<'_>,
+    held_back: Samples<'_>,
+) -> Result<(), Rejection> {
+    let samples = AcceptanceSamples { fit, held_back, is_attitude_known: true };
+    let incumbent = Incumbent::uncalibrated(Orientation::NONE);
+    acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, samples, &incumbent).map(|_| ())
 }
 
 /// Percent of normalised errors within one and two standard deviations.

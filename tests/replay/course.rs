@@ -5,7 +5,10 @@ use host_sim::log::write::{FlightRecording, FlightSample, encode_dataflash, enco
 use host_sim::log::{FieldCorrection, Flight};
 use host_sim::replay::evaluation::{evaluate_flight, score_correction};
 use host_sim::replay::gps_course::{GpsCourseHeading, GpsCourseRejection};
-use host_sim::replay::{ReferenceHeading, build_rows, summary};
+use host_sim::replay::note::Note;
+use host_sim::replay::parameter_export::ParameterFormat;
+use host_sim::replay::verdict::Verdict;
+use host_sim::replay::{ReferenceHeading, build_rows};
 use host_sim::world::aircraft::VehicleKind;
 use host_sim::world::autopilot::Leg;
 use host_sim::world::{World, WorldConfig};
@@ -150,8 +153,9 @@ fn gps_course_is_refused_where_it_tells_no_heading() {
         let flight = read(&encode_dataflash(&recording));
         assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), why);
         assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{why:?}");
-        let notes = summary::notes(&flight, &evaluate_flight(&flight, &ASKED)).join("; ");
-        assert!(notes.contains(why.description()), "{why:?}: {notes}");
+        let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
+        let told = notes.iter().any(|note| note.to_string().contains(why.description()));
+        assert!(told, "{why:?}: {notes:?}");
     }
 }
 
@@ -180,7 +184,7 @@ fn a_copter_is_not_compared_with_its_course() {
 fn gps_course_is_told_with_its_limits() {
     let flight = read(&encode_tlog(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
     let verdict = evaluate_flight(&flight, &ASKED);
-    let told = summary::json(&flight, &verdict, &|_| serde_json::Value::Null);
+    let told = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
     let reference = &told["reference"];
     assert_eq!(reference["is_accuracy"], true);
     assert!((reference["course"]["wind_m_s"].as_f64().unwrap() - 5.0).abs() < 0.2, "{reference}");

@@ -5,11 +5,12 @@ use std::fmt::Write as _;
 use host_sim::log::csv::FieldUnit;
 use host_sim::log::write::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog, record_turns};
 use host_sim::log::{self, FieldCorrection, Flight, NumberedRotation};
+use host_sim::replay::HeadingScore;
 use host_sim::replay::evaluation::{
     CompassEvaluation, CorrectionSource, EvaluationOptions, evaluate_flight, score_correction,
 };
+use host_sim::replay::note::Note;
 use host_sim::replay::parameter_export::{self, ExportedCorrection, ParameterFormat};
-use host_sim::replay::{HeadingScore, summary};
 use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
 use nalgebra::{Matrix3, Vector3};
 
@@ -131,7 +132,9 @@ fn an_internal_compass_is_given_no_orientation() {
     let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
     let mut handed = parameter_export::export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
     handed.rotation = NumberedRotation::new(2.0).unwrap();
-    for (external, line) in [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: COMPASS_EXTERNAL is 0")] {
+    for (external, line) in
+        [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: not used, because COMPASS_EXTERNAL is 0")]
+    {
         flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
         let text =
             parameter_export::format_parameter_file(&flight, std::slice::from_ref(&handed), ParameterFormat::ArduPilot);
@@ -245,7 +248,8 @@ fn units_that_cannot_be_are_told() {
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read(&mut source, unit).unwrap();
-        summary::notes(&flight, &evaluate_flight(&flight, &ASKED)).join("; ")
+        let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
+        notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
     assert_eq!(notes(&text, FieldUnit::Milligauss), "");
     let in_ut = notes(&text, FieldUnit::Microtesla);

@@ -11,9 +11,10 @@ use autoswing::calibration::{ConsiderSigmas, Method};
 use super::flight::{Flight, FlightPattern};
 use super::trial::{ConstantErrorSigmas, Envelope, Ranges, Trial};
 use super::{
-    AccuracyPlan, COVERAGE_EVERY, Coverage, HEADINGS, SolveCounts, coverage, cramer_rao, d_optimal, quantile,
-    retention, solve,
+    AccuracyPlan, COVERAGE_EVERY, Coverage, SolveCounts, coverage, cramer_rao, d_optimal, retention, solve,
+    use_headings,
 };
+use crate::numbers::{median, quantile};
 use crate::world::aircraft::VehicleKind;
 
 /// Results of flights of one pattern.
@@ -102,20 +103,16 @@ impl FlightResult {
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
             tried.counts.add(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_EVERY == 0 {
-                tried.normalised.extend(use_headings(&trial, draw, ConsiderSigmas::ZERO));
-                tried.normalised_with_faults.extend(use_headings(&trial, draw, ConsiderSigmas::DEFAULT));
+                let record = |faults| {
+                    let (samples, source) = trial.record_all(draw, faults);
+                    (retention::retain_samples(&samples), source)
+                };
+                tried.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
+                tried.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
             }
         }
         Some(tried)
     }
-}
-
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers.
-fn use_headings(trial: &Trial, draw: u64, consider: ConsiderSigmas) -> Vec<f64> {
-    let (samples, mut used) = trial.record_all(draw, ConstantErrorSigmas::considered_by(consider));
-    let recorded = retention::retain_samples(&samples);
-    let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut used)).collect()
 }
 
 fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
@@ -123,25 +120,25 @@ fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
     let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
     let solved_ones = || trials.iter().filter(|tried| tried.counts.solved > 0);
-    let rms_deg = |part| quantile(solved_ones().map(|tried| tried.counts.rms_deg()), part);
-    let ratio = |part| quantile(solved_ones().map(|tried| tried.counts.rms_deg() / tried.best_bound_deg), part);
+    let rms_deg = |part| quantile(solved_ones().map(|tried| tried.counts.rms_deg()), part).unwrap_or(f64::NAN);
+    let ratios = || solved_ones().map(|tried| tried.counts.rms_deg() / tried.best_bound_deg);
     let kept_ratios = solved_ones().map(|tried| tried.counts.rms_deg() / tried.kept_bound_deg);
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
         aircraft: flight.kind.name(),
         pattern: flight.pattern,
         minutes: flight.minutes,
-        readings: quantile(trials.iter().map(|tried| tried.readings as f64), 0.5),
+        readings: median(trials.iter().map(|tried| tried.readings as f64)),
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
         wrong: sum(|c| c.wrong),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
-        kept_ratio_median: quantile(kept_ratios, 0.5),
-        choice_ratio_median: quantile(trials.iter().map(|tried| tried.kept_bound_deg / tried.best_bound_deg), 0.5),
-        best_bound_median_deg: quantile(trials.iter().map(|tried| tried.best_bound_deg), 0.5),
-        best_ratio_median: ratio(0.5),
-        best_ratio_worst_decile: ratio(0.9),
+        kept_ratio_median: median(kept_ratios),
+        choice_ratio_median: median(trials.iter().map(|tried| tried.kept_bound_deg / tried.best_bound_deg)),
+        best_bound_median_deg: median(trials.iter().map(|tried| tried.best_bound_deg)),
+        best_ratio_median: median(ratios()),
+        best_ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
         coverage: coverage(&all_of(|tried| &tried.normalised)),
         coverage_with_faults: coverage(&all_of(|tried| &tried.normalised_with_faults)),
     }

@@ -13,14 +13,14 @@ pub mod flight_study;
 pub mod retention;
 pub mod trial;
 
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
-use autoswing::calibration::{ConsiderSigmas, Method, Orientation, Prior, Samples, Solution, SolveError, Solver};
+use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use trial::{ConstantErrorSigmas, Ranges, Recording, Trial};
+use trial::{ConstantErrorSigmas, PostFlightSource, Ranges, Recording, Trial};
 
-use crate::score::within_percent;
+use crate::numbers::{median, quantile};
+use crate::score::{accepted_by_uncalibrated, within_percent};
 
 /// Extent of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +98,7 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let all_of =
         |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     AccuracyResult {
-        bound_median_deg: quantile(trials.iter().map(|t| t.bound_deg), 0.5),
+        bound_median_deg: median(trials.iter().map(|t| t.bound_deg)),
         methods: METHODS.iter().enumerate().map(|(i, &method)| summary(&trials, i, method)).collect(),
         coverage: coverage(&all_of(|t| &t.normalised)),
         coverage_with_faults: coverage(&all_of(|t| &t.normalised_with_faults)),
@@ -113,11 +113,16 @@ struct AirframeResult {
     normalised_with_faults: Vec<f64>,
 }
 
-/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers.
-fn use_headings(trial: &Trial, draw: u64, consider: ConsiderSigmas) -> Vec<f64> {
-    let (recorded, mut used) = trial.record(draw, ConstantErrorSigmas::considered_by(consider));
+/// Heading errors over their sigmas after a flight with exactly the attitude errors that the solver considers, which
+/// `record` records.
+fn use_headings(
+    trial: &Trial,
+    consider: ConsiderSigmas,
+    record: impl FnOnce(ConstantErrorSigmas) -> (Recording, PostFlightSource),
+) -> Vec<f64> {
+    let (recorded, mut source) = record(ConstantErrorSigmas::considered_by(consider));
     let Ok(solution) = solve(Method::MaximumLikelihood, recorded.samples(), consider) else { return Vec::new() };
-    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut used)).collect()
+    (0..HEADINGS).filter_map(|_| trial.normalised_heading_error(&solution, &mut source)).collect()
 }
 
 #[derive(Clone, Copy, Default)]
@@ -150,8 +155,9 @@ impl AirframeResult {
                 counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_EVERY == 0 {
-                tried.normalised.extend(use_headings(trial, draw, ConsiderSigmas::ZERO));
-                tried.normalised_with_faults.extend(use_headings(trial, draw, ConsiderSigmas::DEFAULT));
+                let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
+                tried.normalised.extend(headings(ConsiderSigmas::ZERO));
+                tried.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }
         }
         Some(tried)
@@ -166,25 +172,12 @@ impl SolveCounts {
         };
         let errors_deg = trial.errors_deg(&solution.calibration);
         let square = errors_deg.iter().map(|e| e * e).sum::<f64>() / errors_deg.len() as f64;
-        let accepted = is_accepted(recorded, solution);
+        let accepted = accepted_by_uncalibrated(solution, recorded.samples(), recorded.held_back()).is_ok();
         self.solved += 1;
         self.squares += square;
         self.accepted += u32::from(accepted);
         self.wrong += u32::from(accepted && square.sqrt() > 3.0 * f64::from(solution.quality.expected_rms_deg));
     }
-}
-
-/// Whether an uncalibrated module accepts the solution.
-fn is_accepted(recorded: &Recording, solution: &Solution) -> bool {
-    let grounds =
-        AcceptanceSamples { fit: recorded.samples(), held_back: recorded.held_back(), is_attitude_known: true };
-    acceptance::evaluate_candidate(
-        &AcceptancePolicy::DEFAULT,
-        solution,
-        grounds,
-        &Incumbent::uncalibrated(Orientation::NONE),
-    )
-    .is_ok()
 }
 
 fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Result<Solution, SolveError> {
@@ -204,20 +197,13 @@ fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodRes
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
         wrong: sum(|c| c.wrong),
-        rms_median_deg: quantile(solved_ones().map(|(_, counts)| counts.rms_deg()), 0.5),
-        ratio_median: quantile(ratios(), 0.5),
-        ratio_worst_decile: quantile(ratios(), 0.9),
+        rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
+        ratio_median: median(ratios()),
+        ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
     }
 }
 
 fn coverage(normalised: &[f64]) -> Coverage {
     let [one_sigma_percent, two_sigma_percent] = within_percent(normalised);
     Coverage { one_sigma_percent, two_sigma_percent, headings: normalised.len() }
-}
-
-fn quantile(values: impl Iterator<Item = f64>, part: f64) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let index = (sorted.len().saturating_sub(1) as f64 * part).round() as usize;
-    sorted.get(index).copied().unwrap_or(f64::NAN)
 }

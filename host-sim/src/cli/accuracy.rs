@@ -16,7 +16,7 @@ use super::{Accuracy, Failure, progress};
 const FLIGHT_MINUTES: f64 = 3.0;
 
 pub fn run(options: &Accuracy) -> Result<ExitCode, Failure> {
-    let kind = VehicleKind::from(options.aircraft);
+    let kind = options.aircraft;
     let plan = AccuracyPlan { airframes: options.airframes, draws: options.draws, seed: options.seed };
     if kind == VehicleKind::Plane && options.patterns.is_empty() && options.minutes.is_none() {
         turns(options, plan)
@@ -83,8 +83,7 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
 }
 
 fn run_whole_flights(options: &Accuracy, kind: VehicleKind, plan: AccuracyPlan) -> Result<ExitCode, Failure> {
-    let asked: Vec<FlightPattern> = options.patterns.iter().map(|&pattern| pattern.into()).collect();
-    let patterns = if asked.is_empty() { FlightPattern::ALL.to_vec() } else { asked };
+    let patterns = if options.patterns.is_empty() { FlightPattern::ALL.to_vec() } else { options.patterns.clone() };
     let minutes = options.minutes.unwrap_or(FLIGHT_MINUTES);
     let bar = progress("airframes", plan.airframes * patterns.len() as u64);
     let rows: Vec<FlightStudyRow> = patterns

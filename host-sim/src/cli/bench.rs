@@ -7,6 +7,7 @@ use autoswing::calibration::{Method, Prior, Samples, solve};
 use host_sim::accuracy::trial::{ConstantErrorSigmas, Ranges, Trial};
 use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::mission;
+use host_sim::numbers::median;
 use host_sim::world::WorldConfig;
 use serde_json::json;
 
@@ -48,11 +49,8 @@ pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
     const RUNS: usize = 21;
     let trial = Trial::draw(&Ranges { samples: 256, ..Ranges::HARSH }, 1);
     let (recorded, _) = trial.record(0, ConstantErrorSigmas::NONE);
-    let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse].map(|method| {
-        let mut times_ms: Vec<f64> = (0..RUNS).map(|_| time_ms(method, recorded.samples())).collect();
-        times_ms.sort_by(f64::total_cmp);
-        (method.name(), times_ms[RUNS / 2])
-    });
+    let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
+        .map(|method| (method.name(), median((0..RUNS).map(|_| time_ms(method, recorded.samples())))));
     let start = Instant::now();
     let flown = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
     let simulated_per_real = flown.duration_s / start.elapsed().as_secs_f64();

@@ -9,6 +9,7 @@ use host_sim::emulator::{self, Emulator, EmulatorError};
 use host_sim::log::write::{self, FlightRecording, RecordingModule};
 use host_sim::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
 use host_sim::module::Module;
+use host_sim::numbers::coefficients_json;
 use host_sim::report::{self, ReportOrigin};
 use host_sim::rig::Rig;
 use host_sim::score::{ErrorStatistics, HeadingErrors};
@@ -18,7 +19,7 @@ use host_sim::world::aircraft::VehicleKind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use super::print::{self, append_wrapped, coefficients_json, command_line, content_table, right_aligned, write_report};
+use super::print::{self, append_wrapped, command_line, content_table, right_aligned, write_report};
 use super::termination::{SecondSignal, TerminationSignals};
 use super::{Emulate, Failure, Fly, airframe_json, named_world};
 

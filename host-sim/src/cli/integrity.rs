@@ -10,14 +10,14 @@ use super::print::{self, narrow_table, right_aligned, wrapped_table};
 use super::{Failure, Integrity, progress};
 
 pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
-    let (heading, aircraft, source) = (options.heading.into(), options.aircraft.into(), options.source.into());
-    let is_to_be_had = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
+    let Integrity { heading, aircraft, source, flights, seed, .. } = *options;
+    let applies = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
-        list(&is_to_be_had);
+        list(&applies);
         return Ok(ExitCode::SUCCESS);
     }
-    let cases = chosen(&options.cases, &is_to_be_had, aircraft)?;
-    let plan = IntegrityPlan { flights: options.flights, seed: options.seed, heading, aircraft, source };
+    let cases = selected_cases(&options.cases, &applies, aircraft)?;
+    let plan = IntegrityPlan { flights, seed, heading, aircraft, source };
     let bar = progress("flights", integrity::flights(plan, &cases));
     let rows = integrity::run(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
@@ -33,26 +33,26 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn chosen(
+fn selected_cases(
     names: &[String],
-    is_to_be_had: &dyn Fn(&Case) -> bool,
+    applies: &dyn Fn(&Case) -> bool,
     aircraft: VehicleKind,
 ) -> Result<Vec<&'static Case>, Failure> {
     if names.is_empty() {
-        return Ok(CASES.iter().filter(|case| is_to_be_had(case)).collect());
+        return Ok(CASES.iter().filter(|case| applies(case)).collect());
     }
-    let of = |name: &String| {
-        let case = case::find_by_name(name).filter(|case| is_to_be_had(case));
+    let find = |name: &String| {
+        let case = case::find_by_name(name).filter(|case| applies(case));
         case.ok_or_else(|| {
             Failure(format!("no case {name} for a {} with this source; --case list shows all", aircraft.name()))
         })
     };
-    names.iter().map(of).collect()
+    names.iter().map(find).collect()
 }
 
-fn list(is_to_be_had: &dyn Fn(&Case) -> bool) {
+fn list(applies: &dyn Fn(&Case) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
-    for case in CASES.iter().filter(|case| is_to_be_had(case)) {
+    for case in CASES.iter().filter(|case| applies(case)) {
         table.add_row([case.name, case.description]);
     }
     print::print_line(table);

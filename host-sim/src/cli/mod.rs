@@ -14,17 +14,44 @@ mod termination;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use autoswing::settings::HeadingKind;
+use clap::{Args, Parser, Subcommand};
+use host_sim::accuracy::flight::FlightPattern;
 use host_sim::integrity::AttitudeProtocol;
+use host_sim::log::csv::FieldUnit;
+use host_sim::numbers::round_to;
+use host_sim::replay::RowSelection;
+use host_sim::replay::parameter_export::ParameterFormat;
 use host_sim::world::WorldConfig;
+use host_sim::world::aircraft::VehicleKind;
 use host_sim::world::airframe::AirframeDescription;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use range::{
-    age, airframes, any, bank, circles, compass, current, draws, flights, inclination, minutes, seconds, system,
-};
+use range::{integer, number, one_of};
 use termination::TerminationSignals;
+
+/// Vehicles of the studies.
+const AIRCRAFT: &[(&str, VehicleKind)] =
+    &[("plane", VehicleKind::Plane), ("copter", VehicleKind::Copter), ("vtol", VehicleKind::Vtol)];
+
+const PATTERNS: &[(&str, FlightPattern)] = &[
+    ("routine", FlightPattern::Routine),
+    ("mirrored", FlightPattern::Mirrored),
+    ("wandering", FlightPattern::Wandering),
+];
+
+const HEADINGS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
+
+const SOURCES: &[(&str, AttitudeProtocol)] = &[("mavlink", AttitudeProtocol::Mavlink), ("msp", AttitudeProtocol::Msp)];
+
+const SAMPLES: &[(&str, RowSelection)] =
+    &[("all", RowSelection::All), ("turns", RowSelection::Turns), ("flight", RowSelection::Flight)];
+
+const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
+    &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
+
+const UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
 /// Fly the firmware of the Autoswing heading module in a simulated aircraft.
 ///
@@ -69,7 +96,7 @@ enum Bench {
 #[derive(Args)]
 struct Table1 {
     /// Seed of the sensor's noise, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
     seed: u64,
     /// Print one JSON object instead of the tables
     #[arg(long)]
@@ -89,60 +116,26 @@ struct Table1 {
 #[derive(Args)]
 struct Accuracy {
     /// Kind of aircraft
-    #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
-    aircraft: AircraftArgument,
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
+    aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
-    #[arg(long = "pattern", value_enum, value_name = "routine|mirrored|wandering")]
-    patterns: Vec<PatternArgument>,
+    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of(PATTERNS))]
+    patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
-    #[arg(long, value_name = "MINUTES", value_parser = minutes)]
+    #[arg(long, value_name = "MINUTES", value_parser = number(1.0, 120.0))]
     minutes: Option<f64>,
     /// Number of airframes, 1 to 1000000
-    #[arg(long, default_value_t = 500, value_name = "N", value_parser = airframes)]
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = integer(1_u64, 1_000_000))]
     airframes: u64,
     /// Draws of the noise for each airframe, 1 to 100000
-    #[arg(long, default_value_t = 60, value_name = "N", value_parser = draws)]
+    #[arg(long, default_value_t = 60, value_name = "N", value_parser = integer(1_u64, 100_000))]
     draws: u64,
     /// Seed of the first airframe, incremented for the others, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
     seed: u64,
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum AircraftArgument {
-    Plane,
-    Copter,
-    Vtol,
-}
-
-impl From<AircraftArgument> for host_sim::world::aircraft::VehicleKind {
-    fn from(argument: AircraftArgument) -> Self {
-        match argument {
-            AircraftArgument::Plane => Self::Plane,
-            AircraftArgument::Copter => Self::Copter,
-            AircraftArgument::Vtol => Self::Vtol,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum PatternArgument {
-    Routine,
-    Mirrored,
-    Wandering,
-}
-
-impl From<PatternArgument> for host_sim::accuracy::flight::FlightPattern {
-    fn from(argument: PatternArgument) -> Self {
-        match argument {
-            PatternArgument::Routine => Self::Routine,
-            PatternArgument::Mirrored => Self::Mirrored,
-            PatternArgument::Wandering => Self::Wandering,
-        }
-    }
 }
 
 /// Faults in flight and during calibration: fraction of wrong headings among those sent as good.
@@ -155,58 +148,27 @@ impl From<PatternArgument> for host_sim::accuracy::flight::FlightPattern {
 #[derive(Args)]
 struct Integrity {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
-    #[arg(long, value_enum, default_value = "plane", value_name = "plane|copter|vtol")]
-    aircraft: AircraftArgument,
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of(AIRCRAFT))]
+    aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
-    #[arg(long, default_value_t = 100, value_name = "N", value_parser = flights)]
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer(1_u64, 100_000))]
     flights: u64,
     /// Seed of the first flight, incremented for the others, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
     seed: u64,
     /// Run only this case; may be repeated; `list` shows the cases
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
-    /// Protocol of the attitude source
-    #[arg(long, value_enum, default_value = "mavlink", value_name = "mavlink|msp")]
-    source: SourceArgument,
+    /// Protocol of the attitude source: MAVLink with body rates, or MSP, which is polled, in tenths of a degree, without
+    /// body rates
+    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp", value_parser = one_of(SOURCES))]
+    source: AttitudeProtocol,
     /// Heading that is sent: raw, or smoothed if available
-    #[arg(long, value_enum, default_value = "smooth", value_name = "raw|smooth")]
-    heading: HeadingArgument,
+    #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = one_of(HEADINGS))]
+    heading: HeadingKind,
     /// Print a JSON list of one object a case instead of the table
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum HeadingArgument {
-    Raw,
-    Smooth,
-}
-
-impl From<HeadingArgument> for autoswing::settings::HeadingKind {
-    fn from(argument: HeadingArgument) -> Self {
-        match argument {
-            HeadingArgument::Raw => Self::Raw,
-            HeadingArgument::Smooth => Self::Smooth,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum SourceArgument {
-    /// With body rates
-    Mavlink,
-    /// Polled, in tenths of a degree, without body rates
-    Msp,
-}
-
-impl From<SourceArgument> for AttitudeProtocol {
-    fn from(argument: SourceArgument) -> Self {
-        match argument {
-            SourceArgument::Mavlink => Self::Mavlink,
-            SourceArgument::Msp => Self::Msp,
-        }
-    }
 }
 
 /// Solve time of each method, and simulated seconds a second, on this machine
@@ -238,32 +200,32 @@ struct Replay {
     file: PathBuf,
     /// Rows used for the fit: samples the module keeps in any flight until they suffice (`flight`); `all` usable rows,
     /// evenly thinned to the device's capacity; or the samples of its `turns` procedure
-    #[arg(long, value_enum, default_value = "flight", value_name = "flight|all|turns")]
-    samples: SamplesArgument,
+    #[arg(long, default_value = "flight", value_name = "flight|all|turns", value_parser = one_of(SAMPLES))]
+    samples: RowSelection,
     /// Evaluate only this compass, by the autopilot's number, 1 to 8
-    #[arg(long, value_name = "N", value_parser = compass)]
+    #[arg(long, value_name = "N", value_parser = integer(1_u8, 8))]
     compass: Option<u8>,
     /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
-    #[arg(long, value_name = "N", value_parser = system)]
+    #[arg(long, value_name = "N", value_parser = integer(1_u8, 255))]
     system: Option<u8>,
     /// Latency of the logged field at its time stamp, milliseconds, -200 to 500 [default: estimated from the flight]
-    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = age)]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number(-200.0, 500.0))]
     age: Option<f64>,
     /// Write the parameters of the compasses that would have calibrated
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
-    #[arg(long, value_enum, value_name = "ardupilot|px4|inav")]
-    params_for: Option<ParameterFormatArgument>,
+    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of(PARAMETER_FORMATS))]
+    params_for: Option<ParameterFormat>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
-    #[arg(long, value_enum, default_value = "mg", value_name = "mg|ut")]
-    unit: UnitArgument,
+    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of(UNITS))]
+    unit: FieldUnit,
     /// Inclination of the Earth field, degrees, -90 to 90, positive down [default: by the field model if the log has
     /// place and day and the samples do not contradict it, else estimated]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = inclination)]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-90.0, 90.0))]
     inclination: Option<f64>,
     /// Fit only rows before this time of the log, seconds, -1000000000 to 1000000000
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = number(-1e9, 1e9))]
     fit_until: Option<f64>,
     /// Write t_s,heading_deg,sigma_deg,status,smooth_deg,smooth_sigma_deg for every row of the first compass; the last
     /// two are empty without a smoothed heading
@@ -277,55 +239,6 @@ struct Replay {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum SamplesArgument {
-    All,
-    Turns,
-    Flight,
-}
-
-impl From<SamplesArgument> for host_sim::replay::RowSelection {
-    fn from(argument: SamplesArgument) -> Self {
-        match argument {
-            SamplesArgument::All => Self::All,
-            SamplesArgument::Turns => Self::Turns,
-            SamplesArgument::Flight => Self::Flight,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum ParameterFormatArgument {
-    Ardupilot,
-    Px4,
-    Inav,
-}
-
-impl From<ParameterFormatArgument> for host_sim::replay::parameter_export::ParameterFormat {
-    fn from(argument: ParameterFormatArgument) -> Self {
-        match argument {
-            ParameterFormatArgument::Ardupilot => Self::ArduPilot,
-            ParameterFormatArgument::Px4 => Self::Px4,
-            ParameterFormatArgument::Inav => Self::Inav,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum UnitArgument {
-    Mg,
-    Ut,
-}
-
-impl From<UnitArgument> for host_sim::log::csv::FieldUnit {
-    fn from(argument: UnitArgument) -> Self {
-        match argument {
-            UnitArgument::Mg => Self::Milligauss,
-            UnitArgument::Ut => Self::Microtesla,
-        }
-    }
-}
-
 /// Take off uncalibrated, fly the calibration routine, restart, and fly on with the calibrated heading (the default).
 ///
 /// The routine is flown or driven as by hand; those of all vehicles are listed below. The table compares heading errors
@@ -335,7 +248,7 @@ impl From<UnitArgument> for host_sim::log::csv::FieldUnit {
 #[command(after_long_help = format!("Routines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", host_sim::routine::all_instructions()))]
 struct Fly {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe, flown as an
     /// aeroplane
@@ -347,16 +260,16 @@ struct Fly {
     airframe: Option<String>,
     /// Motor-current interference in hover, level flight or on level ground, microtesla, 0 to 200; it follows the
     /// motors' current
-    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = current)]
+    #[arg(long, default_value_t = 0.0, value_name = "UT", value_parser = number(0.0, 200.0))]
     current: f64,
     /// Let the autopilot measure and report that current
     #[arg(long)]
     tell_current: bool,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
-    #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = bank)]
+    #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number(5.0, 60.0))]
     bank: f64,
     /// An aeroplane's full circles each way, 0 to 100
-    #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = circles)]
+    #[arg(long, default_value_t = 4.0, value_name = "N", value_parser = number(0.0, 100.0))]
     circles: f64,
     /// Write the report page: a folder for its index.html, or a file (.html; .svg: only the before-and-after picture)
     /// [default: report; none with --json]
@@ -412,7 +325,7 @@ fn named_world(name: &str, seed: u64) -> Result<WorldConfig, Failure> {
 fn airframe_json(world: &WorldConfig) -> Value {
     let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&world.airframe);
     json!({
-        "soft_iron": soft_iron.map(|row| row.map(|number| print::round_to(number, 4))),
+        "soft_iron": soft_iron.map(|row| row.map(|number| round_to(number, 4))),
         "hard_iron_ut": hard_iron_ut,
         "mounting_deg": mounting_deg,
         "total_ut": world.earth.total_ut,

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
-use autoswing::calibration::Calibration;
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
+use host_sim::numbers::round_to;
 use host_sim::report::{self, Report};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::Serialize;
@@ -126,24 +126,6 @@ pub fn command_line() -> String {
         if is_word { word } else { format!("'{}'", word.replace('\'', "'\\''")) }
     });
     std::iter::once("host-sim".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
-}
-
-pub fn coefficients_json(calibration: &Calibration) -> Value {
-    json!({
-        "w": calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
-        "b_ut": calibration.b_ut.map(f32_as_f64),
-    })
-}
-
-/// The f64 with the f32's shortest decimal form: 0.1, not 0.10000000149.
-pub fn f32_as_f64(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(f64::NAN)
-}
-
-/// Rounds for JSON; a negative value that rounds to zero becomes plain zero.
-pub fn round_to(value: f64, decimals: i32) -> f64 {
-    let scale = 10_f64.powi(decimals);
-    (value * scale).round() / scale + 0.0
 }
 
 pub fn right_aligned(text: impl ToString) -> Cell {

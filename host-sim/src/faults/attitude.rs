@@ -40,7 +40,7 @@ impl SecondSender {
         let Self { system_id, component_id, heartbeat_kind: heartbeats, roll_error_deg: roll_deg } = self;
         let config = world.config();
         let source = AttitudeSource::new(config.attitude_source, config.seed.wrapping_add(0x5EED));
-        let bias = AttitudeBias { switch: Switch::on(), bias_rad: [roll_deg.to_radians(), 0.0] };
+        let bias = attitude_bias(Switch::on(), [roll_deg.to_radians(), 0.0]);
         source.with_identity(Identity { system_id, component_id, heartbeat_kind: heartbeats }).run(
             world.clone(),
             uart,
@@ -49,91 +49,63 @@ impl SecondSender {
     }
 }
 
+impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
+    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        self(now_us, message);
+    }
+}
+
+/// Applies a change to each message while the switch is on.
+fn while_on(switch: Switch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        if switch.is_on(now_us) {
+            change(message);
+        }
+    }
+}
+
+fn rates(message: &mut ATTITUDE_DATA) -> [&mut f32; 3] {
+    [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed]
+}
+
 /// Repeats the last values with new time stamps.
-pub struct FrozenAttitude {
-    /// Active time.
-    pub switch: Switch,
-    last: Option<ATTITUDE_DATA>,
-}
-
-impl FrozenAttitude {
-    /// A fault active while the switch is on.
-    #[must_use]
-    pub const fn new(switch: Switch) -> Self {
-        Self { switch, last: None }
-    }
-}
-
-impl AttitudeFault for FrozenAttitude {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        match &self.last {
-            Some(last) if self.switch.is_on(now_us) => {
-                *message = ATTITUDE_DATA { time_boot_ms: message.time_boot_ms, ..last.clone() };
-            }
-            _ => self.last = Some(message.clone()),
+#[must_use]
+pub fn frozen_attitude(switch: Switch) -> impl AttitudeFault {
+    let mut last: Option<ATTITUDE_DATA> = None;
+    move |now_us: u64, message: &mut ATTITUDE_DATA| match &last {
+        Some(last) if switch.is_on(now_us) => {
+            *message = ATTITUDE_DATA { time_boot_ms: message.time_boot_ms, ..last.clone() };
         }
+        _ => last = Some(message.clone()),
     }
 }
 
-/// Isolated messages with roll and pitch errors of 45 deg.
-pub struct AttitudeSpikes {
-    /// Active time.
-    pub switch: Switch,
-    /// Fraction of affected messages.
-    pub fraction: f64,
-    random: Random,
-}
-
-impl AttitudeSpikes {
-    /// A fault in this fraction of the messages.
-    #[must_use]
-    pub fn new(switch: Switch, share: f64, seed: u64) -> Self {
-        Self { switch, fraction: share, random: Random::new(seed, Purpose::AttitudeFault) }
-    }
-}
-
-impl AttitudeFault for AttitudeSpikes {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if !self.switch.is_on(now_us) || self.random.uniform(0.0, 1.0) >= self.fraction {
-            return;
+/// Roll and pitch errors of 45 deg in a fraction of the messages.
+#[must_use]
+pub fn attitude_spikes(switch: Switch, fraction: f64, seed: u64) -> impl AttitudeFault {
+    let mut random = Random::new(seed, Purpose::AttitudeFault);
+    while_on(switch, move |message| {
+        if random.uniform(0.0, 1.0) < fraction {
+            let mut wrong = || if random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
+            message.roll += wrong();
+            message.pitch += wrong();
         }
-        let mut wrong = || if self.random.uniform(-1.0, 1.0) < 0.0 { -FRAC_PI_4 } else { FRAC_PI_4 } as f32;
-        message.roll += wrong();
-        message.pitch += wrong();
-    }
+    })
 }
 
-/// Constant error of roll and pitch.
-pub struct AttitudeBias {
-    /// Active time.
-    pub switch: Switch,
-    /// Roll and pitch error, radians.
-    pub bias_rad: [f64; 2],
+/// Constant error of roll and pitch, radians.
+#[must_use]
+pub fn attitude_bias(switch: Switch, bias_rad: [f64; 2]) -> impl AttitudeFault {
+    while_on(switch, move |message| {
+        message.roll += bias_rad[0] as f32;
+        message.pitch += bias_rad[1] as f32;
+    })
 }
 
-impl AttitudeFault for AttitudeBias {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if self.switch.is_on(now_us) {
-            message.roll += self.bias_rad[0] as f32;
-            message.pitch += self.bias_rad[1] as f32;
-        }
-    }
-}
-
-/// Bank-angle scale error.
-pub struct BankScaleError {
-    /// Active time.
-    pub switch: Switch,
-    /// Reported over true bank; 1 is exact.
-    pub reported_ratio: f64,
-}
-
-impl AttitudeFault for BankScaleError {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if self.switch.is_on(now_us) {
-            message.roll *= self.reported_ratio as f32;
-        }
-    }
+/// Bank-angle scale error: ratio of reported to true bank.
+#[must_use]
+pub fn bank_scale_error(switch: Switch, reported_ratio: f64) -> impl AttitudeFault {
+    while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
 /// Additional attitude latency.
@@ -152,62 +124,43 @@ impl AttitudeFault for AdditionalLatency {
     fn tamper(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}
 }
 
-/// Scale error of the body rates.
-pub struct RateScaleError {
-    /// Active time.
-    pub switch: Switch,
-    /// Reported over true rate: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
-    pub factor: f64,
-}
-
-impl AttitudeFault for RateScaleError {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        if self.switch.is_on(now_us) {
-            for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
-                *rate *= self.factor as f32;
-            }
+/// Scale error of the body rates, reported over true: 0 for missing rates, -1 for a wrong sign, 57.3 for degrees.
+#[must_use]
+pub fn rate_scale_error(switch: Switch, factor: f64) -> impl AttitudeFault {
+    while_on(switch, move |message| {
+        for rate in rates(message) {
+            *rate *= factor as f32;
         }
-    }
+    })
 }
 
 /// Gyro offset before its calibration, rad/s: 0.01 deg/s as observed on a real autopilot.
 const GYRO_OFFSET_RAD_S: f32 = 2e-4;
 
-/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch at rest.
-pub struct FilterAlignment {
-    /// Active time.
-    pub switch: Switch,
-    /// Initial amplitude, degrees.
-    pub amplitude_deg: f64,
-    /// Oscillation periods of roll and pitch, seconds.
-    pub periods_s: [f64; 2],
-}
-
-impl AttitudeFault for FilterAlignment {
-    fn tamper(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
-        let Some(on_for_s) = self.switch.active_for_s(now_us) else { return };
+/// Alignment of an attitude filter after its start: decaying oscillation of roll and pitch at rest, with its initial
+/// amplitude and the periods of roll and pitch, seconds.
+#[must_use]
+pub fn filter_alignment(switch: Switch, amplitude_deg: f64, periods_s: [f64; 2]) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        let Some(on_for_s) = switch.active_for_s(now_us) else { return };
         // Real gyros never output exactly zero.
-        for rate in [&mut message.rollspeed, &mut message.pitchspeed, &mut message.yawspeed] {
+        for rate in rates(message) {
             *rate += GYRO_OFFSET_RAD_S;
         }
-        let swing_rad = self.amplitude_deg.to_radians() * (1.0 - self.switch.progress(now_us));
-        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(self.periods_s) {
+        let swing_rad = amplitude_deg.to_radians() * (1.0 - switch.progress(now_us));
+        for (angle, period_s) in [&mut message.roll, &mut message.pitch].into_iter().zip(periods_s) {
             *angle += (swing_rad * (TAU * on_for_s / period_s).sin()) as f32;
         }
     }
 }
 
 /// Quantisation of roll and pitch.
-pub struct AttitudeQuantisation {
-    /// Resolution, degrees.
-    pub resolution_deg: f64,
-}
-
-impl AttitudeFault for AttitudeQuantisation {
-    fn tamper(&mut self, _now_us: u64, message: &mut ATTITUDE_DATA) {
+#[must_use]
+pub fn attitude_quantisation(resolution_deg: f64) -> impl AttitudeFault {
+    while_on(Switch::on(), move |message| {
         for angle in [&mut message.roll, &mut message.pitch] {
-            let degrees = (f64::from(*angle).to_degrees() / self.resolution_deg).round() * self.resolution_deg;
+            let degrees = (f64::from(*angle).to_degrees() / resolution_deg).round() * resolution_deg;
             *angle = degrees.to_radians() as f32;
         }
-    }
+    })
 }

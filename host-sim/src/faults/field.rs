@@ -21,82 +21,52 @@ pub trait FieldFault {
     }
 }
 
-/// Permanent hard-iron change.
-pub struct HardIronChange {
-    /// Active time.
-    pub switch: Switch,
-    /// Hard-iron change, microtesla, chip axes.
-    pub change_ut: Vector3<f64>,
-}
-
-impl FieldFault for HardIronChange {
+impl<F: Fn(u64) -> Vector3<f64>> FieldFault for F {
     fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        if self.switch.is_on(at_us) { self.change_ut } else { Vector3::zeros() }
+        self(at_us)
     }
 }
 
-/// Zero drift of a warming sensor: linear while the switch is on, then constant.
-pub struct ZeroDrift {
-    /// Time of the drift.
-    pub switch: Switch,
-    /// Final change, microtesla, chip axes.
-    pub change_ut: Vector3<f64>,
+/// Permanent hard-iron change, microtesla, chip axes.
+#[must_use]
+pub fn hard_iron_change(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
+    move |at_us| if switch.is_on(at_us) { change_ut } else { Vector3::zeros() }
 }
 
-impl FieldFault for ZeroDrift {
-    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        self.change_ut * self.switch.progress(at_us)
+/// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
+#[must_use]
+pub fn zero_drift(switch: Switch, change_ut: Vector3<f64>) -> impl FieldFault {
+    move |at_us| change_ut * switch.progress(at_us)
+}
+
+/// Passing magnetic object: a raised cosine over the active time; its peak in microtesla, chip axes.
+#[must_use]
+pub fn passing_object(switch: Switch, peak_ut: Vector3<f64>) -> impl FieldFault {
+    move |at_us| {
+        let near = if switch.is_on(at_us) { (1.0 - (2.0 * PI * switch.progress(at_us)).cos()) / 2.0 } else { 0.0 };
+        peak_ut * near
     }
 }
 
-/// Passing magnetic object: a raised cosine over the active time.
-pub struct PassingObject {
-    /// Active time.
-    pub switch: Switch,
-    /// Peak field, microtesla, chip axes.
-    pub peak_ut: Vector3<f64>,
-}
-
-impl FieldFault for PassingObject {
-    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        let near =
-            if self.switch.is_on(at_us) { (1.0 - (2.0 * PI * self.switch.progress(at_us)).cos()) / 2.0 } else { 0.0 };
-        self.peak_ut * near
+/// Interference in proportion to throttle, which is constant before the onset; then it changes every few seconds
+/// within 0.5 s. `full_ut`: change from cruise to full throttle, microtesla, chip axes.
+#[must_use]
+pub fn throttle_interference(switch: Switch, full_ut: Vector3<f64>, seed: u64) -> impl FieldFault {
+    let mut random = Random::new(seed, Purpose::Throttle);
+    // Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
+    let mut moves = vec![(0.0, 0.0)];
+    let mut at_s = 0.0;
+    while at_s < 3600.0 {
+        at_s += random.uniform(3.0, 12.0);
+        moves.push((at_s, random.uniform(-1.0, 1.0)));
     }
-}
-
-/// Interference in proportion to throttle. Throttle is constant before the onset; then it changes every few seconds
-/// within 0.5 s.
-pub struct ThrottleInterference {
-    switch: Switch,
-    full_ut: Vector3<f64>,
-    /// Times since the onset (seconds) and new throttle values, -1..1 relative to cruise.
-    moves: Vec<(f64, f64)>,
-}
-
-impl ThrottleInterference {
-    /// `full_ut`: change from cruise to full throttle, microtesla, chip axes.
-    #[must_use]
-    pub fn new(switch: Switch, full_ut: Vector3<f64>, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::Throttle);
-        let mut moves = vec![(0.0, 0.0)];
-        let mut at_s = 0.0;
-        while at_s < 3600.0 {
-            at_s += random.uniform(3.0, 12.0);
-            moves.push((at_s, random.uniform(-1.0, 1.0)));
-        }
-        Self { switch, full_ut, moves }
-    }
-}
-
-impl FieldFault for ThrottleInterference {
-    fn added_ut(&self, at_us: u64) -> Vector3<f64> {
-        let Some(on_s) = self.switch.active_for_s(at_us) else { return Vector3::zeros() };
-        let next = self.moves.partition_point(|&(from_s, _)| from_s <= on_s);
-        let (from_s, now) = self.moves[next - 1];
-        let before = self.moves[next.saturating_sub(2)].1;
+    move |at_us| {
+        let Some(on_s) = switch.active_for_s(at_us) else { return Vector3::zeros() };
+        let next = moves.partition_point(|&(from_s, _)| from_s <= on_s);
+        let (from_s, now) = moves[next - 1];
+        let before = moves[next.saturating_sub(2)].1;
         let share = ((on_s - from_s) / 0.5).min(1.0);
-        self.full_ut * (before + (now - before) * share)
+        full_ut * (before + (now - before) * share)
     }
 }
 

@@ -80,31 +80,22 @@ impl Target for FaultyChip {
     }
 }
 
-/// Axes that repeat their last value.
-pub struct StuckAxes {
-    /// Active time.
-    pub switch: Switch,
-    /// Affected axes.
-    pub axes: [bool; 3],
-    /// Last measurement before the onset.
-    pub last: [i16; 3],
-}
-
-impl StuckAxes {
-    /// A fault of these axes.
-    #[must_use]
-    pub fn new(switch: Switch, axes: [bool; 3]) -> Self {
-        Self { switch, axes, last: [0; 3] }
+impl<F: FnMut(u64, &mut [i16; 3])> SensorFault for F {
+    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
+        self(at_us, counts);
     }
 }
 
-impl SensorFault for StuckAxes {
-    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
-        if !self.switch.is_on(at_us) {
-            self.last = *counts;
+/// Axes that repeat their last value before the onset.
+#[must_use]
+pub fn stuck_axes(switch: Switch, axes: [bool; 3]) -> impl SensorFault {
+    let mut last = [0; 3];
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if !switch.is_on(at_us) {
+            last = *counts;
             return;
         }
-        for ((count, last), stuck) in counts.iter_mut().zip(self.last).zip(self.axes) {
+        for ((count, last), stuck) in counts.iter_mut().zip(last).zip(axes) {
             if stuck {
                 *count = last;
             }
@@ -113,76 +104,38 @@ impl SensorFault for StuckAxes {
 }
 
 /// Additional normally distributed noise on each axis.
-pub struct AdditionalNoise {
-    /// Active time.
-    pub switch: Switch,
-    /// Standard deviation, counts.
-    pub sigma_counts: f64,
-    random: Random,
-}
-
-impl AdditionalNoise {
-    /// Noise with this standard deviation, counts.
-    #[must_use]
-    pub fn new(switch: Switch, sigma: f64, seed: u64) -> Self {
-        Self { switch, sigma_counts: sigma, random: Random::new(seed, Purpose::SensorFault) }
-    }
-}
-
-impl SensorFault for AdditionalNoise {
-    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
-        if self.switch.is_on(at_us) {
+#[must_use]
+pub fn additional_noise(switch: Switch, sigma_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = Random::new(seed, Purpose::SensorFault);
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if switch.is_on(at_us) {
             for count in counts {
-                *count = (f64::from(*count) + self.sigma_counts * self.random.normal()).round() as i16;
+                *count = (f64::from(*count) + sigma_counts * random.normal()).round() as i16;
             }
         }
     }
 }
 
-/// Isolated measurements with an error in one axis.
-pub struct MeasurementSpikes {
-    /// Active time.
-    pub switch: Switch,
-    /// Fraction of affected measurements.
-    pub fraction: f64,
-    /// Magnitude of the error, counts.
-    pub height_counts: f64,
-    random: Random,
-}
-
-impl MeasurementSpikes {
-    /// Spikes of this height (counts) in this fraction of the measurements.
-    #[must_use]
-    pub fn new(switch: Switch, share: f64, height: f64, seed: u64) -> Self {
-        Self { switch, fraction: share, height_counts: height, random: Random::new(seed, Purpose::SensorFault) }
-    }
-}
-
-impl SensorFault for MeasurementSpikes {
-    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
-        if !self.switch.is_on(at_us) || self.random.uniform(0.0, 1.0) >= self.fraction {
+/// Error in one axis in a fraction of the measurements.
+#[must_use]
+pub fn measurement_spikes(switch: Switch, fraction: f64, height_counts: f64, seed: u64) -> impl SensorFault {
+    let mut random = Random::new(seed, Purpose::SensorFault);
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if !switch.is_on(at_us) || random.uniform(0.0, 1.0) >= fraction {
             return;
         }
-        let axis = self.random.uniform(0.0, 3.0) as usize;
-        let sign = if self.random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * self.height_counts) as i16;
+        let axis = random.uniform(0.0, 3.0) as usize;
+        let sign = if random.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        counts[axis.min(2)] = (f64::from(counts[axis.min(2)]) + sign * height_counts) as i16;
     }
 }
 
-/// Early saturation of an axis.
-pub struct AxisClipping {
-    /// Active time.
-    pub switch: Switch,
-    /// Axis, 0 to 2.
-    pub axis: usize,
-    /// Largest value, counts.
-    pub limit_counts: i16,
-}
-
-impl SensorFault for AxisClipping {
-    fn tamper(&mut self, at_us: u64, counts: &mut [i16; 3]) {
-        if self.switch.is_on(at_us) {
-            counts[self.axis] = counts[self.axis].min(self.limit_counts);
+/// Early saturation of an axis, 0 to 2.
+#[must_use]
+pub fn axis_clipping(switch: Switch, axis: usize, limit_counts: i16) -> impl SensorFault {
+    move |at_us: u64, counts: &mut [i16; 3]| {
+        if switch.is_on(at_us) {
+            counts[axis] = counts[axis].min(limit_counts);
         }
     }
 }

@@ -6,12 +6,12 @@ use nalgebra::Vector3;
 
 use super::Switch;
 use super::attitude::{
-    AdditionalLatency, AttitudeBias, AttitudeFault, AttitudeQuantisation, AttitudeSpikes, BankScaleError,
-    FrozenAttitude,
+    AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
+    frozen_attitude,
 };
-use super::field::{FieldFault, HardIronChange, PassingObject, ThrottleInterference, ZeroDrift};
+use super::field::{FieldFault, hard_iron_change, passing_object, throttle_interference, zero_drift};
 use super::sensor::{
-    AdditionalNoise, AxisClipping, FaultyChip, MeasurementSpikes, RegisterUpset, SensorFault, StuckAxes,
+    FaultyChip, RegisterUpset, SensorFault, additional_noise, axis_clipping, measurement_spikes, stuck_axes,
 };
 use crate::devices::i2c::Target;
 use crate::simulation::Simulation;
@@ -79,7 +79,7 @@ fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u
 /// The output registers contain 0x2928, 0x2B2A, 0x2D2C.
 #[test]
 fn a_fault_of_the_sensor_changes_measurements_and_nothing_else() {
-    let clipped = || AxisClipping { switch: Switch::on(), axis: 1, limit_counts: 0x0100 };
+    let clipped = || axis_clipping(Switch::on(), 1, 0x0100);
     assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
     assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
     assert_eq!(read(clipped(), 0xA0, 5).0, [0x20, 0x21, 0x22, 0x23, 0x24]);
@@ -106,7 +106,7 @@ fn tampered(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16;
 
 #[test]
 fn a_stuck_axis_repeats_what_it_read_last() {
-    let mut stuck = StuckAxes::new(switch(), [false, true, false]);
+    let mut stuck = stuck_axes(switch(), [false, true, false]);
     assert_eq!(tampered(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
     assert_eq!(tampered(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
     assert_eq!(tampered(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
@@ -116,8 +116,7 @@ fn a_stuck_axis_repeats_what_it_read_last() {
 /// 10,000 measurements determine both statistics to a few per cent.
 #[test]
 fn noise_and_spikes_are_as_large_and_as_many_as_asked_for() {
-    let (mut noisy, mut spiky) =
-        (AdditionalNoise::new(switch(), 100.0, 1), MeasurementSpikes::new(switch(), 0.01, 2000.0, 1));
+    let (mut noisy, mut spiky) = (additional_noise(switch(), 100.0, 1), measurement_spikes(switch(), 0.01, 2000.0, 1));
     assert_eq!(tampered(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
     assert_eq!(tampered(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
     let squares: f64 =
@@ -138,7 +137,7 @@ fn told(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA 
 
 #[test]
 fn a_frozen_source_repeats_everything_but_its_stamp() {
-    let mut frozen = FrozenAttitude::new(switch());
+    let mut frozen = frozen_attitude(switch());
     told(&mut frozen, BEFORE_US, 0.2);
     let message = told(&mut frozen, WHILE_US, 0.5);
     assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
@@ -153,16 +152,16 @@ fn faults_of_the_attitude_are_those_that_they_are_called() {
         fault.tamper(at_us, &mut message);
         message.roll
     };
-    let mut lean = BankScaleError { switch: switch(), reported_ratio: 0.7 };
-    let mut bias = AttitudeBias { switch: switch(), bias_rad: [0.1, 0.2] };
+    let mut lean = bank_scale_error(switch(), 0.7);
+    let mut bias = attitude_bias(switch(), [0.1, 0.2]);
     for (fault, expected) in [(&mut lean as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
     let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
     assert_eq!([BEFORE_US, WHILE_US].map(|us| late.late_us(us)), [0, 200_000]);
-    let coarse = roll(&mut AttitudeQuantisation { resolution_deg: 0.1 }, 0).to_degrees();
+    let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
-    let mut spikes = AttitudeSpikes::new(switch(), 0.01, 1);
+    let mut spikes = attitude_spikes(switch(), 0.01, 1);
     let wrong: Vec<f32> = (0..10_000).map(|_| told(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
     assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
     assert!(wrong.iter().all(|roll| (roll.abs().to_degrees() - 45.0).abs() < 1e-3));
@@ -172,9 +171,9 @@ fn faults_of_the_attitude_are_those_that_they_are_called() {
 fn faults_of_the_field_are_those_that_they_are_called() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
     let added = |fault: &dyn FieldFault, at_us| fault.added_ut(at_us).norm();
-    let moved = HardIronChange { switch: switch(), change_ut: ut };
-    let drift = ZeroDrift { switch: switch(), change_ut: ut };
-    let passing = PassingObject { switch: switch(), peak_ut: ut };
+    let moved = hard_iron_change(switch(), ut);
+    let drift = zero_drift(switch(), ut);
+    let passing = passing_object(switch(), ut);
     for (fault, expected_ut) in [
         (&moved as &dyn FieldFault, [0.0, 5.0, 5.0, 0.0]),
         (&drift, [0.0, 1.25, 2.5, 5.0]),
@@ -184,7 +183,7 @@ fn faults_of_the_field_are_those_that_they_are_called() {
             assert!((added(fault, at_us) - expected_ut).abs() < 1e-9, "{at_us}: {}", added(fault, at_us));
         }
     }
-    let throttle = ThrottleInterference::new(Switch::on(), ut, 1);
+    let throttle = throttle_interference(Switch::on(), ut, 1);
     let values: Vec<f64> = (0..600).map(|s| added(&throttle, s * 100_000)).collect();
     assert!(values[..30].iter().all(|ut| *ut == 0.0), "cruise for three seconds");
     assert!(values.iter().fold(0.0_f64, |most, ut| most.max(*ut)) > 2.0 && values.iter().all(|ut| *ut <= 5.0));

@@ -64,22 +64,23 @@ const PATIENCE_S: f64 = 10.0;
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
 pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
-    let DrawnCase { world, routine, faults, switch, onset, ground_time_s: stands_s, use_s } =
-        case.draw(seed, plan.aircraft);
+    let mut drawn = case.draw(seed, plan.aircraft, plan.source);
+    let faults = std::mem::take(&mut drawn.faults);
     let fields = faults.field.clone();
-    let mut rig = Rig::with_far_ends(world, faults, [plan.source.far_end(), FarEnd::Unconnected]);
+    let mut rig = Rig::with_far_ends(drawn.world, faults, [drawn.far_end, FarEnd::Unconnected]);
+    let DrawnCase { world, ref switch, onset, .. } = drawn;
     rig.world.set_armed(true);
     if onset == Onset::Always {
         switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
     rig.type_line(&format!("stream heading {}", plan.heading.name()));
-    rig.type_line(routine.command);
+    rig.type_line(drawn.routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
         switch.set_active(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
-    let calibration = calibrate(&mut rig, &routine.legs());
+    let calibration = calibrate(&mut rig, &drawn.routine.legs());
     let calibrated = calibration.map(|(shown, at_us)| AcceptedCalibration {
         expected_deg: shown.expected_rms_deg,
         true_deg: true_deg(&shown.calibration, &world, fields.iter().map(|fault| fault.added_ut(at_us)).sum()),
@@ -92,7 +93,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
             switch.set_active(from_us, later_us(from_us, for_s));
         }
         let counts_from_us = if let Onset::InUse { after_s, .. } = onset { later_us(rig.now_us(), after_s) } else { 0 };
-        listen(&mut rig, [stands_s, use_s], seed, &mut |at_us, judged| {
+        listen(&mut rig, &drawn, seed, &mut |at_us, judged| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 Onset::Never => false,
@@ -102,7 +103,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
             tally.add_sentence(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
         });
     }
-    let iron = (calibrated.is_ok() && case.changes_hard_iron()).then(|| {
+    let iron = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
         let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
@@ -181,7 +182,8 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f6
 }
 
 /// Optional time on the ground, then legs for the rest of use; evaluates every sentence.
-fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn FnMut(u64, &EvaluatedSentence)) {
+fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, judge: &mut dyn FnMut(u64, &EvaluatedSentence)) {
+    let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -202,7 +204,7 @@ fn listen(rig: &mut Rig, [stands_s, use_s]: [f64; 2], seed: u64, judge: &mut dyn
             rig.world.release();
         }
         if rig.world.unfinished_legs() < 2 {
-            for leg in use_legs::next_legs(kind, &mut random) {
+            for leg in next_legs(kind, &mut random) {
                 rig.world.fly(leg);
             }
         }

@@ -18,6 +18,7 @@ pub use statistics::HeadingStatistics;
 
 use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
 
+use crate::numbers::quantile;
 use crate::world::aircraft::VehicleKind;
 use crate::world::far_end::FarEnd;
 use crate::world::msp_autopilot::{self, AnswerFaults};
@@ -129,19 +130,19 @@ pub fn flights(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
 }
 
 fn row(case: &'static str, flown: &[&CaseFlightResult]) -> IntegrityRow {
-    let ratios = sorted(flown.iter().filter_map(|one| one.calibrated.as_ref().ok().map(AcceptedCalibration::ratio)));
-    let iron_errors =
-        sorted(flown.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error)));
+    let calibrated = || flown.iter().filter_map(|one| one.calibrated.as_ref().ok());
+    let ratios = || calibrated().map(AcceptedCalibration::ratio);
+    let iron_errors = flown.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
     let percent_of_flights = |number: usize| 100.0 * number as f64 / flown.len().max(1) as f64;
     let tally = flown.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
     let [one, two, three] = tally.within_percent();
     IntegrityRow {
         case,
         flights: flown.len(),
-        accepted_percent: percent_of_flights(ratios.len()),
-        wrong_percent: percent_of_flights(ratios.iter().filter(|&&ratio| ratio > 3.0).count()),
-        ratio_median: median(&ratios),
-        ratio_worst: ratios.last().copied(),
+        accepted_percent: percent_of_flights(ratios().count()),
+        wrong_percent: percent_of_flights(ratios().filter(|ratio| *ratio > 3.0).count()),
+        ratio_median: quantile(ratios(), 0.5),
+        ratio_worst: quantile(ratios(), 1.0),
         bad_percent: tally.bad_percent(),
         longest_bad_s: tally.longest_bad_s,
         worst_deg: tally.worst_deg,
@@ -152,20 +153,10 @@ fn row(case: &'static str, flown: &[&CaseFlightResult]) -> IntegrityRow {
         within_three_sigma_percent: three,
         empty_percent: tally.empty_percent(),
         alarms_per_hour: tally.alarms_per_hour(),
-        iron_error_median_percent: median(&iron_errors).map(|error| 100.0 * error),
+        iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
         refused: counted(flown.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
         empty: tally.empty.into_iter().collect(),
     }
-}
-
-fn sorted(numbers: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut numbers: Vec<f64> = numbers.collect();
-    numbers.sort_by(f64::total_cmp);
-    numbers
-}
-
-fn median(sorted: &[f64]) -> Option<f64> {
-    sorted.get(sorted.len() / 2).copied()
 }
 
 fn counted(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {

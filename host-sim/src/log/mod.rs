@@ -32,8 +32,8 @@ mod tlog;
 mod ulog;
 pub mod write;
 
-pub(crate) use correction::px4_mounting;
 pub use correction::{FieldCorrection, missing_ardupilot_parameters, mounting_parameter_changes};
+pub(crate) use correction::{px4_mounting, symmetric_matrix};
 pub use flight::{Autopilot, Compass, Flight, Gps, LogFormat, SkippedCounts};
 pub use parameters::ParameterHistory;
 pub use rotation::NumberedRotation;
@@ -74,14 +74,14 @@ impl fmt::Display for LogError {
             Self::Io(why) => why.fmt(f),
             Self::Empty => f.write_str("the file is empty"),
             Self::UnknownFormat => f.write_str(
-                "not a log that is known: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
+                "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::Csv(why) => why.fmt(f),
             Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.name()),
             Self::NoField(format, unhealthy) => write!(
                 f,
-                "{}: of {unhealthy} readings of a magnetometer each is nothing, or called unhealthy by the autopilot",
+                "{}: all {unhealthy} magnetometer readings are out of range, or marked unhealthy by the autopilot",
                 format.name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
@@ -94,8 +94,7 @@ impl fmt::Display for LogError {
             }
             Self::NoTime(format) => write!(
                 f,
-                "{}: its messages carry no time, as it was until 2014: when a field was measured, and in which attitude, \
-                 cannot be told",
+                "{}: its messages carry no time (logs until 2014): the attitude of a field is unknown",
                 format.name()
             ),
         }

@@ -1,18 +1,15 @@
 //! Evaluates each compass of a flight: logged correction, baseline fits, and the module's result.
 
-use autoswing::calibration::Advice;
-use autoswing::collection::CollectionProblem;
 use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Body, Field};
-use autoswing::messages::Refusal;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::field_latency::{self, FieldLatency};
 use super::hard_iron_step::{self, HardIronStep};
 use super::{
-    HeadingScore, ReferenceHeading, ReplayOptions, ReplayRefusal, ReplayResult, ReplayRow, RowCounts, RowSelection,
-    baseline_fits, build_rows, replay_with, score, solve_all_rows,
+    HeadingScore, ReferenceHeading, ReplayOptions, ReplayResult, ReplayRow, RowCounts, RowSelection, baseline_fits,
+    build_rows, replay_with, score, solve_all_rows,
 };
 use crate::log::{Compass, FieldCorrection, Flight, Gps};
 
@@ -276,12 +273,6 @@ fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     f64::from(row.attitude.level(field).heading_rad().to_degrees())
 }
 
-/// Median; NaN if empty.
-pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
-    numbers.sort_by(f64::total_cmp);
-    numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 fn place(flight: &Flight) -> Option<Position> {
     let rows = flight.gps.rows();
     let gps = Gps::from_columns(rows.get(rows.len() / 2)?.values);
@@ -299,23 +290,25 @@ fn earth(flight: &Flight) -> Option<(EarthField, bool)> {
 }
 
 impl CompassEvaluation {
-    /// The module's reason for a refusal.
+    /// Time to calibration from the first usable row, seconds; none without an automatic end.
     #[must_use]
-    pub fn refusal(&self) -> Option<Refusal> {
-        refusal(&self.module)
+    pub fn calibrated_s(&self) -> Option<f64> {
+        let first_s = self.rows.first()?.t_s;
+        let used_s = self.rows.iter().find(|row| row.usable)?.t_s;
+        Some(self.module.ended_s? + first_s - used_s)
     }
-}
 
-/// The module's reason for a refusal, with what the flight lacked or the most useful manoeuvre.
-#[must_use]
-pub fn refusal(replayed: &ReplayResult) -> Option<Refusal> {
-    let refusal = match replayed.accepted.as_ref().err()? {
-        ReplayRefusal::Solve(error) => Refusal::Solve(*error),
-        ReplayRefusal::Rejected(rejection) => Refusal::Rejected(*rejection),
-    };
-    let advice = || replayed.solution.as_ref()?.advice.filter(Advice::is_worthwhile);
-    let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
-    Some(refusal.with_cause(replayed.missing.or_else(missing)))
+    /// The correction from one source.
+    #[must_use]
+    pub fn correction_from(&self, source: CorrectionSource) -> Option<&ScoredCorrection> {
+        self.corrections.iter().find(|correction| correction.source == source)
+    }
+
+    /// The module's result, or that of all rows if the module had no solution.
+    #[must_use]
+    pub const fn displayed_result(&self) -> &ReplayResult {
+        if self.module.solution.is_some() { &self.module } else { &self.all_rows }
+    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::ReplayRow;
 use super::evaluation::CompassEvaluation;
+use super::note::Note;
 use crate::log::Flight;
 
 /// Least duration, seconds: noise of 0.5 mG changes a working sensor sooner, and logs have gaps of seconds.
@@ -11,19 +12,15 @@ const LONG_S: f64 = 10.0;
 const MOVES_RAD: f32 = 0.05;
 
 /// Warning about a sensor that failed.
-pub fn sensor_failure_note(flight: &Flight, compass: &CompassEvaluation) -> Option<String> {
+pub fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<Note> {
     let number = compass.number;
-    let still = frozen_intervals_s(&compass.rows);
-    let longest = still.iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
-    if let Some([from_s, to_s]) = longest {
-        return Some(format!(
-            "compass {number}: its field stands still while the aircraft moves, from {from_s:.0} to {to_s:.0} s: left out, as \
-             the module does (sensor-stuck)"
-        ));
+    let frozen = frozen_intervals_s(&compass.rows);
+    let longest = frozen.into_iter().max_by(|one, other| (one[1] - one[0]).total_cmp(&(other[1] - other[0])));
+    if let Some(interval_s) = longest {
+        return Some(Note::FieldFrozen { compass: number, interval_s });
     }
     let (last, end) = (compass.rows.last()?, flight.attitude.rows().last()?);
-    (end.t_s - last.t_s > LONG_S)
-        .then(|| format!("compass {number}: its field ends at {:.0} s, the log at {:.0} s", last.t_s, end.t_s))
+    (end.t_s - last.t_s > LONG_S).then_some(Note::FieldEnds { compass: number, at_s: last.t_s, log_s: end.t_s })
 }
 
 /// Intervals with a frozen field while the aircraft moves, seconds.

@@ -8,21 +8,22 @@ pub mod field_latency;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_step;
+pub mod note;
 pub mod parameter_export;
 mod reference;
 mod rows;
-pub mod summary;
+pub mod verdict;
 
 pub use reference::ReferenceHeading;
 pub use rows::{AttitudeSample, ReplayRow, RowCounts, attitudes_between, build_rows};
 
 use crate::log::Flight;
 
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent, Rejection};
+use autoswing::acceptance::Rejection;
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
-    Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
+    Advice, Calibration, Method, Orientation, Prior, Rates, Sample, Samples, Solution, SolveError, solve,
 };
 use autoswing::collection::dataset::FIT_CAPACITY;
 use autoswing::collection::{self, CollectionProblem, Collector, RetainedSamples};
@@ -30,10 +31,12 @@ use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Attitude, Field, Level};
 use autoswing::heading::{self, Heading, NoHeading};
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
+use autoswing::messages::Refusal;
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 
-use crate::score::{within_percent, wrap_180};
+use crate::numbers::mean_angle_deg;
+use crate::score::{accepted_by_uncalibrated, within_percent, wrap_180};
 
 /// Rows used for the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,8 +152,25 @@ pub struct ReplayResult {
     pub score: Option<HeadingScore>,
     /// Score of the heading sent, smoothed if available.
     pub smoothed_score: Option<HeadingScore>,
-    /// Score of the uncorrected field.
-    pub uncorrected_score: Option<HeadingScore>,
+}
+
+impl ReplayResult {
+    /// The module's reason for a refusal, with what the flight lacked or the most useful manoeuvre.
+    #[must_use]
+    pub fn refusal(&self) -> Option<Refusal> {
+        let refusal = match self.accepted.as_ref().err()? {
+            ReplayRefusal::Solve(error) => Refusal::Solve(*error),
+            ReplayRefusal::Rejected(rejection) => Refusal::Rejected(*rejection),
+        };
+        let advice = || self.solution.as_ref()?.advice.filter(Advice::is_worthwhile);
+        let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
+        Some(refusal.with_cause(self.missing.or_else(missing)))
+    }
+
+    /// Expected error of the solution, degrees RMS.
+    fn expected_rms_deg(&self) -> Option<f64> {
+        self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
+    }
 }
 
 /// Replays rows, in order of time, without attitudes between them.
@@ -186,8 +206,6 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         Ok((solution, accepted)) => (Some(solution), accepted),
         Err(error) => (None, Err(ReplayRefusal::Solve(error))),
     };
-    let uncalibrated = Calibration::uncalibrated(Orientation::NONE);
-    let uncorrected = score(rows, |row| Some((heading_deg(&uncalibrated, row), f64::NAN)));
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let of = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
@@ -205,7 +223,6 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         headings: shown,
         score: raw,
         smoothed_score: smooth,
-        uncorrected_score: uncorrected,
     }
 }
 
@@ -307,7 +324,13 @@ fn from_collected(collector: &Collector<'_>, known: &SolverPrior) -> FitOutcome 
     let fit = selection.select(collector.fit());
     let solved = method_selection::select_method(collector.fit(), procedure)
         .and_then(|method| known.solve(method, fit))
-        .map(|solution| (solution, judged(&solution, fit, selection.select(collector.held_back()))));
+        .map(|solution| {
+            (
+                solution,
+                accepted_by_uncalibrated(&solution, fit, selection.select(collector.held_back()))
+                    .map_err(ReplayRefusal::Rejected),
+            )
+        });
     (solved, fit.all().map(sample_time_s).collect(), collector.problem())
 }
 
@@ -321,9 +344,12 @@ fn from_all(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
             .collect()
     };
     let (fit, held_back) = (SamplesByBank::from_samples(&thinned(0.0)), SamplesByBank::from_samples(&thinned(0.5)));
-    let solved = known
-        .solve(Method::MaximumLikelihood, fit.samples())
-        .map(|solution| (solution, judged(&solution, fit.samples(), held_back.samples())));
+    let solved = known.solve(Method::MaximumLikelihood, fit.samples()).map(|solution| {
+        (
+            solution,
+            accepted_by_uncalibrated(&solution, fit.samples(), held_back.samples()).map_err(ReplayRefusal::Rejected),
+        )
+    });
     (solved, fit.samples().all().map(sample_time_s).collect(), None)
 }
 
@@ -356,15 +382,6 @@ impl SamplesByBank {
     }
 }
 
-/// Whether an uncalibrated module would accept the solution.
-fn judged(solution: &Solution, fitted: Samples<'_>, held_back: Samples<'_>) -> Result<(), ReplayRefusal> {
-    let none = Incumbent::uncalibrated(Orientation::NONE);
-    let grounds = AcceptanceSamples { fit: fitted, held_back, is_attitude_known: true };
-    acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, grounds, &none)
-        .map(|_| ())
-        .map_err(ReplayRefusal::Rejected)
-}
-
 /// Field of a row, calibrated and levelled.
 #[must_use]
 pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
@@ -373,10 +390,6 @@ pub fn level_field(calibration: &Calibration, row: &ReplayRow) -> Field<Level> {
     let rates = Rates::from_rad_s([roll_rad_s, pitch_rad_s, heading_rad_s]);
     let sample = Sample { field: row.field, attitude: row.attitude, rates, time: WrappingMillis::default() };
     calibration.corrected_level_field(&sample)
-}
-
-fn heading_deg(calibration: &Calibration, row: &ReplayRow) -> f64 {
-    f64::from(level_field(calibration, row).heading_rad().to_degrees())
 }
 
 fn compute_headings(
@@ -431,16 +444,9 @@ fn score(rows: &[ReplayRow], mut heading: impl FnMut(&ReplayRow) -> Option<(f64,
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })
         .collect();
-    if errors.is_empty() {
-        return None;
-    }
     let number = errors.len() as f64;
-    // Circular mean, so that errors near 180 deg do not cancel.
-    let (sin, cos) = errors.iter().fold((0.0, 0.0), |(sin, cos), (error, _)| {
-        let (s, c) = error.to_radians().sin_cos();
-        (sin + s, cos + c)
-    });
-    let mean_deg = sin.atan2(cos).to_degrees();
+    // Circular, so that errors near 180 deg do not cancel.
+    let mean_deg = mean_angle_deg(errors.iter().map(|(error, _)| *error))?;
     let rest = |error: f64| wrap_180(error - mean_deg);
     let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| rest(*error) / sigma_deg).collect();
     Some(HeadingScore {

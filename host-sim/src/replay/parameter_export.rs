@@ -11,7 +11,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, SVD, Vector3};
 
 use super::evaluation::{CompassEvaluation, score_correction};
 use super::{HeadingScore, ReplayRow};
-use crate::log::{Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting};
+use crate::log::{
+    Autopilot, FieldCorrection, Flight, NumberedRotation, ParameterHistory, px4_mounting, symmetric_matrix,
+};
 use crate::score::wrap_180;
 
 /// Format of a parameter file.
@@ -111,7 +113,7 @@ pub fn export_correction(
     }
     let most = flight.parameters.last("COMPASS_OFFS_MAX").unwrap_or(USUAL_MAX_OFFSET);
     if dialect == ParameterFormat::ArduPilot && iron.hard_iron_ut.amax() * MILLIGAUSS > most {
-        warnings.push(format!("offsets beyond COMPASS_OFFS_MAX, {most:.0}, are not taken"));
+        warnings.push(format!("offsets beyond COMPASS_OFFS_MAX, {most:.0}, are rejected by the autopilot"));
     }
     Some(ExportedCorrection {
         number: judged.number,
@@ -188,10 +190,6 @@ fn nearest(
     let total = |iron: &FieldCorrection| -> f64 { pairs.iter().map(|(row, _)| row.corrected(iron).norm()).sum() };
     let size = total(&near) / total(&found);
     if size.is_finite() && size > 0.0 { FieldCorrection { matrix: found.matrix * size, ..found } } else { near }
-}
-
-fn symmetric_matrix(d: &Vector3<f64>, o: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
 }
 
 fn heading_deg(row: &ReplayRow, iron: &FieldCorrection) -> f64 {
@@ -285,9 +283,9 @@ fn ardupilot(text: &mut String, flight: &Flight, handed_over: &[ExportedCorrecti
             match combined {
                 _ if handed.rotation.number() == 0 => writeln!(text, "{orient},{now:.0}")?,
                 // AHRS_ORIENTATION rotates internal compasses.
-                _ if is_internal => writeln!(text, "# {orient}: {external} is 0, so it is not asked for how it sits")?,
+                _ if is_internal => writeln!(text, "# {orient}: not used, because {external} is 0")?,
                 Some((rotation, off_deg)) if off_deg < 1.0 => writeln!(text, "{orient},{}", rotation.number())?,
-                _ => writeln!(text, "# {orient}: no number for how it sits")?,
+                _ => writeln!(text, "# {orient}: the orientation has no number")?,
             }
         }
     }
@@ -326,7 +324,7 @@ fn px4(text: &mut String, flight: &Flight, handed_over: &[ExportedCorrection]) -
                 writeln!(text, "1\t1\tCAL_MAG{index}_ROT\t{}\t6", combined.number())?;
             }
             _ if handed.rotation.number() != 0 => {
-                writeln!(text, "# CAL_MAG{index}_ROT: it sits otherwise than its board")?;
+                writeln!(text, "# CAL_MAG{index}_ROT: its orientation differs from that of its board")?;
             }
             _ => {}
         }

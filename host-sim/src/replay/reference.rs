@@ -81,6 +81,12 @@ impl ReferenceHeading {
         !matches!(self, Self::AutopilotYaw)
     }
 
+    /// Name of a difference from the reference.
+    #[must_use]
+    pub const fn difference_name(&self) -> &'static str {
+        if self.is_accuracy() { "error" } else { "disagreement" }
+    }
+
     /// Reference heading at a flight time, degrees.
     #[must_use]
     pub fn heading_deg(&self, flight: &Flight, t_s: f64) -> Option<f64> {

@@ -1,7 +1,7 @@
 //! Coordinate axes of all pictures.
 
 use super::svg::{Point, Svg};
-use super::text::format_number;
+use crate::numbers::format_number;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {

@@ -5,8 +5,8 @@ use autoswing::frames::{Field, Level};
 
 use super::ReportOrigin;
 use super::model::{CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample};
-use super::text::format_number;
 use crate::mission::{self, EvaluatedHeading, MissionResult, RoutineMeasurement};
+use crate::numbers::format_number;
 use crate::score::{BANKS_DEG, ErrorStatistics, HeadingErrors, wrap_180};
 use crate::transcript::SolveNotice;
 

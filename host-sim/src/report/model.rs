@@ -3,6 +3,7 @@
 use autoswing::calibration::Calibration;
 use autoswing::frames::{Field, Level};
 
+use crate::numbers::{mean_angle_deg, quantile};
 use crate::score::wrap_180;
 
 /// A page.
@@ -158,20 +159,11 @@ pub fn means_by_heading(moments: &[ReportSample], of: impl Fn(&ReportSample) -> 
     sums.iter().map(|(sin, cos, number)| (*number >= FEW).then(|| sin.atan2(*cos).to_degrees())).collect()
 }
 
-/// Circular mean of angles, degrees.
-pub fn mean_deg(angles: impl Iterator<Item = f64>) -> Option<f64> {
-    let (mut sin, mut cos, mut number) = (0.0, 0.0, 0_usize);
-    for (s, c) in angles.filter(|angle| angle.is_finite()).map(|angle| angle.to_radians().sin_cos()) {
-        (sin, cos, number) = (sin + s, cos + c, number + 1);
-    }
-    (number > 0).then(|| sin.atan2(cos).to_degrees())
-}
-
 impl CompassReport {
     /// Subtracts the mean error of usable moments, separately before and after; returns both means.
     pub fn subtract_mean_errors(&mut self) -> [Option<f64>; 2] {
         let usable = |of: fn(&ReportSample) -> Option<f64>| {
-            mean_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(of))
+            mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(of))
         };
         let means = [usable(|moment| moment.error_before_deg), usable(|moment| moment.error_deg)];
         for moment in &mut self.samples {
@@ -190,10 +182,7 @@ pub fn max_magnitude(numbers: impl Iterator<Item = f64>) -> f64 {
 
 /// Quantile of the magnitudes, `part` from 0 to 1; zero of an empty list.
 pub fn magnitude_quantile(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
-    let mut sizes: Vec<f64> = numbers.filter(|number| number.is_finite()).map(f64::abs).collect();
-    sizes.sort_by(f64::total_cmp);
-    let last = sizes.len().saturating_sub(1);
-    sizes.get((part * last as f64).round() as usize).copied().unwrap_or(0.0)
+    quantile(numbers.filter(|number| number.is_finite()).map(f64::abs), part).unwrap_or(0.0)
 }
 
 /// At most `most` items, evenly spaced.

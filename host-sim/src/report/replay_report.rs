@@ -8,31 +8,39 @@ use super::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportSample,
     means_by_heading,
 };
-use super::text::{concat_map, format_number};
 use crate::log::{Flight, Gps};
-use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation, refusal};
-use crate::replay::{HeadingRow, ReplayResult, ReplayRow, level_field, summary};
+use crate::numbers::format_number;
+use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
+use crate::replay::verdict::Verdict;
+use crate::replay::{HeadingRow, ReplayResult, ReplayRow, level_field};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
 #[must_use]
-pub fn report_replay(flight: &Flight, verdict: &FlightEvaluation, log: &str, made: &ReportOrigin) -> Report {
-    let [from_s, to_s] = flight.time_range_s();
-    let firmware = flight.firmware.as_deref().unwrap_or("firmware not named");
+pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> Report {
+    let Verdict { flight, evaluation, .. } = *verdict;
     let lines = [
         ("command", made.command.clone()),
         ("made by", format!("host-sim {}", env!("CARGO_PKG_VERSION"))),
-        ("log", format!("{log}: {}, {firmware}, {} s", flight.format.name(), format_number(to_s - from_s, 0))),
+        ("log", verdict.log_description(log)),
     ];
+    let rows = verdict.comparison_deg().into_iter().map(|(name, cells)| (name.to_owned(), cells));
     Report {
         title: format!("Flight {}", log.rsplit(['/', '\\']).next().unwrap_or(log)),
-        accepted: verdict.compasses.iter().any(|compass| compass.module.accepted.is_ok()),
-        verdict: summary::verdict_line(verdict),
-        figures: figures(verdict),
-        notes: summary::notes(flight, verdict),
-        reference: compared(verdict),
-        calibrators: methods(verdict),
-        compasses: verdict.compasses.iter().map(|compass| swung(flight, verdict, compass)).collect(),
+        accepted: verdict.is_accepted(),
+        verdict: verdict.outcome.to_string(),
+        figures: figures(evaluation),
+        notes: verdict.notes.iter().map(ToString::to_string).collect(),
+        reference: compared(evaluation),
+        calibrators: CalibratorComparison {
+            compasses: evaluation.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
+            rows: rows.collect(),
+        },
+        compasses: verdict
+            .compasses
+            .iter()
+            .map(|compass| swung(flight, evaluation, compass.evaluation, verdict.facts(compass)))
+            .collect(),
         parameters: made.parameters.clone(),
         terminal_output: Some(["As the command prints it".to_owned(), made.terminal_output.clone()]),
         origin: lines
@@ -46,27 +54,15 @@ pub fn report_replay(flight: &Flight, verdict: &FlightEvaluation, log: &str, mad
 fn compared(verdict: &FlightEvaluation) -> ReferenceInfo {
     match &verdict.reference {
         Some(reference) => ReferenceInfo {
-            difference_name: if reference.is_accuracy() { "error" } else { "disagreement" },
+            difference_name: reference.difference_name(),
             reference_name: reference.name().to_owned(),
             limits: format!("{}; less the mean", reference.limits()),
         },
         None => ReferenceInfo {
             difference_name: "correction",
             reference_name: "the module's own heading".to_owned(),
-            limits: "the log has no heading to compare with: shown is what the module would have changed".to_owned(),
+            limits: "the log has no reference heading; shown is the change by the module".to_owned(),
         },
-    }
-}
-
-/// A row for each calibrator, a column for each compass.
-fn methods(verdict: &FlightEvaluation) -> CalibratorComparison {
-    let rows = CorrectionSource::ALL.map(|by| {
-        let of = |compass: &CompassEvaluation| compass.correction_from(by)?.score.map(|score| score.rms_deg);
-        (by.name().to_owned(), verdict.compasses.iter().map(of).collect::<Vec<_>>())
-    });
-    CalibratorComparison {
-        compasses: verdict.compasses.iter().map(|compass| format!("compass {}", compass.number)).collect(),
-        rows: rows.into_iter().filter(|(_, cells)| cells.iter().any(Option::is_some)).collect(),
     }
 }
 
@@ -98,19 +94,19 @@ fn figures(verdict: &FlightEvaluation) -> Vec<[String; 2]> {
     figures
 }
 
-/// The module's result, or that of all rows if the module had no solution.
-fn displayed_result(compass: &CompassEvaluation) -> &ReplayResult {
-    if compass.module.solution.is_some() { &compass.module } else { &compass.all_rows }
-}
-
-fn swung(flight: &Flight, verdict: &FlightEvaluation, compass: &CompassEvaluation) -> CompassReport {
-    let replayed = displayed_result(compass);
+fn swung(
+    flight: &Flight,
+    verdict: &FlightEvaluation,
+    compass: &CompassEvaluation,
+    facts: Vec<[String; 2]>,
+) -> CompassReport {
+    let replayed = compass.displayed_result();
     let solution = replayed.solution.as_ref();
     let has_reference = verdict.reference.is_some();
     let mut swung = CompassReport {
         name: format!("Compass {}", compass.number),
         accepted: compass.module.accepted.is_ok(),
-        facts: facts(verdict, compass),
+        facts,
         sigma_description: "the mean sigma that the module sends with its headings",
         samples: moments(flight, compass, replayed, has_reference),
         marks: marks(compass),
@@ -131,7 +127,7 @@ fn swung(flight: &Flight, verdict: &FlightEvaluation, compass: &CompassEvaluatio
         ..CompassReport::default()
     };
     let [before, after] = swung.subtract_mean_errors();
-    for (what, mean) in [("mean as logged, taken out", before), ("mean with ours, taken out", after)] {
+    for (what, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
         if let Some(mean) = mean {
             swung.facts.push([what.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
         }
@@ -265,57 +261,6 @@ impl LocalPositions {
     }
 }
 
-fn facts(verdict: &FlightEvaluation, compass: &CompassEvaluation) -> Vec<[String; 2]> {
-    let mut facts: Vec<[String; 2]> = Vec::new();
-    let mut add = |what: &str, value: String| facts.push([what.to_owned(), value]);
-    let accepted = match (refusal(&compass.module), compass.calibrated_s()) {
-        (Some(refusal), _) => format!("would have been refused: {}: {refusal}", refusal.code()),
-        (None, Some(at_s)) => format!("would have calibrated itself after {} s", format_number(at_s, 0)),
-        (None, None) => "would have calibrated when asked to at the end".to_owned(),
-    };
-    add("verdict", accepted);
-    match compass.is_used {
-        Some(true) => add("autopilot", "uses it for its heading".to_owned()),
-        Some(false) => add("autopilot", "does not use it".to_owned()),
-        None => {}
-    }
-    if let Some(solution) = &displayed_result(compass).solution {
-        let of = if compass.module.solution.is_some() { "" } else { ", of all rows" };
-        let quality = &solution.quality;
-        add("solved by", format!("{}{of}", quality.method.name()));
-        let [rms, worst] =
-            [quality.expected_rms_deg, quality.expected_worst_deg].map(|deg| format_number(f64::from(deg), 2));
-        add("expected error", format!("{rms} deg RMS, sigma {worst} at the worst heading"));
-        if let Some(advice) = &solution.advice {
-            let weakest = format_number(f64::from(advice.weakest_deg), 2);
-            add("weakest", format!("{} ({weakest} deg)", advice.weakest.name()));
-        }
-        if let Some(doubt) = &solution.hard_iron_change {
-            add(
-                "allowed for",
-                format!("{} deg: {}", format_number(f64::from(doubt.added_error_deg), 2), doubt.violation),
-            );
-        }
-    }
-    let age = format_number(compass.latency.used_s * 1e3, 0);
-    add(
-        "field",
-        format!(
-            "{} times a second, {age} ms old at its time stamp",
-            format_number(1.0 / compass.reading_interval_s, 1)
-        ),
-    );
-    if let (Some((earth, is_valid)), Some(radius_ut)) = (&verdict.earth, compass.radius_ut) {
-        let year = if *is_valid { "" } else { ", of another year" };
-        let model = format_number(f64::from(earth.total_ut), 1);
-        add("strength", format!("{} uT, {model} by the field model{year}", format_number(radius_ut, 1)));
-    }
-    let counted = &compass.counts;
-    let rejected = concat_map(counted.rejection_texts(), |rejected| format!("; {rejected}"));
-    add("rows", format!("{} usable, {} fitted to{rejected}", counted.used, compass.module.samples));
-    facts
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::LazyLock;
@@ -329,6 +274,7 @@ mod tests {
     use crate::log::{self, ParameterHistory};
     use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
     use crate::replay::hard_iron_step::HardIronStep;
+    use crate::replay::parameter_export::ParameterFormat;
     use crate::replay::{ReferenceHeading, ReplayRefusal, RowSelection};
     use crate::world::WorldConfig;
 
@@ -346,7 +292,11 @@ mod tests {
     fn report(change: impl Fn(&mut Flight, &mut FlightEvaluation)) -> Report {
         let (mut flight, mut verdict) = FLOWN.clone();
         change(&mut flight, &mut verdict);
-        report_replay(&flight, &verdict, "flight.bin", &ReportOrigin::default())
+        report_replay(
+            &Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot),
+            "flight.bin",
+            &ReportOrigin::default(),
+        )
     }
 
     const REFUSED: Result<(), ReplayRefusal> = Err(ReplayRefusal::Solve(SolveError::NotConverged));
@@ -370,7 +320,7 @@ mod tests {
         assert!(taken.accepted && !refused.accepted);
         let asked = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
         assert!(asked.compasses[0].marks.is_empty());
-        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated when asked to at the end");
+        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated by a command at the end");
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report};
 use super::pictures::{Picture, coverage, deviation, field, map as map_of, methods as side_by_side, residuals};
-use super::text::{concat_map, escape_html, format_number, format_optional};
+use super::text::{concat_map, escape_html};
+use crate::numbers::{format_number, format_optional};
 
 pub fn verdict_section(report: &Report) -> String {
     let (class, sign, word) = if report.accepted { ("good", "✓", "Accepted") } else { ("bad", "✗", "Refused") };

@@ -8,7 +8,8 @@ use crate::log::write::{FlightRecording, encode_dataflash, record_turns};
 use crate::log::{self, csv::FieldUnit};
 use crate::mission::{MissionResult, TurnPlan, fly};
 use crate::replay::evaluation::{CorrectionSource, EvaluationOptions, evaluate_flight};
-use crate::replay::summary;
+use crate::replay::parameter_export::ParameterFormat;
+use crate::replay::verdict::Verdict;
 use crate::score::wrap_180;
 use crate::world::WorldConfig;
 
@@ -92,7 +93,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     for (step, heading) in (0..12).map(|step| (step, format!("<th scope=\"row\">{:03}</th>", 30 * step))) {
         assert!(html.contains(&heading), "{heading}");
         for bank in flown.before.0.iter().chain(&flown.after.0) {
-            assert!(html.contains(&format!("<td>{}</td>", text::format_number(bank[step], 2))), "{heading}");
+            assert!(html.contains(&format!("<td>{}</td>", crate::numbers::format_number(bank[step], 2))), "{heading}");
         }
     }
     assert!(html.contains(">host-sim fly</dd>") && html.contains(env!("CARGO_PKG_VERSION")));
@@ -114,15 +115,11 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
     let flight = log::open(path, FieldUnit::Milligauss, None).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
     let parameters = Some(["compass.param".to_owned(), "COMPASS_OFS_X,1\n".to_owned()]);
-    let report = report_replay(
-        &flight,
-        &verdict,
-        "a folder/flight.csv",
-        &ReportOrigin { parameters, ..ReportOrigin::default() },
-    );
+    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report = report_replay(&judged, "a folder/flight.csv", &ReportOrigin { parameters, ..ReportOrigin::default() });
     let html = page(&report);
     assert_sound(&html);
-    let json = summary::json(&flight, &verdict, &|_| Value::Null);
+    let json = judged.json();
     assert!(html.to_lowercase().contains(&text::escape_html(json["verdict"].as_str().unwrap()).to_lowercase()));
     assert_eq!(json["accepted"], report.accepted);
     for title in [
@@ -165,7 +162,8 @@ fn what_is_shown_of_a_log_is_what_was_flown() {
     }
     let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
     let verdict = evaluate_flight(&flight, &EvaluationOptions::DEFAULT);
-    let report = report_replay(&flight, &verdict, "flight.bin", &ReportOrigin::default());
+    let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
+    let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
     assert!(report.accepted && report.figures[0][0].starts_with("compass 2"), "{:?}", report.figures);
     assert_eq!(report.compasses.iter().map(|swung| swung.accepted).collect::<Vec<_>>(), [false, true]);
     let [_, alive] = verdict.compasses.as_slice() else { panic!("two compasses") };

@@ -18,21 +18,6 @@ pub fn escape_html(text: &str) -> String {
     escaped
 }
 
-/// Formats a number; a dash if it is not finite.
-pub fn format_number(value: f64, decimals: usize) -> String {
-    if !value.is_finite() {
-        return "–".to_owned();
-    }
-    let text = format!("{value:.decimals$}");
-    // No minus sign before zero.
-    if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) { text.replace('-', "") } else { text }
-}
-
-/// Formats a number; a dash for none.
-pub fn format_optional(value: Option<f64>, decimals: usize) -> String {
-    format_number(value.unwrap_or(f64::NAN), decimals)
-}
-
 pub fn concat_map<T>(of: impl IntoIterator<Item = T>, make: impl FnMut(T) -> String) -> String {
     of.into_iter().map(make).collect::<Vec<_>>().concat()
 }
@@ -42,11 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_and_words_are_safe() {
-        assert_eq!(format_number(-0.001, 2), "0.00");
-        assert_eq!(format_number(-0.006, 2), "-0.01");
-        assert_eq!(format_number(f64::NAN, 2), "–");
-        assert_eq!(format_optional(None, 1), "–");
+    fn words_are_safe() {
         assert_eq!(escape_html("a\u{0}\u{1b}[2K\u{202e}<'\"&>"), "a[2K&lt;&#39;&quot;&amp;&gt;");
     }
 }

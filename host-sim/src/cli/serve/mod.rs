@@ -12,9 +12,9 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
+use clap::Args;
 use clap::builder::PossibleValuesParser;
-use clap::{Args, ValueEnum};
-use host_sim::serve::{self, FlashImage, FlashImageError, PORTS, PilotPattern, ServedModule};
+use host_sim::serve::{self, AttitudeProvider, FlashImage, FlashImageError, PORTS, PilotPattern, ServedModule};
 use host_sim::world::WorldConfig;
 use host_sim::world::aircraft::VehicleKind;
 use serde_json::{Value, json};
@@ -24,7 +24,7 @@ use self::wire::{Pty, TcpPort, Terminal, Wire};
 use super::termination::{SecondSignal, TerminationSignals};
 
 use super::print;
-use super::range::{any, known_port, port, speed};
+use super::range::{integer, number, one_of};
 use super::{Failure, airframe_json, named_world};
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -45,17 +45,17 @@ pub struct Serve {
     aboard: ModuleOptions,
     /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
     /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
-    #[arg(long, value_name = "PORT", value_parser = port)]
+    #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
     tcp: Option<u16>,
     /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
     /// one), each a text `roll_deg pitch_deg yaw_deg`, right wing down and nose up positive, yaw from magnetic north,
     /// at 20 Hz or more. The simulator's own attitude is then sent as disarmed
-    #[arg(long, value_name = "PORT", value_parser = port)]
+    #[arg(long, value_name = "PORT", value_parser = integer(0, u16::MAX))]
     world: Option<u16>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, value_enum, default_value = "auto", value_name = "auto|own|peer")]
-    attitude: AttitudeArgument,
+    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = one_of(ATTITUDES))]
+    attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
     json: bool,
@@ -72,7 +72,7 @@ pub struct Console {
     #[arg(value_name = "PATH", conflicts_with = "tcp")]
     path: Option<PathBuf>,
     /// TCP port of this computer, 1 to 65535
-    #[arg(long, value_name = "PORT", value_parser = known_port)]
+    #[arg(long, value_name = "PORT", value_parser = integer(1, u16::MAX))]
     tcp: Option<u16>,
     #[command(flatten)]
     aboard: ModuleOptions,
@@ -82,14 +82,14 @@ pub struct Console {
 #[derive(Args)]
 struct ModuleOptions {
     /// Speed relative to real time, 0.01 to 200
-    #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = speed)]
+    #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = number(0.01, 200.0))]
     speed: f64,
     /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
     /// airframe file such as host-sim/airframes/example.toml
     #[arg(long, default_value = "table1", value_name = "table1|random|FILE")]
     airframe: String,
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = any)]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft [default: plane, or that of the airframe file]
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL.map(VehicleKind::name)))]
@@ -103,22 +103,8 @@ struct ModuleOptions {
     flash: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum AttitudeArgument {
-    Auto,
-    Own,
-    Peer,
-}
-
-impl From<AttitudeArgument> for serve::AttitudeProvider {
-    fn from(argument: AttitudeArgument) -> Self {
-        match argument {
-            AttitudeArgument::Auto => Self::Auto,
-            AttitudeArgument::Own => Self::Own,
-            AttitudeArgument::Peer => Self::Peer,
-        }
-    }
-}
+const ATTITUDES: &[(&str, AttitudeProvider)] =
+    &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
 
 /// An order with its description, wrapped to a terminal's width.
 fn listed(order: &str, does: &str) -> String {
@@ -156,7 +142,7 @@ impl ModuleOptions {
             .map_or(world, |kind| world.with_vehicle_kind(kind)))
     }
 
-    fn module(&self, attitude: serve::AttitudeProvider, is_visited: bool) -> Result<ServedModule, Failure> {
+    fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<ServedModule, Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let no_flash = |error: FlashImageError| failed(error.code(), error);
         let image = self.flash.as_deref().map(FlashImage::read).transpose().map_err(no_flash)?.flatten();
@@ -175,7 +161,7 @@ impl ModuleOptions {
 
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let mut served = options.aboard.module(options.attitude.into(), options.world.is_some())?;
+    let mut served = options.aboard.module(options.attitude, options.world.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
@@ -296,7 +282,7 @@ fn open_terminal() -> Result<Terminal, Failure> {
 }
 
 fn alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let mut served = aboard.module(serve::AttitudeProvider::Own, false)?;
+    let mut served = aboard.module(AttitudeProvider::Own, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     wires[serve::CONSOLE].push(Box::new(open_terminal()?));

@@ -2,88 +2,138 @@
 
 use std::f64::consts::TAU;
 
-use super::{Case, FaultKind};
-use crate::world::attitude_source::SenderKind as Sender;
+use super::{COUNTS_PER_UT, Case, DrawnCase, IN_TURN_S, LEVEL_FLIGHT_S, Onset, SENSOR_SIGMA, SOON_S, USE_S};
+use crate::faults::attitude::attitude_spikes;
+use crate::faults::sensor::{additional_noise, measurement_spikes};
+use crate::world::aircraft::VehicleKind;
+use crate::world::attitude_source::SenderKind;
 
 const DEG: f64 = 360.0 / TAU;
 
-const fn case(name: &'static str, what: FaultKind, says: &'static str) -> Case {
-    Case { name, description: says, fault: what }
+/// Case for all vehicles and attitude sources.
+const fn case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case {
+        name,
+        description,
+        set_up,
+        vehicles: |_| true,
+        needs_mavlink: false,
+        max_flights: u64::MAX,
+        changes_hard_iron: false,
+    }
+}
+
+/// Case for vehicles that can hover.
+const fn hover_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { vehicles: VehicleKind::can_hover, ..case(name, description, set_up) }
+}
+
+/// Case for vehicles that cannot hover.
+const fn turn_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { vehicles: |kind| !kind.can_hover(), ..case(name, description, set_up) }
+}
+
+/// Case for autopilots with several senders or body rates.
+const fn mavlink_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { needs_mavlink: true, ..case(name, description, set_up) }
+}
+
+/// Case of a permanent hard-iron change in use.
+const fn hard_iron_case(name: &'static str, description: &'static str, set_up: fn(&mut DrawnCase)) -> Case {
+    Case { changes_hard_iron: true, ..case(name, description, set_up) }
 }
 
 /// All cases in the order of the report.
 pub static CASES: &[Case] = &[
-    case("clean", FaultKind::Nothing, "nothing"),
-    case("ten-hours", FaultKind::TenHours, "nothing, one flight of ten hours"),
-    case("stuck-x", FaultKind::Stuck([true, false, false]), "the sensor's x axis repeats"),
-    case("stuck-y", FaultKind::Stuck([false, true, false]), "the sensor's y axis repeats"),
-    case("stuck-z", FaultKind::Stuck([false, false, true]), "the sensor's z axis repeats"),
-    case("stuck-all", FaultKind::Stuck([true; 3]), "all axes of the sensor repeat"),
-    case("stuck-noisy", FaultKind::StuckNoisy, "all axes of the sensor repeat, but for their noise"),
-    case("sensor-spikes", FaultKind::SensorSpikes, "1 % of readings off by 30 uT"),
-    case("sensor-noise", FaultKind::SensorNoise, "five times the sensor's noise"),
-    case("sensor-clipped", FaultKind::SensorClipped, "an axis ends within the circle"),
-    case("upset-scale", FaultKind::Upset { register: 0x21, bits: 0x20 }, "a full-scale bit flips"),
-    case("upset-self-test", FaultKind::Upset { register: 0x20, bits: 0x01 }, "the self-test bit flips"),
-    case("upset-byte-order", FaultKind::Upset { register: 0x23, bits: 0x02 }, "the byte-order bit flips"),
-    case("frozen-level", FaultKind::FrozenLevel, "attitude repeats from level flight on"),
-    case("frozen-turn", FaultKind::FrozenTurning, "attitude repeats from a turn on"),
-    case("frozen-coarse", FaultKind::FrozenCoarse, "attitude in tenths of a degree repeats from a turn on"),
-    case("coarse", FaultKind::Coarse, "attitude in tenths of a degree, nothing wrong"),
-    case("spikes", FaultKind::AttitudeSpikes, "1 % of attitude frames wrong by 45 deg"),
-    case("foreign", FaultKind::Foreign(Some(Sender::Other)), "a gimbal sends attitude, too, 5 deg off"),
-    case("foreign-silent", FaultKind::Foreign(None), "another sends attitude, too, 5 deg off, and no heartbeat"),
-    case("bias-2", FaultKind::Bias(2.0), "attitude bias of 2 deg"),
-    case("bias-5", FaultKind::Bias(5.0), "attitude bias of 5 deg"),
-    case("aligning", FaultKind::Aligning, "attitude swings on the ground, as of a filter that aligns"),
-    case("lean-70", FaultKind::Lean(0.7), "attitude reads 70 % of the bank"),
-    case("lean-30", FaultKind::Lean(0.3), "attitude reads 30 % of the bank"),
-    case("late-200", FaultKind::Late(200), "attitude 200 ms later"),
-    case("late-300", FaultKind::Late(300), "attitude 300 ms later"),
-    case("late-500", FaultKind::Late(500), "attitude 500 ms later"),
-    case("rates-zero", FaultKind::Rates(0.0), "body rates are sent as nothing"),
-    case("rates-small", FaultKind::Rates(1.0 / DEG), "body rates in radians are sent as degrees, 57 times too slow"),
-    case("rates-degrees", FaultKind::Rates(DEG), "body rates are sent in degrees, 57 times too fast"),
-    case("rates-sign", FaultKind::Rates(-1.0), "body rates are sent with the wrong sign"),
-    case("moved-2", FaultKind::Moved(2.0), "hard iron moved by 2 uT"),
-    case("moved-3", FaultKind::Moved(3.0), "hard iron moved by 3 uT"),
-    case("moved-5", FaultKind::Moved(5.0), "hard iron moved by 5 uT"),
-    case("moved-10", FaultKind::Moved(10.0), "hard iron moved by 10 uT"),
-    case("throttle-5", FaultKind::Throttle(5.0), "a current of 5 uT follows the throttle"),
-    case("throttle-10", FaultKind::Throttle(10.0), "a current of 10 uT follows the throttle"),
-    case("warming", FaultKind::Warming, "the sensor's zero drifts from 0 to 10 uT"),
-    case("passing-10-1s", FaultKind::Passing { peak_ut: 10.0, for_s: 1.0 }, "iron of 10 uT passes within 1 s"),
-    case("passing-10-5s", FaultKind::Passing { peak_ut: 10.0, for_s: 5.0 }, "iron of 10 uT passes within 5 s"),
-    case("passing-10-30s", FaultKind::Passing { peak_ut: 10.0, for_s: 30.0 }, "iron of 10 uT passes within 30 s"),
-    case("passing-50-30s", FaultKind::Passing { peak_ut: 50.0, for_s: 30.0 }, "iron of 50 uT passes within 30 s"),
-    case("ferry", FaultKind::Ferry, "used 1,000 km away"),
-    case("cal-moved-2", FaultKind::CalibrationMoved(2.0), "payload of 2 uT moved while calibrating"),
-    case("cal-moved-5", FaultKind::CalibrationMoved(5.0), "payload of 5 uT moved while calibrating"),
-    case("cal-moved-10", FaultKind::CalibrationMoved(10.0), "payload of 10 uT moved while calibrating"),
-    case("cal-warming", FaultKind::CalibrationWarming, "the zero drifts from 0 to 10 uT while calibrating"),
-    case("cal-bank-5", FaultKind::ShallowTurns, "calibration turns at 5 deg of bank"),
-    case("cal-clipped", FaultKind::CalibrationClipped, "an axis ends within the circles"),
-    case("cal-lean-90", FaultKind::CalibrationLean(0.9), "attitude always reads 90 % of the bank"),
-    case("cal-hover", FaultKind::Hover, "calibration by yaw turns in hover alone"),
-    case("pushed", FaultKind::Pushed(2.0), "attitude always twice as wrong while it is pushed about"),
-    case(
-        "current-5",
-        FaultKind::Current { ut: 5.0, is_reported: false },
-        "a current of 5 uT in hover follows the thrust, always",
-    ),
-    case(
-        "current-20",
-        FaultKind::Current { ut: 20.0, is_reported: false },
-        "a current of 20 uT in hover follows the thrust, always",
-    ),
-    case(
-        "current-5-told",
-        FaultKind::Current { ut: 5.0, is_reported: true },
-        "the same, and the autopilot reports the current",
-    ),
-    case(
-        "current-20-told",
-        FaultKind::Current { ut: 20.0, is_reported: true },
-        "20 uT, and the autopilot reports the current",
-    ),
+    case("clean", "nothing", |_| {}),
+    Case {
+        max_flights: 1,
+        ..turn_case("ten-hours", "nothing, one flight of ten hours", |flight| flight.use_s = 36_000.0)
+    },
+    case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
+    case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
+    case("stuck-z", "the sensor's z axis repeats", |flight| flight.stick_axes([false, false, true])),
+    case("stuck-all", "all axes of the sensor repeat", |flight| flight.stick_axes([true; 3])),
+    case("stuck-noisy", "all axes of the sensor repeat, with noise added", |flight| {
+        flight.stick_axes([true; 3]);
+        flight.add_sensor_fault(flight.onset, additional_noise(flight.switch(), SENSOR_SIGMA, flight.seed));
+    }),
+    case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
+        let fault = measurement_spikes(flight.switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
+        flight.add_sensor_fault(Onset::SOON, fault);
+    }),
+    case("sensor-noise", "five times the sensor's noise", |flight| {
+        let fault = additional_noise(flight.switch(), 24_f64.sqrt() * SENSOR_SIGMA, flight.seed);
+        flight.add_sensor_fault(Onset::SOON, fault);
+    }),
+    case("sensor-clipped", "an axis saturates within the circle", |flight| flight.clip_axis(Onset::SOON)),
+    case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
+    case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
+    case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
+    case("frozen-level", "attitude repeats from level flight on", |flight| flight.freeze_attitude(LEVEL_FLIGHT_S)),
+    case("frozen-turn", "attitude repeats from a turn on", |flight| flight.freeze_attitude(IN_TURN_S)),
+    case("frozen-coarse", "attitude in tenths of a degree repeats from a turn on", |flight| {
+        flight.quantise_attitude();
+        flight.freeze_attitude(IN_TURN_S);
+    }),
+    case("coarse", "attitude in tenths of a degree, without fault", DrawnCase::quantise_attitude),
+    case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
+        flight.add_attitude_fault(Onset::SOON, attitude_spikes(flight.switch(), 0.01, flight.seed));
+    }),
+    mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
+        flight.add_sender(Some(SenderKind::Other));
+    }),
+    mavlink_case("foreign-silent", "another sender of attitude without a heartbeat, 5 deg off", |flight| {
+        flight.add_sender(None);
+    }),
+    case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
+    case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
+    mavlink_case("aligning", "the attitude filter aligns on the ground", DrawnCase::align_attitude),
+    case("lean-70", "attitude reads 70 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.7)),
+    case("lean-30", "attitude reads 30 % of the bank", |flight| flight.scale_bank(Onset::SOON, 0.3)),
+    case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
+    case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),
+    case("late-500", "attitude 500 ms later", |flight| flight.delay_attitude(500)),
+    mavlink_case("rates-zero", "body rates are sent as zero", |flight| flight.scale_rates(0.0)),
+    mavlink_case("rates-small", "body rates 57 times too small", |flight| flight.scale_rates(1.0 / DEG)),
+    mavlink_case("rates-degrees", "body rates in degrees, 57 times too large", |flight| flight.scale_rates(DEG)),
+    mavlink_case("rates-sign", "body rates with the wrong sign", |flight| flight.scale_rates(-1.0)),
+    hard_iron_case("moved-2", "hard iron changes by 2 uT", |flight| flight.change_hard_iron(2.0)),
+    hard_iron_case("moved-3", "hard iron changes by 3 uT", |flight| flight.change_hard_iron(3.0)),
+    hard_iron_case("moved-5", "hard iron changes by 5 uT", |flight| flight.change_hard_iron(5.0)),
+    hard_iron_case("moved-10", "hard iron changes by 10 uT", |flight| flight.change_hard_iron(10.0)),
+    case("throttle-5", "interference of 5 uT follows the throttle", |flight| flight.add_throttle_interference(5.0)),
+    case("throttle-10", "interference of 10 uT follows the throttle", |flight| flight.add_throttle_interference(10.0)),
+    case("warming", "the sensor's zero drifts from 0 to 10 uT", |flight| {
+        flight.drift_zero(Onset::InUse { after_s: SOON_S, for_s: USE_S - SOON_S });
+    }),
+    case("passing-10-1s", "iron of 10 uT passes within 1 s", |flight| flight.pass_object(10.0, 1.0)),
+    case("passing-10-5s", "iron of 10 uT passes within 5 s", |flight| flight.pass_object(10.0, 5.0)),
+    case("passing-10-30s", "iron of 10 uT passes within 30 s", |flight| flight.pass_object(10.0, 30.0)),
+    case("passing-50-30s", "iron of 50 uT passes within 30 s", |flight| flight.pass_object(50.0, 30.0)),
+    case("ferry", "used 1,000 km away", DrawnCase::move_to_other_place),
+    case("cal-moved-2", "hard iron changes by 2 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(2.0);
+    }),
+    case("cal-moved-5", "hard iron changes by 5 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(5.0);
+    }),
+    case("cal-moved-10", "hard iron changes by 10 uT during the calibration", |flight| {
+        flight.change_hard_iron_while_calibrating(10.0);
+    }),
+    case("cal-warming", "the zero drifts from 0 to 10 uT during the calibration", |flight| {
+        flight.drift_zero(Onset::calibrating(flight.world.aircraft.kind));
+    }),
+    turn_case("cal-bank-5", "calibration turns at 5 deg of bank", |flight| flight.calibrate_at_bank(5.0)),
+    case("cal-clipped", "an axis saturates within the circles, always", |flight| flight.clip_axis(Onset::Always)),
+    case("cal-lean-90", "attitude always reads 90 % of the bank", |flight| flight.scale_bank(Onset::Always, 0.9)),
+    hover_case("cal-hover", "calibration by yaw turns in hover alone", DrawnCase::calibrate_in_hover),
+    hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
+        flight.onset = Onset::Always;
+        flight.world.attitude_source.push_error_deg *= 2.0;
+    }),
+    hover_case("current-5", "motor-current interference of 5 uT in hover", |flight| flight.add_current(5.0, false)),
+    hover_case("current-20", "motor-current interference of 20 uT in hover", |flight| flight.add_current(20.0, false)),
+    hover_case("current-5-told", "5 uT in hover, current reported", |flight| flight.add_current(5.0, true)),
+    hover_case("current-20-told", "20 uT in hover, current reported", |flight| flight.add_current(20.0, true)),
 ];

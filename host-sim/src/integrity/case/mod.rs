@@ -7,32 +7,45 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 
-use super::AttitudeProtocol;
+use super::{AttitudeProtocol, use_legs};
 use crate::faults::attitude::{
-    AdditionalLatency, AttitudeBias, AttitudeQuantisation, AttitudeSpikes, BankScaleError, FilterAlignment,
-    FrozenAttitude, RateScaleError, SecondSender,
+    AdditionalLatency, AttitudeFault, SecondSender, attitude_bias, attitude_quantisation, bank_scale_error,
+    filter_alignment, frozen_attitude, rate_scale_error,
 };
-use crate::faults::field::{HardIronChange, OtherPlace, PassingObject, ThrottleInterference, ZeroDrift};
-use crate::faults::sensor::{AdditionalNoise, AxisClipping, MeasurementSpikes, RegisterUpset, SensorFault, StuckAxes};
+use crate::faults::field::{
+    FieldFault, OtherPlace, hard_iron_change, passing_object, throttle_interference, zero_drift,
+};
+use crate::faults::sensor::{RegisterUpset, SensorFault, axis_clipping, stuck_axes};
 use crate::faults::{Faults, Switch};
 use crate::random::{Purpose, Random};
 use crate::routine::{Routine, TurnPlan};
 use crate::world::WorldConfig;
 use crate::world::aircraft::VehicleKind;
-use crate::world::attitude_source::SenderKind as Sender;
+use crate::world::attitude_source::SenderKind;
+use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
+use crate::world::far_end::FarEnd;
 use crate::world::rotation::Euler;
 
 pub use list::CASES;
 
-/// Fault and the flights on which it is tested.
+/// Fault and the flights on which it is tested: a row of [`CASES`].
 #[derive(Debug)]
 pub struct Case {
     /// Name on the command line and in JSON.
     pub name: &'static str,
     /// Description of the fault.
     pub description: &'static str,
-    fault: FaultKind,
+    /// Changes world, attitude source, routine, onset and use of the flight, and adds faults.
+    set_up: fn(&mut DrawnCase),
+    /// Vehicles to which the case applies.
+    vehicles: fn(VehicleKind) -> bool,
+    /// Whether the case requires several senders or body rates, which MSP does not have.
+    needs_mavlink: bool,
+    /// Largest number of flights.
+    max_flights: u64,
+    /// Whether hard iron changes permanently in use, so that the module should estimate the change.
+    pub changes_hard_iron: bool,
 }
 
 /// Time during which the fault is active.
@@ -60,8 +73,10 @@ pub enum Onset {
 
 /// Case with random values drawn from a seed.
 pub struct DrawnCase {
-    /// Airframe, place, weather, attitude source.
+    /// Airframe, place, weather, errors of the attitude source.
     pub world: WorldConfig,
+    /// Attitude source.
+    pub far_end: FarEnd,
     /// Calibration routine.
     pub routine: Routine,
     /// Injected faults.
@@ -74,42 +89,10 @@ pub struct DrawnCase {
     pub ground_time_s: f64,
     /// Duration of use, seconds.
     pub use_s: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum FaultKind {
-    Nothing,
-    TenHours,
-    Stuck([bool; 3]),
-    SensorSpikes,
-    StuckNoisy,
-    SensorNoise,
-    SensorClipped,
-    CalibrationClipped,
-    Upset { register: u8, bits: u8 },
-    FrozenLevel,
-    FrozenTurning,
-    FrozenCoarse,
-    Coarse,
-    AttitudeSpikes,
-    Foreign(Option<Sender>),
-    Bias(f64),
-    Lean(f64),
-    CalibrationLean(f64),
-    Late(u64),
-    Rates(f64),
-    Aligning,
-    Moved(f64),
-    CalibrationMoved(f64),
-    Throttle(f64),
-    Warming,
-    CalibrationWarming,
-    Hover,
-    Pushed(f64),
-    Current { ut: f64, is_reported: bool },
-    Passing { peak_ut: f64, for_s: f64 },
-    Ferry,
-    ShallowTurns,
+    /// Draws the further legs of use, after the first.
+    pub next_legs: fn(VehicleKind, &mut Random) -> Vec<Leg>,
+    seed: u64,
+    random: Random,
 }
 
 /// Duration of a flight in use, seconds. The first legs are the same for all (see [`flight`](super::flight)).
@@ -147,231 +130,206 @@ pub fn find_by_name(name: &str) -> Option<&'static Case> {
 }
 
 impl Case {
-    /// Number of flights; the ten-hour case has one.
+    /// Number of flights of this case, if `asked` are flown of others.
     #[must_use]
     pub fn flights(&self, asked: u64) -> u64 {
-        if matches!(self.fault, FaultKind::TenHours) { 1 } else { asked }
-    }
-
-    /// Whether hard iron changes permanently in use, so that the module should estimate the change.
-    #[must_use]
-    pub fn changes_hard_iron(&self) -> bool {
-        matches!(self.fault, FaultKind::Moved(_))
+        asked.min(self.max_flights)
     }
 
     /// Whether the case applies to this vehicle.
     #[must_use]
-    pub const fn applies_to_vehicle(&self, aircraft: VehicleKind) -> bool {
-        match self.fault {
-            FaultKind::TenHours | FaultKind::ShallowTurns => !aircraft.can_hover(),
-            FaultKind::Hover | FaultKind::Pushed(_) | FaultKind::Current { .. } => aircraft.can_hover(),
-            _ => true,
-        }
+    pub fn applies_to_vehicle(&self, aircraft: VehicleKind) -> bool {
+        (self.vehicles)(aircraft)
     }
 
     /// Whether the case applies to this attitude source: MSP has one sender and no body rates.
     #[must_use]
     pub const fn applies_to_protocol(&self, source: AttitudeProtocol) -> bool {
-        matches!(source, AttitudeProtocol::Mavlink)
-            || !matches!(self.fault, FaultKind::Foreign(_) | FaultKind::Rates(_) | FaultKind::Aligning)
+        matches!(source, AttitudeProtocol::Mavlink) || !self.needs_mavlink
     }
 
     /// Draws the flight of a seed.
     #[must_use]
-    pub fn draw(&self, seed: u64, aircraft: VehicleKind) -> DrawnCase {
-        let mut random = Random::new(seed, Purpose::Case);
-        let switch = Switch::off();
+    pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> DrawnCase {
         let mut drawn = DrawnCase {
             world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
+            far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
             faults: Faults::default(),
-            switch: switch.clone(),
+            switch: Switch::off(),
             onset: Onset::Never,
             ground_time_s: 0.0,
             use_s: USE_S,
+            next_legs: use_legs::next_legs,
+            seed,
+            random: Random::new(seed, Purpose::Case),
         };
-        match self.fault {
-            FaultKind::Nothing
-            | FaultKind::TenHours
-            | FaultKind::ShallowTurns
-            | FaultKind::Coarse
-            | FaultKind::FrozenCoarse
-            | FaultKind::Hover
-            | FaultKind::Pushed(_)
-            | FaultKind::Current { .. } => self.flight(&mut drawn),
-            FaultKind::Stuck(_)
-            | FaultKind::StuckNoisy
-            | FaultKind::SensorSpikes
-            | FaultKind::SensorNoise
-            | FaultKind::SensorClipped
-            | FaultKind::CalibrationClipped
-            | FaultKind::Upset { .. } => self.sensor(&mut drawn, &mut random, seed),
-            FaultKind::FrozenLevel
-            | FaultKind::FrozenTurning
-            | FaultKind::AttitudeSpikes
-            | FaultKind::Foreign(_)
-            | FaultKind::Bias(_)
-            | FaultKind::Lean(_)
-            | FaultKind::CalibrationLean(_)
-            | FaultKind::Late(_)
-            | FaultKind::Aligning
-            | FaultKind::Rates(_) => self.attitude(&mut drawn, &mut random, seed),
-            _ => self.field(&mut drawn, &mut random, seed),
-        }
+        (self.set_up)(&mut drawn);
         drawn
-    }
-
-    fn flight(&self, drawn: &mut DrawnCase) {
-        match self.fault {
-            FaultKind::TenHours => drawn.use_s = 36_000.0,
-            FaultKind::ShallowTurns => {
-                let plan = TurnPlan { bank_deg: 5.0, ..TurnPlan::default() };
-                (drawn.routine, drawn.onset) = (Routine::for_vehicle(VehicleKind::Plane, plan, 0.0), Onset::Always);
-            }
-            FaultKind::Hover => {
-                drawn.onset = Onset::Always;
-                // Repeats the routine's first part (yaw turns) up to the duration of the whole routine.
-                drawn.routine.parts.truncate(1);
-                for part in &mut drawn.routine.parts {
-                    part.legs = part.legs.repeat(4);
-                }
-            }
-            FaultKind::Pushed(times) => {
-                drawn.onset = Onset::Always;
-                drawn.world.attitude_source.push_error_deg *= times;
-            }
-            FaultKind::Current { ut, is_reported: is_told } => {
-                drawn.onset = Onset::Always;
-                drawn.world = WorldConfig { reports_current: is_told, ..drawn.world.with_current_interference(ut) };
-            }
-            FaultKind::FrozenCoarse => {
-                drawn.onset = for_good(IN_TURN_S);
-                drawn.faults.attitude.push(Box::new(AttitudeQuantisation { resolution_deg: 0.1 }));
-                drawn.faults.attitude.push(Box::new(FrozenAttitude::new(drawn.switch.clone())));
-            }
-            FaultKind::Coarse => drawn.faults.attitude.push(Box::new(AttitudeQuantisation { resolution_deg: 0.1 })),
-            _ => {}
-        }
-    }
-
-    fn sensor(&self, drawn: &mut DrawnCase, random: &mut Random, seed: u64) {
-        let switch = drawn.switch.clone();
-        drawn.onset = for_good(SOON_S);
-        let fault: Box<dyn SensorFault> = match self.fault {
-            FaultKind::Stuck(axes) => {
-                drawn.onset = for_good(random.uniform(SOON_S, IN_TURN_S));
-                Box::new(StuckAxes::new(switch, axes))
-            }
-            FaultKind::StuckNoisy => {
-                drawn.onset = for_good(random.uniform(SOON_S, IN_TURN_S));
-                drawn.faults.sensor.push(Box::new(StuckAxes::new(switch.clone(), [true; 3])));
-                Box::new(AdditionalNoise::new(switch, SENSOR_SIGMA, seed))
-            }
-            FaultKind::SensorSpikes => Box::new(MeasurementSpikes::new(switch, 0.01, 30.0 * COUNTS_PER_UT, seed)),
-            FaultKind::SensorNoise => Box::new(AdditionalNoise::new(switch, 24_f64.sqrt() * SENSOR_SIGMA, seed)),
-            FaultKind::Upset { register, bits } => {
-                Box::new(RegisterUpset { switch, register, bits, has_occurred: false })
-            }
-            _ => {
-                if matches!(self.fault, FaultKind::CalibrationClipped) {
-                    drawn.onset = Onset::Always;
-                }
-                let axis = (random.uniform(0.0, 3.0) as usize).min(2);
-                let limit = clip_at(&drawn.world, axis, random.uniform(0.3, 0.95));
-                Box::new(AxisClipping { switch, axis, limit_counts: limit })
-            }
-        };
-        drawn.faults.sensor.push(fault);
-    }
-
-    fn attitude(&self, drawn: &mut DrawnCase, random: &mut Random, seed: u64) {
-        let switch = drawn.switch.clone();
-        drawn.onset = for_good(SOON_S);
-        let faults = &mut drawn.faults;
-        match self.fault {
-            FaultKind::FrozenLevel => {
-                drawn.onset = for_good(LEVEL_FLIGHT_S);
-                faults.attitude.push(Box::new(FrozenAttitude::new(switch)));
-            }
-            FaultKind::FrozenTurning => {
-                drawn.onset = for_good(IN_TURN_S);
-                faults.attitude.push(Box::new(FrozenAttitude::new(switch)));
-            }
-            FaultKind::AttitudeSpikes => faults.attitude.push(Box::new(AttitudeSpikes::new(switch, 0.01, seed))),
-            FaultKind::Foreign(heartbeats) => {
-                // Present from the beginning; only use is evaluated.
-                drawn.onset = Onset::Always;
-                faults.senders.push(SecondSender {
-                    system_id: 1,
-                    component_id: 154,
-                    heartbeat_kind: heartbeats,
-                    roll_error_deg: 5.0,
-                });
-            }
-            FaultKind::Bias(degrees) => {
-                let direction_rad = random.uniform(0.0, TAU);
-                let bias_rad = [direction_rad.cos(), direction_rad.sin()].map(|part| degrees.to_radians() * part);
-                faults.attitude.push(Box::new(AttitudeBias { switch, bias_rad }));
-            }
-            FaultKind::Late(ms) => faults.attitude.push(Box::new(AdditionalLatency { switch, latency_us: ms * 1000 })),
-            FaultKind::Rates(factor) => faults.attitude.push(Box::new(RateScaleError { switch, factor })),
-            FaultKind::Aligning => {
-                drawn.ground_time_s = STANDS_S;
-                drawn.onset = Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S };
-                let [swing_deg, roll_s, pitch_s] =
-                    [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| random.uniform(a, b));
-                faults.attitude.push(Box::new(FilterAlignment {
-                    switch,
-                    amplitude_deg: swing_deg,
-                    periods_s: [roll_s, pitch_s],
-                }));
-            }
-            FaultKind::Lean(told) => faults.attitude.push(Box::new(BankScaleError { switch, reported_ratio: told })),
-            FaultKind::CalibrationLean(told) => {
-                drawn.onset = Onset::Always;
-                faults.attitude.push(Box::new(BankScaleError { switch, reported_ratio: told }));
-            }
-            _ => {}
-        }
-    }
-
-    fn field(&self, drawn: &mut DrawnCase, random: &mut Random, seed: u64) {
-        let switch = drawn.switch.clone();
-        let calibration_s = calibration_s(drawn.world.aircraft.kind);
-        let mut by = |ut: f64| -> Vector3<f64> { random.direction() * ut };
-        drawn.onset = for_good(SOON_S);
-        drawn.faults.field.push(match self.fault {
-            FaultKind::Moved(ut) => Rc::new(HardIronChange { switch, change_ut: by(ut) }),
-            FaultKind::CalibrationMoved(ut) => {
-                let change_ut = by(ut);
-                let after_s = random.uniform(0.0, calibration_s);
-                drawn.onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
-                Rc::new(HardIronChange { switch, change_ut })
-            }
-            FaultKind::Throttle(ut) => Rc::new(ThrottleInterference::new(switch, by(ut), seed)),
-            FaultKind::Warming => {
-                drawn.onset = Onset::InUse { after_s: SOON_S, for_s: USE_S - SOON_S };
-                Rc::new(ZeroDrift { switch, change_ut: by(10.0) })
-            }
-            FaultKind::CalibrationWarming => {
-                drawn.onset = Onset::Calibrating { after_s: 0.0, until_s: calibration_s };
-                Rc::new(ZeroDrift { switch, change_ut: by(10.0) })
-            }
-            FaultKind::Passing { peak_ut, for_s } => {
-                drawn.onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
-                Rc::new(PassingObject { switch, peak_ut: by(peak_ut) })
-            }
-            _ => {
-                drawn.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
-                let earth = Earth { total_ut: random.uniform(45.0, 55.0), inclination_deg: random.uniform(50.0, 70.0) };
-                Rc::new(OtherPlace { switch, earth })
-            }
-        });
     }
 }
 
-fn for_good(after_s: f64) -> Onset {
-    Onset::InUse { after_s, for_s: f64::INFINITY }
+impl DrawnCase {
+    /// Handle for a fault that is active from the onset on.
+    fn switch(&self) -> Switch {
+        self.switch.clone()
+    }
+
+    fn add_sensor_fault(&mut self, onset: Onset, fault: impl SensorFault + 'static) {
+        self.onset = onset;
+        self.faults.sensor.push(Box::new(fault));
+    }
+
+    fn add_attitude_fault(&mut self, onset: Onset, fault: impl AttitudeFault + 'static) {
+        self.onset = onset;
+        self.faults.attitude.push(Box::new(fault));
+    }
+
+    fn add_field_fault(&mut self, onset: Onset, fault: impl FieldFault + 'static) {
+        self.onset = onset;
+        self.faults.field.push(Rc::new(fault));
+    }
+
+    /// Random direction with this magnitude, microtesla, chip axes.
+    fn random_ut(&mut self, magnitude_ut: f64) -> Vector3<f64> {
+        self.random.direction() * magnitude_ut
+    }
+
+    /// Onset at a random time of the straight leg or the turn at the start of use.
+    fn random_onset(&mut self) -> Onset {
+        Onset::permanent_after(self.random.uniform(SOON_S, IN_TURN_S))
+    }
+
+    fn stick_axes(&mut self, axes: [bool; 3]) {
+        let onset = self.random_onset();
+        self.add_sensor_fault(onset, stuck_axes(self.switch(), axes));
+    }
+
+    fn upset_register(&mut self, register: u8, bits: u8) {
+        let switch = self.switch();
+        self.add_sensor_fault(Onset::SOON, RegisterUpset { switch, register, bits, has_occurred: false });
+    }
+
+    /// Saturates a random axis within its range on a level circle.
+    fn clip_axis(&mut self, onset: Onset) {
+        let axis = (self.random.uniform(0.0, 3.0) as usize).min(2);
+        let limit_counts = clip_at(&self.world, axis, self.random.uniform(0.3, 0.95));
+        self.add_sensor_fault(onset, axis_clipping(self.switch(), axis, limit_counts));
+    }
+
+    fn quantise_attitude(&mut self) {
+        self.faults.attitude.push(Box::new(attitude_quantisation(0.1)));
+    }
+
+    fn freeze_attitude(&mut self, after_s: f64) {
+        self.add_attitude_fault(Onset::permanent_after(after_s), frozen_attitude(self.switch()));
+    }
+
+    /// Adds a sender with a roll error of 5 deg, present from the beginning; only use is evaluated.
+    fn add_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
+        self.onset = Onset::Always;
+        self.faults.senders.push(SecondSender { system_id: 1, component_id: 154, heartbeat_kind, roll_error_deg: 5.0 });
+    }
+
+    fn bias_attitude(&mut self, degrees: f64) {
+        let direction_rad = self.random.uniform(0.0, TAU);
+        let bias_rad = [direction_rad.cos(), direction_rad.sin()].map(|part| degrees.to_radians() * part);
+        self.add_attitude_fault(Onset::SOON, attitude_bias(self.switch(), bias_rad));
+    }
+
+    /// The autopilot's attitude filter aligns on the ground.
+    fn align_attitude(&mut self) {
+        self.ground_time_s = STANDS_S;
+        let [amplitude_deg, roll_s, pitch_s] =
+            [(3.0, 40.0), (1.5, 6.0), (1.5, 6.0)].map(|(a, b)| self.random.uniform(a, b));
+        self.add_attitude_fault(
+            Onset::InUse { after_s: SOON_S, for_s: ALIGNS_S },
+            filter_alignment(self.switch(), amplitude_deg, [roll_s, pitch_s]),
+        );
+    }
+
+    fn scale_bank(&mut self, onset: Onset, reported_ratio: f64) {
+        self.add_attitude_fault(onset, bank_scale_error(self.switch(), reported_ratio));
+    }
+
+    fn delay_attitude(&mut self, latency_ms: u64) {
+        let fault = AdditionalLatency { switch: self.switch(), latency_us: latency_ms * 1000 };
+        self.add_attitude_fault(Onset::SOON, fault);
+    }
+
+    fn scale_rates(&mut self, factor: f64) {
+        self.add_attitude_fault(Onset::SOON, rate_scale_error(self.switch(), factor));
+    }
+
+    fn change_hard_iron(&mut self, magnitude_ut: f64) {
+        let change_ut = self.random_ut(magnitude_ut);
+        self.add_field_fault(Onset::SOON, hard_iron_change(self.switch(), change_ut));
+    }
+
+    fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
+        let change_ut = self.random_ut(magnitude_ut);
+        let after_s = self.random.uniform(0.0, calibration_s(self.world.aircraft.kind));
+        let onset = Onset::Calibrating { after_s, until_s: f64::INFINITY };
+        self.add_field_fault(onset, hard_iron_change(self.switch(), change_ut));
+    }
+
+    fn add_throttle_interference(&mut self, full_ut: f64) {
+        let full_ut = self.random_ut(full_ut);
+        self.add_field_fault(Onset::SOON, throttle_interference(self.switch(), full_ut, self.seed));
+    }
+
+    fn drift_zero(&mut self, onset: Onset) {
+        let change_ut = self.random_ut(10.0);
+        self.add_field_fault(onset, zero_drift(self.switch(), change_ut));
+    }
+
+    fn pass_object(&mut self, peak_ut: f64, for_s: f64) {
+        let peak_ut = self.random_ut(peak_ut);
+        let onset = Onset::InUse { after_s: PASSING_AT_S, for_s };
+        self.add_field_fault(onset, passing_object(self.switch(), peak_ut));
+    }
+
+    fn move_to_other_place(&mut self) {
+        self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
+        let total_ut = self.random.uniform(45.0, 55.0);
+        let earth = Earth { total_ut, inclination_deg: self.random.uniform(50.0, 70.0) };
+        self.add_field_fault(Onset::SOON, OtherPlace { switch: self.switch(), earth });
+    }
+
+    fn calibrate_at_bank(&mut self, bank_deg: f64) {
+        self.onset = Onset::Always;
+        let plan = TurnPlan { bank_deg, ..TurnPlan::default() };
+        self.routine = Routine::for_vehicle(VehicleKind::Plane, plan, 0.0);
+    }
+
+    /// Repeats the routine's first part (yaw turns) up to the duration of the whole routine.
+    fn calibrate_in_hover(&mut self) {
+        self.onset = Onset::Always;
+        self.routine.parts.truncate(1);
+        for part in &mut self.routine.parts {
+            part.legs = part.legs.repeat(4);
+        }
+    }
+
+    fn add_current(&mut self, in_hover_ut: f64, reports_current: bool) {
+        self.onset = Onset::Always;
+        self.world = WorldConfig { reports_current, ..self.world.with_current_interference(in_hover_ut) };
+    }
+}
+
+impl Onset {
+    /// Shortly after the start of use, permanent.
+    const SOON: Self = Self::permanent_after(SOON_S);
+
+    /// This time after the start of use, permanent.
+    const fn permanent_after(after_s: f64) -> Self {
+        Self::InUse { after_s, for_s: f64::INFINITY }
+    }
+
+    /// During the shortest calibration of a vehicle.
+    const fn calibrating(aircraft: VehicleKind) -> Self {
+        Self::Calibrating { after_s: 0.0, until_s: calibration_s(aircraft) }
+    }
 }
 
 /// Saturation limit of an axis within its range on a level circle, at a fraction of the way from its mean to its

@@ -20,7 +20,7 @@ fn every_aircraft_has_the_cases_that_make_sense() {
 
 #[test]
 fn a_copter_s_cases_are_flown_by_a_copter() {
-    let drawn = |name| find_by_name(name).unwrap().draw(3, VehicleKind::Copter);
+    let drawn = |name| find_by_name(name).unwrap().draw(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
     let clean = drawn("clean");
     assert_eq!(clean.world, WorldConfig::random(3).with_vehicle_kind(VehicleKind::Copter));
     assert_eq!(clean.routine, Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
@@ -39,7 +39,7 @@ fn a_copter_s_cases_are_flown_by_a_copter() {
 fn a_change_while_calibrating_comes_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
-            match find_by_name("cal-moved-5").unwrap().draw(seed, aircraft).onset {
+            match find_by_name("cal-moved-5").unwrap().draw(seed, aircraft, AttitudeProtocol::Mavlink).onset {
                 Onset::Calibrating { after_s, .. } => latest_s.max(after_s),
                 other => panic!("{other:?}"),
             }

@@ -100,7 +100,7 @@ impl InvertibleCorrection {
             Matrix3::identity()
         } else {
             // A link may lose one of three; it gets its default.
-            symmetric(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
+            symmetric_matrix(&Vector3::from(diagonal.map(|axis| axis.unwrap_or(1.0))), &off_diagonal)
         };
         let is_by_current = value("COMPASS_MOTCT").is_some_and(|kind| kind.round() as i32 == 2);
         let after_ut = if is_by_current { vector("MOT") * MILLIGAUSS_UT } else { Vector3::zeros() };
@@ -121,7 +121,7 @@ impl InvertibleCorrection {
             diagonal = Vector3::repeat(1.0);
         }
         let turned = px4_mounting(parameters, t_s, index);
-        let scale = turned * symmetric(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
+        let scale = turned * symmetric_matrix(&diagonal, &vector("ODIAG", 0.0)) * turned.transpose();
         let is_by_current =
             parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
         let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
@@ -184,7 +184,7 @@ pub(crate) fn px4_mounting(parameters: &ParameterHistory, t_s: f64, index: u8) -
 }
 
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.
-pub(crate) fn symmetric(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
+pub(crate) fn symmetric_matrix(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
     let (d, o) = (diagonal, off_diagonal);
     Matrix3::new(d.x, o.x, o.y, o.x, d.y, o.z, o.y, o.z, d.z)
 }

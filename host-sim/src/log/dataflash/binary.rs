@@ -4,7 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
-use super::{Message, is_wanted, recorder, take};
+use super::{Message, WANTED, recorder, take};
 
 const MAGIC: [u8; 2] = [0xA3, 0x95];
 const FMT: u8 = 128;
@@ -78,7 +78,7 @@ impl MessageLayout {
             at += size(kind)?;
         }
         let length = usize::from(*length);
-        let is_wanted = is_wanted(&name);
+        let is_wanted = WANTED.contains(&name.as_str());
         (length >= HEADER + at).then_some((*number, Self { length, name, is_wanted, columns }))
     }
 }

@@ -22,32 +22,11 @@ trait Message {
     fn words(&self, name: &str) -> Option<String>;
 }
 
-fn is_wanted(name: &str) -> bool {
-    matches!(
-        name,
-        "MAG"
-            | "MAG2"
-            | "MAG3"
-            | "ATT"
-            | "IMU"
-            | "GPS"
-            | "BAT"
-            | "CURR"
-            | "XKF1"
-            | "NKF1"
-            | "XKQ"
-            | "XKQ1"
-            | "NKQ"
-            | "NKQ1"
-            | "AHR2"
-            | "PARM"
-            | "MSG"
-            | "ARM"
-            | "EV"
-            | "SIM"
-            | "VER"
-    )
-}
+/// Messages that are read.
+const WANTED: [&str; 21] = [
+    "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
+    "PARM", "MSG", "ARM", "EV", "SIM", "VER",
+];
 
 fn recorder(format: LogFormat) -> FlightBuilder {
     let mut recorder = FlightBuilder::new(format);

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use super::super::flight::{Flight, LogFormat};
 use super::super::read_window::ReadWindow;
 use super::binary::is_unscaled_integer;
-use super::{Message, is_wanted, recorder, take};
+use super::{Message, WANTED, recorder, take};
 
 const MAX_KINDS: usize = 512;
 
@@ -30,7 +30,7 @@ pub fn read_text(source: &mut dyn Read) -> io::Result<Flight> {
                     .insert(name.to_owned(), LineLayout { kinds, names: values.take(32).map(str::to_owned).collect() });
             }
         } else if let Some(layout) = columns.get(name) {
-            if is_wanted(name) {
+            if WANTED.contains(&name) {
                 take(&mut recorder, name, &TextMessage { layout, values: values.collect() });
             }
         } else {

@@ -160,7 +160,7 @@ impl UlogReader {
         let name = String::from_utf8_lossy(name).into_owned();
         let mut columns = Columns::new();
         let mut at = 0;
-        if is_wanted(&name) && self.lay_out(&name, "", &mut at, 0, &mut columns).is_some() {
+        if WANTED.contains(&name.as_str()) && self.lay_out(&name, "", &mut at, 0, &mut columns).is_some() {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = Topic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
@@ -217,11 +217,8 @@ impl UlogReader {
                 }
             }
             "vehicle_attitude" if instance == 0 => {
-                if let Some(quaternion) = row.array("q") {
-                    self.builder.push_attitude(
-                        sampled_s,
-                        quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32),
-                    );
+                if let Some(angles_rad) = angles_rad(&row) {
+                    self.builder.push_attitude(sampled_s, angles_rad);
                 }
                 if let Some(rates) =
                     row.vector(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
@@ -230,8 +227,7 @@ impl UlogReader {
                 }
             }
             "estimator_attitude" if instance == 0 => {
-                if let Some(quaternion) = row.array("q") {
-                    let angles_rad = quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32);
+                if let Some(angles_rad) = angles_rad(&row) {
                     self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
                 }
             }
@@ -251,9 +247,8 @@ impl UlogReader {
                 }
             }
             "vehicle_attitude_groundtruth" => {
-                if let Some(quaternion) = row.array("q") {
-                    self.builder
-                        .push_truth(t_s, quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32));
+                if let Some(angles_rad) = angles_rad(&row) {
+                    self.builder.push_truth(t_s, angles_rad);
                 }
             }
             "vehicle_gps_position" if instance == 0 => gps(&mut self.builder, t_s, &row),
@@ -295,20 +290,24 @@ impl UlogReader {
     }
 }
 
-fn is_wanted(name: &str) -> bool {
-    matches!(
-        name,
-        "sensor_mag"
-            | "vehicle_magnetometer"
-            | "vehicle_attitude"
-            | "estimator_attitude"
-            | "vehicle_angular_velocity"
-            | "vehicle_attitude_groundtruth"
-            | "sensor_combined"
-            | "vehicle_gps_position"
-            | "battery_status"
-            | "vehicle_status"
-    )
+/// Topics that are read.
+const WANTED: [&str; 10] = [
+    "sensor_mag",
+    "vehicle_magnetometer",
+    "vehicle_attitude",
+    "estimator_attitude",
+    "vehicle_angular_velocity",
+    "vehicle_attitude_groundtruth",
+    "sensor_combined",
+    "vehicle_gps_position",
+    "battery_status",
+    "vehicle_status",
+];
+
+/// Roll, pitch and yaw of the row's quaternion, radians.
+fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
+    let quaternion = row.array("q")?;
+    Some(quaternion_to_euler_rad(quaternion.map(f64::from)).map(|angle| angle as f32))
 }
 
 /// Whether a `vehicle_status` is a rotorcraft's. A VTOL in hover reports rotary wing too.

@@ -23,6 +23,9 @@ use crate::world::earth::Earth;
 use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN};
 use crate::world::{World, WorldConfig};
 
+/// Start of a flight: GPS week 2400, 2026-01-04, microseconds.
+const UTC_US: u64 = 1_767_484_800_000_000;
+
 /// Recording interval, microseconds: 10 Hz, as autopilots log.
 const EVERY_US: u64 = 100_000;
 

@@ -6,10 +6,7 @@ use mavlink::dialects::common::{
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
 
-use super::{FlightRecording, FlightSample};
-
-/// 2026-01-04, microseconds.
-const UTC_US: u64 = 1_767_484_800_000_000;
+use super::{FlightRecording, FlightSample, UTC_US};
 
 /// Encodes a recording as a MAVLink log.
 #[must_use]

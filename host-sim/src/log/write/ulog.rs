@@ -1,6 +1,6 @@
 //! ULog writer, as PX4 with corrected compasses (`vehicle_magnetometer`).
 
-use super::FlightRecording;
+use super::{FlightRecording, UTC_US};
 use crate::log::FieldCorrection;
 use crate::log::ParameterHistory;
 
@@ -13,9 +13,6 @@ const FORMATS: [&str; 6] = [
      vel_e_m_s;float cog_rad;uint64_t time_utc_usec;uint8_t fix_type;",
     "vehicle_status:uint64_t timestamp;uint8_t vehicle_type;bool is_vtol;",
 ];
-
-/// 2026-01-04, microseconds.
-const UTC_US: u64 = 1_767_484_800_000_000;
 
 /// Encodes a recording as ULog.
 #[must_use]

@@ -10,9 +10,9 @@ use autoswing::frames::{Attitude, wrap_pi};
 use autoswing::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::evaluation::median;
 use crate::log::series::Series;
 use crate::log::{Flight, Gps};
+use crate::numbers::median;
 
 /// Largest bank in straight flight, degrees (gusts roll by a few), and the straight time required before and after,
 /// seconds: receivers are 0.1 to 0.4 s late, a roll-out takes 1 s.
@@ -318,8 +318,7 @@ impl VelocityCircle {
         /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
         const ENDS: f64 = 4.685 * 1.4826;
         const LEAST_M_S: f64 = 0.1;
-        let scale =
-            median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs()).collect()).max(LEAST_M_S) * ENDS;
+        let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(LEAST_M_S) * ENDS;
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for v in velocities {
             let off = self.radial_residual_m_s(v);

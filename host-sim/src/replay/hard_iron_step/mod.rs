@@ -8,8 +8,8 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::ReplayRow;
-use super::evaluation::median;
 use crate::log::FieldCorrection;
+use crate::numbers::median;
 
 /// Numbers of unknowns: without the step (`W`, `b`, strength, vertical component), and with it.
 const COMMON: usize = 14;
@@ -114,8 +114,8 @@ struct StepEstimate {
 impl StepEstimate {
     fn about(rows: &[&ReplayRow], iron: &FieldCorrection) -> Self {
         let of = |row: &&ReplayRow| row.corrected(iron);
-        let strength = median(rows.iter().map(|row| of(row).norm()).collect());
-        let down = median(rows.iter().map(|row| down(row).dot(&of(row))).collect());
+        let strength = median(rows.iter().map(|row| of(row).norm()));
+        let down = median(rows.iter().map(|row| down(row).dot(&of(row))));
         Self {
             matrix: iron.matrix,
             hard_iron_ut: iron.hard_iron_ut,
@@ -144,7 +144,7 @@ impl StepEstimate {
     fn scatter(&self, rows: &[&ReplayRow], first: Option<usize>) -> f64 {
         let all =
             rows.iter().enumerate().flat_map(|(i, row)| self.residuals(row, first.is_some_and(|first| i >= first)));
-        median(all.map(f64::abs).collect())
+        median(all.map(f64::abs))
     }
 
     /// One Gauss-Newton iteration. Selects the candidate time unless given; returns the first row after the step and

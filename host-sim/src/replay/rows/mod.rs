@@ -11,6 +11,7 @@ use super::frozen_field::frozen_intervals_s;
 use super::reference::ReferenceHeading;
 use crate::log::series::{Series, Stamped};
 use crate::log::{Compass, FieldCorrection, Flight};
+use crate::numbers::quantile;
 
 /// Largest gap between attitudes, seconds: one lost at 3 Hz.
 const MAX_GAP_S: f64 = 0.7;
@@ -108,9 +109,9 @@ impl RowCounts {
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
-            (self.unsettled, "while the attitude was settling"),
-            (self.stuck, "with a field that stands still"),
-            (self.kept_out, "kept out by the log"),
+            (self.unsettled, "while the attitude contradicts the body rates"),
+            (self.stuck, "with a frozen field"),
+            (self.kept_out, "excluded by the log"),
         ]
     }
 
@@ -346,9 +347,7 @@ fn motion_at(rates: &Series<3>, at: &Stamped<3>) -> Option<EulerRates> {
 }
 
 pub(super) fn median_step_s(rows: &[ReplayRow]) -> Option<f64> {
-    let mut steps_s: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    steps_s.sort_by(f64::total_cmp);
-    steps_s.get(steps_s.len() / 2).copied()
+    quantile(rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s), 0.5)
 }
 
 #[cfg(test)]

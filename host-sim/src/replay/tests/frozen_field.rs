@@ -14,7 +14,7 @@ fn the_longest_time_that_a_field_stood_still_is_told() {
             }
         }
         let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
-        let note = frozen_field::sensor_failure_note(&flight, &compass).unwrap();
+        let note = frozen_field::sensor_failure(&flight, &compass).unwrap().to_string();
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
     }
 }
@@ -26,6 +26,6 @@ fn a_field_that_ends_long_before_the_log_is_told() {
         let (flight, mut compass) = flown();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         compass.rows.retain(|row| row.t_s <= end_s - early_s);
-        assert_eq!(frozen_field::sensor_failure_note(&flight, &compass).is_some(), is_told, "{early_s}");
+        assert_eq!(frozen_field::sensor_failure(&flight, &compass).is_some(), is_told, "{early_s}");
     }
 }

@@ -4,7 +4,7 @@ mod data_loss;
 mod frozen_field;
 mod parameter_export;
 mod prior_inclination;
-mod summary;
+mod verdict;
 
 use std::sync::LazyLock;
 

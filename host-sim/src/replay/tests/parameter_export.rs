@@ -132,10 +132,15 @@ fn an_orientation_is_that_of_the_log_turned_on() {
         (&[("COMPASS_ORIENT", 6.0)][..], 1, 0.0, "COMPASS_ORIENT,6"),
         (&[("COMPASS_ORIENT", 2.0)], 1, 2.0, "COMPASS_ORIENT,4"),
         (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 1.0)], 2, 2.0, "COMPASS_ORIENT2,4"),
-        (&[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 0.0)], 2, 2.0, "# COMPASS_ORIENT2: COMPASS_EXTERN2 is 0"),
+        (
+            &[("COMPASS_ORIENT2", 2.0), ("COMPASS_EXTERN2", 0.0)],
+            2,
+            2.0,
+            "# COMPASS_ORIENT2: not used, because COMPASS_EXTERN2 is 0",
+        ),
         (&[("COMPASS_ORIENT", 2.0), ("COMPASS_EXTERNAL", 0.0)], 1, 0.0, "COMPASS_ORIENT,2"),
-        (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, "# COMPASS_ORIENT: no number"),
-        (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, "# COMPASS_ORIENT: no number"),
+        (&[("COMPASS_ORIENT", 38.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
+        (&[("COMPASS_ORIENT", 100.0)], 1, 2.0, "# COMPASS_ORIENT: the orientation has no number"),
     ] {
         let found = lines(parameters, &[turned(number, by)], ParameterFormat::ArduPilot, "ORIENT");
         assert!(found.len() == 1 && found[0].starts_with(line), "{parameters:?} by {by}: {found:?}");
@@ -150,9 +155,9 @@ fn px4s_orientation_is_that_of_the_log_turned_on() {
         (&[("CAL_MAG0_ROT", 2.0)][..], 2.0, Some("1\t1\tCAL_MAG0_ROT\t4\t6")),
         (&[("CAL_MAG0_ROT", 2.0)], 0.0, Some("1\t1\tCAL_MAG0_ROT\t2\t6")),
         (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 0.0, None),
-        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 2.0, Some("# CAL_MAG0_ROT: it sits otherwise")),
+        (&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 90.0)], 2.0, Some("# CAL_MAG0_ROT: its orientation differs")),
         (&[("CAL_MAG0_ROT", -1.0)], 0.0, None),
-        (&[("CAL_MAG0_ROT", -1.0)], 2.0, Some("# CAL_MAG0_ROT: it sits otherwise")),
+        (&[("CAL_MAG0_ROT", -1.0)], 2.0, Some("# CAL_MAG0_ROT: its orientation differs")),
     ] {
         let found = lines(parameters, &[turned(1, by)], ParameterFormat::Px4, "_ROT");
         let is_right = expected.map_or(found.is_empty(), |line| found.len() == 1 && found[0].starts_with(line));

@@ -2,8 +2,8 @@
 
 use super::super::model::{CompassReport, ReportSample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Heading sectors, centred on their number.
 const SECTORS: usize = 12;
@@ -64,7 +64,7 @@ pub fn coverage_picture(swung: &CompassReport) -> Picture {
     let cells = cells(swung);
     let mut svg = Svg::new(LEFT + CELL[0] * SECTORS as f64 + 16.0, 346.0);
     let knows = swung.has_fitted_marks;
-    let number_is = if knows { "collected and fitted to: how many" } else { "flown: seconds" };
+    let number_is = if knows { "collected and fitted, number" } else { "flown, seconds" };
     let mut items = vec![(LegendSample::Area("cell used"), number_is)];
     if knows {
         items.push((LegendSample::Area("cell flown"), "flown, not collected"));
@@ -120,8 +120,8 @@ fn words(swung: &CompassReport, cells: &[[CoverageCell; SECTORS]; ROWS.len()]) -
             _ => format!("{name}: not flown {}", missing.join(", ")),
         });
     }
-    let advice = swung.advice.as_ref().map_or_else(String::new, |advice| format!(" What would mend most: {advice}."));
-    format!("{}. Not all of it is needed.{advice}", words.join("; "))
+    let advice = swung.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
+    format!("{}. Not every cell is required.{advice}", words.join("; "))
 }
 
 #[cfg(test)]

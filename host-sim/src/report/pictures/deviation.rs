@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame, closed_heading_curve};
 use super::super::model::{CompassReport, DeviationCurve, magnitude_quantile, max_magnitude, subsample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 const SIZE: Point = [440.0, 350.0];
 
@@ -32,7 +32,7 @@ pub fn common_scale_picture(swung: &CompassReport, word: &str) -> Picture {
             )
         }
         (false, true) => format!("The largest {word} by heading is {} deg.", format_number(before, 1)),
-        _ => "There is nothing to compare with.".to_owned(),
+        _ => "There is no reference heading.".to_owned(),
     };
     Picture { svg, title, description: words, is_wide: false }
 }

@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, magnitude_quantile, subsample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Largest number of points in a panel.
 const POINTS: usize = 700;
@@ -59,8 +59,8 @@ pub fn field_picture(swung: &CompassReport) -> Option<Picture> {
     let radius =
         swung.horizontal_ut.map_or_else(String::new, |ut| format!(" Its radius is {} uT.", format_number(ut, 1)));
     let words = format!(
-        "What a compass sees while the aircraft turns, pitch and bank taken out: iron makes ellipses off the centre, the \
-         Earth's field alone one circle about it.{radius}"
+        "The field in level axes while the aircraft turns: with hard and soft iron an ellipse off the centre, without \
+         them a circle about it.{radius}"
     );
     Some(Picture { svg, title: "Horizontal field, before and after".to_owned(), description: words, is_wide: true })
 }

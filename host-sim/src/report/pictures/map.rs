@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, subsample};
 use super::super::svg::{Point, Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Largest number of points of the track.
 const POINTS: usize = 2500;
@@ -81,7 +81,7 @@ fn kinds(knows_fitted: bool) -> [TrackClass; 2] {
     let kind = |name, class, belongs| TrackClass { name, class, belongs };
     if knows_fitted {
         [
-            kind("does not count", "l l0 thin faint", |moment| !moment.is_usable),
+            kind("not used", "l l0 thin faint", |moment| !moment.is_usable),
             kind("flown, counts", "trace", |moment| moment.is_usable),
         ]
     } else {

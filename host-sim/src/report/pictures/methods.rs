@@ -2,8 +2,8 @@
 
 use super::super::model::{CalibratorComparison, ReferenceInfo};
 use super::super::svg::{Shape, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 const CLASSES: [&str; 3] = ["p1", "p2", "p3"];
 

@@ -3,8 +3,8 @@
 use super::super::frame::{Axis, PlotFrame};
 use super::super::model::{CompassReport, ReportSample, magnitude_quantile, max_magnitude};
 use super::super::svg::{Point, Svg};
-use super::super::text::format_number;
 use super::{LegendSample, Picture, draw_legend};
+use crate::numbers::format_number;
 
 /// Largest number of columns, each drawn from its least to its largest value, which bounds the size of long flights.
 const COLUMNS: usize = 500;
@@ -23,7 +23,7 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
     let error = format!("{word}, deg");
     let panels: Vec<Panel<'_>> = [
         ("strength, %", (|moment| moment.norm_residual_percent) as fn(&ReportSample) -> Option<f64>),
-        ("dip, deg", |moment| moment.inclination_residual_deg),
+        ("inclination, deg", |moment| moment.inclination_residual_deg),
         (&error, |moment| moment.error_deg),
     ]
     .into_iter()
@@ -39,7 +39,7 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
         (LegendSample::Line("l trace"), "as it was"),
         (LegendSample::Line("edge"), "expected, 1 sigma"),
         (LegendSample::Area("bent"), "would not be sent"),
-        (LegendSample::Area("off"), "does not count"),
+        (LegendSample::Area("off"), "not used"),
     ];
     let top = draw_legend(&mut svg, [16.0, 8.0], WIDTH + 60.0, &items) + 15.0 * rows;
     let mut beyond = 0;
@@ -77,8 +77,8 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
 }
 
 fn words(swung: &CompassReport, beyond: usize) -> String {
-    const WHAT: &str = "The corrected field against the Earth's, in strength and dip: steady iron and a right calibration \
-                        leave noise about nothing, iron that moves or a current leaves steps and bumps.";
+    const WHAT: &str = "Strength and inclination of the corrected field, less the Earth's: with a correct calibration only \
+                        noise about zero remains; a change of hard iron is a step, motor current or iron nearby a bump.";
     let mut words = vec![WHAT.to_owned()];
     for mark in &swung.marks {
         words.push(format!("{} s: {}.", format_number(mark.at_s, 0), mark.name));

@@ -1,5 +1,10 @@
 use super::*;
-use crate::replay::summary;
+use crate::replay::note::Note;
+use crate::replay::verdict::FlightOutcome;
+
+fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> Vec<String> {
+    Note::all(flight, evaluation).iter().map(ToString::to_string).collect()
+}
 
 fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
     let (_, first) = flown();
@@ -10,7 +15,7 @@ fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
         compass.module.solution.as_mut().unwrap().quality.expected_rms_deg = expected_deg;
     }
     change(&mut second);
-    summary::verdict_line(&verdict(vec![first, second]))
+    FlightOutcome::new(&verdict(vec![first, second])).to_string()
 }
 
 #[test]
@@ -21,7 +26,7 @@ fn a_verdict_tells_when_and_how_well_the_worst_does() {
     assert!(at(Some(41.4)).contains("by itself, 40 s into"), "{}", at(Some(41.4)));
     assert!(at(Some(41.6)).contains("by itself, 40 to 42 s into"), "{}", at(Some(41.6)));
     assert!(at(Some(12.0)).contains("by itself, 12 to 40 s into"), "{}", at(Some(12.0)));
-    assert!(at(None).contains("when asked to at the end of the flight, expecting 0.9 deg"), "{}", at(None));
+    assert!(at(None).contains("by a command at the end of the flight, expecting 0.9 deg"), "{}", at(None));
     let refused = of_two(|second| (second.module.accepted, second.module.ended_s) = (REFUSED, None));
     assert!(
         refused.contains("1 of 2 compasses (number 1) by itself, 40 s into the flight, expecting 0.5"),
@@ -49,11 +54,11 @@ fn a_log_of_nearly_nothing_is_the_cause_of_a_refusal() {
         let (_, mut compass) = flown();
         (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
         compass.counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
-        let own = compass.refusal().unwrap().to_string();
-        summary::verdict_line(&verdict(vec![compass])).replace(&own, "its own")
+        let own = compass.module.refusal().unwrap().to_string();
+        FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
     };
-    assert!(refused(19, 19).ends_with("the log holds 19 readings of the field, which is no flight"));
-    assert!(refused(20, 19).ends_with("of 20 readings of the field 19 may be used, 1 are disarmed"));
+    assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
+    assert!(refused(20, 19).ends_with("of 20 readings of the field 19 are usable; 1 are disarmed"));
     assert_eq!(refused(20, 20), "the module would have refused: its own");
 }
 
@@ -65,12 +70,12 @@ fn of_several_refusals_the_nearest_is_told() {
         compass.counts = RowCounts { readings, used: readings, ..RowCounts::default() };
         CompassEvaluation { number, ..compass }
     };
-    let why = of(1, 900).refusal().unwrap();
+    let why = of(1, 900).module.refusal().unwrap();
     for (readings, told) in [
         (900, format!("the module would have refused each of 2 compasses: {why}")),
         (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
     ] {
-        assert_eq!(summary::verdict_line(&verdict(vec![of(1, readings), of(2, 900)])), told);
+        assert_eq!(FlightOutcome::new(&verdict(vec![of(1, readings), of(2, 900)])).to_string(), told);
     }
 }
 
@@ -85,8 +90,7 @@ fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
         );
         (EarthField { total_ut, ..field.unwrap() }, true)
     });
-    let notes = summary::notes(&flight, &verdict);
-    notes.into_iter().find(|note| note.starts_with("compass 1: the field")).unwrap_or_default()
+    notes(&flight, &verdict).into_iter().find(|note| note.starts_with("compass 1: the field")).unwrap_or_default()
 }
 
 /// The limits are a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
@@ -104,18 +108,20 @@ fn a_field_of_another_strength_is_told() {
 
 #[test]
 fn parameters_that_are_missing_are_told() {
-    let notes = |names: &[&str]| {
+    let found = |names: &[&str]| {
         let (mut flight, compass) = flown();
         flight.parameters = log::ParameterHistory::default();
         for name in names {
             flight.parameters.set(0.0, name, 1.0);
         }
-        let notes = summary::notes(&flight, &verdict(vec![compass]));
-        notes.into_iter().filter(|note| note.contains("parameters")).collect::<Vec<_>>()
+        notes(&flight, &verdict(vec![compass]))
+            .into_iter()
+            .filter(|note| note.contains("parameters"))
+            .collect::<Vec<_>>()
     };
-    assert_eq!(notes(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
-    let missing = "parameters that are not in the log, taken as if never set: COMPASS_OFS_X, COMPASS_OFS_Z";
-    assert_eq!(notes(&["COMPASS_OFS_Y"]), [missing]);
-    let none = notes(&[]);
+    assert_eq!(found(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
+    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
+    assert_eq!(found(&["COMPASS_OFS_Y"]), [missing]);
+    let none = found(&[]);
     assert!(none.len() == 1 && none[0].starts_with("the parameters are not in the log"), "{none:?}");
 }
