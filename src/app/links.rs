@@ -1,7 +1,7 @@
 //! Channels, signals and latest values that connect the tasks.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, RawMutex as _};
@@ -131,29 +131,31 @@ impl Links {
     }
 
     /// Publishes a port's protocol and armed state. The aircraft is armed if the autopilot of any port is.
-    pub(super) fn update_port_state(&self, number: PortNumber, spoken: ProtocolKind, is_armed: Option<bool>) {
-        let wires = self.port(number);
-        wires.spoken.store(spoken as u8, Ordering::Relaxed);
-        wires.armed.store(is_armed.map_or(UNKNOWN, u8::from), Ordering::Relaxed);
-        let armed = |number| self.port(number).armed.load(Ordering::Relaxed);
-        let [one, two] = PortNumber::ALL.map(armed);
-        let most = if one == UNKNOWN || (two != UNKNOWN && two > one) { two } else { one };
-        publish(&self.armed, (most != UNKNOWN).then_some(most == u8::from(true)));
+    pub(super) fn update_port_state(&self, number: PortNumber, protocol: ProtocolKind, is_armed: Option<bool>) {
+        self.port(number).state.lock(|state| state.set(PortState { protocol, is_armed }));
+        publish(
+            &self.armed,
+            match self.port_states().map(|state| state.is_armed) {
+                [Some(one), Some(two)] => Some(one || two),
+                [known, None] | [None, known] => known,
+            },
+        );
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
         for (number, found) in PortNumber::ALL.into_iter().zip(found) {
-            self.port(number).spoken.store(found as u8, Ordering::Relaxed);
+            self.port(number).state.lock(|state| state.set(PortState { protocol: found, ..state.get() }));
         }
+    }
+
+    fn port_states(&self) -> [PortState; PORT_COUNT] {
+        PortNumber::ALL.map(|number| self.port(number).state.lock(Cell::get))
     }
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        PortNumber::ALL.map(|number| {
-            let spoken = self.port(number).spoken.load(Ordering::Relaxed);
-            ProtocolKind::ALL.into_iter().find(|kind| *kind as u8 == spoken).unwrap_or(ProtocolKind::Auto)
-        })
+        self.port_states().map(|state| state.protocol)
     }
 
     /// Present counter values.
@@ -224,8 +226,14 @@ pub(super) fn increment(counter: &AtomicU32) {
 /// Capacity of a message queue; a full one drops its oldest message.
 const MESSAGES: usize = 3;
 
-/// Armed state while no autopilot reports it.
-const UNKNOWN: u8 = 2;
+/// State that a port reports.
+#[derive(Clone, Copy)]
+struct PortState {
+    /// `Auto` during detection.
+    protocol: ProtocolKind,
+    /// Whether its autopilot is armed, if known.
+    is_armed: Option<bool>,
+}
 
 pub(super) struct PortLinks {
     /// Heartbeat counter; 0 for a port that does not run.
@@ -234,8 +242,7 @@ pub(super) struct PortLinks {
     pub messages: Queue<Message, MESSAGES>,
     /// Result of an order received on this port.
     pub answers: Signal<CriticalSectionRawMutex, (Order, Result<(), Refusal>)>,
-    spoken: AtomicU8,
-    armed: AtomicU8,
+    state: Mutex<CriticalSectionRawMutex, Cell<PortState>>,
 }
 
 impl PortLinks {
@@ -244,8 +251,7 @@ impl PortLinks {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
             answers: Signal::new(),
-            spoken: AtomicU8::new(ProtocolKind::Auto as u8),
-            armed: AtomicU8::new(UNKNOWN),
+            state: Mutex::new(Cell::new(PortState { protocol: ProtocolKind::Auto, is_armed: None })),
         }
     }
 }
