@@ -4,23 +4,22 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either, Either6, select, select6};
+use embassy_futures::select::{Either, Either5, select, select5};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
-use super::links::{DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe};
+use super::links::{
+    CommandSource, DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe,
+};
 use crate::acceptance::AcceptancePolicy;
-use crate::calibration::method_selection::Procedure;
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, Compass, Effect, Event, Reply};
 use crate::earth::{Date, Position};
 use crate::health::{Counts, SampleLoss};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
-use crate::messages::{Message, Refusal};
-use crate::port::Order;
-use crate::settings::PortNumber;
+use crate::messages::Message;
 use crate::store::{Loaded, Store, StoreError};
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
@@ -52,7 +51,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
     let mut began = Counts::default();
     publish_state(links, compass, None);
     loop {
-        let (event, asker) = next_event(links, compass, &mut latest).await;
+        let (event, source) = next_event(links, compass, &mut latest).await;
         let mut effect = compass.step(event);
         if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             began = links.counts();
@@ -69,12 +68,15 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // Before the reply: its reader finds the module in the state that the reply names.
         publish_state(links, compass, message);
-        if let Effect::Reply(reply) = effect {
-            match asker {
-                ReplyReceiver::Console => links.replies.send(reply).await,
-                ReplyReceiver::Port(number, order) => deliver_order_result(links, number, order, reply.map(|_| ())),
-                // The button receives no reply; the lamp shows the state.
-                ReplyReceiver::NoReply => {}
+        if let (Effect::Reply(reply), Event::Command(command, _), Some(source)) = (effect, event, source) {
+            // The console restarts the module after its reply, whoever commanded it.
+            if command == Command::Restart && reply.is_ok() {
+                links.restart.signal(());
+            }
+            match source {
+                CommandSource::Console => links.replies.send(reply).await,
+                CommandSource::Port(number) => links.port(number).answers.signal((command, reply.map(|_| ()))),
+                CommandSource::Button => {}
             }
         }
     }
@@ -106,29 +108,6 @@ async fn poll_in_own_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ReplyReceiver {
-    Console,
-    Port(PortNumber, Order),
-    NoReply,
-}
-
-const fn command_for_order(order: Order) -> Command {
-    match order {
-        Order::Start => Command::CalStart(Procedure::Flight),
-        Order::Accept => Command::CalSolve(None),
-        Order::Cancel => Command::CalAbort,
-        Order::Reboot => Command::PrepareRestart,
-    }
-}
-
-fn deliver_order_result(links: &Links, number: PortNumber, order: Order, result: Result<(), Refusal>) {
-    if order == Order::Reboot && result.is_ok() {
-        links.restart.signal(());
-    }
-    links.port(number).answers.signal((order, result));
-}
-
 struct LatestReceivers<'a> {
     armed: ValueReceiver<'a, Option<bool>, 1>,
     sensor: ValueReceiver<'a, DetectedSensor, 2>,
@@ -139,41 +118,39 @@ struct LatestReceivers<'a> {
 /// Waits for the next event; during a solve the next event is its next step, unless another is pending. The armed state
 /// comes first, because commands depend on it. Position and date wait for the end of a solve, which has already read
 /// them.
-async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestReceivers<'_>) -> (Event, ReplyReceiver) {
+async fn next_event(
+    links: &Links,
+    compass: &Compass<'_>,
+    latest: &mut LatestReceivers<'_>,
+) -> (Event, Option<CommandSource>) {
     let LatestReceivers { armed, sensor, place, day } = latest;
-    let asked = |asked| (command(asked), ReplyReceiver::Console);
-    let of = |event| (event, ReplyReceiver::NoReply);
-    let from = |(number, order)| (command(command_for_order(order)), ReplyReceiver::Port(number, order));
+    let of = |event| (event, None);
     if compass.is_busy() {
         // The console runs between two steps of a solve.
         yield_now().await;
         let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
-        let request = || links.requests.try_receive().ok().map(asked);
-        let order = || links.orders.try_receive().ok().map(from);
-        return armed.or_else(request).or_else(order).unwrap_or(of(Event::Advance));
+        let command = || links.commands.try_receive().ok().map(command_event);
+        return armed.or_else(command).unwrap_or(of(Event::Advance));
     }
-    let next = select6(
+    let next = select5(
         armed.changed(),
-        links.requests.receive(),
-        links.orders.receive(),
+        links.commands.receive(),
         sensor.changed(),
-        links.pressed.wait(),
-        select(links.samples.receive(), select(place.changed(), day.changed())),
+        links.samples.receive(),
+        select(place.changed(), day.changed()),
     );
     match next.await {
-        Either6::First(is_armed) => of(Event::Armed(is_armed)),
-        Either6::Second(request) => asked(request),
-        Either6::Third(order) => from(order),
-        Either6::Fourth(found) => of(Event::SensorDetected(found.identity, readings_per_sample(found.period_us))),
-        Either6::Fifth(()) => of(command(Command::CalStart(Procedure::Flight))),
-        Either6::Sixth(Either::First(sample)) => of(Event::Sample(sample)),
-        Either6::Sixth(Either::Second(Either::First(place))) => of(Event::Position(place)),
-        Either6::Sixth(Either::Second(Either::Second(day))) => of(Event::Date(day)),
+        Either5::First(is_armed) => of(Event::Armed(is_armed)),
+        Either5::Second(command) => command_event(command),
+        Either5::Third(found) => of(Event::SensorDetected(found.identity, readings_per_sample(found.period_us))),
+        Either5::Fourth(sample) => of(Event::Sample(sample)),
+        Either5::Fifth(Either::First(place)) => of(Event::Position(place)),
+        Either5::Fifth(Either::Second(day)) => of(Event::Date(day)),
     }
 }
 
-fn command(asked: Command) -> Event {
-    Event::Command(asked, now().wrapping_millis())
+fn command_event((source, command): (CommandSource, Command)) -> (Event, Option<CommandSource>) {
+    (Event::Command(command, now().wrapping_millis()), Some(source))
 }
 
 /// Counts and reports unreadable flash; the module starts without stored data.

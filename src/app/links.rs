@@ -17,7 +17,6 @@ use crate::earth::{Date, Position};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate};
 use crate::messages::{Message, Refusal};
-use crate::port::Order;
 use crate::reading::{Identity, Reading};
 use crate::settings::Settings;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
@@ -38,6 +37,15 @@ pub(super) struct DetectedSensor {
     pub stuck_after: u16,
 }
 
+/// Source of a command, which receives its reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CommandSource {
+    Console,
+    Port(PortNumber),
+    /// Receives no reply; the lamp shows the state.
+    Button,
+}
+
 /// Channel whose sender never waits: an item that finds it full is counted and dropped.
 pub(super) type Queue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
 
@@ -52,12 +60,12 @@ pub struct Links {
     pub(super) readings: Queue<Timestamped<Reading>, 4>,
     pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
-    pub(super) requests: Queue<Command, 1>,
+    /// To the state machine. Capacity: one command of each source.
+    pub(super) commands: Queue<(CommandSource, Command), { 2 + PORT_COUNT }>,
+    /// To the console: replies to its commands.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     /// To the console: unsolicited messages. Each port has a queue of its own.
     pub(super) notices: Queue<Message, MESSAGES>,
-    /// To the state machine: the button was held.
-    pub(super) pressed: Signal<CriticalSectionRawMutex, ()>,
     /// To the lamp, which polls it.
     pub(super) indicator: LatestValue<IndicatorState, 1>,
     /// To the instrument and to the state machine.
@@ -76,8 +84,6 @@ pub struct Links {
     pub(super) settings: LatestValue<Settings, PORT_COUNT>,
     /// To the ports; the console polls it.
     pub(super) estimates: LatestValue<Estimate, PORT_COUNT>,
-    /// To the state machine: orders received on ports.
-    pub(super) orders: Queue<(PortNumber, Order), 1>,
     /// To the console, which restarts the module.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
     ports: [PortLinks; PORT_COUNT],
@@ -94,10 +100,9 @@ impl Links {
             readings: Channel::new(),
             reports: Channel::new(),
             samples: Channel::new(),
-            requests: Channel::new(),
+            commands: Channel::new(),
             replies: Channel::new(),
             notices: Channel::new(),
-            pressed: Signal::new(),
             indicator: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
@@ -107,7 +112,6 @@ impl Links {
             correction: Watch::new(),
             settings: Watch::new(),
             estimates: Watch::new(),
-            orders: Channel::new(),
             restart: Signal::new(),
             ports: [const { PortLinks::new() }; PORT_COUNT],
             lines: Mutex::new(Cell::new(LineSelector::new())),
@@ -240,8 +244,8 @@ pub(super) struct PortLinks {
     pub heartbeat: AtomicU32,
     /// Unsolicited messages.
     pub messages: Queue<Message, MESSAGES>,
-    /// Result of an order received on this port.
-    pub answers: Signal<CriticalSectionRawMutex, (Order, Result<(), Refusal>)>,
+    /// Result of a command received on this port.
+    pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<PortState>>,
 }
 

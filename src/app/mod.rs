@@ -4,13 +4,13 @@
 //! ```text
 //! interrupt executor                                                    thread executor
 //! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
-//! port   ----reports----> instrument <--correction---------------------- compass <--requests--- console
+//! port   ----reports----> instrument <--correction---------------------- compass <--commands--- console
 //!        <---estimates--- instrument
-//!        ----armed, orders---------------------------------------------> compass
+//!        ----armed, commands-------------------------------------------> compass
 //!        <---settings, answers------------------------------------------ compass
 //!        <---texts-------------------------------------------------------------------------- console
 //! panel  <---glance, estimates------------------------------------------ compass
-//!        ----pressed---------------------------------------------------> compass
+//!        ----commands--------------------------------------------------> compass
 //! watchdog <-signs of life of those, and <------------------------------ pulse
 //! ```
 //!

@@ -5,6 +5,7 @@
 //! divided into [`Event::Advance`] steps, so that its driver can do other work in between. A candidate calibration
 //! becomes active after passing [`acceptance`] and being completely saved.
 
+mod admission;
 mod automatic;
 mod events;
 mod indicator;
@@ -277,17 +278,7 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swings = command == Command::CalStartNew(None) && self.collector.procedure() == Procedure::Swing;
-        if self.is_armed == Some(true) && (command.requires_disarmed() || swings) {
-            return Err(Refusal::Armed);
-        }
-        if self.is_blocked(command) {
-            if !self.trials.is_running {
-                return Err(Refusal::Busy);
-            }
-            // Commands take precedence over trial solves.
-            self.resume_collection();
-        }
+        self.admit(command)?;
         match command {
             Command::CalStart(procedure) => self.start_by_command(procedure, false)?,
             Command::CalStartNew(procedure) => {
@@ -314,7 +305,7 @@ impl<'a> Compass<'a> {
             }
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
             Command::CalUndo => return self.restore_previous(),
-            Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
+            Command::Status | Command::CalShow => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
             Command::Set(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
                 if let SettingChange::Auto(true) = setting {
@@ -324,7 +315,7 @@ impl<'a> Compass<'a> {
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
-            Command::PrepareRestart => self.collector.reset_restart_count(),
+            Command::Restart => self.collector.reset_restart_count(),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
@@ -357,16 +348,6 @@ impl<'a> Compass<'a> {
         self.trials = TrialSolves::NONE;
         self.automatic.is_active = false;
         self.phase = Activity::Idle;
-    }
-
-    /// Whether a command is rejected during the present activity. A save is always completed.
-    fn is_blocked(&self, command: Command) -> bool {
-        match command {
-            Command::Report | Command::CalAdvise => false,
-            Command::CalAbort | Command::PrepareRestart => self.saving.is_some(),
-            Command::Set(setting) if !setting.is_used_by_solves() => self.saving.is_some(),
-            _ => self.is_busy() || self.saving.is_some(),
-        }
     }
 
     /// Marks a heading with the mean sample of the last second.

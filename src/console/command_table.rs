@@ -144,7 +144,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("help", "", "list the commands, or explain one"),
     CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
     CommandSpec::new("status", "", "show state, sensors, progress, settings and counters")
-        .with_request(|_| Request::Status),
+        .with_request(|_| Command::Status.into()),
     CommandSpec::new("cal", "", "calibration"),
     CommandSpec::new(
         "cal",
@@ -181,7 +181,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     .with_request(|given| Command::CalSolve(given.choice(0, |number| METHODS.get(number).copied())).into()),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
-    CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Request::CalShow),
+    CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Command::CalShow.into()),
     CommandSpec::new("cal", "clear", "delete the stored calibrations")
         .takes(&[ArgumentSpec::new("all", ArgumentKind::Confirmation("all"))])
         .with_request(|_| Command::CalClear.into()),
@@ -265,7 +265,7 @@ pub static COMMANDS: &[CommandSpec] = &[
     )
     .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
     .with_request(|given| set(SettingChange::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
-    CommandSpec::new("reboot", "", "restart the module").with_request(|_| Request::Reboot),
+    CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 
 const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(protocol));
@@ -356,12 +356,12 @@ fn attitude_error(given: &Arguments) -> AttitudeError {
 }
 
 const fn set(setting: SettingChange) -> Request {
-    Request::Compass(Command::Set(setting))
+    Request::Command(Command::Set(setting))
 }
 
 impl From<Command> for Request {
     fn from(command: Command) -> Self {
-        Self::Compass(command)
+        Self::Command(command)
     }
 }
 

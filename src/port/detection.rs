@@ -1,7 +1,8 @@
 //! A port with its protocols, and the detection of the autopilot's protocol.
 
-use super::{Mavlink, Msp, Nmea, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use super::{Mavlink, Msp, Nmea, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::calibration::Calibration;
+use crate::compass::Command;
 use crate::messages::{Message, Refusal};
 use crate::settings::ProtocolKind;
 use crate::time::Timestamp;
@@ -121,9 +122,9 @@ impl Port {
         }
     }
 
-    /// Processes the result of an order received on this port.
-    pub fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
-        self.mavlink.complete_order(order, result);
+    /// Processes the result of a command received on this port.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        self.mavlink.complete_command(command, result);
     }
 
     /// Whether the set protocol carries text messages, or may after detection.

@@ -8,7 +8,7 @@ use testkit::flash::RamFlash;
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{DetectedSensor, publish};
+use crate::app::links::{CommandSource, DetectedSensor, publish};
 use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
@@ -42,7 +42,7 @@ fn with_compass(flash: Flash) -> TaskBench {
 }
 
 pub(super) fn ask(bed: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
-    bed.links.requests.try_send(command).unwrap();
+    bed.links.commands.try_send((CommandSource::Console, command)).unwrap();
     bed.ms(1);
     bed.links.replies.try_receive().expect("an answer")
 }
@@ -103,7 +103,7 @@ fn readings_that_were_lost_since_the_start_explain_a_refusal() {
         bed.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
     };
     lose(&bed, 500);
-    bed.links.pressed.signal(());
+    bed.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
     bed.ms(1);
     lose(&bed, 200);
     let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
@@ -149,9 +149,9 @@ fn samples_become_a_correction() {
     let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
     let answered = Rc::clone(&replies);
     bed.run("person", |links| async move {
-        for command in [Command::CalSolve(None), Command::PrepareRestart, Command::CalUndo] {
+        for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
             publish(&links.armed, Some(command == Command::CalUndo));
-            links.requests.send(command).await;
+            links.commands.send((CommandSource::Console, command)).await;
             let reply = links.replies.receive().await;
             answered.borrow_mut().push(reply);
         }
@@ -168,11 +168,25 @@ fn samples_become_a_correction() {
 #[test]
 fn the_state_machine_hears_that_the_autopilot_is_armed() {
     let mut bed = with_compass(Flash::new(PAGES));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
     publish(&bed.links.armed, Some(true));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Err(Refusal::Armed)));
+    assert!(matches!(ask(&mut bed, Command::Restart), Err(Refusal::Armed)));
     publish(&bed.links.armed, Some(false));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
+}
+
+/// The state machine decides for every source, and tells the console to restart the module.
+#[test]
+fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
+        publish(&bed.links.armed, Some(is_armed));
+        bed.links.commands.try_send((CommandSource::Port(PortNumber::Two), Command::Restart)).unwrap();
+        bed.ms(1);
+        assert_eq!(bed.links.restart.signaled(), result.is_ok());
+        assert_eq!(bed.links.port(PortNumber::Two).answers.try_take(), Some((Command::Restart, result)));
+        assert!(bed.links.port(PortNumber::One).answers.try_take().is_none());
+    }
 }
 
 #[derive(Clone, Default)]

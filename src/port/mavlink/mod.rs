@@ -15,23 +15,23 @@
 //! back.
 
 mod collection;
-mod orders;
+mod commands;
 mod requests;
 mod texts;
 
 use ::mavlink::dialects::common::MavState;
 
-use super::{MessageSchedule, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::attitude::{SenderId, SenderSelector};
 use crate::calibration::Calibration;
-use crate::compass::IndicatorState;
+use crate::compass::{Command, IndicatorState};
 use crate::frames::wrap_pi;
 use crate::messages::{Message as Notice, Refusal};
 use crate::settings::HeadingKind;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
 use collection::CollectionReporter;
-use orders::CommandHandler;
+use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
 
@@ -54,7 +54,7 @@ pub struct Mavlink {
     senders: SenderSelector,
     sequence: u8,
     requests: RequestSequence,
-    orders: CommandHandler,
+    commands: CommandHandler,
     texts: PendingTexts,
     collection: CollectionReporter,
     vision: MessageSchedule,
@@ -118,9 +118,8 @@ impl Mavlink {
                 current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
             }
             InboundMessage::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
-                let is_armed = self.senders.is_armed(at) == Some(true);
-                match self.orders.process_command(at, &command, is_armed) {
-                    Ok(order) => Some(ReceivedMessage::Order(order)),
+                match self.commands.process_command(at, &command) {
+                    Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
                         self.report_refused(reason);
                         None
@@ -209,7 +208,7 @@ impl Protocol for Mavlink {
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
         let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
-        let _is_sent = self.orders.send(line)
+        let _is_sent = self.commands.send(line)
             || self.send_pose(facts, line)
             || self.send_heartbeat(facts, line)
             || self.requests.send(now, autopilot, line)
@@ -222,8 +221,8 @@ impl Protocol for Mavlink {
 
     /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
     /// restart.
-    fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
-        self.orders.complete_order(order, result);
+    fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        self.commands.complete_command(command, result);
         self.report_refused(result.err().cloned());
     }
 
