@@ -1,6 +1,6 @@
 //! Admission of commands: the only place that refuses them because of the armed state, a solve or a save.
 
-use super::{Command, Compass};
+use super::{Activity, Command, Compass, Solve, SolvePurpose};
 use crate::calibration::method_selection::Procedure;
 use crate::messages::Refusal;
 use crate::settings::SettingChange;
@@ -18,13 +18,17 @@ impl Compass<'_> {
             _ => true,
         };
         // A save is always completed.
-        if self.saving.is_some() || (waits_for_solve && self.is_busy() && !self.trials.is_running) {
+        if self.is_saving() {
             return Err(Refusal::Busy);
         }
-        if waits_for_solve && self.trials.is_running {
-            self.resume_collection();
+        match self.activity {
+            Activity::Solving(Solve { purpose: SolvePurpose::Trial(starter), .. }) if waits_for_solve => {
+                self.resume_collection(starter);
+                Ok(())
+            }
+            Activity::Solving(_) if waits_for_solve => Err(Refusal::Busy),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether a command would interrupt the heading in flight, or needs a stationary vehicle.
