@@ -4,7 +4,7 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either, Either5, select, select5};
+use embassy_futures::select::select_array;
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 
@@ -42,16 +42,17 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Ret
 /// Runs the state machine for ever. It is passed by reference: created here, it would be built on the stack, which has
 /// no room for it, and copied.
 async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
-    let mut latest = LatestReceivers {
-        armed: subscribe(&links.armed),
-        sensor: subscribe(&links.sensor),
-        place: subscribe(&links.position),
-        day: subscribe(&links.date),
-    };
+    let mut events = Events::new(links);
     let mut began = Counts::default();
     publish_state(links, compass, None);
     loop {
-        let (event, source) = next_event(links, compass, &mut latest).await;
+        let (event, source) = if compass.is_busy() {
+            // The console runs between two steps of a solve.
+            yield_now().await;
+            events.next_during_solve().unwrap_or((Event::Advance, None))
+        } else {
+            events.next().await
+        };
         let mut effect = compass.step(event);
         if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             began = links.counts();
@@ -108,49 +109,55 @@ async fn poll_in_own_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
-struct LatestReceivers<'a> {
+/// The state machine's events from all other tasks, in one sequence.
+struct Events<'a> {
+    links: &'a Links,
     armed: ValueReceiver<'a, Option<bool>, 1>,
     sensor: ValueReceiver<'a, DetectedSensor, 2>,
-    place: ValueReceiver<'a, Position, 1>,
-    day: ValueReceiver<'a, Date, 1>,
+    position: ValueReceiver<'a, Position, 1>,
+    date: ValueReceiver<'a, Date, 1>,
 }
 
-/// Waits for the next event; during a solve the next event is its next step, unless another is pending. The armed state
-/// comes first, because commands depend on it. Position and date wait for the end of a solve, which has already read
-/// them.
-async fn next_event(
-    links: &Links,
-    compass: &Compass<'_>,
-    latest: &mut LatestReceivers<'_>,
-) -> (Event, Option<CommandSource>) {
-    let LatestReceivers { armed, sensor, place, day } = latest;
-    let of = |event| (event, None);
-    if compass.is_busy() {
-        // The console runs between two steps of a solve.
-        yield_now().await;
-        let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
-        let command = || links.commands.try_receive().ok().map(command_event);
-        return armed.or_else(command).unwrap_or(of(Event::Advance));
+impl<'a> Events<'a> {
+    fn new(links: &'a Links) -> Self {
+        Self {
+            links,
+            armed: subscribe(&links.armed),
+            sensor: subscribe(&links.sensor),
+            position: subscribe(&links.position),
+            date: subscribe(&links.date),
+        }
     }
-    let next = select5(
-        armed.changed(),
-        links.commands.receive(),
-        sensor.changed(),
-        links.samples.receive(),
-        select(place.changed(), day.changed()),
-    );
-    match next.await {
-        Either5::First(is_armed) => of(Event::Armed(is_armed)),
-        Either5::Second(command) => command_event(command),
-        Either5::Third(found) => of(Event::SensorDetected(found.identity, readings_per_sample(found.period_us))),
-        Either5::Fourth(sample) => of(Event::Sample(sample)),
-        Either5::Fifth(Either::First(place)) => of(Event::Position(place)),
-        Either5::Fifth(Either::Second(day)) => of(Event::Date(day)),
-    }
-}
 
-fn command_event((source, command): (CommandSource, Command)) -> (Event, Option<CommandSource>) {
-    (Event::Command(command, now().wrapping_millis()), Some(source))
+    /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is next:
+    /// the armed state, because commands depend on it.
+    async fn next(&mut self) -> (Event, Option<CommandSource>) {
+        let Self { links, armed, sensor, position, date } = self;
+        let events: [Pin<&mut dyn Future<Output = _>>; 6] = [
+            pin!(async { (Event::Armed(armed.changed().await), None) }),
+            pin!(async {
+                let (source, command) = links.commands.receive().await;
+                (Event::Command(command, now().wrapping_millis()), Some(source))
+            }),
+            pin!(async {
+                let DetectedSensor { identity, period_us, .. } = sensor.changed().await;
+                (Event::SensorDetected(identity, readings_per_sample(period_us)), None)
+            }),
+            pin!(async { (Event::Sample(links.samples.receive().await), None) }),
+            pin!(async { (Event::Position(position.changed().await), None) }),
+            pin!(async { (Event::Date(date.changed().await), None) }),
+        ];
+        select_array(events).await.0
+    }
+
+    /// The next event during a solve that is ready. The others wait for its end.
+    fn next_during_solve(&mut self) -> Option<(Event, Option<CommandSource>)> {
+        let command = || self.links.commands.try_receive().ok();
+        match self.armed.try_changed() {
+            Some(is_armed) => Some((Event::Armed(is_armed), None)),
+            None => command().map(|(source, command)| (Event::Command(command, now().wrapping_millis()), Some(source))),
+        }
+    }
 }
 
 /// Counts and reports unreadable flash; the module starts without stored data.
