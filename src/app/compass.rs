@@ -6,6 +6,7 @@ use core::task::{Context, Poll};
 
 use embassy_futures::select::select_array;
 use embassy_futures::yield_now;
+use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
@@ -21,6 +22,15 @@ use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
 use crate::messages::Message;
 use crate::store::{Loaded, Store, StoreError};
+
+/// Longest wait for an event, and so interval of heartbeats of the idle state machine.
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Timeout of a save: twice the longest, `cal clear all` of a store of another format, which erases each page in 25 ms.
+const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// Longest time between heartbeats of this task, milliseconds. One step of a solve takes 0.1 s.
+pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut RetainedSamples) -> ! {
@@ -46,12 +56,15 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
     let mut began = Counts::default();
     publish_state(links, compass, None);
     loop {
+        increment(&links.heartbeats.compass);
         let (event, source) = if compass.is_busy() {
             // The console runs between two steps of a solve.
             yield_now().await;
             events.next_during_solve().unwrap_or((Event::Advance, None))
+        } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next()).await {
+            next
         } else {
-            events.next().await
+            continue;
         };
         let mut effect = compass.step(event);
         if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
@@ -61,7 +74,9 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
             effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = poll_in_own_frame(pin!(store.save(change))).await;
+            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_frame(pin!(store.save(change))))
+                .await
+                .unwrap_or(Err(StoreError::Timeout));
             increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
@@ -162,7 +177,7 @@ impl<'a> Events<'a> {
 
 /// Counts and reports unreadable flash; the module starts without stored data.
 fn announce_unreadable(links: &Links, error: StoreError) {
-    let message = Message::StoreUnreadable(error);
+    let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.code());
     increment(&links.counters.store_errors);
     links.announce(&message);

@@ -264,8 +264,7 @@ impl PortLinks {
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub instrument: AtomicU32,
-    /// Thread executor, which runs the tasks of lower priority.
-    pub thread_executor: AtomicU32,
+    pub compass: AtomicU32,
 }
 
 /// Number of heartbeats that every board has, the first port's included.
@@ -275,15 +274,15 @@ pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORT_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
-        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), thread_executor: AtomicU32::new(0) }
+        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), compass: AtomicU32::new(0) }
     }
 }
 
 impl Links {
     /// All heartbeat counters; 0 for a port that does not run.
     pub(super) fn heartbeat_counts(&self) -> [u32; HEARTBEATS] {
-        let Heartbeats { sensor, instrument, thread_executor: below } = &self.heartbeats;
+        let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
         let [one, two] = PortNumber::ALL.map(|number| &self.port(number).heartbeat);
-        [sensor, instrument, below, one, two].map(|beat| beat.load(Ordering::Relaxed))
+        [sensor, instrument, compass, one, two].map(|beat| beat.load(Ordering::Relaxed))
     }
 }

@@ -11,7 +11,7 @@
 //!        <---texts-------------------------------------------------------------------------- console
 //! panel  <---glance, estimates------------------------------------------ compass
 //!        ----commands--------------------------------------------------> compass
-//! watchdog <-signs of life of those, and <------------------------------ pulse
+//! watchdog <--heartbeats of those, and <-------------------------------- compass
 //! ```
 //!
 //! Tasks that make headings preempt the slow ones (solve, flash erase, console), which therefore never delay a

@@ -578,7 +578,10 @@ impl<'a> Compass<'a> {
         }
         let Some(saving) = self.saving.take() else { return Effect::None };
         match (saving, result) {
-            // Not requested by a user: no reply, no retry.
+            // Not requested by a user: no reply, no retry. Headings continue, so that nothing else shows the failure.
+            (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
+                Effect::Notify(Message::StoreFailed(error))
+            }
             (PendingSave::Remembered(_), _) => Effect::None,
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::atomic::Ordering;
 
-use testkit::flash::RamFlash;
+use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
@@ -21,18 +21,18 @@ use crate::heading::Heading;
 use crate::health::{ResetCause, SampleLoss, StackUse};
 use crate::instrument::{Estimate, SampleAttitude};
 use crate::messages::{Message, Refusal, RefusalCause};
-use crate::settings::{PortNumber, SettingChange, Settings};
+use crate::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 use crate::store::{Store, StoreError};
 use crate::time::WrappingMillis;
 
-type Flash = RamFlash<2048>;
-const PAGES: usize = 8;
+pub(super) type Flash = RamFlash<2048>;
+pub(super) const PAGES: usize = 8;
 
 fn store(flash: Flash) -> Store<Flash> {
     Store::new(flash, 0..(2048 * PAGES) as u32)
 }
 
-fn with_compass(flash: Flash) -> TaskBench {
+pub(super) fn with_compass(flash: Flash) -> TaskBench {
     let mut bed = TaskBench::new();
     bed.run("compass", |links| async move {
         Box::pin(compass::run(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
@@ -82,11 +82,38 @@ fn a_failed_save_is_told_and_counted() {
     flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
     let mut bed = with_compass(flash);
     assert_eq!(bed.links.counts().store_errors, 1, "of the load, once");
-    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreUnreadable(StoreError::Flash)));
+    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
     let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 2));
+}
+
+/// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save of
+/// the module's own is reported.
+#[test]
+fn a_save_that_never_completes_is_given_up_and_reported() {
+    let mut flash = Flash::new(PAGES);
+    flash.silent_fault = Some(SilentFault::Hangs);
+    let mut bed = with_compass(flash);
+    bed.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
+    bed.ms(499);
+    assert!(bed.links.replies.try_receive().is_err());
+    bed.ms(1);
+    let reply = bed.links.replies.try_receive();
+    assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
+    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 1));
+    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
+    bed.links.update_port_state(PortNumber::One, ProtocolKind::Mavlink, None);
+    for is_armed in [true, false] {
+        publish(&bed.links.armed, Some(is_armed));
+        bed.ms(5_500);
+    }
+    let message = Ok(Message::StoreFailed(StoreError::Timeout));
+    assert_eq!(bed.links.notices.try_receive(), message);
+    assert_eq!(bed.links.port(PortNumber::One).messages.try_receive(), message);
+    assert_eq!(bed.links.counts().store_errors, 2);
+    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
 }
 
 /// Readings lost before the collection do not count.
@@ -304,7 +331,7 @@ fn a_note_comes_unasked() {
     line.put(b"versio");
     bed.ms(1);
     assert_eq!(port.text(), "versio");
-    bed.links.announce(&Message::StoreUnreadable(StoreError::Corrupt));
+    bed.links.announce(&Message::StoreFailed(StoreError::Corrupt));
     bed.ms(1);
     let text = port.text();
     assert!(text.contains("note refused store-corrupt: "), "{text:?}");
