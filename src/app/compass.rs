@@ -5,7 +5,7 @@ use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
 use embassy_futures::select::select_array;
-use embassy_futures::yield_now;
+use embassy_futures::{poll_once, yield_now};
 use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
@@ -60,7 +60,10 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         let (event, source) = if compass.is_busy() {
             // The console runs between two steps of a solve.
             yield_now().await;
-            events.next_during_solve().unwrap_or((Event::Advance, None))
+            match poll_once(events.next()) {
+                Poll::Ready(next) => next,
+                Poll::Pending => (Event::Advance, None),
+            }
         } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next()).await {
             next
         } else {
@@ -163,15 +166,6 @@ impl<'a> Events<'a> {
             pin!(async { (Event::Date(date.changed().await), None) }),
         ];
         select_array(events).await.0
-    }
-
-    /// The next event during a solve that is ready. The others wait for its end.
-    fn next_during_solve(&mut self) -> Option<(Event, Option<CommandSource>)> {
-        let command = || self.links.commands.try_receive().ok();
-        match self.armed.try_changed() {
-            Some(is_armed) => Some((Event::Armed(is_armed), None)),
-            None => command().map(|(source, command)| (Event::Command(command, now().wrapping_millis()), Some(source))),
-        }
     }
 }
 

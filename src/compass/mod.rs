@@ -39,6 +39,9 @@ use trial_solves::TrialSolves;
 
 const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_WHEN_COMPLETE);
 
+/// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
+const HELD_SAMPLES: usize = 32;
+
 /// Largest alignment without confirmation, degrees: mountings are within 20 deg of a right angle.
 const MAX_UNCONFIRMED_ALIGNMENT_DEG: f32 = 20.0;
 
@@ -120,7 +123,7 @@ struct DetectedSensor {
     readings_per_sample: u16,
 }
 
-/// State machine. About 3 KB; samples are in borrowed memory.
+/// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
 pub struct Compass<'a> {
     policy: AcceptancePolicy,
@@ -132,6 +135,8 @@ pub struct Compass<'a> {
     collector: Collector<'a>,
     recent: RecentSamples,
     activity: Activity,
+    /// Samples received during the solve, for a collection that continues; those of the solve do not change.
+    held: heapless::Vec<Sample, HELD_SAMPLES>,
     saving: Option<PendingSave>,
     last_outcome: Option<Message>,
     advice: Option<Advice>,
@@ -156,6 +161,7 @@ impl<'a> Compass<'a> {
             collector: Collector::new(kept),
             recent: RecentSamples::new(),
             activity: Activity::Idle,
+            held: heapless::Vec::new(),
             saving: None,
             last_outcome: None,
             advice: None,
@@ -311,9 +317,15 @@ impl<'a> Compass<'a> {
     fn on_sample(&mut self, sample: Sample) -> Effect {
         self.recent.push(sample);
         self.start_automatic_collection();
-        let Activity::Collecting(starter) = self.activity else { return Effect::None };
-        if self.is_paused(starter) {
+        let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
+        };
+        if let Activity::Solving(Solve { purpose, .. }) = self.activity {
+            let is_held = self.held.push(sample).is_ok();
+            if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
+                return Effect::None;
+            }
+            self.resume_collection(starter);
         }
         self.collector.push(sample);
         self.update_retained();
@@ -452,6 +464,7 @@ impl<'a> Compass<'a> {
     }
 
     fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
+        self.held.clear();
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
@@ -611,6 +624,10 @@ impl<'a> Compass<'a> {
 
     /// Continues collecting after a solve, or instead of a trial solve.
     fn resume_collection(&mut self, starter: Starter) {
+        for sample in &self.held {
+            self.collector.push(*sample);
+        }
+        self.held.clear();
         self.activity = Activity::Collecting(starter);
         self.collector.reset_restart_count();
     }

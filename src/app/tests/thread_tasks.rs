@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::atomic::Ordering;
 
+use embassy_futures::yield_now;
 use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
@@ -12,7 +13,7 @@ use crate::app::links::{CommandSource, DetectedSensor, publish};
 use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Random};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, multirotor_samples};
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, IndicatorState, ModuleState, Reply};
 use crate::earth::{Date, EarthField, Position};
@@ -190,6 +191,31 @@ fn samples_become_a_correction() {
     else {
         panic!("{replies:?}")
     };
+}
+
+/// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
+#[test]
+fn no_sample_is_dropped_during_a_trial_solve() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    publish(
+        &bed.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
+    bed.ms(1);
+    assert!(ask(&mut bed, Command::CalStart(Procedure::Flight)).is_ok());
+    let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let flown = multirotor_samples(&airframe, 0.3, &mut Random(1));
+    bed.run("instrument", |links| async move {
+        for (i, sample) in (0..75).zip(flown) {
+            links.queue_or_count(&links.samples, Sample { time: WrappingMillis::new(i * 250), ..sample });
+            yield_now().await;
+        }
+    });
+    bed.ms(1);
+    let Ok(Reply::Report(report)) = ask(&mut bed, Command::Status) else { panic!("no report") };
+    assert!(report.last_trial.is_some());
+    assert_eq!(report.progress.left.samples + report.progress.left.held_back, 75);
+    assert_eq!(bed.links.counts().samples_dropped, 0);
 }
 
 #[test]
