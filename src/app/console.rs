@@ -43,7 +43,7 @@ pub async fn run(
             if shows_state(command) && answer.is_ok() {
                 answer = execute_command(links, Command::Status).await;
             }
-            talk.write_reply(command, answer, &platform);
+            talk.write_reply(command, &answer, &platform);
             continue;
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
@@ -82,9 +82,9 @@ impl Terminal<'_> {
         None
     }
 
-    fn write_reply(&mut self, command: Command, answer: Result<Reply, Refusal>, platform: &impl Platform) {
+    fn write_reply(&mut self, command: Command, answer: &Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.health(platform);
-        self.session.reply(|out| report::reply(out, command, &answer, &health));
+        self.session.reply(|out| report::reply(out, command, answer, &health));
     }
 
     fn health(&self, platform: &impl Platform) -> Diagnostics {

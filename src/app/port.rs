@@ -67,7 +67,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 let at = now();
                 // One text or one poll per reading: each takes about the same time.
                 match wires.messages.try_receive() {
-                    Ok(message) if port.carries_texts() => port.queue_text(&message),
+                    Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll(links, &mut port, at, &settings),
                 }
                 if silence.is_due(at, SILENCE_CHECK_HZ) {
@@ -77,7 +77,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.consume(number),
             Either4::Second(_) => port.output.fail(),
-            Either4::Third((command, result)) => port.complete_command(command, result.as_ref().copied()),
+            Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
                 receive_bytes(links, number, &mut port, bytes.get(..read).unwrap_or_default());
             }
@@ -104,7 +104,8 @@ fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration, which rarely changes.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let is_new = |correction: &Correction| {
-        is_reported && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.is_unreported(calibration))
+        is_reported
+            && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.mavlink.is_unreported(calibration))
     };
     let correction = links.correction.try_get_and(is_new);
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());

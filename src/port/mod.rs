@@ -20,7 +20,6 @@ use crate::calibration::{Calibration, HeadingUncertainty};
 use crate::compass::{Command, IndicatorState};
 use crate::earth::{Date, Position};
 use crate::instrument::Estimate;
-use crate::messages::{Message, Refusal};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 
@@ -149,12 +148,6 @@ pub trait Protocol {
 
     /// Appends due messages. Called for every estimate, at least ten times a second.
     fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer);
-
-    /// Processes the result of the last command.
-    fn complete_command(&mut self, _command: Command, _result: Result<(), &Refusal>) {}
-
-    /// Queues a text message.
-    fn queue_text(&mut self, _message: &Message) {}
 }
 
 #[cfg(test)]

@@ -34,18 +34,8 @@ struct LastCommand {
     result: Option<MavResult>,
 }
 
-#[derive(Debug)]
-struct Rejection {
-    result: MavResult,
-    /// Reason, sent as a text; none for a repeated or unknown command.
-    reason: Option<Refusal>,
-}
-
-impl From<MavResult> for Rejection {
-    fn from(result: MavResult) -> Self {
-        Self { result, reason: None }
-    }
-}
+/// Result of a command that is not passed on, with the reason, sent as a text; none for a repeated or unknown command.
+type Rejection = (MavResult, Option<Refusal>);
 
 #[derive(Clone, Copy, Debug)]
 struct PendingAcknowledgement {
@@ -76,7 +66,7 @@ impl CommandHandler {
                 self.last = Some(LastCommand { at, by, number, command, result: None });
                 Ok(command)
             }
-            Err(Rejection { result, reason }) => {
+            Err((result, reason)) => {
                 self.reply(received.source, received.command, result);
                 Err(reason)
             }
@@ -114,13 +104,10 @@ impl CommandHandler {
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
             let is_the_same = last.by == received.source && last.number == received.command;
             if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPEATED_US) {
-                return Err(last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS).into());
+                return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
             if is_open {
-                return Err(Rejection {
-                    result: MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
-                    reason: Some(Refusal::Busy),
-                });
+                return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, Some(Refusal::Busy)));
             }
         }
         Ok(command)
@@ -138,13 +125,12 @@ fn command(received: &ReceivedCommand) -> Result<Command, Rejection> {
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
         REBOOT if wants_restart(received.parameters) => Ok(Command::Restart),
-        REBOOT => Err(Rejection {
-            result: MavResult::MAV_RESULT_DENIED,
-            reason: Some(Refusal::OutOfRange(OutOfRange(
-                "the module can restart, but neither shut down nor wait in a bootloader",
-            ))),
-        }),
-        _ => Err(MavResult::MAV_RESULT_UNSUPPORTED.into()),
+        REBOOT => {
+            const RANGE: OutOfRange =
+                OutOfRange("the module can restart, but neither shut down nor wait in a bootloader");
+            Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(RANGE))))
+        }
+        _ => Err((MavResult::MAV_RESULT_UNSUPPORTED, None)),
     }
 }
 

@@ -95,6 +95,21 @@ impl Mavlink {
         self.collection.is_unreported(calibration)
     }
 
+    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
+    /// restart.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        self.commands.complete_command(command, result);
+        self.report_refused(result.err().cloned());
+    }
+
+    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
+    pub fn queue_text(&mut self, message: &Notice) {
+        if let Notice::Solved(outcome) = message {
+            self.collection.record_outcome(outcome);
+        }
+        self.texts.push(message);
+    }
+
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.senders.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
@@ -217,21 +232,6 @@ impl Protocol for Mavlink {
             || self.texts.send(now, line)
             || self.send_heading(facts, line);
         self.sequence = sequence;
-    }
-
-    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
-    /// restart.
-    fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
-        self.commands.complete_command(command, result);
-        self.report_refused(result.err().cloned());
-    }
-
-    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
-    fn queue_text(&mut self, message: &Notice) {
-        if let Notice::Solved(outcome) = message {
-            self.collection.record_outcome(outcome);
-        }
-        self.texts.push(message);
     }
 }
 
