@@ -229,8 +229,6 @@ impl Rig {
             // Boxed, because the future with the sample memory is large.
             Box::pin(app::compass::run(&l, store, &mut kept.borrow_mut())).await;
         });
-        let l = links.clone();
-        simulation.spawn(Level::Thread, "pulse", async move { app::watchdog::run_heartbeat(&l).await });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run(&links, console_rx, console_tx, platform, cause).await;
         });

@@ -4,24 +4,33 @@ use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
 
-use embassy_futures::select::{Either, Either6, select, select6};
-use embassy_futures::yield_now;
+use embassy_futures::select::select_array;
+use embassy_futures::{poll_once, yield_now};
+use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::Links;
-use super::links::{DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe};
+use super::links::{
+    CommandSource, DetectedSensor, ValueReceiver, apply_atomically, increment, now, publish, subscribe,
+};
 use crate::acceptance::AcceptancePolicy;
-use crate::calibration::method_selection::Procedure;
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, Compass, Effect, Event, Reply};
 use crate::earth::{Date, Position};
 use crate::health::{Counts, SampleLoss};
 use crate::instrument::readings_per_sample;
 use crate::log::{info, warning};
-use crate::messages::{Message, Refusal};
-use crate::port::Order;
-use crate::settings::PortNumber;
+use crate::messages::Message;
 use crate::store::{Loaded, Store, StoreError};
+
+/// Longest wait for an event, and so interval of heartbeats of the idle state machine.
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Timeout of a save: twice the longest, `cal clear all` of a store of another format, which erases each page in 25 ms.
+const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// Longest time between heartbeats of this task, milliseconds. One step of a solve takes 0.1 s.
+pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
 pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut RetainedSamples) -> ! {
@@ -43,16 +52,23 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Ret
 /// Runs the state machine for ever. It is passed by reference: created here, it would be built on the stack, which has
 /// no room for it, and copied.
 async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
-    let mut latest = LatestReceivers {
-        armed: subscribe(&links.armed),
-        sensor: subscribe(&links.sensor),
-        place: subscribe(&links.position),
-        day: subscribe(&links.date),
-    };
+    let mut events = Events::new(links);
     let mut began = Counts::default();
     publish_state(links, compass, None);
     loop {
-        let (event, asker) = next_event(links, compass, &mut latest).await;
+        increment(&links.heartbeats.compass);
+        let (event, source) = if compass.is_busy() {
+            // The console runs between two steps of a solve.
+            yield_now().await;
+            match poll_once(events.next()) {
+                Poll::Ready(next) => next,
+                Poll::Pending => (Event::Advance, None),
+            }
+        } else if let Ok(next) = with_timeout(HEARTBEAT_INTERVAL, events.next()).await {
+            next
+        } else {
+            continue;
+        };
         let mut effect = compass.step(event);
         if is_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             began = links.counts();
@@ -61,7 +77,9 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
             effect = compass.step(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }
         while let (Effect::Save, Some(change)) = (&effect, compass.to_save()) {
-            let result = poll_in_own_frame(pin!(store.save(change))).await;
+            let result = with_timeout(SAVE_TIMEOUT, poll_in_own_frame(pin!(store.save(change))))
+                .await
+                .unwrap_or(Err(StoreError::Timeout));
             increment(if result.is_ok() { &links.counters.saves } else { &links.counters.store_errors });
             effect = compass.step(Event::Saved(result));
         }
@@ -69,12 +87,15 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // Before the reply: its reader finds the module in the state that the reply names.
         publish_state(links, compass, message);
-        if let Effect::Reply(reply) = effect {
-            match asker {
-                ReplyReceiver::Console => links.replies.send(reply).await,
-                ReplyReceiver::Port(number, order) => deliver_order_result(links, number, order, reply.map(|_| ())),
-                // The button receives no reply; the lamp shows the state.
-                ReplyReceiver::NoReply => {}
+        if let (Effect::Reply(reply), Event::Command(command, _), Some(source)) = (effect, event, source) {
+            // The console restarts the module after its reply, whoever commanded it.
+            if command == Command::Restart && reply.is_ok() {
+                links.restart.signal(());
+            }
+            match source {
+                CommandSource::Console => links.replies.send(reply).await,
+                CommandSource::Port(number) => links.port(number).answers.signal((command, reply.map(|_| ()))),
+                CommandSource::Button => {}
             }
         }
     }
@@ -106,79 +127,51 @@ async fn poll_in_own_frame<F: Future>(mut future: Pin<&mut F>) -> F::Output {
     poll_fn(|context| poll(future.as_mut(), context)).await
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ReplyReceiver {
-    Console,
-    Port(PortNumber, Order),
-    NoReply,
-}
-
-const fn command_for_order(order: Order) -> Command {
-    match order {
-        Order::Start => Command::CalStart(Procedure::Flight),
-        Order::Accept => Command::CalSolve(None),
-        Order::Cancel => Command::CalAbort,
-        Order::Reboot => Command::PrepareRestart,
-    }
-}
-
-fn deliver_order_result(links: &Links, number: PortNumber, order: Order, result: Result<(), Refusal>) {
-    if order == Order::Reboot && result.is_ok() {
-        links.restart.signal(());
-    }
-    links.port(number).answers.signal((order, result));
-}
-
-struct LatestReceivers<'a> {
+/// The state machine's events from all other tasks, in one sequence.
+struct Events<'a> {
+    links: &'a Links,
     armed: ValueReceiver<'a, Option<bool>, 1>,
     sensor: ValueReceiver<'a, DetectedSensor, 2>,
-    place: ValueReceiver<'a, Position, 1>,
-    day: ValueReceiver<'a, Date, 1>,
+    position: ValueReceiver<'a, Position, 1>,
+    date: ValueReceiver<'a, Date, 1>,
 }
 
-/// Waits for the next event; during a solve the next event is its next step, unless another is pending. The armed state
-/// comes first, because commands depend on it. Position and date wait for the end of a solve, which has already read
-/// them.
-async fn next_event(links: &Links, compass: &Compass<'_>, latest: &mut LatestReceivers<'_>) -> (Event, ReplyReceiver) {
-    let LatestReceivers { armed, sensor, place, day } = latest;
-    let asked = |asked| (command(asked), ReplyReceiver::Console);
-    let of = |event| (event, ReplyReceiver::NoReply);
-    let from = |(number, order)| (command(command_for_order(order)), ReplyReceiver::Port(number, order));
-    if compass.is_busy() {
-        // The console runs between two steps of a solve.
-        yield_now().await;
-        let armed = armed.try_changed().map(|armed| of(Event::Armed(armed)));
-        let request = || links.requests.try_receive().ok().map(asked);
-        let order = || links.orders.try_receive().ok().map(from);
-        return armed.or_else(request).or_else(order).unwrap_or(of(Event::Advance));
+impl<'a> Events<'a> {
+    fn new(links: &'a Links) -> Self {
+        Self {
+            links,
+            armed: subscribe(&links.armed),
+            sensor: subscribe(&links.sensor),
+            position: subscribe(&links.position),
+            date: subscribe(&links.date),
+        }
     }
-    let next = select6(
-        armed.changed(),
-        links.requests.receive(),
-        links.orders.receive(),
-        sensor.changed(),
-        links.pressed.wait(),
-        select(links.samples.receive(), select(place.changed(), day.changed())),
-    );
-    match next.await {
-        Either6::First(is_armed) => of(Event::Armed(is_armed)),
-        Either6::Second(request) => asked(request),
-        Either6::Third(order) => from(order),
-        Either6::Fourth(found) => of(Event::SensorDetected(found.identity, readings_per_sample(found.period_us))),
-        Either6::Fifth(()) => of(command(Command::CalStart(Procedure::Flight))),
-        Either6::Sixth(Either::First(sample)) => of(Event::Sample(sample)),
-        Either6::Sixth(Either::Second(Either::First(place))) => of(Event::Position(place)),
-        Either6::Sixth(Either::Second(Either::Second(day))) => of(Event::Date(day)),
-    }
-}
 
-fn command(asked: Command) -> Event {
-    Event::Command(asked, now().wrapping_millis())
+    /// Waits for the next event, and the source of a command. Of several that are ready, the first in this list is next:
+    /// the armed state, because commands depend on it.
+    async fn next(&mut self) -> (Event, Option<CommandSource>) {
+        let Self { links, armed, sensor, position, date } = self;
+        let events: [Pin<&mut dyn Future<Output = _>>; 6] = [
+            pin!(async { (Event::Armed(armed.changed().await), None) }),
+            pin!(async {
+                let (source, command) = links.commands.receive().await;
+                (Event::Command(command, now().wrapping_millis()), Some(source))
+            }),
+            pin!(async {
+                let DetectedSensor { identity, period_us, .. } = sensor.changed().await;
+                (Event::SensorDetected(identity, readings_per_sample(period_us)), None)
+            }),
+            pin!(async { (Event::Sample(links.samples.receive().await), None) }),
+            pin!(async { (Event::Position(position.changed().await), None) }),
+            pin!(async { (Event::Date(date.changed().await), None) }),
+        ];
+        select_array(events).await.0
+    }
 }
 
 /// Counts and reports unreadable flash; the module starts without stored data.
 fn announce_unreadable(links: &Links, error: StoreError) {
-    let message = Message::StoreUnreadable(error);
+    let message = Message::StoreFailed(error);
     warning!("load: {=str}", message.code());
     increment(&links.counters.store_errors);
     links.announce(&message);

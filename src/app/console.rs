@@ -1,11 +1,10 @@
 //! Task of the console: serves a terminal, operated by a person or a script.
 
-use core::fmt::Write as _;
-
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
+use super::links::CommandSource;
 use super::{Links, Platform};
 use crate::compass::{Command, Reply};
 use crate::console::session::Session;
@@ -39,18 +38,12 @@ pub async fn run(
     loop {
         flush_output(&mut talk.session, &mut tx).await;
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
-            let Some(request) = talk.byte(byte) else { continue };
-            let answer = execute_command(links, command_for_request(request)).await;
-            let restarts = matches!((request, &answer), (Request::Reboot, Ok(_)));
-            let answer = if shows_state(request) && answer.is_ok() {
-                execute_command(links, Command::Report).await
-            } else {
-                answer
-            };
-            talk.write_reply(request, answer, &platform);
-            if restarts {
-                links.restart.signal(());
+            let Some(command) = talk.byte(byte) else { continue };
+            let mut answer = execute_command(links, command).await;
+            if shows_state(command) && answer.is_ok() {
+                answer = execute_command(links, Command::Status).await;
             }
+            talk.write_reply(command, &answer, &platform);
             continue;
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
@@ -65,18 +58,9 @@ pub async fn run(
     }
 }
 
-const fn command_for_request(request: Request) -> Command {
-    match request {
-        Request::Reboot => Command::PrepareRestart,
-        Request::Compass(command) => command,
-        Request::Help(_) | Request::Version | Request::Status | Request::CalShow => Command::Report,
-    }
-}
-
 /// Whether the reply shows the resulting state, which has to be requested after the command.
-const fn shows_state(request: Request) -> bool {
-    use Command::{Align, AlignConfirmed, CalUndo, Set};
-    matches!(request, Request::Compass(Set(_) | Align(_) | AlignConfirmed(_) | CalUndo))
+const fn shows_state(command: Command) -> bool {
+    matches!(command, Command::Set(_) | Command::Align(_) | Command::AlignConfirmed(_) | Command::CalUndo)
 }
 
 /// Terminal session and the sources of its replies.
@@ -87,27 +71,20 @@ struct Terminal<'a> {
 }
 
 impl Terminal<'_> {
-    /// Processes a received byte; returns a request for the state machine.
-    fn byte(&mut self, byte: u8) -> Option<Request> {
+    /// Processes a received byte; returns a command for the state machine.
+    fn byte(&mut self, byte: u8) -> Option<Command> {
         match self.session.byte(byte)? {
             Err(error) => self.session.reply(|out| report::line_error(out, &error)),
             Ok(Request::Help(of)) => self.session.reply(|out| help(out, of)),
             Ok(Request::Version) => self.session.reply(report::version),
-            Ok(request) => return Some(request),
+            Ok(Request::Command(command)) => return Some(command),
         }
         None
     }
 
-    fn write_reply(&mut self, request: Request, answer: Result<Reply, Refusal>, platform: &impl Platform) {
+    fn write_reply(&mut self, command: Command, answer: &Result<Reply, Refusal>, platform: &impl Platform) {
         let health = self.health(platform);
-        self.session.reply(|out| match (answer, request) {
-            (Err(refusal), _) => report::refusal(out, &refusal),
-            (Ok(_), Request::Reboot) => out.write_str("ok restarting\n"),
-            (Ok(Reply::Report(found)), Request::Status) => report::status(out, &found, &health),
-            (Ok(Reply::Report(found)), Request::Compass(command)) => report::write_changed_state(out, command, &found),
-            (Ok(Reply::Report(found)), _) => report::calibration(out, &found),
-            (Ok(done), _) => report::write_done(out, &done),
-        });
+        self.session.reply(|out| report::reply(out, command, answer, &health));
     }
 
     fn health(&self, platform: &impl Platform) -> Diagnostics {
@@ -130,7 +107,7 @@ impl Terminal<'_> {
 
 /// Sends a command to the state machine, which replies within one step of a solve or one save.
 async fn execute_command(links: &Links, command: Command) -> Result<Reply, Refusal> {
-    links.requests.send(command).await;
+    links.commands.send((CommandSource::Console, command)).await;
     links.replies.receive().await
 }
 

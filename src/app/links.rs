@@ -1,7 +1,7 @@
 //! Channels, signals and latest values that connect the tasks.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, RawMutex as _};
@@ -17,7 +17,6 @@ use crate::earth::{Date, Position};
 use crate::health::{Counters, Counts};
 use crate::instrument::{Correction, Estimate};
 use crate::messages::{Message, Refusal};
-use crate::port::Order;
 use crate::reading::{Identity, Reading};
 use crate::settings::Settings;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
@@ -38,6 +37,15 @@ pub(super) struct DetectedSensor {
     pub stuck_after: u16,
 }
 
+/// Source of a command, which receives its reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CommandSource {
+    Console,
+    Port(PortNumber),
+    /// Receives no reply; the lamp shows the state.
+    Button,
+}
+
 /// Channel whose sender never waits: an item that finds it full is counted and dropped.
 pub(super) type Queue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
 
@@ -52,12 +60,12 @@ pub struct Links {
     pub(super) readings: Queue<Timestamped<Reading>, 4>,
     pub(super) reports: Queue<Timestamped<AttitudeReport>, 8>,
     pub(super) samples: Queue<Sample, 8>,
-    pub(super) requests: Queue<Command, 1>,
+    /// To the state machine. Capacity: one command of each source.
+    pub(super) commands: Queue<(CommandSource, Command), { 2 + PORT_COUNT }>,
+    /// To the console: replies to its commands.
     pub(super) replies: Queue<Result<Reply, Refusal>, 1>,
     /// To the console: unsolicited messages. Each port has a queue of its own.
     pub(super) notices: Queue<Message, MESSAGES>,
-    /// To the state machine: the button was held.
-    pub(super) pressed: Signal<CriticalSectionRawMutex, ()>,
     /// To the lamp, which polls it.
     pub(super) indicator: LatestValue<IndicatorState, 1>,
     /// To the instrument and to the state machine.
@@ -76,8 +84,6 @@ pub struct Links {
     pub(super) settings: LatestValue<Settings, PORT_COUNT>,
     /// To the ports; the console polls it.
     pub(super) estimates: LatestValue<Estimate, PORT_COUNT>,
-    /// To the state machine: orders received on ports.
-    pub(super) orders: Queue<(PortNumber, Order), 1>,
     /// To the console, which restarts the module.
     pub(super) restart: Signal<CriticalSectionRawMutex, ()>,
     ports: [PortLinks; PORT_COUNT],
@@ -94,10 +100,9 @@ impl Links {
             readings: Channel::new(),
             reports: Channel::new(),
             samples: Channel::new(),
-            requests: Channel::new(),
+            commands: Channel::new(),
             replies: Channel::new(),
             notices: Channel::new(),
-            pressed: Signal::new(),
             indicator: Watch::new(),
             sensor: Watch::new(),
             armed: Watch::new(),
@@ -107,7 +112,6 @@ impl Links {
             correction: Watch::new(),
             settings: Watch::new(),
             estimates: Watch::new(),
-            orders: Channel::new(),
             restart: Signal::new(),
             ports: [const { PortLinks::new() }; PORT_COUNT],
             lines: Mutex::new(Cell::new(LineSelector::new())),
@@ -131,29 +135,31 @@ impl Links {
     }
 
     /// Publishes a port's protocol and armed state. The aircraft is armed if the autopilot of any port is.
-    pub(super) fn update_port_state(&self, number: PortNumber, spoken: ProtocolKind, is_armed: Option<bool>) {
-        let wires = self.port(number);
-        wires.spoken.store(spoken as u8, Ordering::Relaxed);
-        wires.armed.store(is_armed.map_or(UNKNOWN, u8::from), Ordering::Relaxed);
-        let armed = |number| self.port(number).armed.load(Ordering::Relaxed);
-        let [one, two] = PortNumber::ALL.map(armed);
-        let most = if one == UNKNOWN || (two != UNKNOWN && two > one) { two } else { one };
-        publish(&self.armed, (most != UNKNOWN).then_some(most == u8::from(true)));
+    pub(super) fn update_port_state(&self, number: PortNumber, protocol: ProtocolKind, is_armed: Option<bool>) {
+        self.port(number).state.lock(|state| state.set(PortState { protocol, is_armed }));
+        publish(
+            &self.armed,
+            match self.port_states().map(|state| state.is_armed) {
+                [Some(one), Some(two)] => Some(one || two),
+                [known, None] | [None, known] => known,
+            },
+        );
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, found: [ProtocolKind; PORT_COUNT]) {
         for (number, found) in PortNumber::ALL.into_iter().zip(found) {
-            self.port(number).spoken.store(found as u8, Ordering::Relaxed);
+            self.port(number).state.lock(|state| state.set(PortState { protocol: found, ..state.get() }));
         }
+    }
+
+    fn port_states(&self) -> [PortState; PORT_COUNT] {
+        PortNumber::ALL.map(|number| self.port(number).state.lock(Cell::get))
     }
 
     /// Protocols of the ports; the initial ones until a port runs.
     pub(super) fn port_protocols(&self) -> [ProtocolKind; PORT_COUNT] {
-        PortNumber::ALL.map(|number| {
-            let spoken = self.port(number).spoken.load(Ordering::Relaxed);
-            ProtocolKind::ALL.into_iter().find(|kind| *kind as u8 == spoken).unwrap_or(ProtocolKind::Auto)
-        })
+        self.port_states().map(|state| state.protocol)
     }
 
     /// Present counter values.
@@ -224,18 +230,23 @@ pub(super) fn increment(counter: &AtomicU32) {
 /// Capacity of a message queue; a full one drops its oldest message.
 const MESSAGES: usize = 3;
 
-/// Armed state while no autopilot reports it.
-const UNKNOWN: u8 = 2;
+/// State that a port reports.
+#[derive(Clone, Copy)]
+struct PortState {
+    /// `Auto` during detection.
+    protocol: ProtocolKind,
+    /// Whether its autopilot is armed, if known.
+    is_armed: Option<bool>,
+}
 
 pub(super) struct PortLinks {
     /// Heartbeat counter; 0 for a port that does not run.
     pub heartbeat: AtomicU32,
     /// Unsolicited messages.
     pub messages: Queue<Message, MESSAGES>,
-    /// Result of an order received on this port.
-    pub answers: Signal<CriticalSectionRawMutex, (Order, Result<(), Refusal>)>,
-    spoken: AtomicU8,
-    armed: AtomicU8,
+    /// Result of a command received on this port.
+    pub answers: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
+    state: Mutex<CriticalSectionRawMutex, Cell<PortState>>,
 }
 
 impl PortLinks {
@@ -244,8 +255,7 @@ impl PortLinks {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
             answers: Signal::new(),
-            spoken: AtomicU8::new(ProtocolKind::Auto as u8),
-            armed: AtomicU8::new(UNKNOWN),
+            state: Mutex::new(Cell::new(PortState { protocol: ProtocolKind::Auto, is_armed: None })),
         }
     }
 }
@@ -254,8 +264,7 @@ impl PortLinks {
 pub(super) struct Heartbeats {
     pub sensor: AtomicU32,
     pub instrument: AtomicU32,
-    /// Thread executor, which runs the tasks of lower priority.
-    pub thread_executor: AtomicU32,
+    pub compass: AtomicU32,
 }
 
 /// Number of heartbeats that every board has, the first port's included.
@@ -265,15 +274,15 @@ pub(super) const HEARTBEATS: usize = ALWAYS_THERE - 1 + PORT_COUNT;
 
 impl Heartbeats {
     pub const fn new() -> Self {
-        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), thread_executor: AtomicU32::new(0) }
+        Self { sensor: AtomicU32::new(0), instrument: AtomicU32::new(0), compass: AtomicU32::new(0) }
     }
 }
 
 impl Links {
     /// All heartbeat counters; 0 for a port that does not run.
     pub(super) fn heartbeat_counts(&self) -> [u32; HEARTBEATS] {
-        let Heartbeats { sensor, instrument, thread_executor: below } = &self.heartbeats;
+        let Heartbeats { sensor, instrument, compass } = &self.heartbeats;
         let [one, two] = PortNumber::ALL.map(|number| &self.port(number).heartbeat);
-        [sensor, instrument, below, one, two].map(|beat| beat.load(Ordering::Relaxed))
+        [sensor, instrument, compass, one, two].map(|beat| beat.load(Ordering::Relaxed))
     }
 }

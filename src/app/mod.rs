@@ -4,14 +4,14 @@
 //! ```text
 //! interrupt executor                                                    thread executor
 //! sensor ----readings---> instrument ---samples------------------------> compass ---notices---> console
-//! port   ----reports----> instrument <--correction---------------------- compass <--requests--- console
+//! port   ----reports----> instrument <--correction---------------------- compass <--commands--- console
 //!        <---estimates--- instrument
-//!        ----armed, orders---------------------------------------------> compass
+//!        ----armed, commands-------------------------------------------> compass
 //!        <---settings, answers------------------------------------------ compass
 //!        <---texts-------------------------------------------------------------------------- console
 //! panel  <---glance, estimates------------------------------------------ compass
-//!        ----pressed---------------------------------------------------> compass
-//! watchdog <-signs of life of those, and <------------------------------ pulse
+//!        ----commands--------------------------------------------------> compass
+//! watchdog <--heartbeats of those, and <-------------------------------- compass
 //! ```
 //!
 //! Tasks that make headings preempt the slow ones (solve, flash erase, console), which therefore never delay a

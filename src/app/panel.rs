@@ -12,7 +12,9 @@
 use embassy_time::{Duration, Ticker};
 
 use super::Links;
-use crate::compass::IndicatorState;
+use super::links::CommandSource;
+use crate::calibration::method_selection::Procedure;
+use crate::compass::{Command, IndicatorState};
 use crate::heading::NoHeading;
 
 /// Lamp and button of a board.
@@ -67,7 +69,7 @@ pub async fn run(links: &Links, mut panel: impl Panel) -> ! {
         let before_ms = held_ms;
         held_ms = if panel.is_pressed() { (held_ms + STEP_MS).min(HOLD_MS) } else { 0 };
         if held_ms == HOLD_MS && before_ms < HOLD_MS {
-            links.pressed.signal(());
+            let _ = links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight)));
         }
     }
 }

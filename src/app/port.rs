@@ -9,7 +9,7 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::Links;
-use super::links::{Timestamped, increment, now, publish, subscribe};
+use super::links::{CommandSource, Timestamped, increment, now, publish, subscribe};
 use crate::compass::IndicatorState;
 use crate::health::Counters;
 use crate::instrument::Correction;
@@ -67,7 +67,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                 let at = now();
                 // One text or one poll per reading: each takes about the same time.
                 match wires.messages.try_receive() {
-                    Ok(message) if port.carries_texts() => port.queue_text(&message),
+                    Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll(links, &mut port, at, &settings),
                 }
                 if silence.is_due(at, SILENCE_CHECK_HZ) {
@@ -77,7 +77,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
             }
             Either4::Second(Ok(number)) if number > 0 => port.output.consume(number),
             Either4::Second(_) => port.output.fail(),
-            Either4::Third((order, result)) => port.complete_order(order, result.as_ref().copied()),
+            Either4::Third((command, result)) => port.mavlink.complete_command(command, result.as_ref().copied()),
             Either4::Fourth(Ok(read)) if read > 0 => {
                 receive_bytes(links, number, &mut port, bytes.get(..read).unwrap_or_default());
             }
@@ -104,7 +104,8 @@ fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration, which rarely changes.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let is_new = |correction: &Correction| {
-        is_reported && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.is_unreported(calibration))
+        is_reported
+            && correction.calibration.as_ref().is_some_and(|(calibration, _)| port.mavlink.is_unreported(calibration))
     };
     let correction = links.correction.try_get_and(is_new);
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
@@ -122,8 +123,10 @@ fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8
             Some(ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude) => {
                 increment(&links.counters.attitude_foreign);
             }
-            // The sender repeats an order that is not answered.
-            Some(ReceivedMessage::Order(order)) => drop(links.orders.try_send((number, order))),
+            // The sender repeats a command that is not answered.
+            Some(ReceivedMessage::Command(command)) => {
+                let _ = links.commands.try_send((CommandSource::Port(number), command));
+            }
             Some(ReceivedMessage::Position(place)) => publish(&links.position, place),
             Some(ReceivedMessage::Date(day)) => publish(&links.date, day),
             Some(ReceivedMessage::Current(value)) => links.current.sender().send(Timestamped { at, value }),

@@ -1,32 +1,21 @@
-//! Feeds the watchdog while the heading tasks and the thread executor run.
+//! Feeds the watchdog while the heading tasks and the state machine run.
 
 use embassy_time::{Duration, Timer};
 
-use super::links::{ALWAYS_THERE, HEARTBEATS, increment};
+use super::links::{ALWAYS_THERE, HEARTBEATS};
 use super::{Links, Watchdog};
 
 /// Interval of checks; longer than the slowest heartbeat, that of a sensor that does not answer.
 const LOOK: Duration = Duration::from_millis(700);
 
-/// Heartbeat interval of the thread executor. Its longest run without a wait is one step of a solve, 0.1 s.
-const PULSE: Duration = Duration::from_millis(200);
-
 /// Longest time between feeds, microseconds, which the hardware's period must exceed: one failed check is allowed.
 pub const MAX_FEED_INTERVAL_US: u64 = 2 * LOOK.as_micros();
 
-const _: () =
-    assert!(LOOK.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS && LOOK.as_millis() > 2 * PULSE.as_millis());
+const _: () = assert!(LOOK.as_millis() > super::sensor::MAX_HEARTBEAT_INTERVAL_MS);
+const _: () = assert!(LOOK.as_millis() > super::compass::MAX_HEARTBEAT_INTERVAL_MS);
 
-/// Heartbeat of the thread executor: stops if a task does not yield.
-pub async fn run_heartbeat(links: &Links) -> ! {
-    loop {
-        increment(&links.heartbeats.thread_executor);
-        Timer::after(PULSE).await;
-    }
-}
-
-/// Feeds the watchdog if sensor, instrument, every running port and the thread executor have each sent a heartbeat
-/// since the last check.
+/// Feeds the watchdog if sensor, instrument, every running port and the state machine have each sent a heartbeat since
+/// the last check. A console that does not yield stops the state machine, too: they share an executor.
 pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
     let mut before = links.heartbeat_counts();
     loop {

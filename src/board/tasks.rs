@@ -43,7 +43,6 @@ pub fn spawn(above: SendSpawner, below: SendSpawner, hardware: Hardware) {
     let (console_tx, console_rx) = hardware.console;
     below.spawn(spawned(compass(links, Store::new(hardware.flash, region), kept::lend())));
     below.spawn(spawned(console(links, console_rx, console_tx, hardware.platform, hardware.reset)));
-    below.spawn(spawned(pulse(links)));
 }
 
 /// Infallible: each task has as many instances as are spawned.
@@ -74,11 +73,6 @@ async fn watch(links: &'static Links, watchdog: Watchdog) -> ! {
 #[embassy_executor::task]
 async fn panel(links: &'static Links, panel: Panel) -> ! {
     app::panel::run(links, panel).await
-}
-
-#[embassy_executor::task]
-async fn pulse(links: &'static Links) -> ! {
-    app::watchdog::run_heartbeat(links).await
 }
 
 #[embassy_executor::task]

@@ -34,7 +34,7 @@ pub enum Event {
     Saved(Result<(), StoreError>),
 }
 
-/// User command.
+/// Command of a user: from the console, from a port, or by the button.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Start a collection, or take over an automatic one.
@@ -55,43 +55,18 @@ pub enum Command {
     CalClear,
     /// Restore the previous calibration.
     CalUndo,
-    /// Report state, progress, settings and active calibration.
-    Report,
+    /// Report state, progress and settings.
+    Status,
+    /// Report the stored calibration.
+    CalShow,
     /// Change a setting.
     Set(SettingChange),
     /// Set the alignment so that the present heading becomes this one, degrees; `None` resets it.
     Align(Option<f32>),
     /// Set the alignment without a limit of its size.
     AlignConfirmed(f32),
-    /// Prepare for a restart.
-    PrepareRestart,
-}
-
-impl Command {
-    /// Whether the command is rejected while armed: it would interrupt the heading in flight, or needs a stationary
-    /// vehicle.
-    #[must_use]
-    pub const fn requires_disarmed(self) -> bool {
-        match self {
-            Self::CalStart(Procedure::Swing)
-            | Self::CalStartNew(Some(Procedure::Swing))
-            | Self::CalMark(_)
-            | Self::CalClear
-            | Self::CalUndo
-            | Self::Set(SettingChange::Mount(_))
-            | Self::PrepareRestart => true,
-            Self::CalStart(Procedure::Flight | Procedure::Turns | Procedure::Level | Procedure::Tumble)
-            | Self::CalStartNew(_)
-            | Self::CalStop
-            | Self::CalSolve(_)
-            | Self::CalAdvise
-            | Self::CalAbort
-            | Self::Report
-            | Self::Set(_)
-            | Self::Align(_)
-            | Self::AlignConfirmed(_) => false,
-        }
-    }
+    /// Restart the module; its driver does so after the reply.
+    Restart,
 }
 
 /// Output of the state machine.

@@ -5,6 +5,7 @@
 //! divided into [`Event::Advance`] steps, so that its driver can do other work in between. A candidate calibration
 //! becomes active after passing [`acceptance`] and being completely saved.
 
+mod admission;
 mod automatic;
 mod events;
 mod indicator;
@@ -32,30 +33,81 @@ use crate::reading::Identity;
 use crate::settings::{OutOfRange, SettingChange, Settings};
 use crate::store::{CalibrationRecord, Generations, StartupValues, StoreChange, StoreError, StoredValues};
 use crate::time::WrappingMillis;
-use automatic::AutomaticCollection;
+use automatic::AutomaticStart;
 use persistence::PersistentState;
 use trial_solves::TrialSolves;
 
 const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back <= MIN_HELD_BACK_WHEN_COMPLETE);
 
+/// Capacity for samples during a solve: 3 s, six times the duration of a solve at 80 MHz. A longer trial solve is ended.
+const HELD_SAMPLES: usize = 32;
+
 /// Largest alignment without confirmation, degrees: mountings are within 20 deg of a right angle.
 const MAX_UNCONFIRMED_ALIGNMENT_DEG: f32 = 20.0;
+
+/// Who started a collection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Starter {
+    User,
+    /// The module: the collection pauses while the vehicle is disarmed.
+    Module,
+}
 
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
 enum Activity {
     Idle,
-    Collecting,
-    Solving(Solver),
-    Verifying(Solution),
+    Collecting(Starter),
+    Solving(Solve),
 }
 
-/// Data of the save in progress.
+/// A solve, up to the save of its calibration.
+#[derive(Debug)]
+struct Solve {
+    stage: SolveStage,
+    purpose: SolvePurpose,
+    /// Sensor at the start of the solve; the calibration is valid for it alone.
+    sensor: DetectedSensor,
+}
+
 #[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
 #[derive(Debug)]
+enum SolveStage {
+    Fitting(Solver),
+    Verifying(Solution),
+    /// Save of the accepted calibration.
+    Saving(CalibrationRecord),
+}
+
+#[derive(Clone, Copy, Debug)]
+enum SolvePurpose {
+    /// Trial solve: the collection continues, unless the result ends it.
+    Trial(Starter),
+    /// Calibration from the samples of a collection, if one is in progress; a failure ends it unless it is automatic.
+    Calibration(Option<Starter>),
+}
+
+impl Activity {
+    /// Who started the collection in progress.
+    const fn starter(&self) -> Option<Starter> {
+        match self {
+            Self::Idle => None,
+            Self::Collecting(starter) => Some(*starter),
+            Self::Solving(solve) => match solve.purpose {
+                SolvePurpose::Trial(starter) => Some(starter),
+                SolvePurpose::Calibration(starter) => starter,
+            },
+        }
+    }
+
+    fn is_automatic(&self) -> bool {
+        self.starter() == Some(Starter::Module)
+    }
+}
+
+/// Data of a save in progress, except that of a calibration.
+#[derive(Debug)]
 enum PendingSave {
-    /// Accepted calibration.
-    Calibration(CalibrationRecord),
     /// Swap of current and previous calibration.
     Undo,
     /// Removal of both calibrations.
@@ -71,7 +123,7 @@ struct DetectedSensor {
     readings_per_sample: u16,
 }
 
-/// State machine. About 3 KB; samples are in borrowed memory.
+/// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
 pub struct Compass<'a> {
     policy: AcceptancePolicy,
@@ -82,12 +134,14 @@ pub struct Compass<'a> {
     here: LocalField,
     collector: Collector<'a>,
     recent: RecentSamples,
-    phase: Activity,
+    activity: Activity,
+    /// Samples received during the solve, for a collection that continues; those of the solve do not change.
+    held: heapless::Vec<Sample, HELD_SAMPLES>,
     saving: Option<PendingSave>,
     last_outcome: Option<Message>,
     advice: Option<Advice>,
     trials: TrialSolves,
-    automatic: AutomaticCollection,
+    automatic: AutomaticStart,
     persistent: PersistentState,
 }
 
@@ -106,12 +160,13 @@ impl<'a> Compass<'a> {
             here: LocalField::UNKNOWN,
             collector: Collector::new(kept),
             recent: RecentSamples::new(),
-            phase: Activity::Idle,
+            activity: Activity::Idle,
+            held: heapless::Vec::new(),
             saving: None,
             last_outcome: None,
             advice: None,
             trials: TrialSolves::NONE,
-            automatic: AutomaticCollection::NEW,
+            automatic: AutomaticStart::NEW,
             persistent: PersistentState::new(remembered),
         };
         compass.restore_collection();
@@ -134,13 +189,18 @@ impl<'a> Compass<'a> {
     /// Whether [`Event::Advance`] is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {
-        matches!(self.phase, Activity::Solving(_) | Activity::Verifying(_))
+        matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
+    }
+
+    fn is_saving(&self) -> bool {
+        self.to_save().is_some()
     }
 
     /// Configuration of the instrument.
     #[must_use]
     pub fn correction(&self) -> Correction {
-        let tumbles = matches!(self.phase, Activity::Collecting) && self.collector.procedure() == Procedure::Tumble;
+        let tumbles =
+            matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
         Correction {
             calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
             has_valid_inclination: self
@@ -189,12 +249,12 @@ impl<'a> Compass<'a> {
     /// State for users.
     #[must_use]
     pub fn state(&self) -> ModuleState {
-        match self.phase {
-            Activity::Collecting => ModuleState::Collecting,
-            _ if self.trials.is_running => ModuleState::Collecting,
-            Activity::Solving(_) => ModuleState::Solving,
-            Activity::Verifying(_) => ModuleState::Verifying,
-            Activity::Idle if matches!(self.saving, Some(PendingSave::Calibration(_))) => ModuleState::Verifying,
+        match &self.activity {
+            Activity::Collecting(_) | Activity::Solving(Solve { purpose: SolvePurpose::Trial(_), .. }) => {
+                ModuleState::Collecting
+            }
+            Activity::Solving(Solve { stage: SolveStage::Fitting(_), .. }) => ModuleState::Solving,
+            Activity::Solving(_) => ModuleState::Verifying,
             Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
             Activity::Idle => ModuleState::Uncalibrated,
         }
@@ -204,14 +264,14 @@ impl<'a> Compass<'a> {
     #[must_use]
     pub fn to_save(&self) -> Option<StoreChange<'_>> {
         let Generations { current, previous } = &self.generations;
+        if let Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) = &self.activity {
+            return Some(StoreChange::Generations { current: Some(record), previous: current.as_ref() });
+        }
         Some(match self.saving.as_ref()? {
             PendingSave::Settings(settings) => StoreChange::Settings(settings),
             PendingSave::Remembered(remembered) => StoreChange::Remembered(*remembered),
             PendingSave::Undo => StoreChange::Generations { current: previous.as_ref(), previous: current.as_ref() },
             PendingSave::Clear => StoreChange::Clear,
-            PendingSave::Calibration(record) => {
-                StoreChange::Generations { current: Some(record), previous: current.as_ref() }
-            }
         })
     }
 
@@ -257,64 +317,60 @@ impl<'a> Compass<'a> {
     fn on_sample(&mut self, sample: Sample) -> Effect {
         self.recent.push(sample);
         self.start_automatic_collection();
-        if !self.accepts_samples() {
+        let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
             return Effect::None;
+        };
+        if let Activity::Solving(Solve { purpose, .. }) = self.activity {
+            let is_held = self.held.push(sample).is_ok();
+            if is_held || !matches!(purpose, SolvePurpose::Trial(_)) {
+                return Effect::None;
+            }
+            self.resume_collection(starter);
         }
         self.collector.push(sample);
         self.update_retained();
-        let is_complete = self.collector.progress().is_complete();
-        self.trials.is_running = !is_complete
-            && self.collector.procedure() == Procedure::Flight
-            && self.trials.is_due(&self.collector, sample.time);
-        if !(is_complete || self.trials.is_running) {
+        let purpose = if self.collector.progress().is_complete() {
+            SolvePurpose::Calibration(Some(starter))
+        } else if self.collector.procedure() == Procedure::Flight && self.trials.is_due(&self.collector, sample.time) {
+            SolvePurpose::Trial(starter)
+        } else {
             return Effect::None;
-        }
-        match self.start_solving(None) {
+        };
+        match self.start_solving(None, purpose) {
             Ok(()) => Effect::None,
-            Err(refusal) => self.end_solve(Err(refusal)),
+            Err(refusal) => self.end_solve(purpose, Err(refusal)),
         }
     }
 
     #[inline(never)]
     fn on_command(&mut self, command: Command, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swings = command == Command::CalStartNew(None) && self.collector.procedure() == Procedure::Swing;
-        if self.is_armed == Some(true) && (command.requires_disarmed() || swings) {
-            return Err(Refusal::Armed);
-        }
-        if self.is_blocked(command) {
-            if !self.trials.is_running {
-                return Err(Refusal::Busy);
-            }
-            // Commands take precedence over trial solves.
-            self.resume_collection();
-        }
+        self.admit(command)?;
         match command {
             Command::CalStart(procedure) => self.start_by_command(procedure, false)?,
             Command::CalStartNew(procedure) => {
                 self.start_by_command(procedure.unwrap_or(self.collector.procedure()), true)?;
             }
             Command::CalMark(heading_deg) => return self.mark_heading(heading_deg, now),
-            Command::CalStop => match self.phase {
-                Activity::Collecting => {
-                    self.phase = Activity::Idle;
-                    self.collector.set_state(CollectionState::Stopped);
-                    self.give_control_to_user();
-                }
-                _ => return Err(Refusal::NotCollecting),
-            },
+            Command::CalStop => {
+                let Activity::Collecting(_) = self.activity else { return Err(Refusal::NotCollecting) };
+                self.activity = Activity::Idle;
+                self.collector.set_state(CollectionState::Stopped);
+                self.automatic.is_overridden = true;
+            }
             Command::CalSolve(method) => {
-                self.start_solving(method).map_err(|refusal| refusal.with_cause(self.sample_deficiency()))?;
+                self.start_solving(method, SolvePurpose::Calibration(self.activity.starter()))
+                    .map_err(|refusal| refusal.with_cause(self.sample_deficiency()))?;
             }
             Command::CalAdvise => {
                 return self.advice.map(|advice| Effect::Reply(Ok(Reply::Advice(advice)))).ok_or(Refusal::NotSolved);
             }
             Command::CalAbort => {
                 self.discard_collection();
-                self.give_control_to_user();
+                self.automatic.is_overridden = true;
             }
             Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
             Command::CalUndo => return self.restore_previous(),
-            Command::Report => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
+            Command::Status | Command::CalShow => return Ok(Effect::Reply(Ok(Reply::Report(self.report())))),
             Command::Set(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
                 if let SettingChange::Auto(true) = setting {
@@ -324,7 +380,7 @@ impl<'a> Compass<'a> {
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
-            Command::PrepareRestart => self.collector.reset_restart_count(),
+            Command::Restart => self.collector.reset_restart_count(),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.state()))))
     }
@@ -332,22 +388,24 @@ impl<'a> Compass<'a> {
     /// Starts a collection, or takes over an automatic one unless `forgets`.
     fn start_by_command(&mut self, procedure: Procedure, forgets: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
-        let collects = matches!(self.phase, Activity::Collecting) && !forgets;
-        if collects && !self.automatic.is_active {
-            return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
+        match self.activity {
+            Activity::Collecting(Starter::User) if !forgets => {
+                return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
+            }
+            Activity::Collecting(Starter::Module) if !forgets && procedure == self.collector.procedure() => {
+                self.activity = Activity::Collecting(Starter::User);
+            }
+            _ => self.start_collection(procedure, Starter::User),
         }
-        if !(collects && procedure == self.collector.procedure()) {
-            self.start_collection(procedure);
-        }
-        self.give_control_to_user();
+        self.automatic.is_overridden = true;
         Ok(())
     }
 
-    fn start_collection(&mut self, procedure: Procedure) {
+    fn start_collection(&mut self, procedure: Procedure, starter: Starter) {
         self.collector.begin(procedure);
         self.recent = RecentSamples::new();
         self.trials = TrialSolves::NONE;
-        self.phase = Activity::Collecting;
+        self.activity = Activity::Collecting(starter);
     }
 
     /// Aborts all activity and discards the samples.
@@ -355,23 +413,13 @@ impl<'a> Compass<'a> {
     fn discard_collection(&mut self) {
         self.collector.discard();
         self.trials = TrialSolves::NONE;
-        self.automatic.is_active = false;
-        self.phase = Activity::Idle;
-    }
-
-    /// Whether a command is rejected during the present activity. A save is always completed.
-    fn is_blocked(&self, command: Command) -> bool {
-        match command {
-            Command::Report | Command::CalAdvise => false,
-            Command::CalAbort | Command::PrepareRestart => self.saving.is_some(),
-            Command::Set(setting) if !setting.is_used_by_solves() => self.saving.is_some(),
-            _ => self.is_busy() || self.saving.is_some(),
-        }
+        self.activity = Activity::Idle;
     }
 
     /// Marks a heading with the mean sample of the last second.
     fn mark_heading(&mut self, heading_deg: f32, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swinging = matches!(self.phase, Activity::Collecting) && self.collector.procedure() == Procedure::Swing;
+        let swinging =
+            matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Swing;
         if !swinging {
             return Err(Refusal::NotSwinging);
         }
@@ -415,21 +463,23 @@ impl<'a> Compass<'a> {
         Effect::Save
     }
 
-    fn start_solving(&mut self, method: Option<Method>) -> Result<(), Refusal> {
+    fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
+        self.held.clear();
         let sensor = self.sensor.ok_or(Refusal::NoSensor)?;
         if self.collector.fit().all().next().is_none() {
             return Err(Refusal::NoSamples);
         }
         let supported = || method_selection::select_method(self.collector.fit(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
-        self.start_solve_with_inclination(sensor, method, self.effective_settings().inclination_deg)
+        self.start_solve_with_inclination(method, self.effective_settings().inclination_deg, purpose, sensor)
     }
 
     fn start_solve_with_inclination(
         &mut self,
-        sensor: DetectedSensor,
         method: Method,
         inclination_deg: Option<f32>,
+        purpose: SolvePurpose,
+        sensor: DetectedSensor,
     ) -> Result<(), Refusal> {
         let prior = Prior {
             mount: self.settings.mount,
@@ -439,65 +489,69 @@ impl<'a> Compass<'a> {
         let consider = self.settings.attitude_error.to_consider_sigmas();
         let solver = Solver::with_consider_sigmas(method, samples_to_fit(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
-        self.phase = Activity::Solving(solver);
+        self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
         Ok(())
-    }
-
-    /// Handles a failed solve. If the samples contradict the field model's inclination (local anomaly, attitude
-    /// errors), solves again without it; an inclination set by the user is never ignored.
-    fn on_solve_failed(&mut self, error: SolveError) -> Effect {
-        if let (SolveError::InclinationContradicted { .. }, None, Some(sensor)) =
-            (error, self.settings.inclination_deg, self.sensor)
-            && self.start_solve_with_inclination(sensor, Method::MaximumLikelihood, None).is_ok()
-        {
-            return Effect::None;
-        }
-        self.end_solve(Err(Refusal::Solve(error)))
     }
 
     #[inline(never)]
     fn advance_solve(&mut self) -> Effect {
-        match &mut self.phase {
-            Activity::Solving(solver) => match solver.step(samples_to_fit(&self.collector)) {
+        let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
+        let (purpose, sensor) = (solve.purpose, solve.sensor);
+        match &mut solve.stage {
+            SolveStage::Fitting(solver) => match solver.step(samples_to_fit(&self.collector)) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
-                    self.phase = Activity::Verifying(solution);
+                    solve.stage = SolveStage::Verifying(solution);
                     Effect::None
                 }
-                Solving::Finished(Err(error)) => self.on_solve_failed(error),
+                Solving::Finished(Err(error)) => self.on_solve_failed(error, purpose, sensor),
             },
-            Activity::Verifying(_) => self.verify_candidate(),
-            Activity::Idle | Activity::Collecting => Effect::None,
+            SolveStage::Verifying(_) => self.verify_candidate(),
+            SolveStage::Saving(_) => Effect::None,
         }
+    }
+
+    /// Handles a failed solve. If the samples contradict the field model's inclination (local anomaly, attitude
+    /// errors), solves again without it; an inclination set by the user is never ignored.
+    fn on_solve_failed(&mut self, error: SolveError, purpose: SolvePurpose, sensor: DetectedSensor) -> Effect {
+        if let (SolveError::InclinationContradicted { .. }, None) = (error, self.settings.inclination_deg)
+            && self.start_solve_with_inclination(Method::MaximumLikelihood, None, purpose, sensor).is_ok()
+        {
+            return Effect::None;
+        }
+        self.end_solve(purpose, Err(Refusal::Solve(error)))
     }
 
     #[inline(never)]
     fn verify_candidate(&mut self) -> Effect {
-        let Activity::Verifying(candidate) = &self.phase else { return Effect::None };
-        let accepted = self.accept_candidate(candidate);
-        if self.trials.is_running {
+        let Activity::Solving(Solve { stage: SolveStage::Verifying(candidate), purpose, sensor }) = &self.activity
+        else {
+            return Effect::None;
+        };
+        let (mut purpose, sensor) = (*purpose, *sensor);
+        let accepted = self.accept_candidate(candidate, sensor.identity);
+        if let SolvePurpose::Trial(starter) = purpose {
             let refusal = accepted.as_ref().err().cloned();
             self.collector.use_trial_solution(candidate);
             if !self.trials.record_result(candidate, refusal, &self.collector, self.settings.accuracy_deg) {
-                self.resume_collection();
+                self.resume_collection(starter);
                 return Effect::None;
             }
-            // Ends the automatic collection, whether or not the save succeeds.
-            self.automatic.is_active = false;
+            // Ends an automatic collection, too, whether or not the save succeeds.
+            purpose = SolvePurpose::Calibration(None);
         }
         match accepted {
             Ok(record) => {
-                self.phase = Activity::Idle;
-                self.request_save(PendingSave::Calibration(record))
+                self.activity = Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, sensor });
+                Effect::Save
             }
-            Err(refusal) => self.end_solve(Err(refusal)),
+            Err(refusal) => self.end_solve(purpose, Err(refusal)),
         }
     }
 
     #[inline(never)]
-    fn accept_candidate(&self, candidate: &Solution) -> Result<CalibrationRecord, Refusal> {
-        let sensor = self.sensor.ok_or(Refusal::NoSensor)?.identity;
+    fn accept_candidate(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
         let selection = SelectedParts::new(self.collector.fit(), self.collector.procedure());
         let grounds = AcceptanceSamples {
             fit: selection.select(self.collector.fit()),
@@ -526,22 +580,30 @@ impl<'a> Compass<'a> {
 
     #[inline(never)]
     fn on_saved(&mut self, result: Result<(), StoreError>) -> Effect {
+        if let Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, .. }) = &self.activity {
+            let purpose = *purpose;
+            let outcome = result.map_err(Refusal::Store).map(|()| {
+                self.persistent.forget_collection();
+                self.generations.push(record);
+                ExpectedAccuracy::new(record.quality, &record.calibration)
+            });
+            return self.end_solve(purpose, outcome);
+        }
         let Some(saving) = self.saving.take() else { return Effect::None };
-        self.persistent.update_after_save(&saving, result);
         match (saving, result) {
-            // Not requested by a user: no reply, no retry.
-            (PendingSave::Remembered(_), _) => Effect::None,
-            (PendingSave::Calibration(record), Ok(())) => {
-                self.generations.push(&record);
-                self.end_solve(Ok(ExpectedAccuracy::new(record.quality, &record.calibration)))
+            // Not requested by a user: no reply, no retry. Headings continue, so that nothing else shows the failure.
+            (PendingSave::Remembered(_), Err(error @ StoreError::Timeout)) => {
+                Effect::Notify(Message::StoreFailed(error))
             }
-            (PendingSave::Calibration(_), Err(error)) => self.end_solve(Err(Refusal::Store(error))),
+            (PendingSave::Remembered(_), _) => Effect::None,
             (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
             (PendingSave::Undo, Ok(())) => {
+                self.persistent.forget_collection();
                 self.generations.undo();
                 self.reply_done()
             }
             (PendingSave::Clear, Ok(())) => {
+                self.persistent.forget_collection();
                 self.generations.clear();
                 self.return_control(self.settings.auto_on);
                 self.reply_done()
@@ -560,10 +622,13 @@ impl<'a> Compass<'a> {
         Effect::Reply(Ok(Reply::Done(self.state())))
     }
 
-    /// Continues collecting after or instead of a trial solve.
-    fn resume_collection(&mut self) {
-        self.trials.is_running = false;
-        self.phase = Activity::Collecting;
+    /// Continues collecting after a solve, or instead of a trial solve.
+    fn resume_collection(&mut self, starter: Starter) {
+        for sample in &self.held {
+            self.collector.push(*sample);
+        }
+        self.held.clear();
+        self.activity = Activity::Collecting(starter);
         self.collector.reset_restart_count();
     }
 
@@ -575,20 +640,21 @@ impl<'a> Compass<'a> {
     }
 
     /// Ends a solve; keeps the samples.
-    fn end_solve(&mut self, outcome: SolveOutcome) -> Effect {
+    fn end_solve(&mut self, purpose: SolvePurpose, outcome: SolveOutcome) -> Effect {
         let outcome = outcome.map_err(|refusal| refusal.with_cause(self.sample_deficiency()));
-        if let (true, Err(refusal)) = (self.trials.is_running, &outcome) {
-            self.trials.last_result = Some(TrialResult::from_failure(refusal.clone()));
-            self.resume_collection();
-            return Effect::None;
+        match (purpose, &outcome) {
+            (SolvePurpose::Trial(starter), Err(refusal)) => {
+                self.trials.last_result = Some(TrialResult::from_failure(refusal.clone()));
+                self.resume_collection(starter);
+                return Effect::None;
+            }
+            (SolvePurpose::Calibration(Some(Starter::Module)), Err(_)) => self.resume_collection(Starter::Module),
+            _ => {
+                self.collector.reset_restart_count();
+                self.collector.set_state(CollectionState::Inactive);
+                self.activity = Activity::Idle;
+            }
         }
-        // A failed solve by command does not end an automatic collection.
-        self.automatic.is_active &= outcome.is_err();
-        self.collector.reset_restart_count();
-        if !self.automatic.is_active {
-            self.collector.set_state(CollectionState::Inactive);
-        }
-        self.phase = if self.automatic.is_active { Activity::Collecting } else { Activity::Idle };
         let message = Message::Solved(outcome);
         self.last_outcome = Some(message.clone());
         Effect::Notify(message)
@@ -598,7 +664,7 @@ impl<'a> Compass<'a> {
         StatusReport {
             state: self.state(),
             is_armed: self.is_armed,
-            is_automatic: self.automatic.is_active,
+            is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
             progress: self.collector.progress(),
             last_trial: self.trials.last_result.clone(),

@@ -1,11 +1,11 @@
 //! State that survives a restart: the running collection in RAM, and in flash whether one was running and which
 //! protocols were detected.
 
-use super::{Activity, Compass, Effect, PendingSave};
+use super::{Activity, Compass, Effect, PendingSave, Starter};
 use crate::collection::{CollectionContext, CollectionState};
 use crate::messages::Message;
 use crate::settings::{PORT_COUNT, PortNumber, ProtocolKind};
-use crate::store::{StartupValues, StoreError};
+use crate::store::StartupValues;
 use crate::time::WrappingMillis;
 
 /// Duration after which a detected protocol is stored, milliseconds.
@@ -24,10 +24,9 @@ impl PersistentState {
         Self { last_written: stored, detected_since: None }
     }
 
-    /// Updates the written values after a save; saving a calibration clears the collection flag.
-    pub fn update_after_save(&mut self, saving: &PendingSave, result: Result<(), StoreError>) {
-        self.last_written.is_collecting &=
-            result.is_err() || matches!(saving, PendingSave::Settings(_) | PendingSave::Remembered(_));
+    /// Clears the collection flag, as every save of calibrations does in flash.
+    pub const fn forget_collection(&mut self) {
+        self.last_written.is_collecting = false;
     }
 
     /// Detected protocols, once constant for long enough.
@@ -55,8 +54,9 @@ impl Compass<'_> {
             {
                 match self.collector.state() {
                     CollectionState::Running => {
-                        self.phase = Activity::Collecting;
-                        (self.automatic.is_active, self.automatic.is_overridden) = (by_itself, !by_itself);
+                        let starter = if by_itself { Starter::Module } else { Starter::User };
+                        self.activity = Activity::Collecting(starter);
+                        self.automatic.is_overridden = !by_itself;
                     }
                     CollectionState::Stopped => self.automatic.is_overridden = true,
                     CollectionState::Inactive => {}
@@ -72,7 +72,7 @@ impl Compass<'_> {
     #[inline(never)]
     pub(super) fn update_retained(&mut self) {
         self.collector.save(CollectionContext {
-            is_automatic: self.automatic.is_active,
+            is_automatic: self.activity.is_automatic(),
             calibration_serial: self.calibration_serial(),
         });
     }
@@ -100,7 +100,7 @@ impl Compass<'_> {
                 }
             }
         }
-        if wanted == self.persistent.last_written || self.is_busy() || self.saving.is_some() {
+        if wanted == self.persistent.last_written || self.is_busy() || self.is_saving() {
             return Effect::None;
         }
         self.persistent.last_written = wanted;

@@ -77,16 +77,16 @@ pub enum ArgumentValue {
 pub struct Arguments(pub [ArgumentValue; 2]);
 
 impl Arguments {
-    fn number(&self, slot: usize) -> Option<f32> {
-        match self.0.get(slot) {
+    fn number(&self, index: usize) -> Option<f32> {
+        match self.0.get(index) {
             Some(&ArgumentValue::Number(number)) => Some(number),
             _ => None,
         }
     }
 
-    fn choice<T>(&self, slot: usize, of: impl Fn(usize) -> Option<T>) -> Option<T> {
-        match self.0.get(slot) {
-            Some(&ArgumentValue::Choice(number)) => of(number),
+    fn choice<T>(&self, index: usize, value_of_index: impl Fn(usize) -> Option<T>) -> Option<T> {
+        match self.0.get(index) {
+            Some(&ArgumentValue::Choice(number)) => value_of_index(number),
             _ => None,
         }
     }
@@ -97,12 +97,12 @@ impl CommandSpec {
         Self { words: [first, second], help, arguments: &[], request: None }
     }
 
-    const fn takes(self, slots: &'static [ArgumentSpec]) -> Self {
+    const fn with_arguments(self, slots: &'static [ArgumentSpec]) -> Self {
         Self { arguments: slots, ..self }
     }
 
-    const fn with_request(self, means: fn(&Arguments) -> Request) -> Self {
-        Self { request: Some(means), ..self }
+    const fn with_request(self, to_request: fn(&Arguments) -> Request) -> Self {
+        Self { request: Some(to_request), ..self }
     }
 }
 
@@ -144,14 +144,14 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("help", "", "list the commands, or explain one"),
     CommandSpec::new("version", "", "show the firmware's version").with_request(|_| Request::Version),
     CommandSpec::new("status", "", "show state, sensors, progress, settings and counters")
-        .with_request(|_| Request::Status),
+        .with_request(|_| Command::Status.into()),
     CommandSpec::new("cal", "", "calibration"),
     CommandSpec::new(
         "cal",
         "start",
         "start collecting; flight, turns and level then solve automatically, swing and tumble need cal solve",
     )
-    .takes(&[
+    .with_arguments(&[
         ArgumentSpec::optional("PROCEDURE", ArgumentKind::Choice(procedure_or_again)),
         ArgumentSpec::optional("again", ArgumentKind::Confirmation("again")),
     ])
@@ -166,10 +166,10 @@ pub static COMMANDS: &[CommandSpec] = &[
         "auto",
         "start collecting automatically while uncalibrated, as soon as the autopilot is armed",
     )
-    .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
     .with_request(|given| set(SettingChange::Auto(given.choice(0, nth_switch).unwrap_or(true)))),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
-        .takes(&[ArgumentSpec::new("HEADING", HEADING)])
+        .with_arguments(&[ArgumentSpec::new("HEADING", HEADING)])
         .with_request(|given| Command::CalMark(given.number(0).unwrap_or(f32::NAN)).into()),
     CommandSpec::new("cal", "stop", "stop collecting, keep the samples").with_request(|_| Command::CalStop.into()),
     CommandSpec::new(
@@ -177,13 +177,13 @@ pub static COMMANDS: &[CommandSpec] = &[
         "solve",
         "solve with the collected samples, by the best method they support or by a given one",
     )
-    .takes(&[ArgumentSpec::optional("METHOD", ArgumentKind::Choice(method))])
+    .with_arguments(&[ArgumentSpec::optional("METHOD", ArgumentKind::Choice(method))])
     .with_request(|given| Command::CalSolve(given.choice(0, |number| METHODS.get(number).copied())).into()),
     CommandSpec::new("cal", "advise", "show the weakest part of the last solve, and the manoeuvre that improves it")
         .with_request(|_| Command::CalAdvise.into()),
-    CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Request::CalShow),
+    CommandSpec::new("cal", "show", "show the active calibration").with_request(|_| Command::CalShow.into()),
     CommandSpec::new("cal", "clear", "delete the stored calibrations")
-        .takes(&[ArgumentSpec::new("all", ArgumentKind::Confirmation("all"))])
+        .with_arguments(&[ArgumentSpec::new("all", ArgumentKind::Confirmation("all"))])
         .with_request(|_| Command::CalClear.into()),
     CommandSpec::new("cal", "undo", "return to the previous calibration; again: to the newer one")
         .with_request(|_| Command::CalUndo.into()),
@@ -193,39 +193,42 @@ pub static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("stream", "on", "send them").with_request(|_| set(SettingChange::StreamOn(true))),
     CommandSpec::new("stream", "off", "do not send them").with_request(|_| set(SettingChange::StreamOn(false))),
     CommandSpec::new("stream", "rate", "sentences per second")
-        .takes(&[ArgumentSpec::new("HZ", ArgumentKind::Whole { range: Settings::STREAM_RATE_HZ, unit: "a second" })])
+        .with_arguments(&[ArgumentSpec::new(
+            "HZ",
+            ArgumentKind::Whole { range: Settings::STREAM_RATE_HZ, unit: "a second" },
+        )])
         .with_request(|given| set(SettingChange::StreamRateHz(given.number(0).unwrap_or_default() as u8))),
     CommandSpec::new(
         "stream",
         "heading",
         "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
     )
-    .takes(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(heading_kind))])
+    .with_arguments(&[ArgumentSpec::new("KIND", ArgumentKind::Choice(heading_kind))])
     .with_request(|given| set(SettingChange::StreamHeading(given.choice(0, nth_kind).unwrap_or(HeadingKind::Smooth)))),
     CommandSpec::new("set", "", "settings"),
     CommandSpec::new("set", "declination", "declination, east positive; none: by the field model")
-        .takes(&[ArgumentSpec::new("DEG", number_or("none", Settings::DECLINATION_DEG))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::DECLINATION_DEG))])
         .with_request(|given| set(SettingChange::Declination(given.number(0)))),
     CommandSpec::new(
         "set",
         "mount",
         "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
     )
-    .takes(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
+    .with_arguments(&[ArgumentSpec::new("ORIENTATION", ArgumentKind::Choice(orientation))])
     .with_request(|given| set(SettingChange::Mount(given.choice(0, nth_orientation).unwrap_or(Orientation::NONE)))),
     CommandSpec::new(
         "set",
         "inclination",
         "inclination of the local field, positive down; none: by the field model or the samples",
     )
-    .takes(&[ArgumentSpec::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
+    .with_arguments(&[ArgumentSpec::new("DEG", number_or("none", Settings::INCLINATION_DEG))])
     .with_request(|given| set(SettingChange::Inclination(given.number(0)))),
     CommandSpec::new(
         "set",
         "align",
         "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
     )
-    .takes(&[
+    .with_arguments(&[
         ArgumentSpec::new("HEADING", number_or("none", 0.0..=360.0)),
         ArgumentSpec::optional("yes", ArgumentKind::Confirmation("yes")),
     ])
@@ -238,37 +241,40 @@ pub static COMMANDS: &[CommandSpec] = &[
         "attitude-error",
         "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank",
     )
-    .takes(&[
+    .with_arguments(&[
         ArgumentSpec::new("DEG", number_or("default", AttitudeError::BIAS_DEG)),
         ArgumentSpec::new("PERCENT", number(AttitudeError::BANK_PERCENT, "%")),
     ])
     .with_request(|given| set(SettingChange::AttitudeError(attitude_error(given)))),
     CommandSpec::new("set", "accuracy", "expected error at which a collection in flight ends")
-        .takes(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
+        .with_arguments(&[ArgumentSpec::new("DEG", number(Settings::ACCURACY_DEG, DEGREES))])
         .with_request(|given| set(SettingChange::Accuracy(given.number(0).unwrap_or(f32::NAN)))),
     CommandSpec::new("set", "port1", "protocol of the first port; auto: detect the autopilot's")
-        .takes(&[PROTOCOL])
+        .with_arguments(&[PROTOCOL])
         .with_request(|given| set(protocol_of(PortNumber::One, given))),
     CommandSpec::new("set", "port2", "protocol of the second port; auto: detect the autopilot's")
-        .takes(&[PROTOCOL])
+        .with_arguments(&[PROTOCOL])
         .with_request(|given| set(protocol_of(PortNumber::Two, given))),
     CommandSpec::new("set", "baud1", "baud rate of the first port")
-        .takes(&[BAUD])
+        .with_arguments(&[BAUD])
         .with_request(|given| set(baud_of(PortNumber::One, given))),
     CommandSpec::new("set", "baud2", "baud rate of the second port")
-        .takes(&[BAUD])
+        .with_arguments(&[BAUD])
         .with_request(|given| set(baud_of(PortNumber::Two, given))),
     CommandSpec::new(
         "set",
         "vision",
         "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
     )
-    .takes(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
+    .with_arguments(&[ArgumentSpec::new("SWITCH", ArgumentKind::Choice(switch))])
     .with_request(|given| set(SettingChange::Vision(given.choice(0, nth_switch).unwrap_or(false)))),
     CommandSpec::new("set", "attitude-rate", "highest rate at which attitude is requested from a MAVLink autopilot")
-        .takes(&[ArgumentSpec::new("HZ", ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" })])
+        .with_arguments(&[ArgumentSpec::new(
+            "HZ",
+            ArgumentKind::Whole { range: Settings::ATTITUDE_RATE_HZ, unit: "a second" },
+        )])
         .with_request(|given| set(SettingChange::AttitudeRateHz(given.number(0).unwrap_or_default() as u8))),
-    CommandSpec::new("reboot", "", "restart the module").with_request(|_| Request::Reboot),
+    CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 
 const PROTOCOL: ArgumentSpec = ArgumentSpec::new("PROTOCOL", ArgumentKind::Choice(protocol));
@@ -359,12 +365,12 @@ fn attitude_error(given: &Arguments) -> AttitudeError {
 }
 
 const fn set(setting: SettingChange) -> Request {
-    Request::Compass(Command::Set(setting))
+    Request::Command(Command::Set(setting))
 }
 
 impl From<Command> for Request {
     fn from(command: Command) -> Self {
-        Self::Compass(command)
+        Self::Command(command)
     }
 }
 
@@ -373,13 +379,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_method_can_be_asked_for() {
+    fn every_method_can_be_selected() {
         assert!(Method::ALL.iter().all(|method| METHODS.contains(method)));
     }
 
     /// Commands follow the row of their first word; no two are equal; a row without a request has second words.
     #[test]
-    fn the_table_is_in_order() {
+    fn the_command_table_is_grouped_and_has_no_duplicates() {
         for (i, row) in COMMANDS.iter().enumerate() {
             let [first, second] = row.words;
             assert!(!COMMANDS[..i].iter().any(|other| other.words == row.words), "{first} {second} is there twice");
@@ -392,18 +398,18 @@ mod tests {
 
     /// Typed words are compared in lower case.
     #[test]
-    fn words_are_lower_case_and_of_plain_characters() {
+    fn command_words_are_lower_case_ascii() {
         let is_plain = |word: &str| word.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
         for row in COMMANDS {
             assert!(row.words.iter().all(|word| is_plain(word)), "{:?}", row.words);
-            for slot in row.arguments {
-                assert!((0..).map_while(|number| slot.nth_word(number)).all(is_plain), "{}", slot.name);
+            for argument in row.arguments {
+                assert!((0..).map_while(|number| argument.nth_word(number)).all(is_plain), "{}", argument.name);
             }
         }
     }
 
     #[test]
-    fn choices_are_what_they_are_called() {
+    fn every_choice_name_parses_to_its_value() {
         for number in 0..30 {
             assert_eq!(nth_procedure(number), procedure(number).and_then(Procedure::from_name));
             assert_eq!(nth_switch(number), switch(number).map(|name| name == "on"));

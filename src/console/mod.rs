@@ -14,7 +14,7 @@ pub mod session;
 pub use command_table::CommandSpec;
 pub use parser::{LineError, help, parse};
 
-use crate::compass;
+use crate::compass::Command;
 
 /// Request of a line.
 #[derive(Clone, Copy, Debug)]
@@ -23,14 +23,8 @@ pub enum Request {
     Help(Option<&'static CommandSpec>),
     /// Show the firmware's version.
     Version,
-    /// Show state, settings and counters.
-    Status,
-    /// Show the active calibration.
-    CalShow,
-    /// Restart the module.
-    Reboot,
     /// Command for the state machine.
-    Compass(compass::Command),
+    Command(Command),
 }
 
 /// Capacity of a line, characters.

@@ -350,7 +350,7 @@ mod tests {
 
     fn command(line: &str) -> Command {
         match parse(line) {
-            Some(Ok(Request::Compass(command))) => command,
+            Some(Ok(Request::Command(command))) => command,
             other => panic!("{line}: {other:?}"),
         }
     }
@@ -421,9 +421,9 @@ mod tests {
         }
         let others = [
             ("version", "Version"),
-            ("STATUS", "Status"),
-            ("Cal Show", "CalShow"),
-            ("reboot", "Reboot"),
+            ("STATUS", "Command(Status)"),
+            ("Cal Show", "Command(CalShow)"),
+            ("reboot", "Command(Restart)"),
             ("help", "Help"),
         ];
         for (line, name) in others {

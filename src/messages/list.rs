@@ -31,7 +31,7 @@ impl Message {
         match self {
             Self::Solved(Ok(verdict)) => show("calibrated", format_args!("{verdict}"), NO_ADVICE),
             Self::Solved(Err(refusal)) | Self::CommandRejected(refusal) => refusal.entry(show),
-            Self::StoreUnreadable(error) => store_error(*error, show),
+            Self::StoreFailed(error) => store_error(*error, show),
             Self::CollectionLost => show(
                 "collection-lost",
                 format_args!("the power failed during a collection, and its samples are lost"),
@@ -186,6 +186,7 @@ fn store_error(error: StoreError, show: EntryWriter<'_>) -> fmt::Result {
     let fact = format_args!("{error}");
     match error {
         StoreError::Flash => show("store-flash", fact, FLASH_FAULT),
+        StoreError::Timeout => show("store-timeout", fact, FLASH_FAULT),
         StoreError::Corrupt => show("store-corrupt", fact, format_args!("calibrate again")),
         StoreError::OtherFormat(_) => {
             show("store-version", fact, format_args!("install that firmware, or delete them: cal clear all"))

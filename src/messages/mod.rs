@@ -31,8 +31,9 @@ pub enum Message {
     Solved(SolveOutcome),
     /// A command from a port was rejected. The console replies to its own commands.
     CommandRejected(Refusal),
-    /// Flash is unreadable: default settings, no calibration.
-    StoreUnreadable(StoreError),
+    /// The flash failed without a command: at the start it is unreadable, which leaves default settings and no
+    /// calibration; later it does not complete a save.
+    StoreFailed(StoreError),
     /// A collection was running when the power failed; its samples are lost.
     CollectionLost,
     /// Progress of a collection, percent. MAVLink only.
@@ -67,7 +68,7 @@ impl Message {
             }
             Self::Solved(Err(_))
             | Self::CommandRejected(_)
-            | Self::StoreUnreadable(_)
+            | Self::StoreFailed(_)
             | Self::CollectionLost
             | Self::HardIronChanged(_) => Severity::Warning,
         }
@@ -83,7 +84,7 @@ impl Message {
     }
 
     const fn is_refusal(&self) -> bool {
-        matches!(self, Self::Solved(Err(_)) | Self::CommandRejected(_) | Self::StoreUnreadable(_))
+        matches!(self, Self::Solved(Err(_)) | Self::CommandRejected(_) | Self::StoreFailed(_))
     }
 }
 

@@ -241,6 +241,11 @@ fn store_errors() -> Vec<Expected> {
             "store-flash",
             "the flash memory failed; try again, then replace the board",
         ),
+        (
+            Refusal::Store(StoreError::Timeout),
+            "store-timeout",
+            "the flash memory did not complete a save in time; try again, then replace the board",
+        ),
         (Refusal::Store(StoreError::Corrupt), "store-corrupt", "the stored data are damaged; calibrate again"),
         (
             Refusal::Store(StoreError::OtherFormat(2)),
@@ -272,7 +277,7 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
             "refused armed: the autopilot is armed, and this command is for the ground; land and disarm first",
         ),
         (
-            Message::StoreUnreadable(StoreError::Corrupt),
+            Message::StoreFailed(StoreError::Corrupt),
             Severity::Warning,
             "refused store-corrupt: the stored data are damaged; calibrate again",
         ),

@@ -1,8 +1,6 @@
 //! A port with its protocols, and the detection of the autopilot's protocol.
 
-use super::{Mavlink, Msp, Nmea, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use crate::calibration::Calibration;
-use crate::messages::{Message, Refusal};
+use super::{Mavlink, Msp, Nmea, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::settings::ProtocolKind;
 use crate::time::Timestamp;
 
@@ -14,7 +12,8 @@ const DETECTION_EXPIRY_US: u64 = 10_000_000;
 pub struct Port {
     chosen: ProtocolKind,
     detection: ProtocolDetection,
-    mavlink: Mavlink,
+    /// Receives results of commands, and texts, whatever the active protocol.
+    pub mavlink: Mavlink,
     msp: Msp,
     nmea: Nmea,
     /// Bytes to write.
@@ -105,12 +104,6 @@ impl Port {
         self.mavlink.rejected_frames().wrapping_add(self.msp.rejected_frames())
     }
 
-    /// Whether a calibration differs from the last reported one.
-    #[must_use]
-    pub fn is_unreported(&self, calibration: &Calibration) -> bool {
-        self.mavlink.is_unreported(calibration)
-    }
-
     /// Appends due messages to the output. During detection the port sends MSP requests: an MSP autopilot sends nothing
     /// without a request and searches for its compass while it starts; a MAVLink autopilot ignores them.
     pub fn poll(&mut self, facts: &Snapshot<'_>) {
@@ -121,20 +114,10 @@ impl Port {
         }
     }
 
-    /// Processes the result of an order received on this port.
-    pub fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
-        self.mavlink.complete_order(order, result);
-    }
-
     /// Whether the set protocol carries text messages, or may after detection.
     #[must_use]
     pub fn carries_texts(&self) -> bool {
         matches!(self.chosen, ProtocolKind::Auto | ProtocolKind::Mavlink)
-    }
-
-    /// Queues a text message.
-    pub fn queue_text(&mut self, message: &Message) {
-        self.mavlink.queue_text(message);
     }
 }
 

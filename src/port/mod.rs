@@ -17,10 +17,9 @@ pub use schedule::MessageSchedule;
 
 use crate::attitude::AttitudeReport;
 use crate::calibration::{Calibration, HeadingUncertainty};
-use crate::compass::IndicatorState;
+use crate::compass::{Command, IndicatorState};
 use crate::earth::{Date, Position};
 use crate::instrument::Estimate;
-use crate::messages::{Message, Refusal};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 
@@ -37,23 +36,10 @@ pub enum ReceivedMessage {
     Date(Date),
     /// Motor current, amperes.
     Current(f32),
-    /// Order, whose result is awaited.
-    Order(Order),
+    /// Command for the state machine, whose result is awaited.
+    Command(Command),
     /// Any other message of the protocol, which shows that the protocol is in use.
     Other,
-}
-
-/// Order received on a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// Start a collection: `cal start`.
-    Start,
-    /// Solve with the present samples: `cal solve`.
-    Accept,
-    /// Stop and discard: `cal abort`.
-    Cancel,
-    /// Restart the module.
-    Reboot,
 }
 
 /// Snapshot of the module's state, from which messages are made.
@@ -162,12 +148,6 @@ pub trait Protocol {
 
     /// Appends due messages. Called for every estimate, at least ten times a second.
     fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer);
-
-    /// Processes the result of the last order.
-    fn complete_order(&mut self, _order: Order, _result: Result<(), &Refusal>) {}
-
-    /// Queues a text message.
-    fn queue_text(&mut self, _message: &Message) {}
 }
 
 #[cfg(test)]

@@ -49,6 +49,8 @@ const MIN_STATE_PAGES: u32 = 2;
 pub enum StoreError {
     /// The flash failed to read, write or erase.
     Flash,
+    /// The flash did not complete a save in time.
+    Timeout,
     /// Stored bytes are damaged.
     Corrupt,
     /// The store has another format.
@@ -65,6 +67,7 @@ impl core::fmt::Display for StoreError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Flash => "the flash memory failed",
+            Self::Timeout => "the flash memory did not complete a save in time",
             Self::Corrupt => "the stored data are damaged",
             Self::OtherFormat(_) => "another firmware wrote the stored data",
             Self::Full => "the data do not fit into the flash region",

@@ -1,6 +1,7 @@
 //! NOR flash in memory with the rules of the STM32L4, power cuts and read/write faults. Operations take no time, so
 //! tests can run thousands of saves.
 
+use std::future::pending;
 use std::ops::Range;
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
@@ -31,13 +32,15 @@ impl CutProgress {
     }
 }
 
-/// Undetected programming fault.
+/// Programming fault that the flash does not report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SilentFault {
     /// Programming and erasing have no effect.
     Ignores,
     /// Programming changes wrong bits.
     Alters,
+    /// Programming and erasing never complete.
+    Hangs,
 }
 
 /// Access error.
@@ -144,8 +147,10 @@ impl<const PAGE: usize> NorFlash for RamFlash<PAGE> {
     const ERASE_SIZE: usize = PAGE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashFault> {
-        if self.silent_fault == Some(SilentFault::Ignores) {
-            return Ok(());
+        match self.silent_fault {
+            Some(SilentFault::Ignores) => return Ok(()),
+            Some(SilentFault::Hangs) => pending().await,
+            Some(SilentFault::Alters) | None => {}
         }
         (from as usize..to as usize).step_by(PAGE).try_for_each(|page| self.operate(page, &[0xFF; PAGE]))
     }
@@ -158,6 +163,7 @@ impl<const PAGE: usize> NorFlash for RamFlash<PAGE> {
             match self.silent_fault {
                 None => self.operate(start, word)?,
                 Some(SilentFault::Ignores) => {}
+                Some(SilentFault::Hangs) => pending().await,
                 Some(SilentFault::Alters) => {
                     let altered: Vec<u8> = word.iter().map(|byte| byte & !0x10).collect();
                     self.operate(start, &altered)?;

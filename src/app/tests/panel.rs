@@ -10,8 +10,9 @@ use super::TaskBench;
 use super::devices::{Chip, SENSOR};
 use super::thread_tasks::ask;
 use crate::app::compass;
-use crate::app::links::{DetectedSensor, publish};
+use crate::app::links::{CommandSource, DetectedSensor, publish};
 use crate::app::panel::{self, Panel};
+use crate::calibration::method_selection::Procedure;
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, IndicatorState, ModuleState, Reply};
 use crate::frames::Attitude;
@@ -100,13 +101,14 @@ fn what_takes_the_heading_away_is_trouble() {
 #[test]
 fn the_button_is_held_for_two_seconds() {
     let (mut bed, post) = with_panel();
+    let held = (CommandSource::Button, Command::CalStart(Procedure::Flight));
     for (ms, asks) in [(1_900, false), (2_060, true), (10_000, true)] {
         post.is_down.set(true);
         bed.ms(ms);
-        assert_eq!(bed.links.pressed.try_take().is_some(), asks, "{ms}");
+        assert_eq!(bed.links.commands.try_receive() == Ok(held), asks, "{ms}");
         post.is_down.set(false);
         bed.ms(3_000);
-        assert!(bed.links.pressed.try_take().is_none(), "{ms}");
+        assert!(bed.links.commands.try_receive().is_err(), "{ms}");
     }
 }
 

@@ -4,15 +4,16 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::atomic::Ordering;
 
-use testkit::flash::RamFlash;
+use embassy_futures::yield_now;
+use testkit::flash::{RamFlash, SilentFault};
 
 use super::TaskBench;
 use super::devices::{Chip, DeviceBehaviour, Line, Port, SENSOR};
-use crate::app::links::{DetectedSensor, publish};
+use crate::app::links::{CommandSource, DetectedSensor, publish};
 use crate::app::{Platform, compass, console};
 use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Random};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, multirotor_samples};
 use crate::collection::RetainedSamples;
 use crate::compass::{Command, IndicatorState, ModuleState, Reply};
 use crate::earth::{Date, EarthField, Position};
@@ -21,18 +22,18 @@ use crate::heading::Heading;
 use crate::health::{ResetCause, SampleLoss, StackUse};
 use crate::instrument::{Estimate, SampleAttitude};
 use crate::messages::{Message, Refusal, RefusalCause};
-use crate::settings::{PortNumber, SettingChange, Settings};
+use crate::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 use crate::store::{Store, StoreError};
 use crate::time::WrappingMillis;
 
-type Flash = RamFlash<2048>;
-const PAGES: usize = 8;
+pub(super) type Flash = RamFlash<2048>;
+pub(super) const PAGES: usize = 8;
 
 fn store(flash: Flash) -> Store<Flash> {
     Store::new(flash, 0..(2048 * PAGES) as u32)
 }
 
-fn with_compass(flash: Flash) -> TaskBench {
+pub(super) fn with_compass(flash: Flash) -> TaskBench {
     let mut bed = TaskBench::new();
     bed.run("compass", |links| async move {
         Box::pin(compass::run(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
@@ -42,7 +43,7 @@ fn with_compass(flash: Flash) -> TaskBench {
 }
 
 pub(super) fn ask(bed: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
-    bed.links.requests.try_send(command).unwrap();
+    bed.links.commands.try_send((CommandSource::Console, command)).unwrap();
     bed.ms(1);
     bed.links.replies.try_receive().expect("an answer")
 }
@@ -82,11 +83,38 @@ fn a_failed_save_is_told_and_counted() {
     flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
     let mut bed = with_compass(flash);
     assert_eq!(bed.links.counts().store_errors, 1, "of the load, once");
-    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreUnreadable(StoreError::Flash)));
+    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
     let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 2));
+}
+
+/// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save of
+/// the module's own is reported.
+#[test]
+fn a_save_that_never_completes_is_given_up_and_reported() {
+    let mut flash = Flash::new(PAGES);
+    flash.silent_fault = Some(SilentFault::Hangs);
+    let mut bed = with_compass(flash);
+    bed.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
+    bed.ms(499);
+    assert!(bed.links.replies.try_receive().is_err());
+    bed.ms(1);
+    let reply = bed.links.replies.try_receive();
+    assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
+    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 1));
+    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
+    bed.links.update_port_state(PortNumber::One, ProtocolKind::Mavlink, None);
+    for is_armed in [true, false] {
+        publish(&bed.links.armed, Some(is_armed));
+        bed.ms(5_500);
+    }
+    let message = Ok(Message::StoreFailed(StoreError::Timeout));
+    assert_eq!(bed.links.notices.try_receive(), message);
+    assert_eq!(bed.links.port(PortNumber::One).messages.try_receive(), message);
+    assert_eq!(bed.links.counts().store_errors, 2);
+    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
 }
 
 /// Readings lost before the collection do not count.
@@ -103,7 +131,7 @@ fn readings_that_were_lost_since_the_start_explain_a_refusal() {
         bed.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
     };
     lose(&bed, 500);
-    bed.links.pressed.signal(());
+    bed.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
     bed.ms(1);
     lose(&bed, 200);
     let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
@@ -149,9 +177,9 @@ fn samples_become_a_correction() {
     let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
     let answered = Rc::clone(&replies);
     bed.run("person", |links| async move {
-        for command in [Command::CalSolve(None), Command::PrepareRestart, Command::CalUndo] {
+        for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
             publish(&links.armed, Some(command == Command::CalUndo));
-            links.requests.send(command).await;
+            links.commands.send((CommandSource::Console, command)).await;
             let reply = links.replies.receive().await;
             answered.borrow_mut().push(reply);
         }
@@ -165,14 +193,53 @@ fn samples_become_a_correction() {
     };
 }
 
+/// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
+#[test]
+fn no_sample_is_dropped_during_a_trial_solve() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    publish(
+        &bed.links.sensor,
+        DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
+    );
+    bed.ms(1);
+    assert!(ask(&mut bed, Command::CalStart(Procedure::Flight)).is_ok());
+    let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let flown = multirotor_samples(&airframe, 0.3, &mut Random(1));
+    bed.run("instrument", |links| async move {
+        for (i, sample) in (0..75).zip(flown) {
+            links.queue_or_count(&links.samples, Sample { time: WrappingMillis::new(i * 250), ..sample });
+            yield_now().await;
+        }
+    });
+    bed.ms(1);
+    let Ok(Reply::Report(report)) = ask(&mut bed, Command::Status) else { panic!("no report") };
+    assert!(report.last_trial.is_some());
+    assert_eq!(report.progress.left.samples + report.progress.left.held_back, 75);
+    assert_eq!(bed.links.counts().samples_dropped, 0);
+}
+
 #[test]
 fn the_state_machine_hears_that_the_autopilot_is_armed() {
     let mut bed = with_compass(Flash::new(PAGES));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
     publish(&bed.links.armed, Some(true));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Err(Refusal::Armed)));
+    assert!(matches!(ask(&mut bed, Command::Restart), Err(Refusal::Armed)));
     publish(&bed.links.armed, Some(false));
-    assert!(matches!(ask(&mut bed, Command::PrepareRestart), Ok(Reply::Done(_))));
+    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
+}
+
+/// The state machine decides for every source, and tells the console to restart the module.
+#[test]
+fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
+        publish(&bed.links.armed, Some(is_armed));
+        bed.links.commands.try_send((CommandSource::Port(PortNumber::Two), Command::Restart)).unwrap();
+        bed.ms(1);
+        assert_eq!(bed.links.restart.signaled(), result.is_ok());
+        assert_eq!(bed.links.port(PortNumber::Two).answers.try_take(), Some((Command::Restart, result)));
+        assert!(bed.links.port(PortNumber::One).answers.try_take().is_none());
+    }
 }
 
 #[derive(Clone, Default)]
@@ -290,7 +357,7 @@ fn a_note_comes_unasked() {
     line.put(b"versio");
     bed.ms(1);
     assert_eq!(port.text(), "versio");
-    bed.links.announce(&Message::StoreUnreadable(StoreError::Corrupt));
+    bed.links.announce(&Message::StoreFailed(StoreError::Corrupt));
     bed.ms(1);
     let text = port.text();
     assert!(text.contains("note refused store-corrupt: "), "{text:?}");

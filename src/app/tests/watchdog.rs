@@ -5,12 +5,17 @@ use std::rc::Rc;
 use std::sync::atomic::AtomicU32;
 
 use embassy_time::Timer;
+use testkit::flash::SilentFault;
 
 use super::TaskBench;
-use crate::app::links::{ALWAYS_THERE, HEARTBEATS, Heartbeats, increment};
+use super::thread_tasks::{Flash, PAGES, with_compass};
+use crate::app::links::{ALWAYS_THERE, CommandSource, HEARTBEATS, Heartbeats, increment};
 use crate::app::watchdog::{self, MAX_FEED_INTERVAL_US};
 use crate::app::{Links, Watchdog};
+use crate::compass::Command;
+use crate::messages::Refusal;
 use crate::settings::PortNumber;
+use crate::store::StoreError;
 
 #[derive(Clone, Default)]
 struct Dog(Rc<Cell<u32>>);
@@ -22,9 +27,9 @@ impl Watchdog for Dog {
 }
 
 fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
-    let Heartbeats { sensor, instrument, thread_executor: below } = &links.heartbeats;
+    let Heartbeats { sensor, instrument, compass } = &links.heartbeats;
     let [one, two] = PortNumber::ALL.map(|number| &links.port(number).heartbeat);
-    [sensor, instrument, below, one, two]
+    [sensor, instrument, compass, one, two]
 }
 
 /// Tasks with heartbeats, one of which may stop after a second.
@@ -89,11 +94,35 @@ fn the_longest_time_between_feeds_is_two_looks() {
     assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);
 }
 
-/// Five pulses a second.
+/// Five heartbeats a second.
 #[test]
-fn the_lower_executor_shows_that_it_gets_round() {
-    let mut bed = TaskBench::new();
-    bed.run("pulse", |links| async move { watchdog::run_heartbeat(&links).await });
-    bed.ms(999);
+fn an_idle_state_machine_shows_that_it_runs() {
+    let mut bed = with_compass(Flash::new(PAGES));
+    bed.ms(998);
     assert_eq!(bed.links.heartbeat_counts(), [0, 0, 5, 0, 0]);
+}
+
+/// The state machine gives a save up before the watchdog would reset the module.
+#[test]
+fn saves_that_never_complete_cause_no_reset() {
+    let mut flash = Flash::new(PAGES);
+    flash.silent_fault = Some(SilentFault::Hangs);
+    let (mut bed, dog) = (with_compass(flash), Dog::default());
+    let fed = dog.clone();
+    bed.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
+    bed.run("other tasks", |links: Rc<Links>| async move {
+        loop {
+            all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment(beat));
+            Timer::after_millis(100).await;
+        }
+    });
+    bed.run("person", |links: Rc<Links>| async move {
+        loop {
+            links.commands.send((CommandSource::Console, Command::CalClear)).await;
+            assert!(matches!(links.replies.receive().await, Err(Refusal::Store(StoreError::Timeout))));
+        }
+    });
+    bed.ms(7_050);
+    assert_eq!(dog.0.get(), 10);
+    assert!(bed.links.counts().store_errors >= 13);
 }

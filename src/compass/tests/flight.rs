@@ -199,6 +199,42 @@ fn what_may_still_tilt_is_waited_for() {
     assert!(tilted < 400, "{tilted}");
 }
 
+/// Runs the first trial, with this many samples before its first step and one before each further step up to twenty.
+fn collect_during_trial(before_first_step: usize) -> TestBed {
+    let mut bed = TestBed::wanting(0.2);
+    let mut samples = (0..).zip(hover(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(250 * i), ..sample });
+    while !bed.compass.is_busy() {
+        bed.compass.step(Event::Sample(samples.next().unwrap()));
+    }
+    let stored = |bed: &TestBed| bed.compass.collector.stored_count();
+    let before = stored(&bed);
+    for (i, sample) in samples.take(before_first_step.max(20)).enumerate() {
+        if i >= before_first_step {
+            assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+        }
+        assert!(matches!(bed.compass.step(Event::Sample(sample)), Effect::None));
+        assert_eq!(bed.compass.state(), ModuleState::Collecting);
+    }
+    bed.solve_trial();
+    assert_eq!(usize::from(stored(&bed) - before), before_first_step.max(20), "every one is stored");
+    bed
+}
+
+/// It does not matter when they arrive: the samples of the solve must not change.
+#[test]
+fn samples_during_a_trial_are_stored_after_it() {
+    let fit = |bed: &TestBed| bed.compass.collector.fit().all().copied().collect::<Vec<Sample>>();
+    let [mut early, mut late] = [20, 0].map(collect_during_trial);
+    assert_eq!(fit(&early), fit(&late));
+    assert!(early.prospect().is_some() && early.prospect() == late.prospect());
+}
+
+#[test]
+fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
+    assert!(collect_during_trial(HELD_SAMPLES).prospect().is_some());
+    assert!(collect_during_trial(HELD_SAMPLES + 1).prospect().is_none());
+}
+
 /// Queries do not interrupt a trial, other commands do.
 #[test]
 fn commands_take_precedence_over_trials() {

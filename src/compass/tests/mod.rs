@@ -153,7 +153,7 @@ impl TestBed {
     }
 
     fn report(&mut self) -> StatusReport {
-        match self.ask(Command::Report) {
+        match self.ask(Command::Status) {
             Ok(Reply::Report(report)) => report,
             other => panic!("{other:?}"),
         }
@@ -258,7 +258,7 @@ fn settings_of_a_running_solve_cannot_change() {
         assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))), "{setting:?}");
     }
     assert_eq!(bed.report().state, ModuleState::Solving);
-    assert_eq!(bed.done(Command::PrepareRestart), ModuleState::Solving, "a solve is no reason to stay");
+    assert_eq!(bed.done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
     assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
     let end = bed.solve();
     assert!(bed.settle(end).is_ok());
@@ -277,7 +277,7 @@ fn what_is_for_the_ground_is_refused_while_armed() {
         Command::CalClear,
         Command::CalUndo,
         Command::Set(SettingChange::Mount(Orientation::NONE)),
-        Command::PrepareRestart,
+        Command::Restart,
     ];
     assert_eq!(bed.report().is_armed, None, "before anything is known");
     assert!(matches!(bed.compass.step(Event::Armed(Some(true))), Effect::None));
@@ -287,7 +287,7 @@ fn what_is_for_the_ground_is_refused_while_armed() {
     assert_eq!(bed.report().is_armed, Some(true));
     assert_eq!(bed.compass.generations, generations);
     bed.compass.step(Event::Armed(Some(false)));
-    assert_eq!(bed.done(Command::PrepareRestart), ModuleState::Calibrated);
+    assert_eq!(bed.done(Command::Restart), ModuleState::Calibrated);
     assert_eq!(bed.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
     bed.stand(some_field(), 8);
     assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
@@ -342,7 +342,7 @@ fn a_save_makes_busy_all_that_would_change_something() {
     assert!(matches!(bed.solve(), Effect::Save));
     for command in [
         Command::CalAbort,
-        Command::PrepareRestart,
+        Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
         Command::Set(SettingChange::StreamOn(false)),

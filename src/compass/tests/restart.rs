@@ -89,7 +89,7 @@ impl Run<'_> {
     }
 
     fn report(&mut self) -> StatusReport {
-        let Effect::Reply(Ok(Reply::Report(report))) = self.command(Command::Report) else { panic!() };
+        let Effect::Reply(Ok(Reply::Report(report))) = self.command(Command::Status) else { panic!() };
         report
     }
 }
@@ -268,7 +268,7 @@ fn restarts_that_are_asked_for_do_not_count() {
         module.run(|run| {
             assert_eq!(run.compass.state(), ModuleState::Collecting);
             run.compass.step(Event::Armed(Some(false)));
-            assert!(matches!(run.command(Command::PrepareRestart), Effect::Reply(Ok(_))));
+            assert!(matches!(run.command(Command::Restart), Effect::Reply(Ok(_))));
         });
     }
     for _ in 0..6 {

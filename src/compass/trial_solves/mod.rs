@@ -134,7 +134,6 @@ impl TrialSchedule {
 
 #[derive(Debug)]
 pub(super) struct TrialSolves {
-    pub is_running: bool,
     schedule: TrialSchedule,
     /// Best expected error, degrees RMS, and number of trials since.
     best_error: (f32, u8),
@@ -142,8 +141,7 @@ pub(super) struct TrialSolves {
 }
 
 impl TrialSolves {
-    pub const NONE: Self =
-        Self { is_running: false, schedule: TrialSchedule::NONE, best_error: (f32::INFINITY, 0), last_result: None };
+    pub const NONE: Self = Self { schedule: TrialSchedule::NONE, best_error: (f32::INFINITY, 0), last_result: None };
 
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         self.schedule.is_due(collector, now)
@@ -168,7 +166,6 @@ impl TrialSolves {
         let is_confirmed = !found.calibration.motor_current.is_applied()
             || self.last_result.as_ref().is_some_and(|before| before.reaches_accuracy(wanted_deg));
         let is_over = is_of_use && prospect.ends_collection(wanted_deg, is_confirmed);
-        self.is_running = false;
         self.last_result = Some(prospect);
         is_over
     }

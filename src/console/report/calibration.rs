@@ -9,11 +9,7 @@ use crate::decimal::Decimal;
 use crate::messages::{ExpectedErrorText, Refusal};
 
 /// Writes the reply to `cal show`.
-///
-/// # Errors
-///
-/// Those of `out`.
-pub fn calibration(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+pub(super) fn calibration(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let Some(record) = &report.stored_calibration else { return refusal(out, &Refusal::NoStoredCalibration) };
     writeln!(out, "ok {}", CalibrationTitle(record))?;
     coefficients(out, record)?;

@@ -5,19 +5,17 @@ mod calibration;
 mod settings;
 mod status;
 
-pub use calibration::calibration;
-pub use status::status;
-
 use core::fmt::{self, Display, Write};
 
 use super::LineError;
 use crate::compass::{Command, Reply, StatusReport};
 use crate::decimal::ShortestDecimal;
-use crate::health::ResetCause;
+use crate::health::{Diagnostics, ResetCause};
 use crate::messages::{Message, Refusal};
 use crate::settings::SettingChange;
-use calibration::{CalibrationTitle, advise};
+use calibration::{CalibrationTitle, advise, calibration};
 use settings::{SettingGroup, setting_line};
+use status::status;
 
 /// The firmware's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -36,12 +34,7 @@ pub fn line_error(out: &mut impl Write, line: &LineError) -> fmt::Result {
     error(out, line.code(), line)
 }
 
-/// Writes a refusal of the state machine.
-///
-/// # Errors
-///
-/// Those of `out`.
-pub fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
+fn refusal(out: &mut impl Write, refusal: &Refusal) -> fmt::Result {
     error(out, refusal.code(), refusal)
 }
 
@@ -63,17 +56,26 @@ pub fn greeting(out: &mut impl Write, reset: &ResetCause) -> fmt::Result {
     writeln!(out, "autoswing {VERSION}, started by {}; help lists the commands", Reset(reset))
 }
 
-/// Writes the reply to an executed command.
+/// Writes the reply to a command; a report after a command that changes something shows the resulting state.
 ///
 /// # Errors
 ///
 /// Those of `out`.
-pub fn write_done(out: &mut impl Write, reply: &Reply) -> fmt::Result {
-    match reply {
-        Reply::Done(state) => writeln!(out, "ok {}", state.name()),
-        Reply::Report(report) => writeln!(out, "ok {}", report.state.name()),
-        Reply::Marked(number) => writeln!(out, "ok mark {number}"),
-        Reply::Advice(advice) => advise(out, advice),
+pub fn reply(
+    out: &mut impl Write,
+    command: Command,
+    answer: &Result<Reply, Refusal>,
+    health: &Diagnostics,
+) -> fmt::Result {
+    match (answer, command) {
+        (Err(reason), _) => refusal(out, reason),
+        (Ok(_), Command::Restart) => writeln!(out, "ok restarting"),
+        (Ok(Reply::Report(report)), Command::Status) => status(out, report, health),
+        (Ok(Reply::Report(report)), Command::CalShow) => calibration(out, report),
+        (Ok(Reply::Report(report)), _) => changed_state(out, command, report),
+        (Ok(Reply::Done(state)), _) => writeln!(out, "ok {}", state.name()),
+        (Ok(Reply::Marked(number)), _) => writeln!(out, "ok mark {number}"),
+        (Ok(Reply::Advice(advice)), _) => advise(out, advice),
     }
 }
 
@@ -86,12 +88,7 @@ pub fn write_notice(out: &mut impl Write, message: &Message) -> fmt::Result {
     writeln!(out, "note {message}")
 }
 
-/// Writes the resulting state after a command that changes it.
-///
-/// # Errors
-///
-/// Those of `out`.
-pub fn write_changed_state(out: &mut impl Write, command: Command, report: &StatusReport) -> fmt::Result {
+fn changed_state(out: &mut impl Write, command: Command, report: &StatusReport) -> fmt::Result {
     match (command, &report.stored_calibration) {
         (Command::Set(setting), _) => {
             out.write_str("ok ")?;

@@ -15,11 +15,7 @@ use crate::messages::Message;
 use crate::settings::ProtocolKind;
 
 /// Writes the reply to `status`.
-///
-/// # Errors
-///
-/// Those of `out`.
-pub fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
+pub(super) fn status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.state.name())?;
     heading_lines(out, health)?;
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;

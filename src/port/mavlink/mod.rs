@@ -15,23 +15,23 @@
 //! back.
 
 mod collection;
-mod orders;
+mod commands;
 mod requests;
 mod texts;
 
 use ::mavlink::dialects::common::MavState;
 
-use super::{MessageSchedule, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use super::{MessageSchedule, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use crate::attitude::{SenderId, SenderSelector};
 use crate::calibration::Calibration;
-use crate::compass::IndicatorState;
+use crate::compass::{Command, IndicatorState};
 use crate::frames::wrap_pi;
 use crate::messages::{Message as Notice, Refusal};
 use crate::settings::HeadingKind;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
 use collection::CollectionReporter;
-use orders::CommandHandler;
+use commands::CommandHandler;
 use requests::RequestSequence;
 use texts::PendingTexts;
 
@@ -54,7 +54,7 @@ pub struct Mavlink {
     senders: SenderSelector,
     sequence: u8,
     requests: RequestSequence,
-    orders: CommandHandler,
+    commands: CommandHandler,
     texts: PendingTexts,
     collection: CollectionReporter,
     vision: MessageSchedule,
@@ -95,6 +95,21 @@ impl Mavlink {
         self.collection.is_unreported(calibration)
     }
 
+    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
+    /// restart.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
+        self.commands.complete_command(command, result);
+        self.report_refused(result.err().cloned());
+    }
+
+    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
+    pub fn queue_text(&mut self, message: &Notice) {
+        if let Notice::Solved(outcome) = message {
+            self.collection.record_outcome(outcome);
+        }
+        self.texts.push(message);
+    }
+
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.senders.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
@@ -118,9 +133,8 @@ impl Mavlink {
                 current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
             }
             InboundMessage::Command(command) if command.target.component == COMPONENT && is_own(command.target) => {
-                let is_armed = self.senders.is_armed(at) == Some(true);
-                match self.orders.process_command(at, &command, is_armed) {
-                    Ok(order) => Some(ReceivedMessage::Order(order)),
+                match self.commands.process_command(at, &command) {
+                    Ok(command) => Some(ReceivedMessage::Command(command)),
                     Err(reason) => {
                         self.report_refused(reason);
                         None
@@ -209,7 +223,7 @@ impl Protocol for Mavlink {
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
         let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
-        let _is_sent = self.orders.send(line)
+        let _is_sent = self.commands.send(line)
             || self.send_pose(facts, line)
             || self.send_heartbeat(facts, line)
             || self.requests.send(now, autopilot, facts.settings.attitude_rate_hz, line)
@@ -218,21 +232,6 @@ impl Protocol for Mavlink {
             || self.texts.send(now, line)
             || self.send_heading(facts, line);
         self.sequence = sequence;
-    }
-
-    /// Acknowledges the command, and queues the reason of a refusal as a text. The output must be written before a
-    /// restart.
-    fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
-        self.orders.complete_order(order, result);
-        self.report_refused(result.err().cloned());
-    }
-
-    /// Queues a message until an autopilot is known; of more than three pending messages the newest three are sent.
-    fn queue_text(&mut self, message: &Notice) {
-        if let Notice::Solved(outcome) = message {
-            self.collection.record_outcome(outcome);
-        }
-        self.texts.push(message);
     }
 }
 

@@ -3,10 +3,11 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use autoswing::compass::IndicatorState;
+use autoswing::calibration::method_selection::Procedure;
+use autoswing::compass::{Command, IndicatorState};
 use autoswing::earth::Date;
 use autoswing::instrument::Estimate;
-use autoswing::port::{Mavlink, Order, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
 use autoswing::settings::Settings;
 use autoswing::time::Timestamp;
 
@@ -263,8 +264,8 @@ fn a_ground_station_commands_the_module() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(5);
     bench.deliver(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
-    assert_eq!(bench.heard.last().unwrap().1, ReceivedMessage::Order(Order::Start));
-    bench.module.complete_order(Order::Start, Ok(()));
+    assert_eq!(bench.heard.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
+    bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bench.run(1);
     let ack = bench.frames.iter().find(|(_, frame)| frame.id == 77).map(|(_, frame)| frame).expect("an answer");
     assert_eq!(ack.payload, [0xB8, 0xA5, 0, 0, 0, 0, 0, 0, 255, 190]);

@@ -1,7 +1,7 @@
 //! Tests of the component. The interaction with autopilots is tested with simulated ones.
 
 mod collection;
-mod orders;
+mod commands;
 mod random_frames;
 mod requests;
 mod sender;

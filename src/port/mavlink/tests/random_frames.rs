@@ -39,10 +39,10 @@ fn whatever_is_said_the_line_is_used_with_measure() {
         let bytes = any_frame(&mut random);
         commands += usize::from([75, 76].contains(&bytes[7]));
         for heard in bed.hear(&bytes) {
-            if let ReceivedMessage::Order(order) = heard
+            if let ReceivedMessage::Command(command) = heard
                 && random.byte() < 200
             {
-                bed.module.complete_order(order, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
+                bed.module.complete_command(command, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
             }
         }
         bed.glance = [

@@ -4,8 +4,9 @@ use ::mavlink::dialects::common::{MavCmd, MavResult};
 
 use super::{COMPONENT, Transmitter};
 use crate::attitude::SenderId;
+use crate::calibration::method_selection::Procedure;
+use crate::compass::Command;
 use crate::messages::Refusal;
-use crate::port::Order;
 use crate::settings::OutOfRange;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
@@ -19,32 +20,22 @@ const DO_CANCEL_MAG_CAL: u16 = 42_426;
 /// Time within which a repeated command counts as executed, microseconds.
 const REPEATED_US: u64 = 1_000_000;
 
-/// Timeout of an order's result, microseconds; after it the next order is accepted.
+/// Timeout of a command's result, microseconds; after it the next command is accepted.
 const RESULT_TIMEOUT_US: u64 = 5_000_000;
 
-/// Last order that was passed on.
+/// Last command that was passed on.
 #[derive(Clone, Copy, Debug)]
-struct LastOrder {
+struct LastCommand {
     at: Timestamp,
     by: SenderId,
-    command: u16,
-    order: Order,
+    number: u16,
+    command: Command,
     /// Result; none until it is known.
     result: Option<MavResult>,
 }
 
-#[derive(Debug)]
-struct Rejection {
-    result: MavResult,
-    /// Reason, sent as a text; none for a repeated or unknown command.
-    reason: Option<Refusal>,
-}
-
-impl From<MavResult> for Rejection {
-    fn from(result: MavResult) -> Self {
-        Self { result, reason: None }
-    }
-}
+/// Result of a command that is not passed on, with the reason, sent as a text; none for a repeated or unknown command.
+type Rejection = (MavResult, Option<Refusal>);
 
 #[derive(Clone, Copy, Debug)]
 struct PendingAcknowledgement {
@@ -56,48 +47,43 @@ struct PendingAcknowledgement {
 /// Commands to the module, and their acknowledgements.
 #[derive(Debug, Default)]
 pub(super) struct CommandHandler {
-    last: Option<LastOrder>,
+    last: Option<LastCommand>,
     /// Acknowledgements in the order of their commands. While the queue is full, further commands are not acknowledged,
     /// so that their senders repeat them.
     answers: heapless::Deque<PendingAcknowledgement, 4>,
 }
 
 impl CommandHandler {
-    /// Processes a command to this component; returns the order to pass on.
+    /// Processes a command to this component; returns the command to pass on.
     ///
     /// # Errors
     ///
     /// The command is rejected, with the reason to send as a text, if any.
-    pub fn process_command(
-        &mut self,
-        at: Timestamp,
-        command: &ReceivedCommand,
-        is_armed: bool,
-    ) -> Result<Order, Option<Refusal>> {
-        match self.evaluate(at, command, is_armed) {
-            Ok(order) => {
-                let (by, command) = (command.source, command.command);
-                self.last = Some(LastOrder { at, by, command, order, result: None });
-                Ok(order)
+    pub fn process_command(&mut self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Option<Refusal>> {
+        match self.evaluate(at, received) {
+            Ok(command) => {
+                let (by, number) = (received.source, received.command);
+                self.last = Some(LastCommand { at, by, number, command, result: None });
+                Ok(command)
             }
-            Err(Rejection { result, reason }) => {
-                self.reply(command.source, command.command, result);
+            Err((result, reason)) => {
+                self.reply(received.source, received.command, result);
                 Err(reason)
             }
         }
     }
 
-    /// Records the result of the last order.
-    pub fn complete_order(&mut self, order: Order, result: Result<(), &Refusal>) {
+    /// Records the result of the last command.
+    pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
         let result = match result {
             Ok(()) => MavResult::MAV_RESULT_ACCEPTED,
             Err(Refusal::Armed | Refusal::Busy) => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             Err(_) => MavResult::MAV_RESULT_DENIED,
         };
-        if let Some(passed) = self.last.as_mut().filter(|passed| passed.order == order && passed.result.is_none()) {
+        if let Some(passed) = self.last.as_mut().filter(|passed| passed.command == command && passed.result.is_none()) {
             passed.result = Some(result);
-            let LastOrder { by, command, .. } = *passed;
-            self.reply(by, command, result);
+            let LastCommand { by, number, .. } = *passed;
+            self.reply(by, number, result);
         }
     }
 
@@ -111,23 +97,20 @@ impl CommandHandler {
         is_sent
     }
 
-    fn evaluate(&self, at: Timestamp, command: &ReceivedCommand, is_armed: bool) -> Result<Order, Rejection> {
-        let order = order(command)?;
+    fn evaluate(&self, at: Timestamp, received: &ReceivedCommand) -> Result<Command, Rejection> {
+        let command = command(received)?;
         if let Some(last) = self.last {
             let age_us = at.us_since(last.at);
             let is_open = last.result.is_none() && age_us <= RESULT_TIMEOUT_US;
-            let is_the_same = last.by == command.source && last.command == command.command;
-            if is_the_same && command.confirmation > 0 && (is_open || age_us <= REPEATED_US) {
-                return Err(last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS).into());
+            let is_the_same = last.by == received.source && last.number == received.command;
+            if is_the_same && received.confirmation > 0 && (is_open || age_us <= REPEATED_US) {
+                return Err((last.result.unwrap_or(MavResult::MAV_RESULT_IN_PROGRESS), None));
             }
             if is_open {
-                return Err(not_now(Refusal::Busy));
+                return Err((MavResult::MAV_RESULT_TEMPORARILY_REJECTED, Some(Refusal::Busy)));
             }
         }
-        if order == Order::Reboot && is_armed {
-            return Err(not_now(Refusal::Armed));
-        }
-        Ok(order)
+        Ok(command)
     }
 
     fn reply(&mut self, to: SenderId, command: u16, result: MavResult) {
@@ -135,24 +118,19 @@ impl CommandHandler {
     }
 }
 
-const fn not_now(reason: Refusal) -> Rejection {
-    Rejection { result: MavResult::MAV_RESULT_TEMPORARILY_REJECTED, reason: Some(reason) }
-}
-
-fn order(command: &ReceivedCommand) -> Result<Order, Rejection> {
+fn command(received: &ReceivedCommand) -> Result<Command, Rejection> {
     const REBOOT: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN as u16;
-    match command.command {
-        DO_START_MAG_CAL => Ok(Order::Start),
-        DO_ACCEPT_MAG_CAL => Ok(Order::Accept),
-        DO_CANCEL_MAG_CAL => Ok(Order::Cancel),
-        REBOOT if wants_restart(command.parameters) => Ok(Order::Reboot),
-        REBOOT => Err(Rejection {
-            result: MavResult::MAV_RESULT_DENIED,
-            reason: Some(Refusal::OutOfRange(OutOfRange(
-                "the module can restart, but neither shut down nor wait in a bootloader",
-            ))),
-        }),
-        _ => Err(MavResult::MAV_RESULT_UNSUPPORTED.into()),
+    match received.command {
+        DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
+        DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
+        DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
+        REBOOT if wants_restart(received.parameters) => Ok(Command::Restart),
+        REBOOT => {
+            const RANGE: OutOfRange =
+                OutOfRange("the module can restart, but neither shut down nor wait in a bootloader");
+            Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(RANGE))))
+        }
+        _ => Err((MavResult::MAV_RESULT_UNSUPPORTED, None)),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Commands and their acknowledgements.
 
 use super::*;
+use crate::calibration::method_selection::Procedure;
 
 const ACCEPTED: u8 = 0;
 const REJECTED: u8 = 1;
@@ -37,7 +38,9 @@ impl MavlinkBench {
 
 #[test]
 fn the_commands_of_a_calibration_are_passed_on_and_answered() {
-    for (number, order) in [(START, Order::Start), (42_425, Order::Accept), (42_426, Order::Cancel)] {
+    for (number, order) in
+        [(START, Command::CalStart(Procedure::Flight)), (42_425, Command::CalSolve(None)), (42_426, Command::CalAbort)]
+    {
         for (result, told) in [
             (Ok(()), ACCEPTED),
             (Err(&Refusal::Armed), REJECTED),
@@ -45,11 +48,11 @@ fn the_commands_of_a_calibration_are_passed_on_and_answered() {
             (Err(&Refusal::NoSamples), DENIED),
         ] {
             let mut bed = MavlinkBench::beside_an_autopilot();
-            assert_eq!(bed.command(number, 0), [ReceivedMessage::Order(order)]);
+            assert_eq!(bed.command(number, 0), [ReceivedMessage::Command(order)]);
             assert_eq!(bed.answers(), [], "not before it is known");
-            bed.module.complete_order(order, result);
+            bed.module.complete_command(order, result);
             assert_eq!(bed.answers(), [(number, told, STATION)]);
-            bed.module.complete_order(order, result);
+            bed.module.complete_command(order, result);
             assert_eq!(bed.answers(), [], "once");
         }
     }
@@ -63,7 +66,11 @@ fn a_command_is_taken_by_whom_it_is_for() {
     {
         let mut bed = MavlinkBench::beside_an_autopilot();
         let heard = bed.hear(&command(STATION, target, START, 0, [0.0; 4]));
-        assert_eq!(heard, if is_taken { vec![ReceivedMessage::Order(Order::Start)] } else { vec![] }, "{target:?}");
+        assert_eq!(
+            heard,
+            if is_taken { vec![ReceivedMessage::Command(Command::CalStart(Procedure::Flight))] } else { vec![] },
+            "{target:?}"
+        );
         bed.hear(&command(STATION, target, 512, 0, [0.0; 4]));
         assert_eq!(bed.answers().len(), usize::from(is_taken), "{target:?}");
     }
@@ -94,8 +101,8 @@ fn a_restart_is_for_the_module_and_for_the_ground() {
     ] {
         let mut bed = MavlinkBench::beside_an_autopilot();
         if restarts {
-            assert_eq!(bed.reboot(parameters), [ReceivedMessage::Order(Order::Reboot)], "{parameters:?}");
-            bed.module.complete_order(Order::Reboot, Ok(()));
+            assert_eq!(bed.reboot(parameters), [ReceivedMessage::Command(Command::Restart)], "{parameters:?}");
+            bed.module.complete_command(Command::Restart, Ok(()));
             assert_eq!(bed.answers(), [(REBOOT, ACCEPTED, STATION)]);
         } else {
             assert_eq!(bed.reboot(parameters), [], "{parameters:?}");
@@ -103,9 +110,11 @@ fn a_restart_is_for_the_module_and_for_the_ground() {
         }
         let mut bed = MavlinkBench::beside_an_autopilot();
         bed.hear(&heartbeat(AUTOPILOT, true, true));
-        assert_eq!(bed.reboot(parameters), []);
+        let expected = if restarts { vec![ReceivedMessage::Command(Command::Restart)] } else { vec![] };
+        assert_eq!(bed.reboot(parameters), expected);
+        bed.module.complete_command(Command::Restart, Err(&Refusal::Armed));
         assert_eq!(bed.answers(), [(REBOOT, if restarts { REJECTED } else { DENIED }, STATION)]);
-        assert_eq!(bed.command(START, 0), [ReceivedMessage::Order(Order::Start)]);
+        assert_eq!(bed.command(START, 0), [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]);
     }
 }
 
@@ -119,18 +128,22 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
     bed.ms += 1_500;
     assert_eq!(bed.command(START, 2), []);
     assert_eq!(bed.answers(), [(START, IN_PROGRESS, STATION)]);
-    bed.module.complete_order(Order::Start, Ok(()));
+    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     assert_eq!(bed.answers(), [(START, ACCEPTED, STATION)]);
     for (result, told) in [(Ok(()), ACCEPTED), (Err(&Refusal::NoSamples), DENIED)] {
-        assert_eq!(bed.command(START, 0), [ReceivedMessage::Order(Order::Start)], "not a repetition");
-        bed.module.complete_order(Order::Start, result);
+        assert_eq!(
+            bed.command(START, 0),
+            [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))],
+            "not a repetition"
+        );
+        bed.module.complete_command(Command::CalStart(Procedure::Flight), result);
         bed.answers();
         bed.ms += 1_000;
         assert_eq!(bed.command(START, 1), []);
         assert_eq!(bed.answers(), [(START, told, STATION)]);
         bed.ms += 1;
-        assert_eq!(bed.command(START, 2), [ReceivedMessage::Order(Order::Start)]);
-        bed.module.complete_order(Order::Start, Ok(()));
+        assert_eq!(bed.command(START, 2), [ReceivedMessage::Command(Command::CalStart(Procedure::Flight))]);
+        bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
         bed.answers();
     }
 }
@@ -139,12 +152,12 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
 fn a_repetition_is_of_the_same_command_by_the_same_sender() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
-    bed.module.complete_order(Order::Start, Ok(()));
-    assert_eq!(bed.command(42_426, 1), [ReceivedMessage::Order(Order::Cancel)]);
-    bed.module.complete_order(Order::Cancel, Ok(()));
+    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
+    assert_eq!(bed.command(42_426, 1), [ReceivedMessage::Command(Command::CalAbort)]);
+    bed.module.complete_command(Command::CalAbort, Ok(()));
     let other = [254, 190];
-    assert_eq!(bed.hear(&command(other, MODULE, 42_426, 1, [0.0; 4])), [ReceivedMessage::Order(Order::Cancel)]);
-    bed.module.complete_order(Order::Cancel, Ok(()));
+    assert_eq!(bed.hear(&command(other, MODULE, 42_426, 1, [0.0; 4])), [ReceivedMessage::Command(Command::CalAbort)]);
+    bed.module.complete_command(Command::CalAbort, Ok(()));
     assert_eq!(bed.answers()[2], (42_426, ACCEPTED, other));
 }
 
@@ -157,11 +170,11 @@ fn while_an_order_is_open_others_wait() {
     assert_eq!(bed.command(42_426, 0), []);
     assert_eq!(bed.answers(), [(42_426, REJECTED, STATION)]);
     bed.ms += 1;
-    assert_eq!(bed.command(42_426, 0), [ReceivedMessage::Order(Order::Cancel)]);
+    assert_eq!(bed.command(42_426, 0), [ReceivedMessage::Command(Command::CalAbort)]);
     // The result of the previous order does not apply to this one.
-    bed.module.complete_order(Order::Start, Ok(()));
+    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     assert_eq!(bed.answers(), []);
-    bed.module.complete_order(Order::Cancel, Ok(()));
+    bed.module.complete_command(Command::CalAbort, Ok(()));
     assert_eq!(bed.answers(), [(42_426, ACCEPTED, STATION)]);
 }
 
@@ -171,7 +184,7 @@ fn a_refused_command_gives_a_text_with_the_reason() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     bed.command(42_426, 0);
-    bed.module.complete_order(Order::Start, Err(&Refusal::NoSensor));
+    bed.module.complete_command(Command::CalStart(Procedure::Flight), Err(&Refusal::NoSensor));
     bed.command(START, 1);
     bed.command(511, 0);
     bed.run(2_000);
@@ -180,12 +193,13 @@ fn a_refused_command_gives_a_text_with_the_reason() {
     bed.reboot([2.0, 0.0, 0.0, 0.0]);
     bed.hear(&heartbeat(AUTOPILOT, true, true));
     bed.reboot([1.0, 0.0, 0.0, 0.0]);
+    bed.module.complete_command(Command::Restart, Err(&Refusal::Armed));
     bed.run(2_000);
     let texts = bed.texts();
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
     assert_eq!(texts[1..], [refused(Refusal::Armed)]);
     bed.command(START, 0);
-    bed.module.complete_order(Order::Start, Ok(()));
+    bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bed.run(2_000);
     assert_eq!(bed.texts(), [], "no text where it is accepted");
 }
