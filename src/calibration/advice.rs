@@ -6,11 +6,13 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::fmt;
 
-use super::expected_error::{self, Deviation, Envelope};
-use super::information::{ConsiderSigmas, CovarianceContent, Information};
-use super::likelihood::{Likelihood, ModelParameters, PriorQuantity, Vector13};
-use super::uncertainty::CoefficientCovariance;
-use super::{Calibration, Samples, Side};
+use crate::calibration::model::{Likelihood, ModelParameters, PriorQuantity, Vector13};
+use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::uncertainty::consider::ConsiderSigmas;
+use crate::calibration::uncertainty::expected_error;
+use crate::calibration::uncertainty::expected_error::Deviation;
+use crate::calibration::uncertainty::information::{CovarianceContent, Information};
+use crate::calibration::{Calibration, Envelope, Samples, Side};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
@@ -236,7 +238,7 @@ fn banks_into_turns(samples: Samples<'_>) -> bool {
 }
 
 #[inline(never)]
-pub(super) fn select_manoeuvre(
+pub(in crate::calibration) fn select_manoeuvre(
     information: &Information,
     likelihood: &Likelihood,
     unknowns: &Vector13,

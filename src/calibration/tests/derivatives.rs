@@ -3,12 +3,11 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
-use crate::calibration::likelihood::unknowns::{UNKNOWNS, Vector13};
-use crate::calibration::likelihood::{
-    FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, Prior, PriorQuantity,
-    SampleEquations, for_each_prior,
+use crate::calibration::model::{
+    FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
+    SampleEquations, UNKNOWNS, Vector13, for_each_prior,
 };
-use crate::calibration::{Rates, Sample, Samples};
+use crate::calibration::{Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 

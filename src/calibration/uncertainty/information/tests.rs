@@ -1,0 +1,376 @@
+//! Unit tests of `information`.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::*;
+use crate::calibration::model::Matrix13;
+use crate::calibration::model::{JacobianRow, ModelConfig, NoiseModel, UNKNOWNS};
+use crate::calibration::tests::derivatives::assert_derivative;
+use crate::calibration::{Calibration, LeastSquares, Orientation, Prior};
+
+type Matrix12 = SMatrix<f32, 12, 12>;
+
+const TRUTH: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
+
+fn parameters() -> ModelParameters {
+    ModelParameters { w: TRUTH, d: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
+}
+
+fn likelihood(prior: &Prior, config: ModelConfig) -> Likelihood {
+    let mut likelihood = Likelihood::new(prior, config, Samples::default(), 40.0);
+    likelihood.mean_field = Vector3::new(0.3, -0.8, 0.5);
+    likelihood
+}
+
+fn prior_information(likelihood: &Likelihood, unknowns: &Vector13) -> Information {
+    Information::new(&LinearisedProblem::from_priors(likelihood, unknowns))
+}
+
+/// Numerical derivatives in units of the total field before the step: `W F / F'` and `beta = W (b' - b) / F`.
+#[test]
+fn jacobian_rows_equal_numerical_derivatives() {
+    for mount in ["none", "yaw90", "roll90-pitch180-yaw90"] {
+        let prior = Prior { mount: Orientation::from_name(mount).unwrap(), ..Prior::default() };
+        let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+        let at = parameters().unknowns().unwrap();
+        let units = CoefficientConversion::new(&likelihood, &at).unwrap();
+        let before = likelihood.calibration(&at).unwrap();
+        let coefficient = |calibration: &Calibration, i: usize| match Coefficient::from_index(i) {
+            Coefficient::W { row, column } => calibration.w[row][column] * before.total_ut / calibration.total_ut,
+            Coefficient::Beta(axis) => {
+                let moved = (calibration.b_vector_ut() - before.b_vector_ut()) / before.total_ut;
+                (before.w_matrix() * moved)[axis]
+            }
+        };
+        for i in 0..COEFFICIENTS {
+            let row = units.jacobian_row(i);
+            for j in 0..UNKNOWNS {
+                let moved = |step: f32| {
+                    let mut unknowns = at;
+                    unknowns[j] += step;
+                    coefficient(&likelihood.calibration(&unknowns).unwrap(), i)
+                };
+                assert_derivative(row[j], moved, &format!("coefficient {i} by unknown {j}, {mount}"));
+            }
+        }
+    }
+}
+
+fn uniform_information(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
+    let mut information = prior_information(likelihood, unknowns);
+    for i in 0..UNKNOWNS {
+        information.system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
+    }
+    information
+}
+
+/// Full covariance matrix from `cov(a, b) = (var(a + b) - var(a) - var(b)) / 2`.
+fn full_covariance(
+    information: &Information,
+    likelihood: &Likelihood,
+    at: &Vector13,
+    consider: ConsiderSigmas,
+) -> Matrix12 {
+    let mut covariance = CoefficientCovariance::ZERO;
+    information.covariance(likelihood, at, (CovarianceContent::All, consider), &mut covariance).unwrap();
+    let one = |i: usize| Vector12::ith(i, 1.0);
+    let of = |row: Vector12| covariance.variance(&row);
+    Matrix12::from_fn(|i, j| (of(one(i) + one(j)) - of(one(i)) - of(one(j))) / 2.0)
+}
+
+#[test]
+fn covariance_is_the_sum_of_its_terms() {
+    let mut likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    likelihood.motor_current.current_sigma_a = 10.0;
+    let at = parameters().unknowns().unwrap();
+    let mut information = uniform_information(&likelihood, &at, 1e4);
+    let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
+    information.system.add_row(&row, 0.05, 1e4);
+    // An inclination residual with rho = 1/2: inflation 2 rho / (1 - rho) = 2. Norm residuals have rho = 1/3:
+    // inflation 1 for all that is neither inclination nor prior.
+    let dip =
+        JacobianRow { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
+    let dip_row = dip.as_vector();
+    information.system.add_row(&dip_row, 0.0, 3e3);
+    information.inclination_part.add_row(&dip, 3e3);
+    for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+        information.correlation.add(0, residuals);
+    }
+    information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+    information.latency_sigma_s = 0.01;
+    let with: [f32; 3] = [0.2, 1.1, 2.3];
+    information.by_current.cross_information =
+        with.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
+    information.motor_current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
+        .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
+    information.attitude_error_gradients =
+        [0.4, 1.9, 2.8, 3.7].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
+    let units = CoefficientConversion::new(&likelihood, &at).unwrap();
+    let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.jacobian_row(i)[k]);
+    let mut inverse = Matrix13::zeros();
+    for k in 0..UNKNOWNS {
+        inverse.set_column(k, &information.system.covariance_times(&Vector13::ith(k, 1.0)).unwrap());
+    }
+    let g = j * inverse;
+    let change = j * information.system.step_to_maximum().unwrap();
+    let consider = ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 };
+    let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
+    let doubted = norm + dip_row * dip_row.transpose() * (3e3 * 2.0);
+    let mut expected = g * j.transpose() + g * doubted * g.transpose();
+    let shift = g * information.hard_iron_gradient;
+    expected += shift * shift.transpose();
+    expected += change * change.transpose();
+    for (effect, sigma) in information.attitude_error_gradients.iter().zip([0.003, 0.003, 0.02, 0.01]) {
+        let shift = g * effect * sigma;
+        expected += shift * shift.transpose();
+    }
+    let mut followed = Matrix12::zeros();
+    let mut beyond = Matrix12::zeros();
+    for error in information.motor_current_errors {
+        let [x, y, z] = information.by_current.cross_information;
+        let shift = g * (x * error.x + y * error.y + z * error.z);
+        followed += shift * shift.transpose();
+        let mut spread = Vector12::zeros();
+        for axis in 0..3 {
+            spread[beta_index(axis)] = (parameters().w * error)[axis] * 10.0;
+        }
+        beyond += spread * spread.transpose();
+    }
+    expected += followed + beyond;
+    let found = full_covariance(&information, &likelihood, &at, consider);
+    let scale = expected.diagonal().amax();
+    for (f, e) in found.iter().zip(&expected) {
+        assert!((f - e).abs() < 1e-4 * scale, "{found} {expected}");
+    }
+    assert!(full_covariance(&information, &likelihood, &at, ConsiderSigmas::ZERO).diagonal().amax() < 0.97 * scale);
+    for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, beyond] {
+        let size = part.diagonal().amax() / scale;
+        assert!(size > 0.01, "{size}");
+    }
+}
+
+/// Reference: least squares of all sixteen unknowns, with the prior as three more rows, which autocorrelation does
+/// not inflate.
+#[test]
+fn motor_current_estimate_equals_joint_least_squares() {
+    let mut likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    likelihood.motor_current.current_sigma_a = 10.0;
+    likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.25];
+    let at = parameters().unknowns().unwrap();
+    let mut information = uniform_information(&likelihood, &at, 1e4);
+    let mut joint = LeastSquares::<16, 1>::new();
+    let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+    for_each_prior(&likelihood, &parameters(), &mut |prior| {
+        let row = rows(&prior.row, Vector3::zeros());
+        joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+    });
+    for i in 0..UNKNOWNS {
+        joint.add(&SVector::ith(i, 1.0), [0.0], 1e4);
+    }
+    let prior = InterferenceEstimate::prior_precision(likelihood.unit_ut);
+    for axis in 0..3 {
+        joint.add(&SVector::ith(UNKNOWNS + axis, 1.0), [-likelihood.motor_current_per_ampere()[axis]], prior);
+    }
+    for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
+        let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
+        let row = JacobianRow { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
+        let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
+        let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
+        information.by_current.add(&equation, &more, share_a);
+        information.system.add_row(&equation.row.as_vector(), residual, 1e4);
+        joint.add(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
+    }
+    for residual in [1.0, 1.0, 0.0] {
+        information.correlation.add(0, [residual, 0.0]);
+    }
+    let found = information.estimate_motor_current(&likelihood).unwrap();
+    let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
+    assert!((found.k - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(), "{found:?} {step}");
+    let independent =
+        Matrix3::from_fn(|i, j| joint.covariance_times(&SVector::ith(UNKNOWNS + i, 1.0)).unwrap()[UNKNOWNS + j]);
+    // `P (3 (P^-1 - prior) + prior) P` for rho = 1/2.
+    let expected = independent * 3.0 - independent * independent * (2.0 * prior);
+    assert!((found.covariance - expected).norm() < 2e-3 * expected.norm(), "{} {expected}", found.covariance);
+    assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
+    assert!((expected - independent).norm() > 0.1 * expected.norm());
+    let [alone, alike] = found.significance;
+    let by_all = found.k.dot(&(independent.try_inverse().unwrap() * found.k));
+    assert!((alone / by_all - 1.0).abs() < 1e-2 && (alone / alike - 3.0).abs() < 1e-3, "{found:?} {by_all}");
+    let sum: Matrix3<f32> =
+        information.motor_current_errors.iter().take(3).map(|error| error * error.transpose()).sum();
+    assert!((sum - found.covariance).norm() < 1e-3 * expected.norm(), "{sum}");
+}
+
+#[test]
+fn inclination_information_and_gradients_are_summed() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let parameters = parameters();
+    let mut information = prior_information(&likelihood, &parameters.unknowns().unwrap());
+    let mut dip = Matrix13::zeros();
+    let mut effects = [Vector13::zeros(); 4];
+    for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
+        let attitude = Attitude::from_deg(bank_deg, 3.0);
+        let tilt = attitude.tilt();
+        let x = parameters.expected_field(&tilt, heading_rad).unwrap();
+        let rates = Rates::from_rad_s([0.3, -0.2, 0.0]);
+        let measured = MeasuredSample { x, tilt, roll_rad: attitude.roll_rad, rates, heading_rad: None };
+        let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
+        let of_dip = equations.inclination.as_ref().unwrap();
+        let row = of_dip.row.as_vector();
+        dip += row * row.transpose() * of_dip.weight;
+        for (sum, effect) in effects.iter_mut().zip(equations.inclination_by_attitude_errors) {
+            *sum += row * (of_dip.weight * effect);
+        }
+        information.add_inclination(&equations);
+    }
+    for i in 0..UNKNOWNS {
+        let found = information.inclination_part.multiply_vector(&Vector13::ith(i, 1.0));
+        assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
+    }
+    for (found, expected) in information.attitude_error_gradients.iter().zip(effects) {
+        assert!((found - expected).norm() < 1e-4 * expected.norm());
+    }
+}
+
+#[test]
+fn latency_sigma_becomes_a_consider_state() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
+    assert!(information.estimate_latency(0.0).is_none() && information.latency_sigma_s == 0.0);
+    let row = JacobianRow { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
+    information.latency_score.add(0, &ResidualEquation::new(row, 0.01, 1e-4, 1e6), 0.5);
+    information.attitude_error_gradients[3] = Vector13::ith(2, 40.0);
+    let (latency, follows) = information.estimate_latency(0.0).unwrap();
+    // 0.25 of 1e4, minus the part explained by unknown 2 (information 1e4), plus the prior's 100.
+    assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
+    assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
+    assert_eq!(information.latency_sigma_s.to_bits(), latency.sigma_s.to_bits());
+}
+
+#[test]
+fn unobservable_if_half_of_the_prior_sigma_remains() {
+    let prior = Prior { inclination_rad: Some(0.7), ..Prior::default() };
+    let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    for (times, left) in [(2.9, true), (3.1, false)] {
+        let mut information = prior_information(&likelihood, &at);
+        let variance =
+            likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
+        for i in 0..INCLINATION_INDEX {
+            information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+        }
+        information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / variance);
+        let found: Vec<PriorQuantity> = information.unobservable_quantities(&likelihood, &at).unwrap().collect();
+        assert_eq!(found, if left { vec![PriorQuantity::Inclination] } else { vec![] }, "{times}");
+    }
+}
+
+#[test]
+fn the_sensor_s_noise_is_that_of_a_single_reading() {
+    let at = parameters().unknowns().unwrap();
+    let per_unit = TRUTH.determinant().cbrt();
+    for (readings_per_sample, white, factor) in
+        [(1, 1.0, 1.0), (8, 1.0, 8_f32.sqrt()), (0, 1.0, 1.0), (8, 0.25, 2_f32.sqrt()), (1, 0.0, 0.0)]
+    {
+        let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, ModelConfig::DEFAULT);
+        likelihood.noise = NoiseModel::new(0.003, 0.005, TRUTH);
+        let found = heading_uncertainty(&likelihood, &at, &CoefficientCovariance::ZERO, white).unwrap();
+        let expected = 0.003 * factor * per_unit;
+        assert!((found.sensor_sigma - expected).abs() < 1e-5 * 0.003, "{readings_per_sample}: {}", found.sensor_sigma);
+        let attitude_sigma_rad = f32::sqrt(0.005 * 0.005 - white * 0.003 * 0.003);
+        assert!((found.attitude_sigma_rad - attitude_sigma_rad).abs() < 1e-6);
+    }
+    assert_eq!(Prior::default().readings_per_sample, 1);
+}
+
+#[test]
+fn unobserved_attitude_noise_is_half_a_degree() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::NO_ATTITUDE);
+    let found =
+        heading_uncertainty(&likelihood, &parameters().unknowns().unwrap(), &CoefficientCovariance::ZERO, 1.0).unwrap();
+    assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);
+}
+
+#[test]
+fn singular_information_has_no_covariance() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    let flat = ModelParameters { w: Matrix3::zeros(), ..parameters() }.unknowns().unwrap();
+    let open = prior_information(&likelihood, &flat);
+    let mut covariance = CoefficientCovariance::ZERO;
+    for unknowns in [&at, &flat] {
+        assert!(
+            open.covariance(&likelihood, unknowns, (CovarianceContent::All, ConsiderSigmas::ZERO), &mut covariance)
+                .is_none()
+        );
+    }
+    assert!(open.unobservable_quantities(&likelihood, &at).is_none());
+    assert!(heading_uncertainty(&likelihood, &flat, &CoefficientCovariance::ZERO, 1.0).is_none());
+}
+
+#[test]
+fn autocorrelation_does_not_inflate_priors() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    let mut information = prior_information(&likelihood, &at);
+    // The overall scale, which no prior constrains.
+    let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
+    information.system.add_row(&scale, 0.0, 1e4);
+    let of = |information: &Information| full_covariance(information, &likelihood, &at, ConsiderSigmas::ZERO);
+    let before = of(&information);
+    for residual in [1.0, 1.0, 0.0] {
+        information.correlation.add(0, [residual, 0.0]);
+    }
+    let after = of(&information);
+    assert!((information.autocorrelation_inflation() - 3.0).abs() < 1e-3);
+    for i in 0..COEFFICIENTS {
+        assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
+    }
+}
+
+#[test]
+fn configured_inclination_is_removed_from_the_estimate() {
+    let known_sigma = ModelConfig::DEFAULT.known_inclination_sigma_rad;
+    for (own_rad, sigma, is_shown) in [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.078, false)] {
+        for told in [true, false] {
+            let prior = Prior { inclination_rad: told.then_some(0.7), ..Prior::default() };
+            let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+            let weights = if told { [known_sigma.powi(-2), f32::powi(sigma, -2)] } else { [0.0, 1.0] };
+            let inclination_rad = (weights[0] * 0.7 + weights[1] * own_rad) / (weights[0] + weights[1]);
+            let at = ModelParameters { inclination_rad, ..parameters() }.unknowns().unwrap();
+            let mut information = prior_information(&likelihood, &at);
+            for i in 0..INCLINATION_INDEX {
+                information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+            }
+            information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
+            // rho = 1/2, and a gradient of 2e3 per unit of bank-angle scale error.
+            for residual in [1.0, 1.0, 0.0] {
+                information.correlation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
+            }
+            information.attitude_error_gradients[2] = Vector13::ith(INCLINATION_INDEX, 2e3);
+            let consider = ConsiderSigmas { bias_rad: 0.0, bank_scale: 0.01 };
+            let Some([found_rad, variance]) = information.inclination_from_samples(&likelihood, &at, consider) else {
+                assert!(told && !is_shown, "{own_rad} {sigma}");
+                continue;
+            };
+            assert!(!told || is_shown, "{own_rad} {sigma}");
+            assert!((found_rad - own_rad).abs() < 1e-3, "{found_rad} {own_rad}");
+            let shift = 2e3 * 0.01 * sigma * sigma;
+            let expected = sigma * sigma * 3.0 + shift * shift;
+            assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {told}");
+        }
+    }
+}
+
+#[test]
+fn bank_scale_estimate_adds_in_quadrature() {
+    let mut evidence = BankScaleScore::default();
+    let row = JacobianRow { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+    let steep = ResidualEquation::new(row, -0.1, 1e-4, 1e6);
+    evidence.add(&steep, [0.0, 0.0, 1.0, 0.0]);
+    // Information 1e4: an estimate of 0.1 with variance 1e-4.
+    let found = evidence.estimate(0.0, 0.0, 0.0, 1.0).unwrap();
+    let considered = ConsiderSigmas::DEFAULT.with_bank_scale(&found);
+    assert!((considered.bank_scale - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
+    assert_eq!(considered.bias_rad.to_bits(), ConsiderSigmas::DEFAULT.bias_rad.to_bits());
+}
