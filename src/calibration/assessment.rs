@@ -1,19 +1,19 @@
-//! Solution of a solve: quality, findings and advice for a converged fit.
+//! Assessment of a converged fit: quality, findings and advice.
 
-use crate::calibration::advice;
-use crate::calibration::advice::Advice;
-use crate::calibration::hypotheses::bank_scale::BankScaleFinding;
+use crate::calibration::advice::{self, Advice};
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::hypotheses::attitude_error::AttitudeErrorTest;
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
-use crate::calibration::model::{Likelihood, Vector13};
+use crate::calibration::hypotheses::table::{
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, ROLL_BIAS, assumed_sigmas,
+};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
-use crate::calibration::uncertainty::consider::ConsiderSigmas;
-use crate::calibration::uncertainty::expected_error;
-use crate::calibration::uncertainty::expected_error::ExpectedError;
-use crate::calibration::uncertainty::heading_uncertainty::HeadingUncertainty;
-use crate::calibration::uncertainty::information;
-use crate::calibration::uncertainty::information::{CovarianceContent, Information};
+use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
+use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
 use crate::calibration::{
-    AttitudeLatency, Calibration, DetectedHardIronChange, Envelope, Method, Quality, Samples, SolveError,
+    AttitudeLatency, BankScaleFinding, Calibration, ConsiderSigmas, DetectedHardIronChange, Method, Quality, SolveError,
 };
 use crate::trig::sqrt;
 
@@ -50,14 +50,11 @@ impl<T> Finding<T> {
         let squared = with_deg * with_deg - without_deg * without_deg;
         Self { violation: of, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
     }
-}
 
-pub(in crate::calibration) struct ConvergedFit<'a> {
-    pub method: Method,
-    pub likelihood: &'a Likelihood,
-    pub unknowns: &'a Vector13,
-    pub calibration: &'a Calibration,
-    pub samples: Samples<'a>,
+    fn map<U>(self, violation: impl FnOnce(T) -> U) -> Finding<U> {
+        let Self { violation: of, added_error_deg, expected_without_deg } = self;
+        Finding { violation: violation(of), added_error_deg, expected_without_deg }
+    }
 }
 
 impl ConvergedFit<'_> {
@@ -71,27 +68,30 @@ impl ConvergedFit<'_> {
         consider: ConsiderSigmas,
         needs_advice: impl Fn(&Quality) -> bool,
     ) -> Result<Solution, SolveError> {
+        let mut sigmas = assumed_sigmas(consider, latency);
         let mut covariance = CoefficientCovariance::ZERO;
-        let mut expected = self.expected(information, consider, &mut covariance)?;
-        let (mut bank, mut iron, mut allowed) = (None, None, consider);
-        // Closed forms are too far from the maximum likelihood for the linearised test.
-        if self.method == Method::MaximumLikelihood
-            && let Some(found) =
-                information.bank_scale_score(self.likelihood, self.samples, self.unknowns, consider.bank_scale)
-            && let Some(error) = found.significant_error(consider.bank_scale)
-        {
+        let mut expected = self.expected(information, &sigmas, &mut covariance)?;
+        let (mut attitude_errors, mut iron) = ([None; ERRORS], None);
+        for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
+            // Closed forms are too far from the maximum likelihood for the linearised test.
+            let Some(test) = error.test.filter(|_| self.method == Method::MaximumLikelihood) else { continue };
+            let assumed_sigma = sigmas[index];
+            let Information { system, residuals, attitude_errors: sums, .. } = &*information;
+            let (roll_information, sums) = (sums[ROLL_BIAS].information.x, &sums[index]);
+            let input = AttitudeErrorTest { sums, roll_information, system, residuals, fit: self, assumed_sigma };
+            let Some(found) = test(&input) else { continue };
             let without_deg = expected.rms_deg;
-            allowed = consider.with_bank_scale(&found);
-            expected = self.expected(information, allowed, &mut covariance)?;
-            bank = Some(Finding::new(error, expected.rms_deg, without_deg));
+            sigmas[index] = found.allowed_sigma(assumed_sigma);
+            expected = self.expected(information, &sigmas, &mut covariance)?;
+            attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
         }
         if let Some(change) = change {
             let without_deg = expected.rms_deg;
             information.hard_iron_gradient = change.effect;
-            expected = self.expected(information, allowed, &mut covariance)?;
+            expected = self.expected(information, &sigmas, &mut covariance)?;
             iron = Some(Finding::new(change.change, expected.rms_deg, without_deg));
         }
-        let uncertainty = self.uncertainty(information, &mut covariance)?;
+        let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
         let quality = Quality {
             method: self.method,
             envelope: self.envelope(),
@@ -102,26 +102,19 @@ impl ConvergedFit<'_> {
             samples: information.system.samples,
             latency,
         };
-        let Self { likelihood, unknowns, calibration, .. } = self;
-        let advice = needs_advice(&quality)
-            .then(|| {
-                advice::select_manoeuvre(
-                    information,
-                    likelihood,
-                    unknowns,
-                    allowed,
-                    calibration,
-                    (self.samples, self.envelope()),
-                )
-            })
-            .flatten();
+        let advice = needs_advice(&quality).then(|| advice::select_manoeuvre(information, self, &sigmas)).flatten();
         Ok(Solution {
             calibration: *self.calibration,
             quality,
             uncertainty,
             advice,
             hard_iron_change: iron,
-            bank_scale_error: bank,
+            bank_scale_error: attitude_errors[BANK_SCALE].map(|finding| {
+                finding.map(|found| BankScaleFinding {
+                    read_ratio: 1.0 / (1.0 + found.estimate),
+                    significance_sigmas: found.significance_sigmas,
+                })
+            }),
         })
     }
 
@@ -131,17 +124,13 @@ impl ConvergedFit<'_> {
     fn uncertainty(
         &self,
         information: &Information,
+        latency: Option<AttitudeLatency>,
         covariance: &mut CoefficientCovariance,
     ) -> Result<HeadingUncertainty, SolveError> {
-        information
-            .covariance(self.likelihood, self.unknowns, (CovarianceContent::All, ConsiderSigmas::ZERO), covariance)
+        self.covariance(information, &assumed_sigmas(ConsiderSigmas::ZERO, latency), covariance)
             .and_then(|()| {
-                information::heading_uncertainty(
-                    self.likelihood,
-                    self.unknowns,
-                    covariance,
-                    information.white_fraction(),
-                )
+                let white_fraction = information.residuals.white_noise.fraction();
+                heading_uncertainty(self.likelihood, self.unknowns, covariance, white_fraction)
             })
             .ok_or(SolveError::NotConverged)
     }
@@ -154,22 +143,26 @@ impl ConvergedFit<'_> {
         let is_turn_method = matches!(self.method, Method::MaximumLikelihood | Method::TwoPlane | Method::FourEllipse);
         let mut scan = is_turn_method.then(|| HardIronScan::new(samples, &information.system, unknowns)).flatten();
         information.accumulate_samples(likelihood, samples, unknowns, scan.as_mut());
-        scan?.confirm_change(likelihood, samples, information, unknowns)
+        scan?.confirm_change(self, &information.system, &information.residuals)
     }
 
-    fn envelope(&self) -> Envelope {
-        Envelope::for_samples(self.method, self.samples)
+    fn covariance(
+        &self,
+        information: &Information,
+        sigmas: &AttitudeErrorSigmas,
+        covariance: &mut CoefficientCovariance,
+    ) -> Option<()> {
+        sandwich_covariance(information, self.likelihood, self.unknowns, (CovarianceContent::All, sigmas), covariance)
     }
 
     fn expected(
         &self,
         information: &Information,
-        consider: ConsiderSigmas,
+        sigmas: &AttitudeErrorSigmas,
         covariance: &mut CoefficientCovariance,
     ) -> Result<ExpectedError, SolveError> {
-        information
-            .covariance(self.likelihood, self.unknowns, (CovarianceContent::All, consider), covariance)
-            .and_then(|()| expected_error::expected_heading_error(self.calibration, covariance, self.envelope()))
+        self.covariance(information, sigmas, covariance)
+            .and_then(|()| expected_heading_error(self.calibration, covariance, self.envelope()))
             .ok_or(SolveError::NotConverged)
     }
 }

@@ -83,10 +83,11 @@ pub mod verification;
 
 pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, TiltDirection, UnobservableQuantities};
 pub use assessment::{Finding, Solution};
-pub use hypotheses::bank_scale::BankScaleFinding;
 pub use solver::stepwise::{SolveProgress, Solver, solve};
 pub use types::{
+    bank_scale::BankScaleFinding,
     coefficients::Calibration,
+    consider::ConsiderSigmas,
     error::{Axis, SolveError},
     hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse},
     method::Method,
@@ -98,7 +99,6 @@ pub use types::{
     samples::{Mark, Sample, SamplePart, Samples, Side},
 };
 pub use uncertainty::{
-    consider::ConsiderSigmas,
     expected_error::Deviation,
     heading_uncertainty::{HeadingUncertainty, HeadingVariance},
 };

@@ -5,18 +5,21 @@
 //! `cos theta (l_y / h) phi' - (l_x / h) theta'`, with `l` the level field and `h` its horizontal part. Its prior sigma
 //! is 0.1 s.
 //!
-//! `tau` is not part of the search but eliminated from its result by the efficient score (D. R. Cox and D. V. Hinkley,
-//! Theoretical Statistics, 1974, 9.3): `S = H_tt - H_tu H^-1 H_ut`, `U = g_t - H_tu H^-1 g_u`, `tau = U / S`. The other
-//! unknowns follow by `-H^-1 H_ut tau`. If `tau` is significant, the attitudes are extrapolated by it and the search
-//! continues.
+//! `tau` is not part of the search but estimated from its result by the [score test](super::score_test): `tau = U / S`.
+//! If `tau` is significant, the attitudes are extrapolated by it and the search continues.
 //!
 //! Residuals and rates of neighbouring samples are correlated, so the variance of `U` is inflated by
 //! `(1 + rho) / (1 - rho)`, with `rho` the lag-1 autocorrelation of the contributions to `U`.
 
+use super::attitude_error::AttitudeError;
+use super::score_test::{EfficientScore, ScoreTest};
 use crate::calibration::AttitudeLatency;
-use crate::calibration::model::ResidualEquation;
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::trig::sqrt;
+
+/// Row of the table of attitude errors. The sigma is estimated, and the latency corrected rather than allowed for.
+pub(super) const LATENCY_ERROR: AttitudeError =
+    AttitudeError { effect: |_, rates| [rates.roll_rad_s(), rates.pitch_rad_s()], assumed_sigma: |_| 0.0, test: None };
 
 /// Prior sigma of the latency, seconds.
 const PRIOR_SIGMA_S: f32 = 0.1;
@@ -36,36 +39,24 @@ const CONVERGED_SIGMAS: f32 = 0.5;
 /// Maximum number of updates; the first leaves a few per cent, by nonlinearity.
 const MAX_UPDATES: u8 = 2;
 
-#[derive(Clone, Copy, Debug, Default)]
-pub(in crate::calibration) struct LatencyScore {
-    information: f32,
-    gradient: f32,
-    contributions: Autocorrelation,
-}
-
-impl LatencyScore {
-    pub fn add(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
-        let weighted = dip.weight * by_latency;
-        self.information += weighted * by_latency;
-        self.gradient -= weighted * dip.residual;
-        self.contributions.add(part, [weighted * dip.residual, 0.0]);
-    }
-
-    /// Maximum-likelihood latency and its sigma, with `used_s` applied. `known` and `pulled`: parts of information and
-    /// gradient explained by the other unknowns. `None` without rates or if not finite.
-    pub fn estimate(&self, used_s: f32, known: f32, pulled: f32) -> Option<AttitudeLatency> {
-        let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
-        let own = (self.information - known).max(0.0);
-        let all = own + prior;
-        let [excess, _] = self.contributions.excess_inflation();
-        let found_s = used_s + (self.gradient - pulled - prior * used_s) / all;
-        let sigma_s = sqrt(own * (1.0 + excess) + prior) / all;
-        (self.information > 0.0 && (found_s + sigma_s).is_finite())
-            .then_some(AttitudeLatency { estimate_s: found_s, sigma_s })
-    }
-}
-
 impl AttitudeLatency {
+    /// Maximum-likelihood latency and its sigma, with `used_s` applied. `contributions`: of the samples to `U`. `None`
+    /// without rates or if not finite.
+    pub(in crate::calibration) fn estimate(
+        sums: &ScoreTest<1>,
+        score: &EfficientScore<1>,
+        contributions: &Autocorrelation,
+        used_s: f32,
+    ) -> Option<Self> {
+        let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
+        let own = score.information.x.max(0.0);
+        let all = own + prior;
+        let [excess, _] = contributions.excess_inflation();
+        let found_s = used_s + (score.gradient.x - prior * used_s) / all;
+        let sigma_s = sqrt(own * (1.0 + excess) + prior) / all;
+        (sums.information.x > 0.0 && (found_s + sigma_s).is_finite()).then_some(Self { estimate_s: found_s, sigma_s })
+    }
+
     const fn is_applicable(self) -> bool {
         self.sigma_s < MAX_SIGMA_S && self.is_significant()
     }
@@ -93,10 +84,10 @@ impl AttitudeLatency {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
+    use nalgebra::{Vector1, Vector3};
 
     use super::*;
-    use crate::calibration::model::JacobianRow;
+    use crate::calibration::model::{JacobianRow, ResidualEquation, Vector13};
 
     fn close(found: f32, expected: f32) -> bool {
         (found - expected).abs() <= 1e-4 * expected.abs()
@@ -107,9 +98,37 @@ mod tests {
         ResidualEquation::new(row, residual, 1.0 / weight, 1e6)
     }
 
+    struct Evidence {
+        sums: ScoreTest<1>,
+        contributions: Autocorrelation,
+    }
+
+    impl Default for Evidence {
+        fn default() -> Self {
+            Self { sums: ScoreTest::zero(), contributions: Autocorrelation::default() }
+        }
+    }
+
+    impl Evidence {
+        fn add(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
+            self.sums.add(dip, &Vector1::new(by_latency), 1.0);
+            self.contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
+        }
+
+        /// `known` and `pulled`: parts of information and gradient explained by the nuisance parameters.
+        fn estimate(&self, used_s: f32, known: f32, pulled: f32) -> Option<AttitudeLatency> {
+            let score = EfficientScore {
+                columns: [Vector13::zeros()],
+                information: self.sums.information.add_scalar(-known),
+                gradient: self.sums.gradient.add_scalar(-pulled),
+            };
+            AttitudeLatency::estimate(&self.sums, &score, &self.contributions, used_s)
+        }
+    }
+
     #[test]
     fn estimate_equals_hand_calculation() {
-        let mut evidence = LatencyScore::default();
+        let mut evidence = Evidence::default();
         for (weight, residual, by_latency) in [(1e4, -0.02, 0.5), (2e4, 0.01, 0.4), (1e4, -0.03, -0.3)] {
             evidence.add(0, &dip(weight, residual), by_latency);
         }
@@ -127,7 +146,7 @@ mod tests {
     /// rho = 1/2 triples the variance of the samples' part only.
     #[test]
     fn autocorrelation_inflates_the_variance() {
-        let mut evidence = LatencyScore::default();
+        let mut evidence = Evidence::default();
         for residual in [0.01, 0.01, 0.0, 0.0, 0.01, 0.01, 0.0] {
             evidence.add(1, &dip(1e4, residual), 0.5);
         }
@@ -138,7 +157,7 @@ mod tests {
 
     #[test]
     fn without_rates_there_is_no_latency() {
-        let mut evidence = LatencyScore::default();
+        let mut evidence = Evidence::default();
         evidence.add(0, &dip(1e4, 0.01), 0.0);
         assert_eq!(evidence.estimate(0.0, 0.0, 0.0), None);
         evidence.add(0, &dip(1e4, 0.01), 0.1);

@@ -2,7 +2,7 @@
 //!
 //! A current `I` adds `k I` to the field at the sensor: three more unknowns for samples with a current. `k` is
 //! eliminated from the result of the search as a hard-iron change of which each sample has the fraction `I - mean I`,
-//! with the sums and the step `k + S^-1 U` of the hard-iron score test. The search then continues with `k I` removed,
+//! with the step `k + S^-1 U` of the [score test](super::score_test). The search then continues with `k I` removed,
 //! until `k` converges.
 //!
 //! `k` is applied only if significant and certain to 0.5 uT at the current's spread. Its uncertainty, and a significant
@@ -10,6 +10,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::score_test::EfficientScore;
+use crate::calibration::inverse;
+use crate::calibration::model::Likelihood;
 use crate::trig::sqrt;
 
 /// Prior sigma of each axis of `k`, uT/A: wires of a motor battery at 10 cm.
@@ -40,6 +43,20 @@ pub(in crate::calibration) struct InterferenceEstimate {
 }
 
 impl InterferenceEstimate {
+    /// The estimate. `inflation`: variance inflation by autocorrelation. `None` if not finite.
+    #[inline(never)]
+    pub fn new(score: &EfficientScore<3>, likelihood: &Likelihood, inflation: f32) -> Option<Self> {
+        let (used, prior) = (likelihood.motor_current_per_ampere(), Self::prior_precision(likelihood.unit_ut));
+        let own = score.information;
+        let all = own + Matrix3::from_diagonal_element(prior);
+        let independent = inverse(&all)?;
+        let k = used + independent * (score.gradient - used * prior);
+        let alone = k.dot(&(all * k));
+        let covariance = independent * own * independent * inflation + independent * independent * prior;
+        let found = Self { k, covariance, significance: [alone, alone / inflation] };
+        (alone + found.max_sigma()).is_finite().then_some(found)
+    }
+
     pub fn prior_precision(unit_ut: f32) -> f32 {
         let sigma = PRIOR_SIGMA_UT_PER_A / unit_ut;
         1.0 / (sigma * sigma)

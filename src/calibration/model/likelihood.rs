@@ -89,13 +89,10 @@ impl Likelihood {
         heading_rad: Option<f32>,
         parameters: &ModelParameters,
     ) -> SampleEquations {
-        let attitude = sample.latency_compensated_attitude(self.latency_s);
         let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
         let measured = MeasuredSample {
             x: self.mount_from_chip * (sample.field.ut - added_ut) / self.unit_ut - self.mean_field,
-            tilt: attitude.tilt(),
-            roll_rad: attitude.roll_rad,
-            rates: sample.rates,
+            tilt: sample.latency_compensated_attitude(self.latency_s).tilt(),
             heading_rad,
         };
         SampleEquations::new(parameters, &measured, &self.noise, &self.config, self.has_noise_estimate)

@@ -9,23 +9,20 @@
 
 use nalgebra::Vector3;
 
-use crate::calibration::model::{Likelihood, PriorQuantity, Vector13};
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::model::PriorQuantity;
 use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::observability::unobservable_quantities;
 use crate::calibration::{Calibration, Samples};
 
 /// Minimum number of covered directions of 24: the six faces of a cube with four quadrants each. Left and right turns
 /// cover up to 20, tumbling all.
 const MIN_DIRECTIONS: u32 = 22;
 
-pub(in crate::calibration) fn is_determined(
-    samples: Samples<'_>,
-    calibration: &Calibration,
-    information: &Information,
-    likelihood: &Likelihood,
-    unknowns: &Vector13,
-) -> bool {
-    count_directions(samples, calibration) >= MIN_DIRECTIONS
-        && information.unobservable_quantities(likelihood, unknowns).is_some_and(|mut left| {
+/// Whether the samples determine the nine coefficients.
+pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -> bool {
+    count_directions(fit.samples, fit.calibration) >= MIN_DIRECTIONS
+        && unobservable_quantities(&information.system, fit.likelihood, fit.unknowns).is_some_and(|mut left| {
             !left.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
         })
 }

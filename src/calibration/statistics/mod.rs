@@ -2,4 +2,5 @@
 
 pub(in crate::calibration) mod autocorrelation;
 pub(in crate::calibration) mod heteroscedasticity;
+pub(in crate::calibration) mod residuals;
 pub(in crate::calibration) mod white_noise_fraction;

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, SVector};
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, LATENCY};
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
 use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::uncertainty::information::Information;
@@ -172,12 +173,10 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
             let equations = likelihood.equations(sample, None, &parameters);
             let norm = &equations.norm;
             joint.add(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
+            let attitude = sample.latency_compensated_attitude(used_s);
+            let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, attitude, sample.rates);
             let dip = equations.inclination.unwrap();
-            joint.add(
-                &dip.row.as_vector().push(equations.inclination_by_attitude_errors[3]),
-                [-dip.residual],
-                dip.weight,
-            );
+            joint.add(&dip.row.as_vector().push(by_latency), [-dip.residual], dip.weight);
         }
         let expected = joint.solve().unwrap();
         let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));

@@ -1,6 +1,8 @@
 //! Samples, methods, coefficients, quality and errors: the types of a calibration.
 
+pub(in crate::calibration) mod bank_scale;
 pub(in crate::calibration) mod coefficients;
+pub(in crate::calibration) mod consider;
 pub(in crate::calibration) mod error;
 pub(in crate::calibration) mod hard_iron_change;
 pub(in crate::calibration) mod method;

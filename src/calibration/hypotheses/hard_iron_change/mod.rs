@@ -1,13 +1,8 @@
 //! Score test for a hard-iron change during a flight: a moved payload (step) or a temperature drift of the sensor's
 //! zero.
 //!
-//! A change `beta` of the hard iron `b` is tested as three additional unknowns, linear about the solution without it:
+//! A change `beta` of the hard iron `b` is tested as three additional unknowns of a [score test](super::score_test):
 //! `b + beta` before one of about thirty times and `b` after it (step), or a linear transition over the flight (drift).
-//!
-//! With the information and the gradient of `beta` summed over the samples before that time, and `H` the information of
-//! the thirteen unknowns, the efficient score (D. R. Cox and D. V. Hinkley, Theoretical Statistics, 1974, 9.3) is
-//! `U = g_b - H_bu H^-1 g_u` with information `S = H_bb - H_bu H^-1 H_ub`. The estimate is `beta = S^-1 U`, its
-//! significance `U S^-1 U`, chi-squared with three degrees of freedom for independent errors of known sigma.
 //!
 //! Errors are correlated, and the misfit inflates sigma. So a second pass, if the first is suspicious, takes both from
 //! the residuals that remain with the change.
@@ -23,11 +18,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::score_test::ScoreTest;
+use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::model::{Likelihood, ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
+use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::time_order::TimeOrdered;
-use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Samples, inverse};
 use crate::time::WrappingMillis;
 use crate::trig::{Length as _, sqrt};
@@ -79,81 +76,36 @@ impl TimeSpan {
     }
 }
 
-#[derive(Clone, Debug)]
-pub(in crate::calibration) struct ScoreSums {
-    pub cross_information: [Vector13; 3],
-    information: Matrix3<f32>,
-    gradient: Vector3<f32>,
+/// Estimate and its significance.
+fn estimate(sums: &ScoreTest<3>, system: &LinearisedProblem, to_likeliest: &Vector13) -> Option<(Vector3<f32>, f32)> {
+    let score = sums.eliminate(system, to_likeliest)?;
+    let beta = inverse(&(score.information + rounding_floor(sums)))? * score.gradient;
+    let significance = beta.dot(&score.gradient);
+    significance.is_finite().then_some((beta, significance))
 }
 
-impl ScoreSums {
-    pub fn zero() -> Self {
-        Self { cross_information: [Vector13::zeros(); 3], information: Matrix3::zeros(), gradient: Vector3::zeros() }
-    }
-
-    /// `by_beta`: derivative by `beta`; `share`: fraction of `beta` present.
-    pub fn add(&mut self, equation: &ResidualEquation, by_beta: &Vector3<f32>, share: f32) {
-        let weighted = by_beta * (equation.weight * share);
-        for (sum, of_axis) in self.cross_information.iter_mut().zip(&weighted) {
-            equation.row.add_scaled_to(sum, *of_axis);
+/// Significance from norm residuals alone, whose variance is inflated by `norm`. Inclination residuals only contribute
+/// information about the other unknowns, conservatively with their inflation without a change.
+fn norm_significance(
+    sums: &ScoreTest<3>,
+    system: &LinearisedProblem,
+    residuals: &ResidualStatistics,
+    to_likeliest: &Vector13,
+    norm: f32,
+) -> Option<f32> {
+    let mut variance = sums.information * norm;
+    let score = sums.eliminate(system, to_likeliest)?;
+    for (axis, column) in score.columns.iter().enumerate() {
+        let dips = residuals.excess_inclination_times(column, norm);
+        for (other, with) in sums.cross_information.iter().enumerate() {
+            variance[(axis, other)] += score.columns[other].dot(&dips) - column.dot(with) * norm;
         }
-        self.information.ger(share, &weighted, by_beta, 1.0);
-        self.gradient.axpy(-equation.residual, &weighted, 1.0);
     }
+    Some(score.gradient.dot(&(inverse(&(variance + rounding_floor(sums)))? * score.gradient)))
+}
 
-    fn add_scaled(&mut self, sums: &Self, share: f32, squared: f32) {
-        for (sum, with) in self.cross_information.iter_mut().zip(&sums.cross_information) {
-            sum.axpy(share, with, 1.0);
-        }
-        self.information += sums.information * squared;
-        self.gradient.axpy(share, &sums.gradient, 1.0);
-    }
-
-    fn estimate(&self, system: &LinearisedProblem, to_likeliest: &Vector13) -> Option<(Vector3<f32>, f32)> {
-        let (information, gradient) = self.eliminate_unknowns(system, to_likeliest)?;
-        let beta = inverse(&(information + self.rounding_floor()))? * gradient;
-        let significance = beta.dot(&gradient);
-        significance.is_finite().then_some((beta, significance))
-    }
-
-    /// Information `S` and gradient `U`, with the other unknowns eliminated.
-    pub fn eliminate_unknowns(
-        &self,
-        system: &LinearisedProblem,
-        to_likeliest: &Vector13,
-    ) -> Option<(Matrix3<f32>, Vector3<f32>)> {
-        let (mut information, mut gradient) = (self.information, self.gradient);
-        for (axis, with) in self.cross_information.iter().enumerate() {
-            let column = system.covariance_times(with)?;
-            for (other, with) in self.cross_information.iter().enumerate() {
-                information[(axis, other)] -= column.dot(with);
-            }
-            gradient[axis] -= with.dot(to_likeliest);
-        }
-        Some((information, gradient))
-    }
-
-    /// Significance from norm residuals alone, whose variance is inflated by `norm`. Inclination residuals only
-    /// contribute information about the other unknowns, conservatively with their inflation without a change.
-    fn norm_significance(&self, information: &Information, to_likeliest: &Vector13, norm: f32) -> Option<f32> {
-        let (mut variance, mut gradient) = (self.information * norm, self.gradient);
-        let mut columns = [Vector13::zeros(); 3];
-        for (column, with) in columns.iter_mut().zip(&self.cross_information) {
-            *column = information.system.covariance_times(with)?;
-        }
-        for (axis, column) in columns.iter().enumerate() {
-            let dips = information.excess_inclination_times(column, norm);
-            for (other, with) in self.cross_information.iter().enumerate() {
-                variance[(axis, other)] += columns[other].dot(&dips) - column.dot(with) * norm;
-            }
-            gradient[axis] -= self.cross_information[axis].dot(to_likeliest);
-        }
-        Some(gradient.dot(&(inverse(&(variance + self.rounding_floor()))? * gradient)))
-    }
-
-    fn rounding_floor(&self) -> Matrix3<f32> {
-        Matrix3::from_diagonal_element(RELATIVE_ROUNDING * self.information.trace())
-    }
+fn rounding_floor(sums: &ScoreTest<3>) -> Matrix3<f32> {
+    Matrix3::from_diagonal_element(RELATIVE_ROUNDING * sums.information.trace())
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -177,9 +129,9 @@ pub(in crate::calibration) struct HardIronScan {
     /// `W`: maps a hard-iron change to the corrected field.
     w: Matrix3<f32>,
     step_to_maximum: Vector13,
-    so_far: ScoreSums,
+    so_far: ScoreTest<3>,
     /// Sums of a drift, approximated by steps at the tested times.
-    drifting: ScoreSums,
+    drifting: ScoreTest<3>,
     drift_fraction: f32,
     samples_seen: usize,
     sample_count: usize,
@@ -194,8 +146,8 @@ impl HardIronScan {
             span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
             w: ModelParameters::new(unknowns).w,
             step_to_maximum: system.step_to_maximum()?,
-            so_far: ScoreSums::zero(),
-            drifting: ScoreSums::zero(),
+            so_far: ScoreTest::zero(),
+            drifting: ScoreTest::zero(),
             drift_fraction: 1.0,
             samples_seen: 0,
             sample_count: samples.iter().count(),
@@ -225,9 +177,9 @@ impl HardIronScan {
     /// Tests a time course whose sums are complete.
     fn test_course(&mut self, system: &LinearisedProblem, form: TestedCourse) {
         let sums = if form == TestedCourse::Drift { &self.drifting } else { &self.so_far };
-        let Some((beta, significance)) = sums.estimate(system, &self.step_to_maximum) else { return };
+        let Some((beta, significance)) = estimate(sums, system, &self.step_to_maximum) else { return };
         if self.best.is_none_or(|found| significance > found.significance) {
-            self.effect = sums.cross_information.iter().zip(&beta).map(|(with, beta)| with * *beta).sum();
+            self.effect = sums.effect(&beta);
             self.best = Some(ChangeEstimate { form, beta, significance });
         }
     }
@@ -236,48 +188,46 @@ impl HardIronScan {
     #[inline(never)]
     pub fn confirm_change(
         &mut self,
-        likelihood: &Likelihood,
-        samples: Samples<'_>,
-        information: &Information,
-        unknowns: &Vector13,
+        fit: &ConvergedFit<'_>,
+        system: &LinearisedProblem,
+        residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        self.test_course(&information.system, TestedCourse::Drift);
+        self.test_course(system, TestedCourse::Drift);
         let found = self.best.filter(|found| found.significance > SECOND_PASS_SIGNIFICANCE)?;
         let course = match found.form {
             TestedCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
             TestedCourse::Drift => HardIronTimeCourse::Drift,
         };
         let iron = DetectedHardIronChange {
-            size_ut: found.beta.length() * likelihood.unit_ut,
+            size_ut: found.beta.length() * fit.likelihood.unit_ut,
             time_course: course,
             duration_s: whole_seconds(self.span.duration_ms),
         };
-        is_significant(self.significance(&found, likelihood, samples, information, unknowns)?)
+        is_significant(self.significance(&found, fit, system, residuals)?)
             .then_some(ConfirmedChange { change: iron, effect: self.effect })
     }
 
     fn significance(
         &mut self,
         found: &ChangeEstimate,
-        likelihood: &Likelihood,
-        samples: Samples<'_>,
-        information: &Information,
-        unknowns: &Vector13,
+        fit: &ConvergedFit<'_>,
+        system: &LinearisedProblem,
+        residuals: &ResidualStatistics,
     ) -> Option<[f32; 2]> {
-        let move_unknowns = self.step_to_maximum - information.system.covariance_times(&self.effect)?;
-        let parameters = ModelParameters::new(unknowns);
+        let move_unknowns = self.step_to_maximum - system.covariance_times(&self.effect)?;
+        let parameters = ModelParameters::new(fit.unknowns);
         let mut remaining = Autocorrelation::default();
         let norms = &mut self.so_far;
-        *norms = ScoreSums::zero();
-        for (part, sample) in TimeOrdered::new(samples) {
+        *norms = ScoreTest::zero();
+        for (part, sample) in TimeOrdered::new(fit.samples) {
             let share = self.span.fraction_at(found.form, sample.time);
             let residual = |equation: &ResidualEquation| {
                 let by_change = derivative_by_hard_iron(&self.w, equation).dot(&found.beta) * share;
                 let residual = equation.residual + equation.row.dot(&move_unknowns) + by_change;
                 residual * sqrt(equation.weight)
             };
-            let equations = likelihood.equations(sample, None, &parameters);
+            let equations = fit.likelihood.equations(sample, None, &parameters);
             remaining.add(part, [residual(&equations.norm), equations.inclination.as_ref().map_or(0.0, residual)]);
             norms.add(&equations.norm, &derivative_by_hard_iron(&self.w, &equations.norm), share);
         }
@@ -286,7 +236,7 @@ impl HardIronScan {
         let [of_norm, of_dip] = remaining.excess_inflation();
         let [norm, dip] = remaining.sums_of_squares();
         let [norm, dip] = [norm * (1.0 + of_norm) / freedom, dip * (1.0 + of_dip) / freedom];
-        let of_norms = norms.norm_significance(information, &self.step_to_maximum, norm)?;
+        let of_norms = norm_significance(norms, system, residuals, &self.step_to_maximum, norm)?;
         Some([found.significance / norm.max(dip), of_norms])
     }
 }

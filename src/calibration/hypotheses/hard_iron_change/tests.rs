@@ -4,10 +4,11 @@ use nalgebra::{Matrix3, SVector};
 
 use super::*;
 use crate::calibration::closed_form::starting_point;
-use crate::calibration::model::{JacobianRow, ModelConfig, NoiseModel};
+use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel};
 use crate::calibration::tests::derivatives::assert_derivative;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
-use crate::calibration::{LeastSquares, Prior, Rates, Sample};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Rates, Sample};
 use crate::frames::Field;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
@@ -48,6 +49,11 @@ impl Case {
         let mut likelihood = self.likelihood.clone();
         (likelihood.sample_stride, likelihood.uses_normal_equations) = (1, false);
         LinearisedProblem::linearise(&likelihood, self.recorded.turns(), &self.unknowns)
+    }
+
+    fn fit<'a>(&'a self, calibration: &'a Calibration) -> ConvergedFit<'a> {
+        let Self { recorded, likelihood, unknowns } = self;
+        ConvergedFit { method: Method::MaximumLikelihood, likelihood, unknowns, calibration, samples: recorded.turns() }
     }
 
     fn information(&self, scan: Option<&mut HardIronScan>) -> Information {
@@ -106,7 +112,7 @@ fn estimate_equals_joint_least_squares() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
     for form in [TestedCourse::Step(59_500), TestedCourse::Drift] {
         let mut joint = LeastSquares::<16, 1>::new();
-        let mut sums = ScoreSums::zero();
+        let mut sums = ScoreTest::zero();
         for (equation, by_beta, _) in case.equations(form) {
             let row =
                 SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row.as_vector()[i] } else { by_beta[i - 13] });
@@ -122,7 +128,7 @@ fn estimate_equals_joint_least_squares() {
             },
         );
         let system = case.system();
-        let (beta, significance) = sums.estimate(&system, &system.step_to_maximum().unwrap()).unwrap();
+        let (beta, significance) = estimate(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
         let expected = joint.solve().unwrap().fixed_rows::<3>(13).into_owned();
         assert!((beta - expected).norm() < 0.02 * expected.norm(), "{beta} {expected}");
         // Reference: the reduction of the sum of squares by the three unknowns.
@@ -156,11 +162,11 @@ fn drift_sums_approximate_the_exact_sums() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 65_000);
     let (mut scan, information) = case.scanned();
     scan.extend_drift(0.0);
-    let mut exact = ScoreSums::zero();
+    let mut exact = ScoreTest::zero();
     for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
         exact.add(&equation, &by_beta, 1.0);
     }
-    let of = |sums: &ScoreSums| sums.estimate(&information.system, &scan.step_to_maximum).unwrap();
+    let of = |sums: &ScoreTest<3>| estimate(sums, &information.system, &scan.step_to_maximum).unwrap();
     let ((found, significance), (beta, expected)) = (of(&scan.drifting), of(&exact));
     assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
     assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
@@ -182,7 +188,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
     let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
     let form = TestedCourse::Step(59_500);
     let information = case.information(None);
-    let mut sums = ScoreSums::zero();
+    let mut sums = ScoreTest::zero();
     for (equation, by_beta, is_norm) in case.equations(form) {
         if is_norm {
             sums.add(&equation, &by_beta, 1.0);
@@ -196,7 +202,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
         if is_norm { 0.0 } else { equation.weight * equation.row.by_inclination.powi(2) }
     };
     let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
-    let of_dip = information.excess_inclination_times(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
+    let of_dip = information.residuals.excess_inclination_times(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
     let norm = 1.3;
     let mut variance = Matrix3::zeros();
     for (equation, by_beta, is_norm) in case.equations(form) {
@@ -205,7 +211,7 @@ fn the_significance_of_norms_is_that_of_their_gradient() {
     }
     let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&to_likeliest));
     let expected = gradient.dot(&(variance.try_inverse().unwrap() * gradient));
-    let found = sums.norm_significance(&information, &to_likeliest, norm).unwrap();
+    let found = norm_significance(&sums, &information.system, &information.residuals, &to_likeliest, norm).unwrap();
     assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
     assert!(of_dip > 1.5, "{of_dip}");
 }
@@ -217,11 +223,12 @@ fn both_significance_thresholds_must_be_exceeded() {
     // Sigmas inflated by the misfit: the residuals with the change are much smaller.
     let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
     case.likelihood.noise = NoiseModel::new(0.012, 0.024, Matrix3::identity());
+    let calibration = Calibration::uncalibrated(Orientation::NONE);
     for (significance, is_found) in [(20.1, true), (19.9, false)] {
         let (mut scan, information) = case.scanned();
-        (scan.drifting, scan.drift_fraction) = (ScoreSums::zero(), 0.0);
+        (scan.drifting, scan.drift_fraction) = (ScoreTest::zero(), 0.0);
         scan.best.as_mut().unwrap().significance = significance;
-        let found = scan.confirm_change(&case.likelihood, case.recorded.turns(), &information, &case.unknowns);
+        let found = scan.confirm_change(&case.fit(&calibration), &information.system, &information.residuals);
         assert_eq!(found.is_some(), is_found, "{significance}");
     }
 }

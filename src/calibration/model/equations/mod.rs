@@ -7,7 +7,6 @@ use super::noise::{NoiseModel, ResidualCovariance};
 use super::parameters::ModelParameters;
 use super::prediction::FieldPrediction;
 use super::unknowns::JacobianRow;
-use crate::calibration::Rates;
 use crate::frames::{AttitudeRotation, wrap_pi};
 use crate::trig::sqrt;
 
@@ -62,8 +61,8 @@ pub(in crate::calibration) struct SampleEquations {
     /// Inclination residual, decorrelated from the norm residual. `None` without attitude.
     pub inclination: Option<ResidualEquation>,
     pub heading: Option<ResidualEquation>,
-    /// Derivatives of the inclination by roll bias, pitch bias, bank-angle scale error and attitude latency (1/s).
-    pub inclination_by_attitude_errors: [f32; 4],
+    /// Derivatives of the inclination by roll and by pitch.
+    pub inclination_by_attitude: [f32; 2],
 }
 
 /// A sample in the model's units.
@@ -71,8 +70,6 @@ pub(in crate::calibration) struct MeasuredSample {
     /// Field minus the mean of all samples, mount axes, units of field.
     pub x: Vector3<f32>,
     pub tilt: AttitudeRotation,
-    pub roll_rad: f32,
-    pub rates: Rates,
     /// Given heading, radians.
     pub heading_rad: Option<f32>,
 }
@@ -106,14 +103,9 @@ impl SampleEquations {
                 .heading_rad
                 .map(|given_rad| heading_equation(measured, noise, config, &prediction, given_rad)),
             norm: ResidualEquation::new(norm_row, norm, covariance.norm, config.huber_sigmas),
-            inclination_by_attitude_errors: derivatives_by_attitude_errors(measured, by_attitude),
+            inclination_by_attitude: by_attitude,
         }
     }
-}
-
-fn derivatives_by_attitude_errors(measured: &MeasuredSample, [by_roll, by_pitch]: [f32; 2]) -> [f32; 4] {
-    let by_latency = by_roll * measured.rates.roll_rad_s() + by_pitch * measured.rates.pitch_rad_s();
-    [by_roll, by_pitch, by_roll * measured.roll_rad, by_latency]
 }
 
 impl SampleEquations {

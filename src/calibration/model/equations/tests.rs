@@ -56,8 +56,7 @@ fn clipped_mean_square_of_normal_noise() {
 fn without_attitude_there_is_no_dip() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
     let tilt = Attitude::from_deg(20.0, 0.0).tilt();
-    let measured =
-        MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: None };
+    let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt, heading_rad: None };
     let equations = |config| SampleEquations::new(&parameters, &measured, &NoiseModel::INITIAL, &config, true);
     assert!(
         equations(ModelConfig::DEFAULT).inclination.is_some()
@@ -86,8 +85,7 @@ fn expected_gradient(refined: bool) -> f32 {
         let exact = parameters.expected_field(&tilt, f32::from(step) / 128.0 * TAU).unwrap();
         for (axis, sign) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
             let x = exact + Vector3::ith(axis, sign * sigma * 3_f32.sqrt());
-            let measured =
-                MeasuredSample { x, tilt, roll_rad: attitude.roll_rad, rates: Rates::NONE, heading_rad: None };
+            let measured = MeasuredSample { x, tilt, heading_rad: None };
             let equations = SampleEquations::new(&parameters, &measured, &noise, &ModelConfig::DEFAULT, refined);
             for equation in [Some(&equations.norm), equations.inclination.as_ref()].into_iter().flatten() {
                 let row = equation.row.as_vector();
@@ -119,8 +117,6 @@ fn the_measurement_moves_to_where_it_most_likely_was() {
     let measured = MeasuredSample {
         x: parameters.expected_field(&tilt, 0.7).unwrap() + Vector3::new(0.004, -0.006, 0.005),
         tilt,
-        roll_rad: 0.4,
-        rates: Rates::NONE,
         heading_rad: None,
     };
     let moved_by = |parameters: &ModelParameters| {
@@ -157,7 +153,7 @@ fn heading_variance_is_given_plus_measured() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
     let tilt = Attitude::from_deg(10.0, 0.0).tilt();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();
-    let measured = MeasuredSample { x, tilt, roll_rad: 0.0, rates: Rates::NONE, heading_rad: Some(0.69) };
+    let measured = MeasuredSample { x, tilt, heading_rad: Some(0.69) };
     for noise in [NoiseModel::new(1e-6, 1e-6, Matrix3::identity()), NoiseModel::new(0.01, 0.02, Matrix3::identity())] {
         let prediction = parameters.predict(x, &tilt);
         let own = noise.heading_variance(&prediction.heading_by_field(&tilt), &prediction);

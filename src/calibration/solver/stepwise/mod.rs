@@ -2,19 +2,22 @@
 
 use nalgebra::Matrix3;
 
-use crate::calibration::assessment::{ConvergedFit, Solution};
+use super::ellipsoid;
+use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::closed_form::starting_point::{SensorResponse, StartingPoint};
 use crate::calibration::closed_form::turns::{MIN_SAMPLES, turn_progress_by_rates_rad, turn_progress_rad};
 use crate::calibration::closed_form::{compass_swing, four_ellipse, level_ellipse, two_plane};
+use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::levenberg_marquardt::{Refinement, RefinementProgress as Refining};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::hypotheses::table::assumed_sigmas;
 use crate::calibration::model::{Likelihood, ModelConfig, NoiseModel, Vector13};
-use crate::calibration::solver::ellipsoid;
 use crate::calibration::uncertainty::consider::ConsiderSigmas;
 use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::observability::inclination_from_samples;
 use crate::calibration::{
     AttitudeLatency, Axis, Calibration, Envelope, Method, Orientation, Prior, Quality, Sample, SamplePart, Samples,
     Side, SolveError,
@@ -326,7 +329,7 @@ impl Solver {
         change: Option<ConfirmedChange>,
         latency: Option<AttitudeLatency>,
     ) -> Result<Solution, SolveError> {
-        let &ConvergedFit { likelihood, unknowns, calibration, samples, .. } = judgement;
+        let &ConvergedFit { likelihood, calibration, samples, .. } = judgement;
         let sound = if likelihood.is_acceptable_fit() {
             self.check_plausibility(samples, calibration)
         } else {
@@ -335,11 +338,9 @@ impl Solver {
         // A hard-iron change explains a misfit or an implausible result.
         sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.change)))?;
         if self.method == Method::MaximumLikelihood {
-            self.check_inclination(information, likelihood)?;
+            self.check_inclination(information, likelihood, latency)?;
         }
-        if self.method == Method::Ellipsoid
-            && !ellipsoid::is_determined(samples, calibration, information, likelihood, unknowns)
-        {
+        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(judgement, information) {
             return Err(SolveError::NotDetermined(SamplePart::All));
         }
         // Advice is not computed for a poor result that another starting point may improve.
@@ -360,12 +361,18 @@ impl Solver {
     }
 
     #[inline(never)]
-    fn check_inclination(&self, information: &Information, likelihood: &Likelihood) -> Result<(), SolveError> {
+    fn check_inclination(
+        &self,
+        information: &Information,
+        likelihood: &Likelihood,
+        latency: Option<AttitudeLatency>,
+    ) -> Result<(), SolveError> {
         let Some(told_rad) = self.prior.inclination_rad.or(self.dropped_inclination.map(|(told_rad, _)| told_rad))
         else {
             return Ok(());
         };
-        let own = information.inclination_from_samples(likelihood, &self.refinement.unknowns, self.consider);
+        let sigmas = assumed_sigmas(self.consider, latency);
+        let own = inclination_from_samples(information, likelihood, &self.refinement.unknowns, &sigmas);
         let sigma_rad = likelihood.config.known_inclination_sigma_rad;
         match own {
             Some([own_rad, variance])

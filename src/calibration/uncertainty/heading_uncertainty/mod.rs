@@ -2,11 +2,17 @@
 
 use nalgebra::Vector3;
 
+use super::coefficient_conversion::CoefficientConversion;
 use super::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::Calibration;
-use crate::calibration::model::{PAIRS_OF_3, PAIRS_OF_4, beta_index, heading_by_field, horizontal_squared, w_index};
+use crate::calibration::model::{
+    Likelihood, PAIRS_OF_3, PAIRS_OF_4, Vector13, beta_index, heading_by_field, horizontal_squared, w_index,
+};
 use crate::frames::{AttitudeRotation, Field, Level, Sensor};
 use crate::trig::sqrt;
+
+/// Attitude noise assumed when no sample shows it, radians: 0.5 deg.
+const DEFAULT_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
 
 /// Covariance of the coefficients reduced to what headings depend on, and the noise. 248 bytes.
 ///
@@ -46,11 +52,7 @@ impl HeadingUncertainty {
     /// Zero uncertainty.
     pub const NONE: Self = Self { reduced_covariance: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
-    pub(in crate::calibration) fn from_covariance(
-        covariance: &CoefficientCovariance,
-        sensor_sigma: f32,
-        attitude_sigma_rad: f32,
-    ) -> Self {
+    fn from_covariance(covariance: &CoefficientCovariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
         // Index of the coefficient multiplied by components `k` of `f` and `a` of `y`.
         let coefficient = |k: usize, a: usize| if a < 3 { w_index(k, a) } else { beta_index(k) };
         let products = PAIRS_OF_3.map(|(k, l)| {
@@ -112,6 +114,31 @@ impl HeadingUncertainty {
             });
         variance.sum::<f32>().max(0.0)
     }
+}
+
+/// Heading uncertainty from the covariance, the noise, and the white fraction of the norm residuals' variance.
+///
+/// Attitude noise is the variance of the inclination residual minus the sensor's white noise. It thus contains slow
+/// field errors, which affect a heading equally. Its scale is Huber's proposal 2,
+/// `mean(min(e^2, (2 s)^2)) / 0.92 = s^2`, which unlike a median needs no buffer.
+pub(in crate::calibration) fn heading_uncertainty(
+    likelihood: &Likelihood,
+    unknowns: &Vector13,
+    covariance: &CoefficientCovariance,
+    white_fraction: f32,
+) -> Option<HeadingUncertainty> {
+    let noise = &likelihood.noise;
+    let white = noise.norm * noise.norm * white_fraction;
+    let attitude_sigma_rad = if likelihood.config.uses_attitude {
+        sqrt((noise.inclination_sigma_rad * noise.inclination_sigma_rad - white).max(0.0))
+    } else {
+        DEFAULT_ATTITUDE_SIGMA_RAD
+    };
+    // White noise of one reading from that of a mean of `readings_per_sample`.
+    let reading_sigma = sqrt(white * f32::from(likelihood.readings_per_sample.max(1)));
+    let sensor_sigma = reading_sigma / CoefficientConversion::new(likelihood, unknowns)?.determinant_scale;
+    Some(HeadingUncertainty::from_covariance(covariance, sensor_sigma, attitude_sigma_rad))
+        .filter(HeadingUncertainty::is_finite)
 }
 
 #[cfg(test)]

@@ -1,12 +1,29 @@
-//! Unit tests of `information`.
+//! Unit tests of information, covariance and observability.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
-use super::*;
-use crate::calibration::model::Matrix13;
-use crate::calibration::model::{JacobianRow, ModelConfig, NoiseModel, UNKNOWNS};
+use super::coefficient_conversion::CoefficientConversion;
+use super::coefficient_covariance::CoefficientCovariance;
+use super::heading_uncertainty::heading_uncertainty;
+use super::information::Information;
+use super::observability::{inclination_from_samples, unobservable_quantities};
+use super::sandwich_covariance::{CovarianceContent, sandwich_covariance};
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::hypotheses::table::{
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY, assumed_sigmas,
+};
+use crate::calibration::model::{
+    COEFFICIENTS, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
+    ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWNS, Vector12, Vector13,
+    beta_index, for_each_prior,
+};
 use crate::calibration::tests::derivatives::assert_derivative;
-use crate::calibration::{Calibration, LeastSquares, Orientation, Prior};
+use crate::calibration::{
+    AttitudeLatency, Calibration, ConsiderSigmas, LeastSquares, Orientation, Prior, Rates, Samples,
+};
+use crate::frames::Attitude;
 
 type Matrix12 = SMatrix<f32, 12, 12>;
 
@@ -69,10 +86,10 @@ fn full_covariance(
     information: &Information,
     likelihood: &Likelihood,
     at: &Vector13,
-    consider: ConsiderSigmas,
+    sigmas: &AttitudeErrorSigmas,
 ) -> Matrix12 {
     let mut covariance = CoefficientCovariance::ZERO;
-    information.covariance(likelihood, at, (CovarianceContent::All, consider), &mut covariance).unwrap();
+    sandwich_covariance(information, likelihood, at, (CovarianceContent::All, sigmas), &mut covariance).unwrap();
     let one = |i: usize| Vector12::ith(i, 1.0);
     let of = |row: Vector12| covariance.variance(&row);
     Matrix12::from_fn(|i, j| (of(one(i) + one(j)) - of(one(i)) - of(one(j))) / 2.0)
@@ -92,19 +109,19 @@ fn covariance_is_the_sum_of_its_terms() {
         JacobianRow { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
     let dip_row = dip.as_vector();
     information.system.add_row(&dip_row, 0.0, 3e3);
-    information.inclination_part.add_row(&dip, 3e3);
+    information.residuals.inclination_part.add_row(&dip, 3e3);
     for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
-        information.correlation.add(0, residuals);
+        information.residuals.autocorrelation.add(0, residuals);
     }
     information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
-    information.latency_sigma_s = 0.01;
     let with: [f32; 3] = [0.2, 1.1, 2.3];
-    information.by_current.cross_information =
+    information.motor_current.cross_information =
         with.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
     information.motor_current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
         .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
-    information.attitude_error_gradients =
-        [0.4, 1.9, 2.8, 3.7].map(|phase: f32| Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin()));
+    for (error, phase) in information.attitude_errors.iter_mut().zip([0.4, 1.9, 2.8, 3.7]) {
+        error.cross_information = [Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin())];
+    }
     let units = CoefficientConversion::new(&likelihood, &at).unwrap();
     let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.jacobian_row(i)[k]);
     let mut inverse = Matrix13::zeros();
@@ -113,21 +130,22 @@ fn covariance_is_the_sum_of_its_terms() {
     }
     let g = j * inverse;
     let change = j * information.system.step_to_maximum().unwrap();
-    let consider = ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 };
+    let latency = AttitudeLatency { estimate_s: 0.0, sigma_s: 0.01 };
+    let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 }, Some(latency));
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
     let doubted = norm + dip_row * dip_row.transpose() * (3e3 * 2.0);
     let mut expected = g * j.transpose() + g * doubted * g.transpose();
     let shift = g * information.hard_iron_gradient;
     expected += shift * shift.transpose();
     expected += change * change.transpose();
-    for (effect, sigma) in information.attitude_error_gradients.iter().zip([0.003, 0.003, 0.02, 0.01]) {
-        let shift = g * effect * sigma;
+    for (error, sigma) in information.attitude_errors.iter().zip([0.003, 0.003, 0.02, 0.01]) {
+        let shift = g * error.cross_information[0] * sigma;
         expected += shift * shift.transpose();
     }
     let mut followed = Matrix12::zeros();
     let mut beyond = Matrix12::zeros();
     for error in information.motor_current_errors {
-        let [x, y, z] = information.by_current.cross_information;
+        let [x, y, z] = information.motor_current.cross_information;
         let shift = g * (x * error.x + y * error.y + z * error.z);
         followed += shift * shift.transpose();
         let mut spread = Vector12::zeros();
@@ -137,12 +155,17 @@ fn covariance_is_the_sum_of_its_terms() {
         beyond += spread * spread.transpose();
     }
     expected += followed + beyond;
-    let found = full_covariance(&information, &likelihood, &at, consider);
+    let found = full_covariance(&information, &likelihood, &at, &consider);
     let scale = expected.diagonal().amax();
     for (f, e) in found.iter().zip(&expected) {
         assert!((f - e).abs() < 1e-4 * scale, "{found} {expected}");
     }
-    assert!(full_covariance(&information, &likelihood, &at, ConsiderSigmas::ZERO).diagonal().amax() < 0.97 * scale);
+    assert!(
+        full_covariance(&information, &likelihood, &at, &assumed_sigmas(ConsiderSigmas::ZERO, Some(latency)))
+            .diagonal()
+            .amax()
+            < 0.97 * scale
+    );
     for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, beyond] {
         let size = part.diagonal().amax() / scale;
         assert!(size > 0.01, "{size}");
@@ -176,12 +199,12 @@ fn motor_current_estimate_equals_joint_least_squares() {
         let row = JacobianRow { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
         let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
         let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
-        information.by_current.add(&equation, &more, share_a);
+        information.motor_current.add(&equation, &more, share_a);
         information.system.add_row(&equation.row.as_vector(), residual, 1e4);
         joint.add(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
     }
     for residual in [1.0, 1.0, 0.0] {
-        information.correlation.add(0, [residual, 0.0]);
+        information.residuals.autocorrelation.add(0, [residual, 0.0]);
     }
     let found = information.estimate_motor_current(&likelihood).unwrap();
     let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
@@ -213,22 +236,22 @@ fn inclination_information_and_gradients_are_summed() {
         let tilt = attitude.tilt();
         let x = parameters.expected_field(&tilt, heading_rad).unwrap();
         let rates = Rates::from_rad_s([0.3, -0.2, 0.0]);
-        let measured = MeasuredSample { x, tilt, roll_rad: attitude.roll_rad, rates, heading_rad: None };
+        let measured = MeasuredSample { x, tilt, heading_rad: None };
         let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
         let of_dip = equations.inclination.as_ref().unwrap();
         let row = of_dip.row.as_vector();
         dip += row * row.transpose() * of_dip.weight;
-        for (sum, effect) in effects.iter_mut().zip(equations.inclination_by_attitude_errors) {
-            *sum += row * (of_dip.weight * effect);
+        for (sum, error) in effects.iter_mut().zip(&ATTITUDE_ERRORS) {
+            *sum += row * (of_dip.weight * error.inclination_derivative(&equations, attitude, rates));
         }
-        information.add_inclination(&equations);
+        information.add_inclination(&equations, attitude, rates);
     }
     for i in 0..UNKNOWNS {
-        let found = information.inclination_part.multiply_vector(&Vector13::ith(i, 1.0));
+        let found = information.residuals.inclination_part.multiply_vector(&Vector13::ith(i, 1.0));
         assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
     }
-    for (found, expected) in information.attitude_error_gradients.iter().zip(effects) {
-        assert!((found - expected).norm() < 1e-4 * expected.norm());
+    for (found, expected) in information.attitude_errors.iter().zip(effects) {
+        assert!((found.cross_information[0] - expected).norm() < 1e-4 * expected.norm());
     }
 }
 
@@ -236,15 +259,18 @@ fn inclination_information_and_gradients_are_summed() {
 fn latency_sigma_becomes_a_consider_state() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
-    assert!(information.estimate_latency(0.0).is_none() && information.latency_sigma_s == 0.0);
+    assert!(information.estimate_latency(0.0).is_none());
     let row = JacobianRow { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
-    information.latency_score.add(0, &ResidualEquation::new(row, 0.01, 1e-4, 1e6), 0.5);
-    information.attitude_error_gradients[3] = Vector13::ith(2, 40.0);
+    let latency = &mut information.attitude_errors[LATENCY];
+    latency.add(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
+    latency.cross_information = [Vector13::ith(2, 40.0)];
     let (latency, follows) = information.estimate_latency(0.0).unwrap();
     // 0.25 of 1e4, minus the part explained by unknown 2 (information 1e4), plus the prior's 100.
     assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
     assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
-    assert_eq!(information.latency_sigma_s.to_bits(), latency.sigma_s.to_bits());
+    let sigmas = assumed_sigmas(ConsiderSigmas::DEFAULT, Some(latency));
+    assert_eq!(sigmas.map(f32::to_bits), [0.0035, 0.0035, 0.01, latency.sigma_s].map(f32::to_bits));
+    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; 4]);
 }
 
 #[test]
@@ -260,7 +286,8 @@ fn unobservable_if_half_of_the_prior_sigma_remains() {
             information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
         }
         information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / variance);
-        let found: Vec<PriorQuantity> = information.unobservable_quantities(&likelihood, &at).unwrap().collect();
+        let found: Vec<PriorQuantity> =
+            unobservable_quantities(&information.system, &likelihood, &at).unwrap().collect();
         assert_eq!(found, if left { vec![PriorQuantity::Inclination] } else { vec![] }, "{times}");
     }
 }
@@ -300,11 +327,11 @@ fn singular_information_has_no_covariance() {
     let mut covariance = CoefficientCovariance::ZERO;
     for unknowns in [&at, &flat] {
         assert!(
-            open.covariance(&likelihood, unknowns, (CovarianceContent::All, ConsiderSigmas::ZERO), &mut covariance)
+            sandwich_covariance(&open, &likelihood, unknowns, (CovarianceContent::All, &[0.0; 4]), &mut covariance)
                 .is_none()
         );
     }
-    assert!(open.unobservable_quantities(&likelihood, &at).is_none());
+    assert!(unobservable_quantities(&open.system, &likelihood, &at).is_none());
     assert!(heading_uncertainty(&likelihood, &flat, &CoefficientCovariance::ZERO, 1.0).is_none());
 }
 
@@ -316,13 +343,13 @@ fn autocorrelation_does_not_inflate_priors() {
     // The overall scale, which no prior constrains.
     let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
     information.system.add_row(&scale, 0.0, 1e4);
-    let of = |information: &Information| full_covariance(information, &likelihood, &at, ConsiderSigmas::ZERO);
+    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; 4]);
     let before = of(&information);
     for residual in [1.0, 1.0, 0.0] {
-        information.correlation.add(0, [residual, 0.0]);
+        information.residuals.autocorrelation.add(0, [residual, 0.0]);
     }
     let after = of(&information);
-    assert!((information.autocorrelation_inflation() - 3.0).abs() < 1e-3);
+    assert!((information.residuals.autocorrelation_inflation() - 3.0).abs() < 1e-3);
     for i in 0..COEFFICIENTS {
         assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
     }
@@ -345,11 +372,11 @@ fn configured_inclination_is_removed_from_the_estimate() {
             information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
             // rho = 1/2, and a gradient of 2e3 per unit of bank-angle scale error.
             for residual in [1.0, 1.0, 0.0] {
-                information.correlation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
+                information.residuals.autocorrelation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
             }
-            information.attitude_error_gradients[2] = Vector13::ith(INCLINATION_INDEX, 2e3);
-            let consider = ConsiderSigmas { bias_rad: 0.0, bank_scale: 0.01 };
-            let Some([found_rad, variance]) = information.inclination_from_samples(&likelihood, &at, consider) else {
+            information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
+            let sigmas = [0.0, 0.0, 0.01, 0.0];
+            let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
                 assert!(told && !is_shown, "{own_rad} {sigma}");
                 continue;
             };
@@ -360,17 +387,4 @@ fn configured_inclination_is_removed_from_the_estimate() {
             assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {told}");
         }
     }
-}
-
-#[test]
-fn bank_scale_estimate_adds_in_quadrature() {
-    let mut evidence = BankScaleScore::default();
-    let row = JacobianRow { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
-    let steep = ResidualEquation::new(row, -0.1, 1e-4, 1e6);
-    evidence.add(&steep, [0.0, 0.0, 1.0, 0.0]);
-    // Information 1e4: an estimate of 0.1 with variance 1e-4.
-    let found = evidence.estimate(0.0, 0.0, 0.0, 1.0).unwrap();
-    let considered = ConsiderSigmas::DEFAULT.with_bank_scale(&found);
-    assert!((considered.bank_scale - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
-    assert_eq!(considered.bias_rad.to_bits(), ConsiderSigmas::DEFAULT.bias_rad.to_bits());
 }

@@ -1,8 +1,5 @@
 //! Consider states: errors that are not estimated, with their variance included in the covariance.
 
-use crate::calibration::hypotheses::bank_scale::BankScaleEstimate;
-use crate::trig::sqrt;
-
 /// Constant errors of the attitude source, 1 sigma: consider states. Turns do not reveal them, because a bias acts like
 /// a mounting error and a bank-angle scale error like soft iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,15 +16,4 @@ impl ConsiderSigmas {
 
     /// Error-free attitude source.
     pub const ZERO: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
-
-    /// Sigmas of roll bias, pitch bias, bank-angle scale error and attitude latency.
-    pub(super) const fn sigmas(self, latency_s: f32) -> [f32; 4] {
-        [self.bias_rad, self.bias_rad, self.bank_scale, latency_s]
-    }
-
-    /// Adds, in quadrature, the estimated bank-angle scale error beyond the assumed one.
-    pub(in crate::calibration) fn with_bank_scale(self, bank: &BankScaleEstimate) -> Self {
-        let square = self.bank_scale * self.bank_scale + bank.excess_square(self.bank_scale);
-        Self { bank_scale: sqrt(square), ..self }
-    }
 }
