@@ -1,8 +1,13 @@
 //! Unit tests of `solver`.
 
+use nalgebra::Matrix3;
+
 use super::*;
+use crate::calibration::Axis;
+use crate::calibration::solver::sample_checks::stuck_axis;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Mark, Rates};
+use crate::frames::Attitude;
 use crate::frames::Field;
 use crate::time::WrappingMillis;
 
@@ -130,13 +135,12 @@ fn limits_of_a_poor_result() {
 fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
     let mut began = 1;
     loop {
-        let before = (solver.is_sphere_start, solver.first_result.is_some(), solver.dropped_inclination.is_some());
+        let before = solver.attempt;
         match solver.step(samples) {
             SolveProgress::Continue => {}
             SolveProgress::Finished(end) => return (end, began),
         }
-        let after = (solver.is_sphere_start, solver.first_result.is_some(), solver.dropped_inclination.is_some());
-        began += usize::from(before != after);
+        began += usize::from(before != solver.attempt);
     }
 }
 
@@ -156,8 +160,8 @@ fn the_better_of_two_results_is_returned() {
         let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
         let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
         assert!(solver.restart(samples, &sphere, SampleCorrections::NONE));
-        (solver.is_sphere_start, solver.first_result) =
-            (true, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NONE, noise }));
+        (solver.attempt.start, solver.first_result) =
+            (Start::Sphere, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NONE, noise }));
         let (again, began) = run(solver, samples);
         assert_eq!(began, if is_found_again { 2 } else { 1 });
         let again = again.unwrap();
@@ -223,9 +227,18 @@ fn a_poor_result_is_retried_without_the_inclination() {
         (Prior::default(), Err(SolveError::TurnsReversed), false),
     ] {
         let mut solver = Solver::new(Method::MaximumLikelihood, samples, &prior).unwrap();
-        assert_eq!(solver.try_without_inclination(&end, samples), is_left_out);
-        assert_eq!(solver.dropped_inclination.is_some(), is_left_out);
+        assert_eq!(solver.start_without_inclination(&end, samples), is_left_out);
+        assert_eq!(matches!(solver.inclination, GivenInclination::Dropped { .. }), is_left_out);
         assert_eq!(solver.prior.inclination_rad.is_some(), prior.inclination_rad.is_some() && !is_left_out);
-        assert!(!is_left_out || !solver.try_without_inclination(&end, samples));
+        assert!(!is_left_out || !solver.start_without_inclination(&end, samples));
     }
+}
+
+#[test]
+fn every_attempt_has_its_place() {
+    let successors = |before: Attempt| -> Vec<usize> {
+        let later = QUEUE.iter().enumerate().skip_while(move |(_, attempt)| **attempt != before).skip(1);
+        later.filter(|(_, next)| next.may_follow(before)).map(|(place, _)| place).collect()
+    };
+    assert_eq!(QUEUE.map(successors), [vec![1, 3], vec![2, 3], vec![3], vec![4], vec![5], vec![]]);
 }
