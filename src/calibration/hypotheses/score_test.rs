@@ -4,8 +4,8 @@
 //! `K` further unknowns `beta` are linear about the fit without them. With the information and the gradient of `beta`
 //! summed over the samples, and `H` the information of the thirteen unknowns, the efficient score is
 //! `U = g_b - H_bu H^-1 g_u` with information `S = H_bb - H_bu H^-1 H_ub`: the thirteen are nuisance parameters, and
-//! eliminated. The estimate is `beta = S^-1 U`, its significance `U S^-1 U`, chi-squared with `K` degrees of freedom for
-//! independent errors of known sigma. The thirteen follow by `-H^-1 H_ub beta`.
+//! eliminated. The estimate is `beta = S^-1 U`, its significance `U S^-1 U`, chi-squared with `K` degrees of freedom
+//! for independent errors of known sigma. The thirteen follow by `-H^-1 H_ub beta`.
 
 use nalgebra::{SMatrix, SVector};
 

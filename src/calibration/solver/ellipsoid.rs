@@ -2,7 +2,7 @@
 //!
 //! The measurements of an ideal sensor at all attitudes form a sphere, those of a real one an ellipsoid around `b`. Its
 //! shape determines `W` up to a rotation; the symmetric `W` in mount axes is chosen, because the mounting is
-//! unobservable without attitude. The fit is that of [maximum likelihood](super::maximum_likelihood) with norm
+//! unobservable without attitude. The fit is that of [maximum likelihood](crate::calibration::fit) with norm
 //! residuals only, started from a sphere.
 //!
 //! Turns alone lie on two ellipses, through which many ellipsoids pass. So a solve must check [`is_determined`].

@@ -2,7 +2,7 @@
 
 use crate::calibration::model::{COEFFICIENTS, Vector12};
 
-/// Covariance of the twelve coefficients, in the order of [`unknowns`](crate::calibration::model::unknowns), units of the total
+/// Covariance of the twelve coefficients, in the order of the [model](crate::calibration::model), units of the total
 /// field. Packed lower triangle, row by row.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct CoefficientCovariance([f32; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);

@@ -16,8 +16,8 @@ pub(in crate::calibration) enum CovarianceContent {
     WithoutNoise,
 }
 
-/// Writes the covariance of the coefficients, in the units of [`Calibration`]. `None` when the
-/// information is singular.
+/// Writes the covariance of the coefficients, in the units of a [`Calibration`](crate::calibration::Calibration).
+/// `None` when the information is singular.
 ///
 /// Sandwich covariance: with `H` the information, rho the lag-1 autocorrelation of each kind of residual, and
 /// `x = 2 rho / (1 - rho)`, `H^-1 (H + x_incl H_incl + x_norm H_norm) H^-1`, where

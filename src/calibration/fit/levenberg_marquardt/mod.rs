@@ -1,5 +1,5 @@
 //! Maximum-likelihood refinement, the main method: Levenberg-Marquardt on the thirteen unknowns of
-//! [`likelihood`](super::likelihood), with the noise re-estimated after each convergence.
+//! the [model](crate::calibration::model), with the noise re-estimated after each convergence.
 //!
 //! Starts from a closed form, which assumes constant attitude. Attains the Cramér-Rao bound: the ratio of the RMS
 //! heading error to the bound is 1.00 in the median of 500 poor airframes and 1.08 in the worst decile
@@ -9,8 +9,9 @@
 //!
 //! All in `f32`. With many samples the search sums normal equations, which takes a third of the instructions; the last
 //! pass, and all passes over few samples, rotate each equation into a triangle
-//! ([`least_squares`](super::least_squares)). Normal equations alone are not positive definite in some compass swings;
-//! the scheme in use, rotations throughout, and sums solved in `f64` are equally accurate.
+//! ([`least_squares`](crate::calibration::linear_algebra::least_squares)). Normal equations alone are not positive
+//! definite in some compass swings; the scheme in use, rotations throughout, and sums solved in `f64` are equally
+//! accurate.
 //!
 //! Avoiding `f64` saves 33 KB of 233 KB of flash; a product in `f64` takes 100 instructions on a Cortex-M4. A solve of
 //! 2 x 256 samples takes 17 million instructions, 26 with an attitude latency, up to 44 with a second starting point
