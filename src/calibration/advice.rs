@@ -6,11 +6,15 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::fmt;
 
-use super::expected_error::{self, Deviation, Envelope};
-use super::information::{ConsiderSigmas, CovarianceContent, Information};
-use super::likelihood::{Likelihood, ModelParameters, PriorQuantity, Vector13};
-use super::uncertainty::CoefficientCovariance;
-use super::{Calibration, Samples, Side};
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::hypotheses::table::AttitudeErrorSigmas;
+use crate::calibration::model::{ModelParameters, PriorQuantity};
+use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::uncertainty::expected_error::{self, Deviation};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::observability::unobservable_quantities;
+use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
+use crate::calibration::{Samples, Side};
 use crate::frames::Attitude;
 use crate::trig::sqrt;
 
@@ -236,17 +240,16 @@ fn banks_into_turns(samples: Samples<'_>) -> bool {
 }
 
 #[inline(never)]
-pub(super) fn select_manoeuvre(
+pub(in crate::calibration) fn select_manoeuvre(
     information: &Information,
-    likelihood: &Likelihood,
-    unknowns: &Vector13,
-    consider: ConsiderSigmas,
-    calibration: &Calibration,
-    (samples, envelope): (Samples<'_>, Envelope),
+    fit: &ConvergedFit<'_>,
+    sigmas: &AttitudeErrorSigmas,
 ) -> Option<Advice> {
+    let &ConvergedFit { likelihood, unknowns, calibration, .. } = fit;
+    let envelope = fit.envelope();
     let covariance = |information: &Information, errors: CovarianceContent| {
         let mut covariance = CoefficientCovariance::ZERO;
-        information.covariance(likelihood, unknowns, (errors, consider), &mut covariance).map(|()| covariance)
+        sandwich_covariance(information, likelihood, unknowns, (errors, sigmas), &mut covariance).map(|()| covariance)
     };
     let rms_deg = |information: &Information, errors: CovarianceContent| {
         expected_error::expected_rms_deg(calibration, &covariance(information, errors)?, envelope)
@@ -257,7 +260,7 @@ pub(super) fn select_manoeuvre(
         envelope,
     )?;
     let parameters = ModelParameters::new(unknowns);
-    let vehicle_motion = match (banks_into_turns(samples), now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
+    let vehicle_motion = match (banks_into_turns(fit.samples), now.rms_deg <= MAX_QUADRANT_ERROR_DEG) {
         (true, _) => VehicleMotion::BanksIntoTurns,
         (false, true) => VehicleMotion::TiltsOnKnownHeading,
         (false, false) => VehicleMotion::TiltsOnUnknownHeading,
@@ -280,7 +283,7 @@ pub(super) fn select_manoeuvre(
         expected_after_deg: with_it_deg,
         floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
         unobservable: report_unobservable(
-            information.unobservable_quantities(likelihood, unknowns).into_iter().flatten(),
+            unobservable_quantities(&information.system, likelihood, unknowns).into_iter().flatten(),
         ),
     })
 }

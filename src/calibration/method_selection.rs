@@ -12,8 +12,8 @@
 //! The turns procedure never falls back to the level ellipse, whose mounting error is not in its expected error and was
 //! up to eight times as large.
 
-use super::turns::MIN_SAMPLES;
-use super::{Method, Sample, SamplePart, Samples, Side, SolveError};
+use crate::calibration::closed_form::turns::MIN_SAMPLES;
+use crate::calibration::{Method, Sample, SamplePart, Samples, Side, SolveError};
 
 /// Procedure by which samples are collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

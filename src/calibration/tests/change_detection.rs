@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, rms, vector};
-use super::{NO_PRIOR, solved};
+use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Method, Solution, SolveError, solve};
 use crate::time::WrappingMillis;
 

@@ -3,12 +3,12 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Random, vector};
-use crate::calibration::likelihood::unknowns::{UNKNOWNS, Vector13};
-use crate::calibration::likelihood::{
-    FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, Prior, PriorQuantity,
-    SampleEquations, for_each_prior,
+use crate::calibration::hypotheses::table::ATTITUDE_ERRORS;
+use crate::calibration::model::{
+    FieldPrediction, Likelihood, MeasuredSample, ModelConfig, ModelParameters, NoiseModel, PriorQuantity,
+    SampleEquations, UNKNOWNS, Vector13, for_each_prior,
 };
-use crate::calibration::{Rates, Sample, Samples};
+use crate::calibration::{Prior, Rates, Sample, Samples};
 use crate::frames::{Attitude, Field, Level, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -151,7 +151,8 @@ fn inclination_by_attitude() {
         assert_derivative(by_roll, rolled, "dip by roll");
         assert_derivative(by_pitch, pitched, "dip by pitch");
         let equations = equations(&case, &case.unknowns, None, false);
-        let [roll_bias, pitch_bias, bank_scale, latency] = equations.inclination_by_attitude_errors;
+        let [roll_bias, pitch_bias, bank_scale, latency] =
+            ATTITUDE_ERRORS.each_ref().map(|error| error.inclination_derivative(&equations, case.attitude, rates()));
         assert_derivative(roll_bias, rolled, "dip by roll bias");
         assert_derivative(pitch_bias, pitched, "dip by pitch bias");
         assert_derivative(bank_scale, scaled, "dip by bank scale");
@@ -172,8 +173,7 @@ fn sample_at(attitude: Attitude) -> Sample {
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {
-    let Attitude { roll_rad, .. } = case.attitude;
-    let measured = MeasuredSample { x: case.x, tilt: case.attitude.tilt(), roll_rad, rates: rates(), heading_rad };
+    let measured = MeasuredSample { x: case.x, tilt: case.attitude.tilt(), heading_rad };
     // Noise with another W correlates norm and inclination.
     let noise = NoiseModel::new(0.01, 0.02, Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1));
     SampleEquations::new(&ModelParameters::new(unknowns), &measured, &noise, &ModelConfig::DEFAULT, refined)

@@ -1,7 +1,7 @@
 //! Expected error: method errors, errors of the attitude source, correlated samples.
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
-use super::{NO_PRIOR, solved};
+use crate::calibration::tests::{NO_PRIOR, solved};
 use crate::calibration::{
     Calibration, ConsiderSigmas, Manoeuvre, Method, Sample, Samples, Side, Solution, Solver, solve,
 };
@@ -144,7 +144,8 @@ fn the_ellipsoid_ignores_attitude() {
                 let attitude =
                     Attitude { roll_rad: turns.uniform(-3.1, 3.1), pitch_rad: turns.uniform(-1.0, 1.0).asin() };
                 let heading_rad = turns.uniform(0.0, core::f32::consts::TAU);
-                let measured = super::synthetic::sample(&airframe, attitude, heading_rad, 0.0, &mut random);
+                let measured =
+                    crate::calibration::tests::synthetic::sample(&airframe, attitude, heading_rad, 0.0, &mut random);
                 Sample { attitude: Attitude::from_deg(if is_said { 40.0 } else { 0.0 }, 0.0), ..measured }
             })
             .collect()

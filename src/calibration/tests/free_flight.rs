@@ -3,8 +3,8 @@
 use core::f32::consts::TAU;
 
 use super::synthetic::{Airframe, Flight, Random, max_abs, multirotor_samples, quantile, rms, sample};
-use super::{NO_PRIOR, harsh_airframe};
-use crate::calibration::starting_point::vertical_component_start;
+use crate::calibration::closed_form::starting_point::vertical_component_start;
+use crate::calibration::tests::{NO_PRIOR, harsh_airframe};
 use crate::calibration::{Method, Orientation, Prior, Rates, Sample, SamplePart, Samples, SolveError, solve};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
@@ -15,7 +15,7 @@ fn split_buffers(samples: &[Sample]) -> [Vec<Sample>; 2] {
     [piece(0), piece(1)]
 }
 
-fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::Solution, SolveError> {
+fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::assessment::Solution, SolveError> {
     let [first, second] = split_buffers(samples);
     solve(Method::MaximumLikelihood, Samples { unassigned: [&first, &second, &[]], ..Samples::default() }, prior)
 }

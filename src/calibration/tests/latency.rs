@@ -5,10 +5,13 @@ use core::f32::consts::TAU;
 use nalgebra::{Matrix3, SVector};
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms};
-use super::{NO_PRIOR, solved};
-use crate::calibration::information::Information;
-use crate::calibration::likelihood::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
-use crate::calibration::{AttitudeLatency, Calibration, LeastSquares, Rates, Sample, verification};
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, LATENCY};
+use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
+use crate::calibration::tests::{NO_PRIOR, solved};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::verification;
+use crate::calibration::{AttitudeLatency, Calibration, LeastSquares, Rates, Sample};
 use crate::frames::{Attitude, wrap_pi};
 
 /// Bank or pitch wander in light weather: sines of 2 to 6 s, radians.
@@ -47,7 +50,8 @@ fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -
             let heading_rad = wrap_pi(bank_deg.signum() * 13_f32.to_radians() * t_s);
             noise = noise.map(|n| 0.45 * n + 0.893 * 0.3_f32.to_radians() * random.normal());
             let (said, rates) = attitude(t_s - late_s);
-            let measured = super::synthetic::sample(airframe, attitude(t_s).0, heading_rad, 0.12, random);
+            let measured =
+                crate::calibration::tests::synthetic::sample(airframe, attitude(t_s).0, heading_rad, 0.12, random);
             *sample = Sample {
                 attitude: Attitude { roll_rad: said.roll_rad + noise[0], pitch_rad: said.pitch_rad + noise[1] },
                 rates,
@@ -169,15 +173,13 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
             let equations = likelihood.equations(sample, None, &parameters);
             let norm = &equations.norm;
             joint.add(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
+            let attitude = sample.latency_compensated_attitude(used_s);
+            let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, attitude, sample.rates);
             let dip = equations.inclination.unwrap();
-            joint.add(
-                &dip.row.as_vector().push(equations.inclination_by_attitude_errors[3]),
-                [-dip.residual],
-                dip.weight,
-            );
+            joint.add(&dip.row.as_vector().push(by_latency), [-dip.residual], dip.weight);
         }
         let expected = joint.solve().unwrap();
-        let mut information = Information::new(&likelihood.linearise(samples, &unknowns));
+        let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));
         information.accumulate_samples(&likelihood, samples, &unknowns, None);
         let (latency, follows) = information.estimate_latency(used_s).unwrap();
         let step_s = latency.estimate_s - used_s;

@@ -2,13 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random};
-use crate::calibration::likelihood::{
-    Likelihood, LinearisedProblem, ModelConfig, ModelParameters, NoiseModel, Prior, Vector13,
-};
-use crate::calibration::starting_point::StartingPoint;
-use crate::calibration::{Mark, Orientation, Rates, Sample, Samples, SolveError};
+use crate::calibration::closed_form::starting_point::StartingPoint;
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
+use crate::calibration::tests::NO_PRIOR;
+use crate::calibration::{Mark, Orientation, Prior, Rates, Sample, Samples, SolveError};
 use crate::frames::{Attitude, Field};
 use crate::time::WrappingMillis;
 
@@ -32,7 +31,7 @@ fn noise_after_reweighting(samples: u16, mean_squares: [f32; 2]) -> NoiseModel {
     let mut system = LinearisedProblem::from_priors(&likelihood, &identity_unknowns());
     system.samples = samples;
     system.clipped_squares = mean_squares.map(|square| square * f32::from(samples));
-    likelihood.estimate_noise(&system, &identity_unknowns());
+    likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
     likelihood.noise
 }
 
@@ -86,18 +85,21 @@ fn early_iterations_use_a_subset_of_many_samples() {
             let part = Samples { left: &turn[..samples], marks, ..Samples::default() };
             let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, part, 50.0);
             let at_first = if samples + marks.len() == 384 { 128 } else { at_first };
-            let system = likelihood.linearise(part, &identity_unknowns());
+            let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
             if (samples + marks.len()) % 128 != 0 || marks.is_empty() {
                 assert_eq!(usize::from(system.samples), at_first + marks.len(), "{samples}");
             }
             assert!(!likelihood.has_noise_estimate);
-            likelihood.estimate_noise(&system, &identity_unknowns());
+            likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
             assert!(likelihood.has_noise_estimate);
             let then = if samples == 512 { 256 } else { samples };
-            let system = likelihood.linearise(part, &identity_unknowns());
+            let system = LinearisedProblem::linearise(&likelihood, part, &identity_unknowns());
             assert_eq!(usize::from(system.samples), then + marks.len(), "{samples}");
-            likelihood.estimate_noise(&system, &identity_unknowns());
-            assert_eq!(usize::from(likelihood.linearise(part, &identity_unknowns()).samples), samples + marks.len());
+            likelihood.estimate_noise(system.clipped_squares, system.samples, &identity_unknowns());
+            assert_eq!(
+                usize::from(LinearisedProblem::linearise(&likelihood, part, &identity_unknowns()).samples),
+                samples + marks.len()
+            );
         }
     }
 }
@@ -145,7 +147,7 @@ fn huge_hard_iron_costs_no_precision() {
         });
         assert!(worst < 1e-4, "seed {seed}: {worst}");
         let calibration = likelihood.calibration(&unknowns).unwrap();
-        let error = super::max_abs(&airframe.errors_deg(&calibration));
+        let error = crate::calibration::tests::max_abs(&airframe.errors_deg(&calibration));
         assert!(error < 0.1, "seed {seed}: {error}");
     }
 }
@@ -180,7 +182,7 @@ fn mirrored_or_singular_matrices_are_rejected() {
     for diagonal in [[1.0, 1.0, -1.0], [1.0, 1.0, 0.0], [1.0, f32::NAN, 1.0]] {
         let mut unknowns = identity_unknowns();
         for (i, value) in diagonal.into_iter().enumerate() {
-            unknowns[crate::calibration::likelihood::unknowns::w_index(i, i)] = value;
+            unknowns[crate::calibration::model::w_index(i, i)] = value;
         }
         assert_eq!(likelihood.calibration(&unknowns), Err(SolveError::NotConverged));
     }
@@ -213,7 +215,7 @@ fn the_cost_sums_all_equations_and_priors() {
         let unknowns = ModelParameters { d: likelihood.mean_field, ..ModelParameters::new(&identity_unknowns()) }
             .unknowns()
             .unwrap();
-        let system = likelihood.linearise(samples, &unknowns);
+        let system = LinearisedProblem::linearise(&likelihood, samples, &unknowns);
         let mut cost = LinearisedProblem::from_priors(&likelihood, &unknowns).cost;
         let mut clipped = [0.0, 0.0];
         likelihood.for_each_sample_equations(samples, &ModelParameters::new(&unknowns), &mut |equations| {
@@ -238,11 +240,11 @@ fn damping_shortens_a_step() {
     let prior = Prior { inclination_rad: Some(0.3), ..NO_PRIOR };
     let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::x(), inclination_rad: 0.3 + 0.035 };
-    let system = likelihood.linearise(samples, &parameters.unknowns().unwrap());
+    let system = LinearisedProblem::linearise(&likelihood, samples, &parameters.unknowns().unwrap());
     assert!((system.cost - 2.0).abs() < 1e-3, "{}", system.cost);
     for (damping, share) in [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)] {
         let (change, promised) = system.damped_step(damping).unwrap();
-        let inclination_rad = change[crate::calibration::likelihood::unknowns::INCLINATION_INDEX];
+        let inclination_rad = change[crate::calibration::model::INCLINATION_INDEX];
         assert!((inclination_rad / (-0.035 * share) - 1.0).abs() < 1e-3, "{damping}: {inclination_rad}");
         // Predicted decrease: half of step times gradient.
         assert!((promised / (2.0 * share) - 1.0).abs() < 1e-3, "{damping}: {promised}");

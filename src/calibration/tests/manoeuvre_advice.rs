@@ -1,8 +1,9 @@
 //! Method selection and manoeuvre advice.
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle};
-use crate::calibration::method_selection::{self, Procedure, SelectedParts};
+use crate::calibration::method_selection;
+use crate::calibration::method_selection::{Procedure, SelectedParts};
+use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     Advice, Deviation, Manoeuvre, Method, SamplePart, Samples, Side, Solution, SolveError, solve,
 };

@@ -4,10 +4,11 @@ use core::f32::consts::TAU;
 
 use nalgebra::Matrix3;
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, level_circle, max_abs, mean, rms, sample};
-use crate::calibration::four_ellipse;
-use crate::calibration::method_selection::{self, Procedure};
+use crate::calibration::closed_form::four_ellipse;
+use crate::calibration::method_selection;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     ConsiderSigmas, Envelope, Mark, Method, Prior, Quality, Sample, SamplePart, Samples, Solution, SolveError, Solver,
     solve,

@@ -18,17 +18,19 @@ mod value_types;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::method_selection::{self, Procedure};
-use super::{
-    Calibration, Method, Orientation, Prior, SamplePart, Samples, Side, SolveError, matrix_rows, solve, two_plane,
-    verification,
+use crate::calibration::closed_form::two_plane;
+use crate::calibration::method_selection;
+use crate::calibration::method_selection::Procedure;
+use crate::calibration::verification;
+use crate::calibration::{
+    Calibration, Method, Orientation, Prior, SamplePart, Samples, Side, SolveError, matrix_rows, solve,
 };
 use crate::frames::Field;
 use synthetic::{Airframe, Flight, Random, RecordedTurns, max_abs, mean, quantile, rms, vector};
 
 const NO_PRIOR: Prior = Prior { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 };
 
-fn solved(recorded: &RecordedTurns) -> Result<super::Solution, SolveError> {
+fn solved(recorded: &RecordedTurns) -> Result<crate::calibration::assessment::Solution, SolveError> {
     solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR)
 }
 

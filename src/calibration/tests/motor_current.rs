@@ -3,13 +3,14 @@
 use nalgebra::{Matrix3, SVector, Vector3};
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, rms, vector};
-use super::{NO_PRIOR, solved};
-use crate::calibration::information::Information;
-use crate::calibration::likelihood::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
-use crate::calibration::motor_current::InterferenceEstimate;
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, for_each_prior};
+use crate::calibration::tests::{NO_PRIOR, solved};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::verification;
 use crate::calibration::{
     Calibration, LeastSquares, Method, MotorCurrentInterference, Orientation, Prior, Sample, Solution, solve,
-    verification,
 };
 use crate::frames::Field;
 
@@ -243,7 +244,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
             }
         }
         let expected = joint.solve().unwrap();
-        let mut information = Information::new(&likelihood.linearise(samples, &unknowns));
+        let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));
         information.accumulate_samples(&likelihood, samples, &unknowns, None);
         let found = information.estimate_motor_current(&likelihood).unwrap();
         let step = found.k - likelihood.motor_current_per_ampere();

@@ -4,8 +4,8 @@ use core::f32::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, level_circle, rms, sample, vector};
+use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     Axis, Mark, Method, Orientation, Sample, SamplePart, Samples, Side, Solution, SolveError, Solver, solve,
 };
@@ -198,10 +198,10 @@ fn a_wrong_mounting_is_reported() {
 fn a_second_start_solves_a_misled_first() {
     for seed in [26, 86, 109, 124, 184, 202, 254, 279, 288] {
         let mut random = Random(seed);
-        let airframe = super::harsh_airframe(&mut random);
+        let airframe = crate::calibration::tests::harsh_airframe(&mut random);
         let rough = Flight { samples: 60, wander_deg: 8.0, bank_deg: 15.0, sensor_noise_ut: 0.12, ..Flight::TYPICAL };
         let recorded = rough.fly(&airframe, &mut random);
-        let solution = super::solved(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
+        let solution = crate::calibration::tests::solved(&recorded).unwrap_or_else(|e| panic!("seed {seed}: {e:?}"));
         let (error, expected) = (rms(&airframe.errors_deg(&solution.calibration)), solution.quality.expected_rms_deg);
         assert!(error < 1.0 && error < 3.0 * expected, "seed {seed}: {error} deg, expected {expected}");
     }

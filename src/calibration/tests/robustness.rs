@@ -1,7 +1,7 @@
 //! Faulty samples: a correct solution or a rejection, never a wrong solution with a small expected error.
 
-use super::solved;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms, vector};
+use crate::calibration::tests::solved;
 use crate::calibration::{Sample, SolveError};
 
 #[derive(Debug, Default)]

@@ -1,7 +1,7 @@
 //! Second starts, and solutions without the configured inclination.
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
+use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{Method, Orientation, Prior, Solution, SolveError, solve};
 
 fn flight_at_inclination(seed: u64, flight: Flight, inclination_deg: f32) -> (Airframe, RecordedTurns) {
@@ -86,7 +86,7 @@ fn the_first_failure_is_reported() {
     let (_, mut recorded) = flight_at_inclination(2, Flight::TYPICAL, 55.0);
     let mut random = Random(5);
     for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
-        sample.field.ut = super::synthetic::vector(&mut random, 60.0);
+        sample.field.ut = crate::calibration::tests::synthetic::vector(&mut random, 60.0);
     }
     assert_eq!(solve_with_inclination(&recorded, 55.0).unwrap_err(), SolveError::NotConverged);
 }

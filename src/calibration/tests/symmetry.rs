@@ -2,8 +2,8 @@
 
 use nalgebra::{Rotation3, Unit};
 
-use super::NO_PRIOR;
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, vector};
+use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{Calibration, Method, Orientation, Prior, Sample, solve};
 use crate::frames::{Field, wrap_pi};
 

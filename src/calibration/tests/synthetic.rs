@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 pub use testkit::random::Random;
 
-use crate::calibration::starting_point::StartingPoint;
+use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::{Calibration, Orientation, Rates, Sample, Samples, Side};
 use crate::frames::{Attitude, Field, Level, Sensor, wrap_pi};
 use crate::time::WrappingMillis;

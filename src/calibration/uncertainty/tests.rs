@@ -1,194 +1,390 @@
-//! Unit tests of `uncertainty`.
+//! Unit tests of information, covariance and observability.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
-use super::super::likelihood::unknowns::coefficient_jacobian_row;
-use super::super::matrix_rows;
-use super::super::tests::derivatives::{assert_derivative, derivative};
-use super::super::tests::synthetic::{Random, vector};
-use super::*;
-use crate::frames::{Attitude, wrap_pi};
+use super::coefficient_conversion::CoefficientConversion;
+use super::coefficient_covariance::CoefficientCovariance;
+use super::heading_uncertainty::heading_uncertainty;
+use super::information::Information;
+use super::observability::{inclination_from_samples, unobservable_quantities};
+use super::sandwich_covariance::{CovarianceContent, sandwich_covariance};
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::hard_iron_change::derivative_by_hard_iron;
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::hypotheses::table::{
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, LATENCY, assumed_sigmas,
+};
+use crate::calibration::model::{
+    COEFFICIENTS, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, MeasuredSample, ModelConfig,
+    ModelParameters, NoiseModel, PriorQuantity, ResidualEquation, SampleEquations, UNKNOWNS, Vector12, Vector13,
+    beta_index, for_each_prior,
+};
+use crate::calibration::tests::derivatives::assert_derivative;
+use crate::calibration::{
+    AttitudeLatency, Calibration, ConsiderSigmas, LeastSquares, Orientation, Prior, Rates, Samples,
+};
+use crate::frames::Attitude;
 
+type Matrix12 = SMatrix<f32, 12, 12>;
+
+const TRUTH: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
+
+fn parameters() -> ModelParameters {
+    ModelParameters { w: TRUTH, d: Vector3::new(0.2, -0.4, 0.6), inclination_rad: 0.7 }
+}
+
+fn likelihood(prior: &Prior, config: ModelConfig) -> Likelihood {
+    let mut likelihood = Likelihood::new(prior, config, Samples::default(), 40.0);
+    likelihood.mean_field = Vector3::new(0.3, -0.8, 0.5);
+    likelihood
+}
+
+fn prior_information(likelihood: &Likelihood, unknowns: &Vector13) -> Information {
+    Information::new(&LinearisedProblem::from_priors(likelihood, unknowns))
+}
+
+/// Numerical derivatives in units of the total field before the step: `W F / F'` and `beta = W (b' - b) / F`.
 #[test]
-fn reduced_covariance_gives_the_same_heading_variance() {
-    let mut random = Random(1);
-    let mut number = || random.uniform(-1.0, 1.0);
-    for _ in 0..50 {
-        let root = nalgebra::SMatrix::<f32, 12, 12>::from_fn(|_, _| number());
-        let full = root * root.transpose();
-        let mut covariance = CoefficientCovariance::ZERO;
-        covariance.set_lower_triangle(|i, j| full[(i, j)]);
-        let [f, x] = [(); 2].map(|()| Vector3::from_fn(|_, _| number()));
-        let row = coefficient_jacobian_row(&f, &x);
-        let exact = row.dot(&(full * row));
-        assert!((covariance.variance(&row) - exact).abs() < 1e-5 * exact.max(1.0));
-        let found = HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0).variance_from_coefficients(&f, &x);
-        assert!((found - exact).abs() < 1e-5 * exact.max(1.0), "{found} {exact}");
-    }
-}
-
-struct Case {
-    calibration: Calibration,
-    attitude: Attitude,
-    reading: Field<Sensor>,
-}
-
-impl Case {
-    fn random(random: &mut Random) -> Self {
-        let w = Matrix3::identity() + Matrix3::from_fn(|_, _| random.uniform(-0.2, 0.2));
-        let calibration = Calibration {
-            w: matrix_rows(&w),
-            b_ut: vector(random, 40.0).into(),
-            inclination_rad: random.uniform(-1.1, 1.1),
-            total_ut: random.uniform(30.0, 60.0),
-            latency_s: 0.0,
-            motor_current: crate::calibration::MotorCurrentInterference::NONE,
+fn jacobian_rows_equal_numerical_derivatives() {
+    for mount in ["none", "yaw90", "roll90-pitch180-yaw90"] {
+        let prior = Prior { mount: Orientation::from_name(mount).unwrap(), ..Prior::default() };
+        let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+        let at = parameters().unknowns().unwrap();
+        let units = CoefficientConversion::new(&likelihood, &at).unwrap();
+        let before = likelihood.calibration(&at).unwrap();
+        let coefficient = |calibration: &Calibration, i: usize| match Coefficient::from_index(i) {
+            Coefficient::W { row, column } => calibration.w[row][column] * before.total_ut / calibration.total_ut,
+            Coefficient::Beta(axis) => {
+                let moved = (calibration.b_vector_ut() - before.b_vector_ut()) / before.total_ut;
+                (before.w_matrix() * moved)[axis]
+            }
         };
-        let attitude = Attitude { roll_rad: random.uniform(-1.0, 1.0), pitch_rad: 0.0 };
-        let level = Field::earth(calibration.total_ut, calibration.inclination_rad, random.uniform(-3.0, 3.0));
-        let reading = w.try_inverse().unwrap() * attitude.body(level).ut + calibration.b_vector_ut();
-        Self { calibration, attitude, reading: Field::new(reading) }
-    }
-
-    fn heading_rad(&self, calibration: &Calibration) -> f32 {
-        self.attitude.level(calibration.apply(self.reading)).heading_rad()
-    }
-
-    fn sigma_rad(&self, uncertainty: &HeadingUncertainty) -> f32 {
-        let tilt = self.attitude.tilt();
-        let level = tilt.level(self.calibration.apply(self.reading));
-        uncertainty.heading_variance(&self.calibration, self.reading, &tilt, level).sigma_rad()
-    }
-
-    /// Calibration moved along `direction`: `W` by its elements, `b` so that the corrected field decreases by
-    /// `beta`.
-    fn perturbed_calibration(&self, direction: &Vector12, step: f32) -> Calibration {
-        let change = |i: usize| direction[i] * step;
-        let before = self.calibration.w_matrix();
-        let after = before + Matrix3::from_fn(|row, column| change(w_index(row, column)));
-        let of_total = Vector3::from_fn(|axis, _| change(beta_index(axis)));
-        let b_ut = self.calibration.b_vector_ut() + after.try_inverse().unwrap() * of_total * self.calibration.total_ut;
-        Calibration { w: matrix_rows(&after), b_ut: b_ut.into(), ..self.calibration }
-    }
-}
-
-#[test]
-fn jacobian_equals_numerical_derivatives() {
-    let mut random = Random(2);
-    for _ in 0..20 {
-        let case = Case::random(&mut random);
-        let tilt = case.attitude.tilt();
-        let total_ut = case.calibration.total_ut;
-        let level = tilt.level(case.calibration.apply(case.reading)).ut / total_ut;
-        let x = (case.reading.ut - case.calibration.b_vector_ut()) / total_ut;
-        let row = coefficient_jacobian_row(&heading_by_field(&tilt, &level), &x);
-        let here = case.heading_rad(&case.calibration);
         for i in 0..COEFFICIENTS {
-            let direction = Vector12::ith(i, 1.0);
-            let turned = |step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&direction, step)) - here);
-            assert_derivative(row[i], turned, &format!("heading by coefficient {i}"));
+            let row = units.jacobian_row(i);
+            for j in 0..UNKNOWNS {
+                let moved = |step: f32| {
+                    let mut unknowns = at;
+                    unknowns[j] += step;
+                    coefficient(&likelihood.calibration(&unknowns).unwrap(), i)
+                };
+                assert_derivative(row[j], moved, &format!("coefficient {i} by unknown {j}, {mount}"));
+            }
         }
     }
 }
 
-#[test]
-fn sigma_equals_the_effect_of_wrong_coefficients() {
-    let mut random = Random(3);
-    for _ in 0..20 {
-        let case = Case::random(&mut random);
-        let direction = Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0));
-        let mut covariance = CoefficientCovariance::ZERO;
-        covariance.add_outer_product(&direction, 1.0);
-        let here = case.heading_rad(&case.calibration);
-        let turned =
-            derivative(|step| wrap_pi(case.heading_rad(&case.perturbed_calibration(&(direction * 0.3), step)) - here))
-                / 0.3;
-        let sigma_rad = case.sigma_rad(&HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0));
-        assert!((sigma_rad - turned.abs()).abs() < 0.005 + 0.002 * sigma_rad, "{sigma_rad} {turned}");
+fn uniform_information(likelihood: &Likelihood, unknowns: &Vector13, weight: f32) -> Information {
+    let mut information = prior_information(likelihood, unknowns);
+    for i in 0..UNKNOWNS {
+        information.system.add_row(&Vector13::ith(i, 1.0), 0.0, weight);
     }
+    information
+}
+
+/// Full covariance matrix from `cov(a, b) = (var(a + b) - var(a) - var(b)) / 2`.
+fn full_covariance(
+    information: &Information,
+    likelihood: &Likelihood,
+    at: &Vector13,
+    sigmas: &AttitudeErrorSigmas,
+) -> Matrix12 {
+    let mut covariance = CoefficientCovariance::ZERO;
+    sandwich_covariance(information, likelihood, at, (CovarianceContent::All, sigmas), &mut covariance).unwrap();
+    let one = |i: usize| Vector12::ith(i, 1.0);
+    let of = |row: Vector12| covariance.variance(&row);
+    Matrix12::from_fn(|i, j| (of(one(i) + one(j)) - of(one(i)) - of(one(j))) / 2.0)
 }
 
 #[test]
-fn sigma_equals_the_effect_of_noise() {
-    let mut random = Random(4);
-    for _ in 0..20 {
-        let case = Case::random(&mut random);
-        let here = case.heading_rad(&case.calibration);
-        let total_ut = case.calibration.total_ut;
-        let by_reading = |axis: usize| {
-            derivative(|step| {
-                let reading = case.reading.ut + Vector3::ith(axis, step * total_ut);
-                let level = case.attitude.level(case.calibration.apply(Field::new(reading)));
-                wrap_pi(level.heading_rad() - here)
-            })
-        };
-        let by_attitude = |roll: f32, pitch: f32| {
-            derivative(|step| {
-                let Attitude { roll_rad, pitch_rad } = case.attitude;
-                let attitude = Attitude { roll_rad: roll_rad + roll * step, pitch_rad: pitch_rad + pitch * step };
-                wrap_pi(attitude.level(case.calibration.apply(case.reading)).heading_rad() - here)
-            })
-        };
-        let sensor = (0..3).map(by_reading).map(|d| d * d).sum::<f32>().sqrt();
-        let attitude = by_attitude(1.0, 0.0).hypot(by_attitude(0.0, 1.0));
-        for (sensor_sigma, attitude_sigma_rad) in [(0.01, 0.0), (0.0, 0.01), (0.003, 0.004)] {
-            let uncertainty = HeadingUncertainty { sensor_sigma, attitude_sigma_rad, ..HeadingUncertainty::NONE };
-            let (found, expected) =
-                (case.sigma_rad(&uncertainty), (sensor * sensor_sigma).hypot(attitude * attitude_sigma_rad));
-            assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+fn covariance_is_the_sum_of_its_terms() {
+    let mut likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    likelihood.motor_current.current_sigma_a = 10.0;
+    let at = parameters().unknowns().unwrap();
+    let mut information = uniform_information(&likelihood, &at, 1e4);
+    let row = Vector13::from_fn(|i, _| (i as f32 * 0.7).sin());
+    information.system.add_row(&row, 0.05, 1e4);
+    // An inclination residual with rho = 1/2: inflation 2 rho / (1 - rho) = 2. Norm residuals have rho = 1/3:
+    // inflation 1 for all that is neither inclination nor prior.
+    let dip =
+        JacobianRow { by_field: Vector3::new(1.0, -0.7, 0.5), x: Vector3::new(0.6, 0.9, -1.1), by_inclination: -1.0 };
+    let dip_row = dip.as_vector();
+    information.system.add_row(&dip_row, 0.0, 3e3);
+    information.residuals.inclination_part.add_row(&dip, 3e3);
+    for residuals in [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+        information.residuals.autocorrelation.add(0, residuals);
+    }
+    information.hard_iron_gradient = Vector13::from_fn(|i, _| 150.0 * (i as f32 * 0.3).cos());
+    let with: [f32; 3] = [0.2, 1.1, 2.3];
+    information.motor_current.cross_information =
+        with.map(|phase| Vector13::from_fn(|i, _| 1e5 * (i as f32 * 0.9 + phase).sin()));
+    information.motor_current_errors = [[1.0, 0.4, -0.3], [0.0, 0.8, 0.5], [0.0, 0.0, 0.6], [-0.7, 0.2, 0.9]]
+        .map(|error: [f32; 3]| Vector3::from(error) * 1e-3);
+    for (error, phase) in information.attitude_errors.iter_mut().zip([0.4, 1.9, 2.8, 3.7]) {
+        error.cross_information = [Vector13::from_fn(|i, _| 1e4 * (i as f32 + phase).sin())];
+    }
+    let units = CoefficientConversion::new(&likelihood, &at).unwrap();
+    let j = SMatrix::<f32, 12, 13>::from_fn(|i, k| units.jacobian_row(i)[k]);
+    let mut inverse = Matrix13::zeros();
+    for k in 0..UNKNOWNS {
+        inverse.set_column(k, &information.system.covariance_times(&Vector13::ith(k, 1.0)).unwrap());
+    }
+    let g = j * inverse;
+    let change = j * information.system.step_to_maximum().unwrap();
+    let latency = AttitudeLatency { estimate_s: 0.0, sigma_s: 0.01 };
+    let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 }, Some(latency));
+    let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
+    let doubted = norm + dip_row * dip_row.transpose() * (3e3 * 2.0);
+    let mut expected = g * j.transpose() + g * doubted * g.transpose();
+    let shift = g * information.hard_iron_gradient;
+    expected += shift * shift.transpose();
+    expected += change * change.transpose();
+    for (error, sigma) in information.attitude_errors.iter().zip([0.003, 0.003, 0.02, 0.01]) {
+        let shift = g * error.cross_information[0] * sigma;
+        expected += shift * shift.transpose();
+    }
+    let mut followed = Matrix12::zeros();
+    let mut beyond = Matrix12::zeros();
+    for error in information.motor_current_errors {
+        let [x, y, z] = information.motor_current.cross_information;
+        let shift = g * (x * error.x + y * error.y + z * error.z);
+        followed += shift * shift.transpose();
+        let mut spread = Vector12::zeros();
+        for axis in 0..3 {
+            spread[beta_index(axis)] = (parameters().w * error)[axis] * 10.0;
         }
+        beyond += spread * spread.transpose();
+    }
+    expected += followed + beyond;
+    let found = full_covariance(&information, &likelihood, &at, &consider);
+    let scale = expected.diagonal().amax();
+    for (f, e) in found.iter().zip(&expected) {
+        assert!((f - e).abs() < 1e-4 * scale, "{found} {expected}");
+    }
+    assert!(
+        full_covariance(&information, &likelihood, &at, &assumed_sigmas(ConsiderSigmas::ZERO, Some(latency)))
+            .diagonal()
+            .amax()
+            < 0.97 * scale
+    );
+    for part in [change * change.transpose(), shift * shift.transpose(), g * norm * g.transpose(), followed, beyond] {
+        let size = part.diagonal().amax() / scale;
+        assert!(size > 0.01, "{size}");
+    }
+}
+
+/// Reference: least squares of all sixteen unknowns, with the prior as three more rows, which autocorrelation does
+/// not inflate.
+#[test]
+fn motor_current_estimate_equals_joint_least_squares() {
+    let mut likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    likelihood.motor_current.current_sigma_a = 10.0;
+    likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.25];
+    let at = parameters().unknowns().unwrap();
+    let mut information = uniform_information(&likelihood, &at, 1e4);
+    let mut joint = LeastSquares::<16, 1>::new();
+    let rows = |row: &Vector13, more: Vector3<f32>| row.push(more.x).push(more.y).push(more.z);
+    for_each_prior(&likelihood, &parameters(), &mut |prior| {
+        let row = rows(&prior.row, Vector3::zeros());
+        joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+    });
+    for i in 0..UNKNOWNS {
+        joint.add(&SVector::ith(i, 1.0), [0.0], 1e4);
+    }
+    let prior = InterferenceEstimate::prior_precision(likelihood.unit_ut);
+    for axis in 0..3 {
+        joint.add(&SVector::ith(UNKNOWNS + axis, 1.0), [-likelihood.motor_current_per_ampere()[axis]], prior);
+    }
+    for (i, residual) in [(0, 0.02), (1, -0.01), (2, 0.015), (3, 0.005)] {
+        let by_field = Vector3::from_fn(|axis, _| f32::sin(i as f32 * 2.1 + axis as f32 * 1.3));
+        let row = JacobianRow { by_field, x: Vector3::new(0.6, 0.9, -1.1), by_inclination: 0.3 };
+        let equation = ResidualEquation::new(row, residual, 1.0 / 1e4, 1e6);
+        let (more, share_a) = (derivative_by_hard_iron(&parameters().w, &equation), 1.0 + i as f32 / 2.0);
+        information.motor_current.add(&equation, &more, share_a);
+        information.system.add_row(&equation.row.as_vector(), residual, 1e4);
+        joint.add(&rows(&equation.row.as_vector(), more * share_a), [-residual], 1e4);
+    }
+    for residual in [1.0, 1.0, 0.0] {
+        information.residuals.autocorrelation.add(0, [residual, 0.0]);
+    }
+    let found = information.estimate_motor_current(&likelihood).unwrap();
+    let step = joint.solve().unwrap().fixed_rows::<3>(UNKNOWNS).into_owned();
+    assert!((found.k - likelihood.motor_current_per_ampere() - step).norm() < 1e-3 * step.norm(), "{found:?} {step}");
+    let independent =
+        Matrix3::from_fn(|i, j| joint.covariance_times(&SVector::ith(UNKNOWNS + i, 1.0)).unwrap()[UNKNOWNS + j]);
+    // `P (3 (P^-1 - prior) + prior) P` for rho = 1/2.
+    let expected = independent * 3.0 - independent * independent * (2.0 * prior);
+    assert!((found.covariance - expected).norm() < 2e-3 * expected.norm(), "{} {expected}", found.covariance);
+    assert!((independent * 3.0 - expected).norm() > 0.1 * expected.norm());
+    assert!((expected - independent).norm() > 0.1 * expected.norm());
+    let [alone, alike] = found.significance;
+    let by_all = found.k.dot(&(independent.try_inverse().unwrap() * found.k));
+    assert!((alone / by_all - 1.0).abs() < 1e-2 && (alone / alike - 3.0).abs() < 1e-3, "{found:?} {by_all}");
+    let sum: Matrix3<f32> =
+        information.motor_current_errors.iter().take(3).map(|error| error * error.transpose()).sum();
+    assert!((sum - found.covariance).norm() < 1e-3 * expected.norm(), "{sum}");
+}
+
+#[test]
+fn inclination_information_and_gradients_are_summed() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let parameters = parameters();
+    let mut information = prior_information(&likelihood, &parameters.unknowns().unwrap());
+    let mut dip = Matrix13::zeros();
+    let mut effects = [Vector13::zeros(); 4];
+    for (bank_deg, heading_rad) in [(25.0, 0.3), (-40.0, 2.0), (10.0, 5.0)] {
+        let attitude = Attitude::from_deg(bank_deg, 3.0);
+        let tilt = attitude.tilt();
+        let x = parameters.expected_field(&tilt, heading_rad).unwrap();
+        let rates = Rates::from_rad_s([0.3, -0.2, 0.0]);
+        let measured = MeasuredSample { x, tilt, heading_rad: None };
+        let equations = SampleEquations::new(&parameters, &measured, &likelihood.noise, &likelihood.config, false);
+        let of_dip = equations.inclination.as_ref().unwrap();
+        let row = of_dip.row.as_vector();
+        dip += row * row.transpose() * of_dip.weight;
+        for (sum, error) in effects.iter_mut().zip(&ATTITUDE_ERRORS) {
+            *sum += row * (of_dip.weight * error.inclination_derivative(&equations, attitude, rates));
+        }
+        information.add_inclination(&equations, attitude, rates);
+    }
+    for i in 0..UNKNOWNS {
+        let found = information.residuals.inclination_part.multiply_vector(&Vector13::ith(i, 1.0));
+        assert!((found - dip.column(i)).norm() < 1e-4 * dip.norm());
+    }
+    for (found, expected) in information.attitude_errors.iter().zip(effects) {
+        assert!((found.cross_information[0] - expected).norm() < 1e-4 * expected.norm());
     }
 }
 
 #[test]
-fn next_to_a_pole_sigma_is_finite() {
-    let calibration = Calibration { total_ut: 50.0, ..Calibration::uncalibrated(super::super::Orientation::NONE) };
-    let uncertainty = HeadingUncertainty { sensor_sigma: 0.01, attitude_sigma_rad: 0.01, ..HeadingUncertainty::NONE };
-    let sensor = Field::from_ut(0.0, 0.0, 50.0);
-    let tilt = Attitude::default().tilt();
-    let sigma_rad =
-        uncertainty.heading_variance(&calibration, sensor, &tilt, tilt.level(calibration.apply(sensor))).sigma_rad();
-    assert!(sigma_rad.is_finite() && sigma_rad > 3.0, "{sigma_rad}");
+fn latency_sigma_becomes_a_consider_state() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let mut information = uniform_information(&likelihood, &parameters().unknowns().unwrap(), 1e4);
+    assert!(information.estimate_latency(0.0).is_none());
+    let row = JacobianRow { by_field: Vector3::x(), x: Vector3::y(), by_inclination: -1.0 };
+    let latency = &mut information.attitude_errors[LATENCY];
+    latency.add(&ResidualEquation::new(row, 0.01, 1e-4, 1e6), &Vector1::new(0.5), 1.0);
+    latency.cross_information = [Vector13::ith(2, 40.0)];
+    let (latency, follows) = information.estimate_latency(0.0).unwrap();
+    // 0.25 of 1e4, minus the part explained by unknown 2 (information 1e4), plus the prior's 100.
+    assert!((latency.sigma_s * f32::sqrt(2500.0 - 0.16 + 100.0) - 1.0).abs() < 1e-4, "{latency:?}");
+    assert!((follows[2] + 40.0 / 1e4).abs() < 1e-5, "{follows}");
+    let sigmas = assumed_sigmas(ConsiderSigmas::DEFAULT, Some(latency));
+    assert_eq!(sigmas.map(f32::to_bits), [0.0035, 0.0035, 0.01, latency.sigma_s].map(f32::to_bits));
+    assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; 4]);
 }
 
 #[test]
-fn every_number_must_be_finite() {
-    assert!(HeadingUncertainty::NONE.is_finite());
-    let spoilt = |spoil: &dyn Fn(&mut HeadingUncertainty)| {
-        let mut uncertainty = HeadingUncertainty::NONE;
-        spoil(&mut uncertainty);
-        uncertainty.is_finite()
-    };
-    for bad in [f32::NAN, f32::INFINITY] {
-        assert!(!spoilt(&|u| u.sensor_sigma = bad) && !spoilt(&|u| u.attitude_sigma_rad = bad));
-        assert!(!spoilt(&|u| u.reduced_covariance[0][0] = bad) && !spoilt(&|u| u.reduced_covariance[5][9] = bad));
+fn unobservable_if_half_of_the_prior_sigma_remains() {
+    let prior = Prior { inclination_rad: Some(0.7), ..Prior::default() };
+    let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    for (times, left) in [(2.9, true), (3.1, false)] {
+        let mut information = prior_information(&likelihood, &at);
+        let variance =
+            likelihood.config.known_inclination_sigma_rad * likelihood.config.known_inclination_sigma_rad / times;
+        for i in 0..INCLINATION_INDEX {
+            information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+        }
+        information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / variance);
+        let found: Vec<PriorQuantity> =
+            unobservable_quantities(&information.system, &likelihood, &at).unwrap().collect();
+        assert_eq!(found, if left { vec![PriorQuantity::Inclination] } else { vec![] }, "{times}");
     }
-    let mut covariance = CoefficientCovariance::ZERO;
-    covariance.set_lower_triangle(|_, _| 1.0);
-    assert!(covariance.is_finite());
-    covariance.set_lower_triangle(|i, j| if (i, j) == (11, 11) { f32::NAN } else { 1.0 });
-    assert!(!covariance.is_finite());
 }
 
 #[test]
-fn a_square_is_added_to_every_element() {
-    let mut random = Random(5);
-    let [one, two] = [(); 2].map(|()| Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0)));
+fn the_sensor_s_noise_is_that_of_a_single_reading() {
+    let at = parameters().unknowns().unwrap();
+    let per_unit = TRUTH.determinant().cbrt();
+    for (readings_per_sample, white, factor) in
+        [(1, 1.0, 1.0), (8, 1.0, 8_f32.sqrt()), (0, 1.0, 1.0), (8, 0.25, 2_f32.sqrt()), (1, 0.0, 0.0)]
+    {
+        let mut likelihood = likelihood(&Prior { readings_per_sample, ..Prior::default() }, ModelConfig::DEFAULT);
+        likelihood.noise = NoiseModel::new(0.003, 0.005, TRUTH);
+        let found = heading_uncertainty(&likelihood, &at, &CoefficientCovariance::ZERO, white).unwrap();
+        let expected = 0.003 * factor * per_unit;
+        assert!((found.sensor_sigma - expected).abs() < 1e-5 * 0.003, "{readings_per_sample}: {}", found.sensor_sigma);
+        let attitude_sigma_rad = f32::sqrt(0.005 * 0.005 - white * 0.003 * 0.003);
+        assert!((found.attitude_sigma_rad - attitude_sigma_rad).abs() < 1e-6);
+    }
+    assert_eq!(Prior::default().readings_per_sample, 1);
+}
+
+#[test]
+fn unobserved_attitude_noise_is_half_a_degree() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::NO_ATTITUDE);
+    let found =
+        heading_uncertainty(&likelihood, &parameters().unknowns().unwrap(), &CoefficientCovariance::ZERO, 1.0).unwrap();
+    assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);
+}
+
+#[test]
+fn singular_information_has_no_covariance() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    let flat = ModelParameters { w: Matrix3::zeros(), ..parameters() }.unknowns().unwrap();
+    let open = prior_information(&likelihood, &flat);
     let mut covariance = CoefficientCovariance::ZERO;
-    covariance.set_lower_triangle(|i, j| one[i] * one[j]);
-    covariance.add_outer_product(&two, -0.5);
+    for unknowns in [&at, &flat] {
+        assert!(
+            sandwich_covariance(&open, &likelihood, unknowns, (CovarianceContent::All, &[0.0; 4]), &mut covariance)
+                .is_none()
+        );
+    }
+    assert!(unobservable_quantities(&open.system, &likelihood, &at).is_none());
+    assert!(heading_uncertainty(&likelihood, &flat, &CoefficientCovariance::ZERO, 1.0).is_none());
+}
+
+#[test]
+fn autocorrelation_does_not_inflate_priors() {
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
+    let at = parameters().unknowns().unwrap();
+    let mut information = prior_information(&likelihood, &at);
+    // The overall scale, which no prior constrains.
+    let scale = Vector13::from_fn(|i, _| if [0, 4, 8].contains(&i) { 1.0 } else { 0.0 });
+    information.system.add_row(&scale, 0.0, 1e4);
+    let of = |information: &Information| full_covariance(information, &likelihood, &at, &[0.0; 4]);
+    let before = of(&information);
+    for residual in [1.0, 1.0, 0.0] {
+        information.residuals.autocorrelation.add(0, [residual, 0.0]);
+    }
+    let after = of(&information);
+    assert!((information.residuals.autocorrelation_inflation() - 3.0).abs() < 1e-3);
     for i in 0..COEFFICIENTS {
-        for j in 0..COEFFICIENTS {
-            assert!((covariance.element(i, j) - (one[i] * one[j] - 0.5 * two[i] * two[j])).abs() < 1e-6, "{i} {j}");
-        }
+        assert!((after[(i, i)] / before[(i, i)] - 1.0).abs() < 0.05, "{i}: {} {}", after[(i, i)], before[(i, i)]);
     }
 }
 
 #[test]
-fn a_variance_is_never_negative() {
-    let mut covariance = CoefficientCovariance::ZERO;
-    covariance.set_lower_triangle(|i, j| if i == j { -1.0 } else { 0.0 });
-    assert_eq!(covariance.variance(&Vector12::ith(3, 1.0)).to_bits(), 0);
-    let uncertainty = HeadingUncertainty::from_covariance(&covariance, 0.0, 0.0);
-    assert_eq!(uncertainty.variance_from_coefficients(&Vector3::x(), &Vector3::y()).to_bits(), 0);
+fn configured_inclination_is_removed_from_the_estimate() {
+    let known_sigma = ModelConfig::DEFAULT.known_inclination_sigma_rad;
+    for (own_rad, sigma, is_shown) in [(0.75, 0.004, true), (0.6, 0.03, true), (0.9, 0.07, true), (0.9, 0.078, false)] {
+        for told in [true, false] {
+            let prior = Prior { inclination_rad: told.then_some(0.7), ..Prior::default() };
+            let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+            let weights = if told { [known_sigma.powi(-2), f32::powi(sigma, -2)] } else { [0.0, 1.0] };
+            let inclination_rad = (weights[0] * 0.7 + weights[1] * own_rad) / (weights[0] + weights[1]);
+            let at = ModelParameters { inclination_rad, ..parameters() }.unknowns().unwrap();
+            let mut information = prior_information(&likelihood, &at);
+            for i in 0..INCLINATION_INDEX {
+                information.system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+            }
+            information.system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, 1.0 / (sigma * sigma));
+            // rho = 1/2, and a gradient of 2e3 per unit of bank-angle scale error.
+            for residual in [1.0, 1.0, 0.0] {
+                information.residuals.autocorrelation.add(0, if told { [0.0, residual] } else { [residual, 0.0] });
+            }
+            information.attitude_errors[BANK_SCALE].cross_information = [Vector13::ith(INCLINATION_INDEX, 2e3)];
+            let sigmas = [0.0, 0.0, 0.01, 0.0];
+            let Some([found_rad, variance]) = inclination_from_samples(&information, &likelihood, &at, &sigmas) else {
+                assert!(told && !is_shown, "{own_rad} {sigma}");
+                continue;
+            };
+            assert!(!told || is_shown, "{own_rad} {sigma}");
+            assert!((found_rad - own_rad).abs() < 1e-3, "{found_rad} {own_rad}");
+            let shift = 2e3 * 0.01 * sigma * sigma;
+            let expected = sigma * sigma * 3.0 + shift * shift;
+            assert!((variance / expected - 1.0).abs() < 0.02, "{variance} {expected} {told}");
+        }
+    }
 }

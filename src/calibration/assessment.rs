@@ -1,0 +1,168 @@
+//! Assessment of a converged fit: quality, findings and advice.
+
+use crate::calibration::advice::{self, Advice};
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::hypotheses::attitude_error::AttitudeErrorTest;
+use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
+use crate::calibration::hypotheses::table::{
+    ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE, ERRORS, ROLL_BIAS, assumed_sigmas,
+};
+use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
+use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::sandwich_covariance::{CovarianceContent, sandwich_covariance};
+use crate::calibration::{
+    AttitudeLatency, BankScaleFinding, Calibration, ConsiderSigmas, DetectedHardIronChange, Method, Quality, SolveError,
+};
+use crate::trig::sqrt;
+
+/// Result of a solve.
+#[derive(Clone, Copy, Debug)]
+pub struct Solution {
+    /// The coefficients.
+    pub calibration: Calibration,
+    /// Expected quality of the coefficients.
+    pub quality: Quality,
+    /// Data for the variance of a heading.
+    pub uncertainty: HeadingUncertainty,
+    /// Recommended manoeuvre.
+    pub advice: Option<Advice>,
+    /// Finding: hard iron changed during the flight.
+    pub hard_iron_change: Option<Finding<DetectedHardIronChange>>,
+    /// Finding: bank-angle scale error of the attitude source.
+    pub bank_scale_error: Option<Finding<BankScaleFinding>>,
+}
+
+/// A detected violation of an assumption. `quality` and `uncertainty` of the solution include its effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finding<T> {
+    /// The violation.
+    pub violation: T,
+    /// Its share of the expected heading error, degrees RMS; adds in squares.
+    pub added_error_deg: f32,
+    /// Expected heading error without it, degrees RMS.
+    pub expected_without_deg: f32,
+}
+
+impl<T> Finding<T> {
+    fn new(of: T, with_deg: f32, without_deg: f32) -> Self {
+        let squared = with_deg * with_deg - without_deg * without_deg;
+        Self { violation: of, added_error_deg: sqrt(squared.max(0.0)), expected_without_deg: without_deg }
+    }
+
+    fn map<U>(self, violation: impl FnOnce(T) -> U) -> Finding<U> {
+        let Self { violation: of, added_error_deg, expected_without_deg } = self;
+        Finding { violation: violation(of), added_error_deg, expected_without_deg }
+    }
+}
+
+impl ConvergedFit<'_> {
+    /// Computes the solution with quality, findings and advice.
+    #[inline(never)]
+    pub fn assess(
+        &self,
+        information: &mut Information,
+        change: Option<ConfirmedChange>,
+        latency: Option<AttitudeLatency>,
+        consider: ConsiderSigmas,
+        needs_advice: impl Fn(&Quality) -> bool,
+    ) -> Result<Solution, SolveError> {
+        let mut sigmas = assumed_sigmas(consider, latency);
+        let mut covariance = CoefficientCovariance::ZERO;
+        let mut expected = self.expected(information, &sigmas, &mut covariance)?;
+        let (mut attitude_errors, mut iron) = ([None; ERRORS], None);
+        for (index, error) in ATTITUDE_ERRORS.iter().enumerate() {
+            // Closed forms are too far from the maximum likelihood for the linearised test.
+            let Some(test) = error.test.filter(|_| self.method == Method::MaximumLikelihood) else { continue };
+            let assumed_sigma = sigmas[index];
+            let Information { system, residuals, attitude_errors: sums, .. } = &*information;
+            let (roll_information, sums) = (sums[ROLL_BIAS].information.x, &sums[index]);
+            let input = AttitudeErrorTest { sums, roll_information, system, residuals, fit: self, assumed_sigma };
+            let Some(found) = test(&input) else { continue };
+            let without_deg = expected.rms_deg;
+            sigmas[index] = found.allowed_sigma(assumed_sigma);
+            expected = self.expected(information, &sigmas, &mut covariance)?;
+            attitude_errors[index] = Some(Finding::new(found, expected.rms_deg, without_deg));
+        }
+        if let Some(change) = change {
+            let without_deg = expected.rms_deg;
+            information.hard_iron_gradient = change.effect;
+            expected = self.expected(information, &sigmas, &mut covariance)?;
+            iron = Some(Finding::new(change.change, expected.rms_deg, without_deg));
+        }
+        let uncertainty = self.uncertainty(information, latency, &mut covariance)?;
+        let quality = Quality {
+            method: self.method,
+            envelope: self.envelope(),
+            expected_rms_deg: expected.rms_deg,
+            expected_worst_deg: expected.worst_deg,
+            norm_residual: self.likelihood.noise.norm,
+            inclination_residual_deg: self.likelihood.noise.inclination_sigma_rad.to_degrees(),
+            samples: information.system.samples,
+            latency,
+        };
+        let advice = needs_advice(&quality).then(|| advice::select_manoeuvre(information, self, &sigmas)).flatten();
+        Ok(Solution {
+            calibration: *self.calibration,
+            quality,
+            uncertainty,
+            advice,
+            hard_iron_change: iron,
+            bank_scale_error: attitude_errors[BANK_SCALE].map(|finding| {
+                finding.map(|found| BankScaleFinding {
+                    read_ratio: 1.0 / (1.0 + found.estimate),
+                    significance_sigmas: found.significance_sigmas,
+                })
+            }),
+        })
+    }
+
+    /// Heading variance without constant errors of the attitude source: they are the same in calibration and use and
+    /// cancel. The monitor detects a change of them.
+    #[inline(never)]
+    fn uncertainty(
+        &self,
+        information: &Information,
+        latency: Option<AttitudeLatency>,
+        covariance: &mut CoefficientCovariance,
+    ) -> Result<HeadingUncertainty, SolveError> {
+        self.covariance(information, &assumed_sigmas(ConsiderSigmas::ZERO, latency), covariance)
+            .and_then(|()| {
+                let white_fraction = information.residuals.white_noise.fraction();
+                heading_uncertainty(self.likelihood, self.unknowns, covariance, white_fraction)
+            })
+            .ok_or(SolveError::NotConverged)
+    }
+
+    /// Adds one pass over the samples, and tests turns for a hard-iron change; on the ground people and objects move
+    /// nearby. A function of its own, to free its stack.
+    #[inline(never)]
+    pub fn accumulate_information(&self, information: &mut Information) -> Option<ConfirmedChange> {
+        let Self { likelihood, unknowns, samples, .. } = *self;
+        let is_turn_method = matches!(self.method, Method::MaximumLikelihood | Method::TwoPlane | Method::FourEllipse);
+        let mut scan = is_turn_method.then(|| HardIronScan::new(samples, &information.system, unknowns)).flatten();
+        information.accumulate_samples(likelihood, samples, unknowns, scan.as_mut());
+        scan?.confirm_change(self, &information.system, &information.residuals)
+    }
+
+    fn covariance(
+        &self,
+        information: &Information,
+        sigmas: &AttitudeErrorSigmas,
+        covariance: &mut CoefficientCovariance,
+    ) -> Option<()> {
+        sandwich_covariance(information, self.likelihood, self.unknowns, (CovarianceContent::All, sigmas), covariance)
+    }
+
+    fn expected(
+        &self,
+        information: &Information,
+        sigmas: &AttitudeErrorSigmas,
+        covariance: &mut CoefficientCovariance,
+    ) -> Result<ExpectedError, SolveError> {
+        self.covariance(information, sigmas, covariance)
+            .and_then(|()| expected_heading_error(self.calibration, covariance, self.envelope()))
+            .ok_or(SolveError::NotConverged)
+    }
+}

@@ -1,0 +1,199 @@
+//! Compass swing: coefficients from known headings, the classical ground procedure (Liu 2007 ref. 2).
+//!
+//! With heading and attitude the Earth field in body axes is known, `h = C^T H0 (cos psi, -sin psi, D)`, and
+//! `m = A h + b` is linear in the twelve coefficients: one regression per sensor axis on `h` and a constant, all with
+//! the same 4 x 4 matrix. Without a configured inclination, `D` is the candidate with the smallest residual. On level
+//! ground vertical response and hard iron are not separable; the response is then assumed to be without soft iron.
+
+use nalgebra::{Matrix3, Vector3, Vector4};
+
+use super::starting_point::{SensorResponse, tangent};
+use crate::calibration::{LeastSquares, Mark, SamplePart, SolveError};
+use crate::frames::Field;
+use crate::trig;
+use crate::trig::sqrt;
+
+/// Minimum number of samples: two horizontal responses and a constant per axis, plus one to detect a wrong entry.
+const MIN_MARKS: usize = 4;
+
+/// Weight of the assumption of no soft iron relative to a sample; decides only what the samples do not determine.
+const NO_SOFT_IRON_WEIGHT: f32 = 1e-3;
+
+/// Candidate inclinations, degrees; refined later where samples are tilted, irrelevant where they are level.
+const INCLINATIONS_DEG: [f32; 11] = [-75.0, -60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0];
+
+/// Solves samples with known headings; fields are rotated by `rotation` first. Inclination in radians, if configured.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`], and [`SolveError::NotDetermined`] when the field does not follow the headings.
+pub(in crate::calibration) fn solve(
+    marks: &[Mark],
+    rotation: &Matrix3<f32>,
+    inclination_rad: Option<f32>,
+) -> Result<SensorResponse, SolveError> {
+    SolveError::require(SamplePart::Marks, marks.len(), MIN_MARKS)?;
+    let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(SamplePart::Marks))?;
+    let tried = INCLINATIONS_DEG.map(f32::to_radians);
+    let inclinations_rad = inclination_rad.as_ref().map_or(&tried[..], core::slice::from_ref);
+    inclinations_rad
+        .iter()
+        .filter_map(|&inclination_rad| fit_response(marks, rotation, tangent(inclination_rad), h0_ut))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, response)| response)
+        .ok_or(SolveError::NotDetermined(SamplePart::Marks))
+}
+
+/// Horizontal field strength, from a regression of the horizontal axes without vertical field.
+fn estimate_horizontal_ut(marks: &[Mark], rotation: &Matrix3<f32>) -> Option<f32> {
+    let (_, response) = fit_response(marks, rotation, 0.0, 0.0)?;
+    let horizontal = response.a_ut.fixed_view::<2, 2>(0, 0).determinant();
+    Some(sqrt(horizontal.abs())).filter(|h0_ut| *h0_ut > 1.0)
+}
+
+/// Squared residual (square microtesla) and response at an inclination.
+fn fit_response(
+    marks: &[Mark],
+    rotation: &Matrix3<f32>,
+    tan_inclination: f32,
+    h0_ut: f32,
+) -> Option<(f32, SensorResponse)> {
+    let regressors = |mark: &Mark| {
+        let (sin, cos) = trig::sin_cos(mark.heading_rad);
+        let level = Field::from_ut(cos, -sin, tan_inclination);
+        mark.sample.attitude.body(level).ut.push(1.0)
+    };
+    let field = |mark: &Mark| rotation * mark.sample.field.ut;
+    let mean = marks.iter().map(field).sum::<Vector3<f32>>() / marks.len() as f32;
+    let mut system = LeastSquares::<4, 3>::new();
+    // Ridge: A times H0 is H0 times the identity; no assumption about b.
+    for i in 0..3 {
+        system.add(&Vector4::ith(i, 1.0), Vector3::ith(i, h0_ut).into(), NO_SOFT_IRON_WEIGHT);
+    }
+    for mark in marks {
+        system.add(&regressors(mark), (field(mark) - mean).into(), 1.0);
+    }
+    let solution = system.solve()?;
+    let residual: f32 =
+        marks.iter().map(|mark| (field(mark) - mean - solution.tr_mul(&regressors(mark))).norm_squared()).sum();
+    let a_ut = solution.fixed_rows::<3>(0).transpose();
+    let b_ut = solution.row(3).transpose() + mean;
+    // On level ground all inclinations fit equally; the least hard iron is then the most likely.
+    Some((residual + NO_SOFT_IRON_WEIGHT * b_ut.norm_squared(), SensorResponse { a_ut, b_ut, tan_inclination }))
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::{Rates, Sample};
+    use crate::frames::{Attitude, Level};
+    use crate::time::WrappingMillis;
+
+    const B_UT: Vector3<f32> = Vector3::new(12.0, -30.0, 8.0);
+
+    fn a() -> Matrix3<f32> {
+        Matrix3::new(1.1, 0.05, -0.02, -0.03, 0.9, 0.04, 0.02, 0.06, 1.05)
+    }
+
+    fn marks(inclination_deg: f32, lean_deg: f32) -> Vec<Mark> {
+        let mark = |i: u8| {
+            let heading_rad = f32::from(i) / 12.0 * TAU;
+            let (roll, pitch) = [(1.0, 0.3), (-1.0, -0.2), (0.2, 1.0), (-0.3, -1.0)][usize::from(i % 4)];
+            let attitude = Attitude::from_deg(lean_deg * roll, lean_deg * pitch);
+            let level = Field::<Level>::earth(50.0, inclination_deg.to_radians(), heading_rad);
+            let field = Field::new(a() * attitude.body(level).ut + B_UT);
+            Mark {
+                sample: Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE },
+                heading_rad,
+            }
+        };
+        (0..12).map(mark).collect()
+    }
+
+    /// Tolerances from the ridge.
+    fn assert_found(found: &SensorResponse, inclination_deg: f32) {
+        let h0_ut = 50.0 * inclination_deg.to_radians().cos();
+        assert!((found.a_ut / h0_ut - a()).norm() < 0.02, "{inclination_deg}: {}", found.a_ut / h0_ut);
+        assert!((found.b_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.b_ut);
+    }
+
+    #[test]
+    fn candidate_inclinations_are_found_and_a_configured_one_is_used() {
+        for inclination_deg in INCLINATIONS_DEG {
+            let marks = marks(inclination_deg, 20.0);
+            let tried = solve(&marks, &Matrix3::identity(), None).unwrap();
+            let found_deg = tried.tan_inclination.atan().to_degrees();
+            assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
+            assert_found(&tried, inclination_deg);
+        }
+        for told_deg in [52.5_f32, -67.0] {
+            let told = solve(&marks(told_deg, 20.0), &Matrix3::identity(), Some(told_deg.to_radians())).unwrap();
+            assert!((told.tan_inclination - told_deg.to_radians().tan()).abs() < 1e-5);
+            assert_found(&told, told_deg);
+        }
+    }
+
+    #[test]
+    fn an_inclination_between_those_tried_is_found_to_half_a_step() {
+        for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
+            let found = solve(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
+            let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
+            assert!(error_deg.abs() < 8.0, "{inclination_deg}: {error_deg}");
+        }
+    }
+
+    #[test]
+    fn level_ground_shows_the_horizontal_part() {
+        let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
+        let horizontal = (found.a_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
+        assert!(horizontal < 1e-3, "{horizontal}");
+        let vertical = found.a_ut.column(2) / 25.0 - Vector3::z();
+        assert!(vertical.norm() < 0.05, "{vertical}");
+    }
+
+    #[test]
+    fn fields_are_rotated_first() {
+        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let turned: Vec<Mark> = marks(60.0, 20.0)
+            .into_iter()
+            .map(|mark| {
+                let field = Field::new(about_z.transpose() * mark.sample.field.ut);
+                Mark { sample: Sample { field, ..mark.sample }, ..mark }
+            })
+            .collect();
+        assert_found(&solve(&turned, &about_z, None).unwrap(), 60.0);
+    }
+
+    #[test]
+    fn four_marks_are_enough_and_three_are_not() {
+        let marks = marks(60.0, 0.0);
+        let spread = [marks[0], marks[3], marks[6], marks[9]];
+        assert!(solve(&spread, &Matrix3::identity(), None).is_ok());
+        let missing = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
+        assert_eq!(solve(&spread[..3], &Matrix3::identity(), None).map(|_| ()), Err(missing));
+    }
+
+    #[test]
+    fn fields_that_do_not_follow_the_headings_determine_nothing() {
+        let scaled = |h0_ut: f32| -> Vec<Mark> {
+            let mark = |i: u8| {
+                let heading_rad = f32::from(i) / 12.0 * TAU;
+                let field = Field::from_ut(h0_ut * heading_rad.cos() + 9.0, -h0_ut * heading_rad.sin(), 40.0);
+                let sample = Sample {
+                    field,
+                    attitude: Attitude::default(),
+                    time: WrappingMillis::default(),
+                    rates: Rates::NONE,
+                };
+                Mark { sample, heading_rad }
+            };
+            (0..12).map(mark).collect()
+        };
+        assert!(solve(&scaled(1.1), &Matrix3::identity(), None).is_ok());
+        let open = Err(SolveError::NotDetermined(SamplePart::Marks));
+        assert_eq!(solve(&scaled(0.9), &Matrix3::identity(), None).map(|_| ()), open);
+        assert_eq!(solve(&[marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
+    }
+}

@@ -1,0 +1,174 @@
+//! Ellipse fit of one turn: plane and conic.
+
+use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
+
+use super::principal_plane::PrincipalPlane;
+use crate::calibration::{LeastSquares, Sample, SamplePart, Samples, Side, SolveError};
+use crate::trig::sqrt;
+
+/// An ellipse in space: points `centre + p`, with `p` in the plane and `p^T Q p = 1`.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct Ellipse {
+    pub centre_ut: Vector3<f32>,
+    pub normal: Vector3<f32>,
+    axes: [Vector3<f32>; 2],
+    /// `Q` in the coordinates of `axes`, 1/uT^2.
+    quadratic_form: Matrix2<f32>,
+}
+
+impl Ellipse {
+    /// Fits the principal plane of a turn's samples and a conic in it; fields are rotated by `rotation` first.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::NotFinite`] for non-finite fields, [`SolveError::NotAnEllipse`] for another conic.
+    pub fn fit(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
+        let samples = Samples { left: samples, ..Samples::default() };
+        let Some(plane) = PrincipalPlane::fit(&samples, rotation) else { return Err(SolveError::NotFinite) };
+        // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
+        let scale = plane.rms_distance_ut;
+        let points = samples.iter().map(|s| plane.plane_coordinates(&(rotation * s.field.ut)) / scale);
+        let (centre, form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
+        Ok(Self {
+            centre_ut: plane.origin_ut + (plane.axes[0] * centre.x + plane.axes[1] * centre.y) * scale,
+            normal: plane.normal,
+            axes: plane.axes,
+            quadratic_form: form / (scale * scale),
+        })
+    }
+
+    fn plane_coordinates(&self, direction: &Vector3<f32>) -> Vector2<f32> {
+        Vector2::from(self.axes.map(|axis| axis.dot(direction)))
+    }
+
+    /// Distance from the centre to the ellipse along a direction of the plane, microtesla.
+    pub fn radius_ut(&self, direction: &Vector3<f32>) -> f32 {
+        let flat = self.plane_coordinates(direction);
+        1.0 / sqrt(flat.dot(&(self.quadratic_form * flat)))
+    }
+
+    /// Semi-axis conjugate to a direction of the plane: parallel to the tangent where that meets the ellipse; arbitrary
+    /// sign.
+    pub fn conjugate_ut(&self, direction: &Vector3<f32>) -> Vector3<f32> {
+        let along = self.quadratic_form * self.plane_coordinates(direction);
+        let across = Vector2::new(-along.y, along.x);
+        let flat = across / sqrt(across.dot(&(self.quadratic_form * across)));
+        self.axes[0] * flat.x + self.axes[1] * flat.y
+    }
+
+    /// Phase of a field on the ellipse `centre + u cos(phase) + v sin(phase)` with conjugate `u` and `v`, radians.
+    pub fn phase_rad(&self, field_ut: &Vector3<f32>, u_ut: &Vector3<f32>, v_ut: &Vector3<f32>) -> f32 {
+        let weighted = self.quadratic_form * self.plane_coordinates(&(field_ut - self.centre_ut));
+        libm::atan2f(self.plane_coordinates(v_ut).dot(&weighted), self.plane_coordinates(u_ut).dot(&weighted))
+    }
+}
+
+/// Centre and form of the conic `C1 x^2 + C2 y^2 + C3 xy + C4 x + C5 y = 1` by linear least squares (Liu 2007 eq. 6),
+/// through points of magnitude about 1; `None` if it is not an ellipse.
+pub(in crate::calibration) fn fit_conic(
+    points: impl Iterator<Item = Vector2<f32>>,
+) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+    let mut system = LeastSquares::<5, 1>::new();
+    for p in points {
+        system.add(&SVector::from([p.x * p.x, p.y * p.y, p.x * p.y, p.x, p.y]), [1.0], 1.0);
+    }
+    let c = system.solve()?;
+    let form = Matrix2::new(c[0], c[2] / 2.0, c[2] / 2.0, c[1]);
+    let centre = form.try_inverse()? * Vector2::new(c[3], c[4]) * -0.5;
+    let form = form / (1.0 + centre.dot(&(form * centre)));
+    let is_ellipse = form.determinant() > 0.0 && form.trace() > 0.0;
+    is_ellipse.then_some((centre, form))
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::Rates;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    const U_UT: Vector3<f32> = Vector3::new(25.0, 4.0, -3.0);
+    const V_UT: Vector3<f32> = Vector3::new(6.0, -20.0, 9.0);
+    const CENTRE_UT: Vector3<f32> = Vector3::new(100.0, -40.0, 15.0);
+
+    fn ellipse_point(phase_rad: f32) -> Vector3<f32> {
+        CENTRE_UT + U_UT * phase_rad.cos() + V_UT * phase_rad.sin()
+    }
+
+    fn samples(field_ut: impl Fn(f32) -> Vector3<f32>) -> Vec<Sample> {
+        (0..24_u8)
+            .map(|i| {
+                let field = Field::new(field_ut(f32::from(i) / 24.0 * TAU));
+                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn an_ellipse_in_space_is_found_with_its_conjugate_axes() {
+        let ellipse = Ellipse::fit(&samples(ellipse_point), &Matrix3::identity(), Side::Left).unwrap();
+        assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
+        assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
+        for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {
+            let radius_ut = direction.norm() / if direction == U_UT + V_UT { 2_f32.sqrt() } else { 1.0 };
+            assert!((ellipse.radius_ut(&direction.normalize()) - radius_ut).abs() < 1e-3);
+            let found = ellipse.conjugate_ut(&direction);
+            assert!((found - conjugate).norm().min((found + conjugate).norm()) < 2e-3, "{found} {conjugate}");
+        }
+        for phase_rad in [-3.0_f32, -1.2, 0.0, 0.4, 2.0] {
+            assert!(
+                (ellipse.phase_rad(&ellipse_point(phase_rad), &U_UT, &V_UT) - phase_rad).abs() < 1e-4,
+                "{phase_rad}"
+            );
+        }
+    }
+
+    #[test]
+    fn fields_are_rotated_before_they_are_fitted() {
+        let rotation = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let ellipse = Ellipse::fit(&samples(ellipse_point), &rotation, Side::Left).unwrap();
+        assert!((ellipse.centre_ut - Vector3::new(40.0, 100.0, 15.0)).norm() < 1e-3, "{}", ellipse.centre_ut);
+    }
+
+    #[test]
+    fn a_hyperbola_is_rejected_with_its_turn() {
+        let hyperbola =
+            samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
+        for side in [Side::Left, Side::Right] {
+            let refused = Ellipse::fit(&hyperbola, &Matrix3::identity(), side).map(|_| ());
+            assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Turns(side))));
+        }
+        let nothing = samples(|_| Vector3::repeat(f32::NAN));
+        assert_eq!(Ellipse::fit(&nothing, &Matrix3::identity(), Side::Left).map(|_| ()), Err(SolveError::NotFinite));
+    }
+
+    fn points(point: impl Fn(f32) -> [f32; 2]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        fit_conic((0..24_u8).map(|i| point(f32::from(i) / 24.0 * TAU).into()))
+    }
+
+    #[test]
+    fn the_form_of_an_ellipse_is_found_wherever_it_lies() {
+        for (x, y) in [(0.0, 0.0), (0.3, -0.4), (3.0, 0.0), (-2.0, 4.0)] {
+            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.sin()]).unwrap();
+            assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
+            assert!((form - Matrix2::new(0.25, 0.0, 0.0, 1.0)).norm() < 1e-3, "{x} {y}: {form}");
+            // (2 cos t, cos t + sin t) is x^2 / 4 + (y - x / 2)^2 = 1.
+            let (centre, form) = points(|t| [x + 2.0 * t.cos(), y + t.cos() + t.sin()]).unwrap();
+            assert!((centre - Vector2::new(x, y)).norm() < 1e-3, "{x} {y}: {centre}");
+            assert!((form - Matrix2::new(0.5, -0.5, -0.5, 1.0)).norm() < 2e-3, "{x} {y}: {form}");
+        }
+    }
+
+    #[test]
+    fn other_conics_are_no_ellipses() {
+        let hyperbola = |t: f32| ((t / 3.0 - 1.0).cosh(), (t / 3.0 - 1.0).sinh());
+        assert!(points(|t| [hyperbola(t).0, 0.5 * hyperbola(t).1]).is_none());
+        assert!(points(|t| [0.5 * hyperbola(t).0, 2.0 * hyperbola(t).1]).is_none());
+        assert!(points(|t| [2.0 * hyperbola(t).1, 0.5 * hyperbola(t).0 - 1.0]).is_none());
+        assert!(points(|t| [t - 3.0, 2.0 * t]).is_none(), "a line");
+        assert!(points(|_| [1.0, 0.5]).is_none(), "a point");
+        assert!(fit_conic([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().map(Vector2::from)).is_none());
+    }
+}

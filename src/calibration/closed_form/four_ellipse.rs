@@ -1,0 +1,81 @@
+//! Four ellipses: the method of Liu 2007 section 3, twelve coefficients from a left and a right turn. Kept as the
+//! reference.
+//!
+//! Each turn is split into two plane figures, (x, up) and (x, right). The ellipse hypothesis of level flight gives six
+//! coefficients of each, 24 in all (eq. 9 to 12), from which eq. 13 assembles `A` and eq. 14 `b`. The hypothesis sets
+//! the phases of the four ellipses to zero independently, although one airframe couples them: an error of 1.6 deg plus
+//! a constant on the paper's aircraft. [Two planes](super::two_plane) avoid it.
+//!
+//! The figures use the paper's axes, x forward, y up, z right: `(x, y, z)_paper = (x, -z, y)_FRD`. At pitch zero the
+//! body field is `h = (Hx, s Hz + c Hy, c Hz - s Hy)` with `s`, `c` of the bank (right wing down positive),
+//! `(Hx, Hz) = H0 (cos psi, -sin psi)` and `Hy` the vertical field, up. The coefficient of `Hz` in the up figure has
+//! the sign of the bank, so up is negated in the left turn: all four maps then preserve orientation, which the
+//! hypothesis requires.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::level_ellipse::EllipseMap;
+use super::starting_point::{SensorResponse, tangent};
+use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres};
+use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
+
+/// Solves left and right turns; fields are rotated by `rotation` first. The vertical field is estimated from the two
+/// turns unless an inclination (radians) is given.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] of a turn; [`SolveError::SamePlane`] when the banks
+/// differ too little.
+pub(in crate::calibration) fn solve(
+    samples: Samples<'_>,
+    rotation: &Matrix3<f32>,
+    inclination_rad: Option<f32>,
+) -> Result<SensorResponse, SolveError> {
+    let left = PlaneFigures::new(samples.left, rotation, Side::Left, -1.0)?;
+    let right = PlaneFigures::new(samples.right, rotation, Side::Right, 1.0)?;
+    left.bank.sine_of_difference(right.bank)?;
+    // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
+    let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.bank.sin, right.bank.sin, 0.0, left.bank.cos, right.bank.cos);
+    let coefficients =
+        Matrix3::from_columns(&[left.response_to_x + right.response_to_x, left.response_to_z, right.response_to_z]);
+    let a_ut = coefficients * banks.try_inverse().ok_or(SolveError::SamePlane)?;
+    // Eq. 14: c = b + A (0, c, -s) Hy.
+    let by_vertical = |bank: MeanBank| a_ut * Vector3::new(0.0, bank.cos, -bank.sin);
+    let centres = TurnCentres {
+        centres_ut: [left.centre_ut, right.centre_ut],
+        vertical_response_ut: [by_vertical(left.bank), by_vertical(right.bank)],
+    };
+    let up = inclination_rad.map_or_else(|| centres.vertical_field(), |told_rad| -tangent(told_rad));
+    let b_ut = centres.hard_iron_ut(up);
+    let paper = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    Ok(SensorResponse { a_ut: paper.tr_mul(&(a_ut * paper)), b_ut: paper.tr_mul(&b_ut), tan_inclination: -up })
+}
+
+struct PlaneFigures {
+    bank: MeanBank,
+    /// Response of (x, up, right) to `Hx`.
+    response_to_x: Vector3<f32>,
+    /// Response to `Hz`.
+    response_to_z: Vector3<f32>,
+    centre_ut: Vector3<f32>,
+}
+
+impl PlaneFigures {
+    /// `up`: sign of the up axis in its figure.
+    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up: f32) -> Result<Self, SolveError> {
+        let part = SamplePart::Turns(side);
+        SolveError::require(part, samples.len(), MIN_SAMPLES)?;
+        let fields = samples.iter().map(|s| rotation * s.field.ut);
+        let not_an_ellipse = SolveError::NotAnEllipse(part);
+        let xy = EllipseMap::fit(fields.clone().map(|f| Vector2::new(f.x, -f.z * up))).ok_or(not_an_ellipse)?;
+        let xz = EllipseMap::fit(fields.map(|f| f.xy())).ok_or(not_an_ellipse)?;
+        // Both figures measure x; eq. 13 and 14 use that of (x, up).
+        let assemble = |of_xy: Vector2<f32>, of_xz: Vector2<f32>| Vector3::new(of_xy.x, of_xy.y * up, of_xz.y);
+        Ok(Self {
+            bank: MeanBank::from_samples(samples),
+            response_to_x: assemble(xy.map_ut.column(0).into(), xz.map_ut.column(0).into()),
+            response_to_z: assemble(xy.map_ut.column(1).into(), xz.map_ut.column(1).into()),
+            centre_ut: assemble(xy.centre_ut, xz.centre_ut),
+        })
+    }
+}

@@ -1,0 +1,239 @@
+//! Level flight: six coefficients from one ellipse, for vehicles that do not bank.
+//!
+//! The horizontal field at headings psi is a circle, `(H0 cos psi, -H0 sin psi)`, and its measurement an ellipse (Liu
+//! 2007 eq. 4), which has five coefficients (eq. 6). The sixth, the phase, is zero by the *ellipse hypothesis*:
+//! `A = K P` with `K = diag(Kx, Ky)`, `P = [cos p, sin p; sin p, cos p]` (eq. 5). Neglected mounting error about the
+//! vertical and asymmetric soft iron cause a constant heading error; `set align` removes it.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use super::conic::fit_conic;
+use super::starting_point::SensorResponse;
+use crate::calibration::{LeastSquares, SamplePart, Samples, SolveError};
+use crate::trig;
+use crate::trig::sqrt;
+
+/// Minimum number of samples: a conic has five coefficients, plus a margin for noise.
+const MIN_SAMPLES: usize = 8;
+
+/// Minimum radius of the circle of headings, microtesla: half the horizontal field at 75 deg of inclination. Smaller is
+/// the noise of a constant heading.
+const MIN_RADIUS_UT: f32 = 6.0;
+
+/// Minimum number of headings, 30 deg apart (Liu 2007 section 1).
+const MIN_HEADINGS: u8 = 5;
+
+/// Affine map of the ellipse hypothesis (Liu 2007 eq. 5).
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct EllipseMap {
+    /// `K P` times H0: maps (cos psi, -sin psi) to the measurement minus `centre_ut`.
+    pub map_ut: Matrix2<f32>,
+    pub centre_ut: Vector2<f32>,
+}
+
+impl EllipseMap {
+    /// Fits the conic and derives the map. With `S` the inverse of the conic's form, `S = K P P^T K`: its diagonal is
+    /// `K^2`, its off-diagonal element over `Kx Ky` is `sin 2p`. `None` when the points are not on an ellipse.
+    pub fn fit(points_ut: impl Iterator<Item = Vector2<f32>> + Clone) -> Option<Self> {
+        let number = points_ut.clone().count() as f32;
+        let mean = points_ut.clone().sum::<Vector2<f32>>() / number;
+        let scale = sqrt(points_ut.clone().map(|p| (p - mean).norm_squared()).sum::<f32>() / number);
+        // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
+        let (centre, form) = fit_conic(points_ut.map(|p| (p - mean) / scale))?;
+        let s = form.try_inverse()?;
+        let (kx, ky) = (sqrt(s[(0, 0)]), sqrt(s[(1, 1)]));
+        let p = trig::asin(s[(0, 1)] / (kx * ky)) / 2.0;
+        let (sin, cos) = trig::sin_cos(p);
+        Some(Self {
+            map_ut: Matrix2::new(kx * cos, kx * sin, ky * sin, ky * cos) * scale,
+            centre_ut: mean + centre * scale,
+        })
+    }
+
+    /// Number of headings covered, 30 deg apart: runs of 15 deg sectors, so that a leg across a border counts once, or
+    /// half the covered sectors, so that a circle counts twelve.
+    fn count_headings(&self, points_ut: impl Iterator<Item = Vector2<f32>>) -> u8 {
+        // The map of an ellipse is regular; a singular one counts no headings.
+        let inverse = self.map_ut.try_inverse().unwrap_or_else(Matrix2::zeros);
+        let seen = points_ut.fold(0_u32, |seen, p| {
+            let circle = inverse * (p - self.centre_ut);
+            let turns = libm::atan2f(-circle.y, circle.x) / core::f32::consts::TAU + 0.5;
+            // The cast saturates and maps NaN to 0; the remainder keeps the shift below 24.
+            seen | 1 << ((turns * 24.0) as u32 % 24)
+        });
+        let shifted = (seen << 1 | seen >> 23) & 0x00FF_FFFF;
+        let legs = (seen & !shifted).count_ones();
+        legs.max(seen.count_ones() / 2) as u8
+    }
+}
+
+/// Solves samples of level flight; fields are rotated by `rotation` first.
+///
+/// Coefficients without effect in level flight are set: response of other axes to the vertical field 0, vertical hard
+/// iron 0, vertical scale equal to the mean horizontal one.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`], [`SolveError::TooFewHeadings`], and [`SolveError::NotAnEllipse`] without a circle of
+/// a horizontal field.
+pub(in crate::calibration) fn solve(
+    samples: Samples<'_>,
+    rotation: &Matrix3<f32>,
+) -> Result<SensorResponse, SolveError> {
+    let fields = samples.all().map(|s| rotation * s.field.ut);
+    SolveError::require(SamplePart::Level, fields.clone().count(), MIN_SAMPLES)?;
+    let found = EllipseMap::fit(fields.clone().map(|f| f.xy())).ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+    let vertical_ut = sqrt(found.map_ut.determinant().abs());
+    if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
+        return Err(SolveError::NotAnEllipse(SamplePart::Level));
+    }
+    let headings = found.count_headings(fields.clone().map(|f| f.xy()));
+    if headings < MIN_HEADINGS {
+        return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
+    }
+    let vertical =
+        VerticalAxisFit::fit(&found, fields, vertical_ut).ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+    let map = found.map_ut;
+    let [x, y] = vertical.horizontal_response_ut;
+    #[rustfmt::skip]
+    let a_ut = Matrix3::new(
+        map[(0, 0)], map[(0, 1)], 0.0,
+        map[(1, 0)], map[(1, 1)], 0.0,
+        x,           y,           vertical_ut,
+    );
+    let b_ut = Vector3::new(found.centre_ut.x, found.centre_ut.y, 0.0);
+    Ok(SensorResponse { a_ut, b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
+}
+
+struct VerticalAxisFit {
+    mean_ut: f32,
+    horizontal_response_ut: [f32; 2],
+}
+
+impl VerticalAxisFit {
+    fn fit(found: &EllipseMap, fields: impl Iterator<Item = Vector3<f32>>, scale_ut: f32) -> Option<Self> {
+        let inverse = found.map_ut.try_inverse()?;
+        let mut system = LeastSquares::<3, 1>::new();
+        for field in fields {
+            system.add(&(inverse * (field.xy() - found.centre_ut)).push(1.0), [field.z], 1.0);
+        }
+        let solution = system.solve()?;
+        let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
+        is_sound.then(|| Self { mean_ut: solution.z, horizontal_response_ut: [solution.x, solution.y] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Mark, Rates, Sample};
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn map_ut() -> Matrix2<f32> {
+        let (sin, cos) = 0.1_f32.sin_cos();
+        Matrix2::new(30.0 * cos, 30.0 * sin, 20.0 * sin, 20.0 * cos)
+    }
+
+    /// Level samples; the vertical axis has 40 uT plus 3 and 1.5 uT of horizontal response.
+    fn samples_at(headings_deg: &[f32], scale: f32) -> Vec<Sample> {
+        headings_deg
+            .iter()
+            .map(|heading_deg| {
+                let (sin, cos) = heading_deg.to_radians().sin_cos();
+                let flat = (map_ut() * Vector2::new(cos, -sin) + Vector2::new(12.0, -30.0)) * scale;
+                let field = Field::from_ut(flat.x, flat.y, 40.0 + 3.0 * cos - 1.5 * -sin);
+                Sample { field, attitude: Attitude::default(), time: WrappingMillis::default(), rates: Rates::NONE }
+            })
+            .collect()
+    }
+
+    fn evenly_spaced_deg(number: u8) -> Vec<f32> {
+        (0..number).map(|i| f32::from(i) * 360.0 / f32::from(number) + 7.0).collect()
+    }
+
+    fn solved(samples: &[Sample]) -> Result<SensorResponse, SolveError> {
+        solve(Samples { level: samples, ..Samples::default() }, &Matrix3::identity())
+    }
+
+    #[test]
+    fn the_ellipse_map_is_recovered() {
+        let found = solved(&samples_at(&evenly_spaced_deg(24), 1.0)).unwrap();
+        let map = map_ut();
+        let vertical_ut = map.determinant().sqrt();
+        let expected =
+            Matrix3::new(map[(0, 0)], map[(0, 1)], 0.0, map[(1, 0)], map[(1, 1)], 0.0, 3.0, -1.5, vertical_ut);
+        assert!((found.a_ut - expected).norm() < 2e-3, "{} {expected}", found.a_ut);
+        assert!((found.b_ut - Vector3::new(12.0, -30.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
+        assert!((found.tan_inclination - 40.0 / vertical_ut).abs() < 1e-4, "{}", found.tan_inclination);
+    }
+
+    #[test]
+    fn all_parts_count_and_are_rotated() {
+        let samples = samples_at(&evenly_spaced_deg(24), 1.0);
+        let marks: Vec<Mark> = samples[12..].iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
+        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let parts =
+            Samples { left: &samples[..6], right: &samples[6..12], level: &[], marks: &marks, ..Samples::default() };
+        let found = solve(parts, &about_z).unwrap();
+        assert!((found.b_ut - Vector3::new(30.0, 12.0, 0.0)).norm() < 1e-3, "{}", found.b_ut);
+    }
+
+    #[test]
+    fn eight_samples_are_enough_and_seven_are_not() {
+        assert!(solved(&samples_at(&evenly_spaced_deg(8), 1.0)).is_ok());
+        let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
+        assert_eq!(solved(&samples_at(&evenly_spaced_deg(7), 1.0)).map(|_| ()), Err(missing));
+    }
+
+    /// The mean radius is sqrt(Kx Ky cos 2p) = 24.25 uT, the limit 6.
+    #[test]
+    fn circles_below_six_microtesla_are_rejected() {
+        assert!(solved(&samples_at(&evenly_spaced_deg(24), 6.1 / 24.25)).is_ok());
+        let refused = solved(&samples_at(&evenly_spaced_deg(24), 5.9 / 24.25)).map(|_| ());
+        assert_eq!(refused, Err(SolveError::NotAnEllipse(SamplePart::Level)));
+        let held = solved(&samples_at(&[30.0; 24], 1.0)).map(|_| ());
+        assert_eq!(held, Err(SolveError::NotAnEllipse(SamplePart::Level)));
+    }
+
+    #[test]
+    fn five_headings_are_enough_and_four_are_not() {
+        let legs = |headings_deg: &[f32]| -> Vec<f32> {
+            headings_deg.iter().flat_map(|heading| [-2.0, 0.0, 2.0].map(|off| heading + off)).collect()
+        };
+        assert!(solved(&samples_at(&legs(&[7.0, 80.0, 150.0, 220.0, 295.0]), 1.0)).is_ok());
+        let missing = |have| Err(SolveError::TooFewHeadings { have, need: 5 });
+        assert_eq!(solved(&samples_at(&legs(&[7.0, 97.0, 187.0, 277.0]), 1.0)).map(|_| ()), missing(4));
+        let arc: Vec<f32> = (0..60_u8).map(|i| 1.0 + f32::from(i) * 2.0).collect();
+        assert_eq!(solved(&samples_at(&arc, 1.0)).map(|_| ()), missing(4));
+    }
+
+    fn count_headings_of(headings_deg: &[f32]) -> u8 {
+        let hypothesis = EllipseMap { map_ut: map_ut(), centre_ut: Vector2::new(12.0, -30.0) };
+        hypothesis.count_headings(samples_at(headings_deg, 1.0).iter().map(|s| s.field.ut.xy()))
+    }
+
+    #[test]
+    fn a_leg_across_a_border_is_one_heading_and_a_circle_is_twelve() {
+        assert_eq!(count_headings_of(&[]), 0);
+        assert_eq!(count_headings_of(&[7.0]), 1);
+        assert_eq!(count_headings_of(&[13.0, 17.0]), 1, "across a border");
+        assert_eq!(count_headings_of(&[-3.0, 3.0]), 1, "across north");
+        assert_eq!(count_headings_of(&[177.0, 183.0]), 1, "across south");
+        assert_eq!(count_headings_of(&[7.0, 37.0]), 2);
+        assert_eq!(count_headings_of(&[13.0, 17.0, 88.0, 92.0, 178.0, 182.0, 268.0, 272.0]), 4);
+        assert_eq!(count_headings_of(&evenly_spaced_deg(72)), 12);
+        let half: Vec<f32> = (0..36_u8).map(|i| 2.0 + f32::from(i) * 5.0).collect();
+        assert_eq!(count_headings_of(&half), 6);
+    }
+
+    #[test]
+    fn implausible_vertical_axis_is_rejected() {
+        let with = |z: f32| -> Vec<Sample> {
+            let shifted = |s: Sample| Sample { field: Field::from_ut(s.field.ut.x, s.field.ut.y, z), ..s };
+            samples_at(&evenly_spaced_deg(24), 1.0).into_iter().map(shifted).collect()
+        };
+        assert!(solved(&with(24_000.0)).is_ok());
+        assert_eq!(solved(&with(24_500.0)).map(|_| ()), Err(SolveError::NotAnEllipse(SamplePart::Level)));
+    }
+}

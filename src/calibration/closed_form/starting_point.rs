@@ -1,0 +1,220 @@
+//! Starting points of the refinement: closed-form results, the sphere fit, and the fit to the vertical.
+
+use nalgebra::{Matrix3, SVector, Vector3, Vector4};
+
+use crate::calibration::{LeastSquares, Samples, inverse};
+use crate::frames::Field;
+use crate::trig;
+use crate::trig::sqrt;
+
+/// Response of the sensor, mount axes.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct SensorResponse {
+    /// `A` times H0, microtesla: response to a field of H0 in body axes.
+    pub a_ut: Matrix3<f32>,
+    /// Hard iron, microtesla.
+    pub b_ut: Vector3<f32>,
+    /// `D`: tangent of the inclination.
+    pub tan_inclination: f32,
+}
+
+/// Starting point of a refinement.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct StartingPoint {
+    /// Unit of field, microtesla.
+    pub unit_ut: f32,
+    pub w: Matrix3<f32>,
+    pub b: Vector3<f32>,
+    pub inclination_rad: f32,
+}
+
+impl SensorResponse {
+    /// Starting point in the unit of field for which `W` has determinant one. `None` if `A` is singular or mirrored:
+    /// chip axes are right-handed.
+    pub fn starting_point(&self) -> Option<StartingPoint> {
+        let total = sqrt(1.0 + self.tan_inclination * self.tan_inclination);
+        let w = inverse(&self.a_ut)? / total;
+        let determinant = w.determinant();
+        let unit_ut = trig::reciprocal_cbrt(determinant);
+        (determinant > 0.0 && unit_ut.is_finite() && unit_ut > 0.0).then(|| StartingPoint {
+            unit_ut,
+            w: w * unit_ut,
+            b: self.b_ut / unit_ut,
+            inclination_rad: libm::atan2f(self.tan_inclination, 1.0),
+        })
+    }
+}
+
+/// Weight of the assumption of no hard iron relative to the samples.
+const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
+
+/// Centre (chip axes) and radius of the sphere fit to all samples, microtesla: hard iron and field strength without
+/// soft iron. `None` without samples or if not finite.
+#[inline(never)]
+pub(crate) fn fit_sphere(samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
+    let fields = || samples.all().map(|s| s.field.ut);
+    let mean = fields().sum::<Vector3<f32>>() / fields().count() as f32;
+    // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
+    let mut system = LeastSquares::<4, 1>::new();
+    let mut spread = 0.0;
+    for field in fields() {
+        let p = field - mean;
+        system.add(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
+        spread += p.norm_squared();
+    }
+    // Ridge towards no hard iron: a single turn leaves the centre undetermined along its axis.
+    for i in 0..3 {
+        system.add(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * spread);
+    }
+    let solution = system.solve()?;
+    let centre = solution.fixed_rows::<3>(0).into_owned();
+    Some((mean + centre, sqrt((solution[3] + centre.norm_squared()).max(1.0))))
+}
+
+/// Starting point from the sphere fit: hard iron only. Fields are rotated by `rotation` first.
+pub(in crate::calibration) fn sphere_start(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<StartingPoint> {
+    let (centre_ut, unit_ut) = fit_sphere(samples)?;
+    let b_ut = rotation * centre_ut;
+    let sin_dip = samples
+        .all()
+        .map(|s| {
+            let level = s.attitude.level(Field::new(rotation * s.field.ut - b_ut));
+            level.ut.z / level.total_ut().max(1e-6)
+        })
+        .sum::<f32>()
+        / samples.all().count() as f32;
+    let inclination_rad = trig::asin(sin_dip);
+    Some(StartingPoint { unit_ut, w: Matrix3::identity(), b: b_ut / unit_ut, inclination_rad })
+}
+
+/// Starting point from the vertical component, for samples tilted in several directions; needs no heading. With the
+/// down vector `u` in body axes, `u . (W m - c) = sin I` in units of field is linear in `W / sin I` and `c / sin I`;
+/// the mean norm gives the field strength. Attitude errors bias `W` low along the level axes. `None` if undetermined,
+/// as near the magnetic equator. Fields are rotated by `rotation` first.
+pub(in crate::calibration) fn vertical_component_start(
+    samples: Samples<'_>,
+    rotation: &Matrix3<f32>,
+) -> Option<StartingPoint> {
+    let fields = || samples.all().map(|s| (rotation * s.field.ut, s));
+    let number = fields().count() as f32;
+    let mean = fields().map(|(f, _)| f).sum::<Vector3<f32>>() / number;
+    let spread = fields().map(|(f, _)| (f - mean).norm_squared()).sum::<f32>() / number;
+    let scale_ut = sqrt(spread);
+    let rows = fields().map(|(field, s)| {
+        let down = s.attitude.body(Field::new(Vector3::z())).ut;
+        let row = down * ((field - mean) / scale_ut).push(1.0).transpose();
+        SVector::<f32, 12>::from_iterator(row.iter().copied())
+    });
+    let solution = LeastSquares::<12, 1>::from_rows(rows, [1.0]).solve()?;
+    let (matrix, offset) = (solution.fixed_rows::<9>(0), solution.fixed_rows::<3>(9).into_owned());
+    let per_ut = Matrix3::from_iterator(matrix.iter().copied()) / scale_ut;
+    let b_ut = mean - inverse(&per_ut)? * offset;
+    let total = sqrt(fields().map(|(f, _)| (per_ut * (f - b_ut)).norm_squared()).sum::<f32>() / number);
+    // Chip axes are right-handed, so a mirrored solution belongs to a field that points up.
+    let sign = if per_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let w = per_ut * (sign / total);
+    let unit_ut = trig::reciprocal_cbrt(w.determinant());
+    let is_valid = unit_ut.is_finite() && unit_ut > 0.0 && b_ut.iter().all(|ut| ut.is_finite());
+    is_valid.then(|| StartingPoint {
+        unit_ut,
+        w: w * unit_ut,
+        b: b_ut / unit_ut,
+        inclination_rad: sign * trig::asin(1.0 / total),
+    })
+}
+
+pub(in crate::calibration) fn tangent(inclination_rad: f32) -> f32 {
+    let (sin, cos) = trig::sin_cos(inclination_rad);
+    sin / cos
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::{Mark, Rates, Sample};
+    use crate::frames::{Attitude, Level};
+    use crate::time::WrappingMillis;
+
+    fn response() -> SensorResponse {
+        SensorResponse {
+            a_ut: Matrix3::new(27.0, 2.0, -1.0, 0.5, 22.0, 3.0, -2.0, 1.0, 30.0),
+            b_ut: Vector3::new(12.0, -7.0, 40.0),
+            tan_inclination: 1.4,
+        }
+    }
+
+    #[test]
+    fn a_start_corrects_to_the_unit_of_field() {
+        let response = response();
+        let start = response.starting_point().unwrap();
+        assert!((start.w.determinant() - 1.0).abs() < 1e-5);
+        assert!((start.inclination_rad - 1.4_f32.atan()).abs() < 1e-6);
+        let total = (1.0_f32 + 1.4 * 1.4).sqrt();
+        for direction in [Vector3::x(), Vector3::y(), -Vector3::z(), Vector3::new(0.6, 0.0, 0.8)] {
+            let measured_ut = response.a_ut * direction * total + response.b_ut;
+            let corrected = start.w * (measured_ut / start.unit_ut - start.b);
+            assert!((corrected - direction).norm() < 1e-5, "{corrected} {direction}");
+        }
+    }
+
+    #[test]
+    fn mirrored_or_singular_responses_are_rejected() {
+        let mirrored = SensorResponse { a_ut: -response().a_ut, ..response() };
+        assert!(mirrored.starting_point().is_none());
+        let flat = SensorResponse { a_ut: Matrix3::from_diagonal(&Vector3::new(20.0, 20.0, 0.0)), ..response() };
+        assert!(flat.starting_point().is_none());
+        assert!(SensorResponse { tan_inclination: f32::NAN, ..response() }.starting_point().is_none());
+        assert!(SensorResponse { a_ut: Matrix3::repeat(f32::NAN), ..response() }.starting_point().is_none());
+    }
+
+    fn circles(banks_deg: &[f32], b_ut: Vector3<f32>) -> Vec<Sample> {
+        let fly = |&bank_deg: &f32| {
+            let attitude = Attitude::from_deg(bank_deg, 2.0);
+            (0..24_u8).map(move |i| {
+                let level = Field::<Level>::earth(50.0, 1.0, f32::from(i) / 24.0 * TAU);
+                let field = Field::new(attitude.body(level).ut + b_ut);
+                Sample { field, attitude, time: WrappingMillis::default(), rates: Rates::NONE }
+            })
+        };
+        banks_deg.iter().flat_map(fly).collect()
+    }
+
+    /// The ridge biases the centre by 1e-4 of the hard iron: 0.01 uT.
+    #[test]
+    fn a_sphere_finds_hard_iron_and_inclination() {
+        let b_ut = Vector3::new(30.0, -60.0, 45.0);
+        let (left, right) = (circles(&[-25.0], b_ut), circles(&[25.0], b_ut));
+        let start =
+            sphere_start(Samples { left: &left, right: &right, ..Samples::default() }, &Matrix3::identity()).unwrap();
+        assert!((start.unit_ut - 50.0).abs() < 0.1, "{}", start.unit_ut);
+        assert!((start.b * start.unit_ut - b_ut).norm() < 0.2, "{}", start.b * start.unit_ut);
+        assert!((start.inclination_rad - 1.0).abs() < 0.01, "{}", start.inclination_rad);
+        assert_eq!(start.w, Matrix3::identity());
+
+        let marks: Vec<Mark> =
+            circles(&[-25.0, 25.0], b_ut).iter().map(|&sample| Mark { sample, heading_rad: 0.0 }).collect();
+        let about_z = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let turned = sphere_start(Samples { marks: &marks, ..Samples::default() }, &about_z).unwrap();
+        let expected_ut = about_z * b_ut;
+        assert!((turned.b * turned.unit_ut - expected_ut).norm() < 0.2, "{}", turned.b * turned.unit_ut);
+    }
+
+    /// The ridge selects the sphere with the least hard iron through the circle.
+    #[test]
+    fn a_single_circle_is_taken_for_one_without_hard_iron_along_its_axis() {
+        let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
+        let start = sphere_start(Samples { level: &level, ..Samples::default() }, &Matrix3::identity()).unwrap();
+        let b_ut = start.b * start.unit_ut;
+        assert!((b_ut - Vector3::new(5.0, -3.0, 0.0)).norm() < 2.0, "{b_ut}");
+        assert!((start.unit_ut - 50.0).abs() < 1.0, "{}", start.unit_ut);
+    }
+
+    #[test]
+    fn a_tangent_is_the_vertical_over_the_horizontal() {
+        for (degrees, expected) in [(0.0_f32, 0.0), (45.0, 1.0), (-60.0, -1.732_05), (75.0, 3.732_05)] {
+            assert!((tangent(degrees.to_radians()) - expected).abs() < 1e-4, "{degrees}");
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Shared parts of the closed forms of a left and a right turn, [two planes](super::two_plane) and [four
+//! ellipses](super::four_ellipse): mean bank, turn centres, direction of turn.
+
+use nalgebra::Vector3;
+
+use crate::calibration::types::time_order::TimeOrdered;
+use crate::calibration::{Sample, Samples, Side, SolveError};
+use crate::frames::wrap_pi;
+use crate::trig;
+
+/// Minimum number of samples of a side: five determine a conic, and each of twelve sectors should have one.
+pub(in crate::calibration) const MIN_SAMPLES: usize = 12;
+
+/// Maximum time between samples for the direction of turn, milliseconds. In 3 s a turn of 30 deg/s stays below half a
+/// circle.
+const MAX_GAP_MS: u32 = 3000;
+
+/// Minimum sine of the bank difference between the sides: 10 deg.
+const MIN_BANK_DIFFERENCE_SINE: f32 = 0.17;
+
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibration) struct MeanBank {
+    pub sin: f32,
+    pub cos: f32,
+}
+
+impl MeanBank {
+    pub fn from_samples(samples: &[Sample]) -> Self {
+        let mean_rad = samples.iter().map(|s| s.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32;
+        let (sin, cos) = trig::sin_cos(mean_rad);
+        Self { sin, cos }
+    }
+
+    /// Sine of the bank difference to another turn, a divisor in the closed forms.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::SamePlane`] when the banks are less than 10 deg apart.
+    pub fn sine_of_difference(self, other: Self) -> Result<f32, SolveError> {
+        let sine = other.sin * self.cos - other.cos * self.sin;
+        if sine.abs() < MIN_BANK_DIFFERENCE_SINE { Err(SolveError::SamePlane) } else { Ok(sine) }
+    }
+}
+
+/// Centres of a left and a right turn, `c = r V + b` (Liu 2007 eq. 14): `V` the vertical field in units of H0, `r` the
+/// response at the turn's bank to a vertical field of H0. Microtesla.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibration) struct TurnCentres {
+    pub centres_ut: [Vector3<f32>; 2],
+    pub vertical_response_ut: [Vector3<f32>; 2],
+}
+
+impl TurnCentres {
+    /// `V` from the difference of the centres, where `b` cancels, by least squares.
+    pub fn vertical_field(&self) -> f32 {
+        let [left, right] = self.vertical_response_ut;
+        let [centre_left, centre_right] = self.centres_ut;
+        let between = right - left;
+        between.dot(&(centre_right - centre_left)) / between.norm_squared()
+    }
+
+    /// `b` from the sum of the centres, microtesla.
+    pub fn hard_iron_ut(&self, vertical: f32) -> Vector3<f32> {
+        let [left, right] = self.vertical_response_ut;
+        let [centre_left, centre_right] = self.centres_ut;
+        (centre_left + centre_right - (left + right) * vertical) / 2.0
+    }
+}
+
+/// Total change of an angle in the direction of the turn, radians: positive if it increases in right turns and
+/// decreases in left ones. 0 if the samples are too far apart.
+pub(in crate::calibration) fn turn_progress_rad(
+    samples: &[Sample],
+    side: Side,
+    angle_rad: impl Fn(&Sample) -> f32,
+) -> f32 {
+    let progress_rad: f32 = samples
+        .array_windows()
+        .filter(|[a, b]| b.time.ms_since(a.time) <= MAX_GAP_MS)
+        .map(|[a, b]| wrap_pi(angle_rad(b) - angle_rad(a)))
+        .sum();
+    match side {
+        Side::Left => -progress_rad,
+        Side::Right => progress_rad,
+    }
+}
+
+/// Maximum time between neighbours for the direction of turn by gyro, milliseconds: shorter than yaw oscillations.
+const MAX_RATES_GAP_MS: u32 = 1200;
+
+/// Minimum total turn by gyro, radians: half a circle.
+const MIN_GYRO_TURN_RAD: f32 = 3.1;
+
+/// Total change of an angle in the direction of turn of the gyro, radians, positive if they agree. `None` without rates
+/// or with little turning.
+pub(in crate::calibration) fn turn_progress_by_rates_rad(
+    samples: Samples<'_>,
+    angle_rad: impl Fn(&Sample) -> f32,
+) -> Option<f32> {
+    let (mut progress_rad, mut turned_rad) = (0.0, 0.0);
+    let mut before: Option<&Sample> = None;
+    for (_, sample) in TimeOrdered::new(samples) {
+        if let Some(before) = before.replace(sample)
+            && sample.time.ms_since(before.time) <= MAX_RATES_GAP_MS
+        {
+            let step_s = sample.time.ms_since(before.time) as f32 * 1e-3;
+            let by_gyro_rad = step_s * before.rates.heading_rad_s().midpoint(sample.rates.heading_rad_s());
+            turned_rad += by_gyro_rad.abs();
+            progress_rad += wrap_pi(angle_rad(sample) - angle_rad(before)) * by_gyro_rad.signum();
+        }
+    }
+    (turned_rad >= MIN_GYRO_TURN_RAD).then_some(progress_rad)
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::Rates;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn sample(roll_deg: f32, x_ut: f32, millis: u32) -> Sample {
+        let field = Field::from_ut(x_ut, 0.0, 0.0);
+        Sample {
+            field,
+            attitude: Attitude::from_deg(roll_deg, 3.0),
+            time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
+        }
+    }
+
+    #[test]
+    fn the_bank_of_a_turn_is_the_mean() {
+        let bank = MeanBank::from_samples(&[sample(20.0, 0.0, 0), sample(40.0, 0.0, 0), sample(30.0, 0.0, 0)]);
+        assert!((bank.sin - 0.5).abs() < 1e-6 && (bank.cos - 0.866_025_4).abs() < 1e-6, "{bank:?}");
+        let none = MeanBank::from_samples(&[]);
+        assert!(none.sin.abs() < 1e-6 && (none.cos - 1.0).abs() < 1e-6, "{none:?}");
+    }
+
+    #[test]
+    fn banks_less_than_ten_degrees_apart_are_one_plane() {
+        let bank = |roll_deg| MeanBank::from_samples(&[sample(roll_deg, 0.0, 0)]);
+        for left_deg in [-4.9, 0.0, 20.0] {
+            let to = |right_deg| bank(left_deg).sine_of_difference(bank(right_deg));
+            assert_eq!(to(left_deg + 9.7), Err(SolveError::SamePlane), "{left_deg}");
+            assert_eq!(to(left_deg - 9.7), Err(SolveError::SamePlane), "{left_deg}");
+            assert!((to(left_deg + 9.9).unwrap() - 0.171_93).abs() < 1e-4, "{left_deg}");
+            assert!((to(left_deg - 9.9).unwrap() + 0.171_93).abs() < 1e-4, "{left_deg}");
+        }
+        assert!((bank(-50.0).sine_of_difference(bank(40.0)).unwrap() - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn centres_hold_hard_iron_and_the_vertical_field() {
+        let b_ut = Vector3::new(10.0, -20.0, 5.0);
+        let by_vertical_ut = [Vector3::new(1.0, -9.0, 20.0), Vector3::new(-2.0, 8.0, 22.0)];
+        for vertical in [-1.5, 0.0, 0.7, 3.0] {
+            let centres = TurnCentres {
+                centres_ut: by_vertical_ut.map(|r| r * vertical + b_ut),
+                vertical_response_ut: by_vertical_ut,
+            };
+            assert!((centres.vertical_field() - vertical).abs() < 1e-5, "{vertical}");
+            assert!((centres.hard_iron_ut(vertical) - b_ut).norm() < 1e-4, "{vertical}");
+        }
+    }
+
+    fn progress(side: Side, samples: &[(u32, f32)]) -> f32 {
+        let samples: Vec<Sample> = samples.iter().map(|&(millis, x_ut)| sample(0.0, x_ut, millis)).collect();
+        turn_progress_rad(&samples, side, |s| s.field.ut.x)
+    }
+
+    #[test]
+    fn heading_goes_up_to_the_right_and_down_to_the_left() {
+        let up = [(0, 1.0), (500, 1.5), (1000, 2.75)];
+        assert!((progress(Side::Right, &up) - 1.75).abs() < 1e-6);
+        assert!((progress(Side::Left, &up) + 1.75).abs() < 1e-6);
+        assert!((progress(Side::Right, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
+        for side in [Side::Left, Side::Right] {
+            assert!(progress(side, &[]).abs() < 1e-9 && progress(side, &[(0, 1.0)]).abs() < 1e-9);
+        }
+    }
+
+    fn progress_with_gyro_rate(deg_s: f32, every_ms: u32, seconds: u32) -> Option<f32> {
+        let circle: Vec<Sample> = (0..=seconds * 1000 / every_ms)
+            .map(|i| {
+                let heading_rad = wrap_pi((20.0 * (i * every_ms) as f32 * 1e-3).to_radians());
+                let rates = Rates::from_rad_s([0.0, 0.0, deg_s.to_radians()]);
+                Sample { rates, ..sample(0.0, heading_rad, i * every_ms) }
+            })
+            .collect();
+        let (first, rest) = circle.split_at(circle.len() / 2);
+        turn_progress_by_rates_rad(Samples { level: first, unassigned: [rest, &[], &[]], ..Samples::default() }, |s| {
+            s.field.ut.x
+        })
+    }
+
+    #[test]
+    fn headings_run_with_the_gyro_or_against_it() {
+        let circle = Some(TAU);
+        for (deg_s, expected) in [(20.0, circle), (-20.0, circle.map(|rad| -rad)), (15.0, circle), (0.0, None)] {
+            let found = progress_with_gyro_rate(deg_s, 500, 18);
+            assert!(
+                found.zip(expected).map_or(found == expected, |(found, expected)| (found - expected).abs() < 0.05),
+                "{deg_s}: {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn little_turning_or_large_gaps_give_no_direction() {
+        assert!(progress_with_gyro_rate(20.0, 500, 8).is_none() && progress_with_gyro_rate(20.0, 500, 10).is_some());
+        assert!(progress_with_gyro_rate(20.0, 1300, 30).is_none() && progress_with_gyro_rate(20.0, 1200, 30).is_some());
+    }
+
+    #[test]
+    fn large_gaps_are_ignored() {
+        assert!((progress(Side::Right, &[(100, 1.0), (3100, 2.0)]) - 1.0).abs() < 1e-6);
+        assert!(progress(Side::Right, &[(100, 1.0), (3101, 2.0)]).abs() < 1e-9);
+        assert!(progress(Side::Right, &[(3101, 1.0), (100, 2.0)]).abs() < 1e-9);
+        assert!((progress(Side::Right, &[(0, 0.0), (9000, 1.0), (9500, 1.25)]) - 0.25).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,126 @@
+//! Two planes: all twelve coefficients in closed form from a left and a right turn.
+//!
+//! At constant bank phi and zero pitch a turn is a plane ellipse in sensor space (Liu 2007 eq. 7 and 8, FRD axes, unit
+//! of field H0):
+//!
+//! `m = c + A (1, 0, 0) cos psi + A (0, -cos phi, sin phi) sin psi`, `c = A (0, sin phi, cos phi) D + b`.
+//!
+//! The planes of the two turns intersect along `A e_x`, the response of the roll axis. This fixes the phase of both
+//! ellipses, which Liu 2007 assumes to be zero: the semi-axis along it is `A e_x`, the conjugate one
+//! `A (0, -cos phi, sin phi)`. Two banks give `A`, the two centres D and b. Noise-free turns at constant attitude are
+//! recovered exactly, yaw mounting error included.
+//!
+//! The sign of each conjugate axis follows from the order of the samples in time, because heading increases in a right
+//! turn; the sign of `A` from `det A > 0`, because chip axes are right-handed.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::conic::Ellipse;
+use super::starting_point::SensorResponse;
+use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres, turn_progress_rad};
+use crate::calibration::{Sample, SamplePart, Samples, Side, SolveError};
+use crate::trig::Length as _;
+
+/// Minimum sine of the angle between the planes; below it their intersection is noise.
+const MIN_SINE_OF_PLANES: f32 = 1e-3;
+
+/// Solves left and right turns; fields are rotated by `rotation` first.
+///
+/// # Errors
+///
+/// [`SolveError::TooFewSamples`] and [`SolveError::NotAnEllipse`] of a turn; [`SolveError::SamePlane`] when banks or
+/// planes differ too little.
+pub(in crate::calibration) fn solve(turns: Samples<'_>, rotation: &Matrix3<f32>) -> Result<SensorResponse, SolveError> {
+    let left = TurnEllipse::new(turns.left, rotation, Side::Left)?;
+    let right = TurnEllipse::new(turns.right, rotation, Side::Right)?;
+    let common = left.ellipse.normal.cross(&right.ellipse.normal);
+    if common.length() < MIN_SINE_OF_PLANES {
+        return Err(SolveError::SamePlane);
+    }
+    let common = common.unit();
+    let radius_ut = left.ellipse.radius_ut(&common).midpoint(right.ellipse.radius_ut(&common));
+    let u_ut = common * radius_ut;
+    let (v_left, v_right) = (left.conjugate_ut(&u_ut), right.conjugate_ut(&u_ut));
+
+    // `v = -cos(phi) A e_y + sin(phi) A e_z` for both banks, solved for `A e_y` and `A e_z`.
+    let sine = left.bank.sine_of_difference(right.bank)?;
+    let y_ut = (v_right * left.bank.sin - v_left * right.bank.sin) / sine;
+    let z_ut = (v_right * left.bank.cos - v_left * right.bank.cos) / sine;
+
+    let vertical_response = |bank: MeanBank| y_ut * bank.sin + z_ut * bank.cos;
+    let centres = TurnCentres {
+        centres_ut: [left.ellipse.centre_ut, right.ellipse.centre_ut],
+        vertical_response_ut: [vertical_response(left.bank), vertical_response(right.bank)],
+    };
+    let tan_inclination = centres.vertical_field();
+    let b_ut = centres.hard_iron_ut(tan_inclination);
+    let a_ut = Matrix3::from_columns(&[u_ut, y_ut, z_ut]);
+    let sign = if a_ut.determinant() < 0.0 { -1.0 } else { 1.0 };
+    Ok(SensorResponse { a_ut: a_ut * sign, b_ut, tan_inclination: tan_inclination * sign })
+}
+
+struct TurnEllipse<'a> {
+    samples: &'a [Sample],
+    rotation: &'a Matrix3<f32>,
+    side: Side,
+    ellipse: Ellipse,
+    bank: MeanBank,
+}
+
+impl<'a> TurnEllipse<'a> {
+    fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
+        SolveError::require(SamplePart::Turns(side), samples.len(), MIN_SAMPLES)?;
+        let ellipse = Ellipse::fit(samples, rotation, side)?;
+        Ok(Self { samples, rotation, side, ellipse, bank: MeanBank::from_samples(samples) })
+    }
+
+    fn conjugate_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
+        let v_ut = self.ellipse.conjugate_ut(u_ut);
+        let phase = |s: &Sample| self.ellipse.phase_rad(&(self.rotation * s.field.ut), u_ut, &v_ut);
+        if turn_progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::TAU;
+
+    use super::*;
+    use crate::calibration::Rates;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn circle(plane_deg: f32, bank_deg: f32, radius_ut: f32) -> Vec<Sample> {
+        let (sin, cos) = plane_deg.to_radians().sin_cos();
+        let sense = bank_deg.signum();
+        (0..24_u16)
+            .map(|i| {
+                let heading_rad = sense * f32::from(i) / 24.0 * TAU;
+                let (x, y) = (radius_ut * heading_rad.cos(), -radius_ut * heading_rad.sin());
+                Sample {
+                    field: Field::from_ut(x, y * cos, -y * sin),
+                    attitude: Attitude::from_deg(bank_deg, 0.0),
+                    time: WrappingMillis::new(u32::from(i) * 500),
+                    rates: Rates::NONE,
+                }
+            })
+            .collect()
+    }
+
+    fn solved(left: &[Sample], right: &[Sample]) -> Result<SensorResponse, SolveError> {
+        solve(Samples { left, right, ..Samples::default() }, &Matrix3::identity())
+    }
+
+    #[test]
+    fn both_turns_count_for_the_axis_that_they_share() {
+        let found = solved(&circle(-25.0, -25.0, 20.0), &circle(25.0, 25.0, 24.0)).unwrap();
+        assert!((found.a_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.a_ut);
+    }
+
+    #[test]
+    fn turns_in_one_plane_have_no_direction_in_common() {
+        let refused = solved(&circle(10.0, -25.0, 20.0), &circle(10.0, 25.0, 20.0)).map(|_| ());
+        assert_eq!(refused, Err(SolveError::SamePlane));
+        assert!(solved(&circle(9.0, -25.0, 20.0), &circle(11.0, 25.0, 20.0)).is_ok());
+    }
+}

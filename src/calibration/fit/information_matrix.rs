@@ -1,0 +1,159 @@
+//! Information matrix of many Jacobian rows, packed.
+
+use nalgebra::Vector3;
+
+use crate::calibration::model::{
+    INCLINATION_INDEX, JacobianRow, PAIRS_OF_3, PAIRS_OF_4, UNKNOWNS, Vector13, product_index,
+};
+
+/// Sum of `weight row row^T`. A row is `k (x, 1)^T` except for its last element, so the sum has only 73 different
+/// elements: 60 products of two components of `k` and two of `(x, 1)`, and 13 with the last element. 292 bytes.
+#[derive(Clone, Debug)]
+pub(crate) struct InformationMatrix {
+    /// By pairs of components of `k`, then by pairs of components of `(x, 1)`.
+    products: [[f32; 10]; 6],
+    /// Products of the components of `k` and `(x, 1)` with the last element.
+    with_inclination: [[f32; 4]; 3],
+    inclination_squared: f32,
+}
+
+impl InformationMatrix {
+    pub const fn zero() -> Self {
+        Self { products: [[0.0; 10]; 6], with_inclination: [[0.0; 4]; 3], inclination_squared: 0.0 }
+    }
+
+    pub fn add_row(&mut self, row: &JacobianRow, weight: f32) {
+        self.add_inclination_products(row, weight);
+        self.add_products(&row.x, weighted_field_products(row, weight));
+    }
+
+    /// Adds the outer products of two rows of one measurement, hardly slower than one.
+    pub fn add_row_pair(&mut self, rows: [&JacobianRow; 2], weights: [f32; 2]) {
+        let [one, other] = [(rows[0], weights[0]), (rows[1], weights[1])].map(|(row, weight)| {
+            self.add_inclination_products(row, weight);
+            weighted_field_products(row, weight)
+        });
+        let [a, b, c, d, e, f] = other;
+        let [x, y, z, u, v, w] = one;
+        self.add_products(&rows[0].x, [a + x, b + y, c + z, d + u, e + v, f + w]);
+    }
+
+    /// Adds weighted products of `k` times those of `(x, 1)`. Unrolled: runs for each sample and pass.
+    fn add_products(&mut self, x: &Vector3<f32>, of_field: [f32; 6]) {
+        let [x, y, z] = [x.x, x.y, x.z];
+        let [xx, xy, xz, yy, yz, zz] = [x * x, x * y, x * z, y * y, y * z, z * z];
+        for (sums, k) in self.products.iter_mut().zip(of_field) {
+            sums[0] += k * xx;
+            sums[1] += k * xy;
+            sums[2] += k * xz;
+            sums[3] += k * x;
+            sums[4] += k * yy;
+            sums[5] += k * yz;
+            sums[6] += k * y;
+            sums[7] += k * zz;
+            sums[8] += k * z;
+            sums[9] += k;
+        }
+    }
+
+    fn add_inclination_products(&mut self, row: &JacobianRow, weight: f32) {
+        let last = row.by_inclination;
+        if last == 0.0 {
+            return;
+        }
+        let weight = weight * last;
+        for (sums, k) in self.with_inclination.iter_mut().zip([row.by_field.x, row.by_field.y, row.by_field.z]) {
+            let k = k * weight;
+            sums[0] += k * row.x.x;
+            sums[1] += k * row.x.y;
+            sums[2] += k * row.x.z;
+            sums[3] += k;
+        }
+        self.inclination_squared += weight * last;
+    }
+
+    pub fn multiply_vector(&self, vector: &Vector13) -> Vector13 {
+        let mut product = Vector13::zeros();
+        self.for_each_element(|i, j, element| {
+            product[i] += element * vector[j];
+            if i != j {
+                product[j] += element * vector[i];
+            }
+        });
+        product
+    }
+
+    /// Calls `each` with the indices and value of each element of one triangle.
+    pub fn for_each_element(&self, mut each: impl FnMut(usize, usize, f32)) {
+        for (&(k, l), of_x) in PAIRS_OF_3.iter().zip(&self.products) {
+            for (&(a, b), &element) in PAIRS_OF_4.iter().zip(of_x) {
+                each(product_index(k, a), product_index(l, b), element);
+                if k != l && a != b {
+                    each(product_index(k, b), product_index(l, a), element);
+                }
+            }
+        }
+        for (k, of_x) in self.with_inclination.iter().enumerate() {
+            for (a, &element) in of_x.iter().enumerate() {
+                each(product_index(k, a), INCLINATION_INDEX, element);
+            }
+        }
+        each(INCLINATION_INDEX, INCLINATION_INDEX, self.inclination_squared);
+    }
+
+    pub fn upper_triangle(&self) -> [[f32; UNKNOWNS]; UNKNOWNS] {
+        let mut triangle = [[0.0; UNKNOWNS]; UNKNOWNS];
+        self.for_each_element(|i, j, element| {
+            if let Some(slot) = triangle.get_mut(i.min(j)).and_then(|row| row.get_mut(i.max(j))) {
+                *slot = element;
+            }
+        });
+        triangle
+    }
+}
+
+/// Weighted products of two components of `k`, in the order of `PAIRS_OF_3`.
+fn weighted_field_products(row: &JacobianRow, weight: f32) -> [f32; 6] {
+    let [a, b, c] = [row.by_field.x, row.by_field.y, row.by_field.z];
+    let [wa, wb, wc] = [weight * a, weight * b, weight * c];
+    [wa * a, wa * b, wa * c, wb * b, wb * c, wc * c]
+}
+
+#[cfg(test)]
+mod tests {
+
+    use super::*;
+    use crate::calibration::model::Matrix13;
+    use crate::calibration::tests::synthetic::{Random, vector};
+
+    fn rows(random: &mut Random) -> [JacobianRow; 2] {
+        let x = vector(random, 1.0);
+        [0.0, -1.0].map(|by_inclination| JacobianRow { by_field: vector(random, 1.0), x, by_inclination })
+    }
+
+    #[test]
+    fn packed_matrix_equals_the_full_matrix() {
+        let mut random = Random(9);
+        let (mut squares, mut full) = (InformationMatrix::zero(), Matrix13::zeros());
+        for i in 0..20 {
+            let rows = rows(&mut random);
+            if i % 2 == 0 {
+                squares.add_row_pair(rows.each_ref(), [2.0, 3.0]);
+            } else {
+                squares.add_row(&rows[0], 2.0);
+                squares.add_row(&rows[1], 3.0);
+            }
+            for (row, weight) in rows.iter().zip([2.0, 3.0]) {
+                full += row.as_vector() * row.as_vector().transpose() * weight;
+            }
+        }
+        let vector = Vector13::from_fn(|_, _| random.uniform(-1.0, 1.0));
+        assert!((squares.multiply_vector(&vector) - full * vector).norm() < 1e-5 * full.norm());
+        let triangle = squares.upper_triangle();
+        for i in 0..UNKNOWNS {
+            for j in i..UNKNOWNS {
+                assert!((triangle[i][j] - full[(i, j)]).abs() < 1e-5 * full.norm(), "{i} {j}");
+            }
+        }
+    }
+}

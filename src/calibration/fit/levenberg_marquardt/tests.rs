@@ -1,0 +1,276 @@
+//! Unit tests of `maximum_likelihood`.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::*;
+use crate::calibration::closed_form::starting_point;
+use crate::calibration::model::{INCLINATION_INDEX, ModelConfig, ModelParameters};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
+use crate::calibration::{Prior, Rates, Sample};
+use crate::frames::{Attitude, Field};
+use crate::time::WrappingMillis;
+
+fn close(found: f32, expected: f32) -> bool {
+    (found - expected).abs() <= 1e-4 * expected.abs()
+}
+
+#[test]
+fn damping_follows_the_achieved_gain() {
+    let damping = Damping { value: 0.5, growth: 32.0 };
+    for (share, factor) in [
+        (1.0, 0.1),
+        (0.99, 0.1),
+        (0.9, 1.0 - 0.512),
+        (0.75, 0.875),
+        (0.5, 1.0),
+        (0.25, 1.125),
+        (0.0, 2.0),
+        (7.0, 0.1),
+        (-7.0, 2.0),
+    ] {
+        let after = damping.after_success(share);
+        assert!(close(after.value, 0.5 * factor), "{share}: {after:?}");
+        assert!(close(after.growth, 4.0));
+    }
+    assert!(close(Damping { value: 5e-9, growth: 4.0 }.after_success(1.0).value, 1e-9), "not below f32's digits");
+}
+
+#[test]
+fn damping_growth_doubles_with_each_failure() {
+    let mut damping = Damping { value: 1.0, growth: 4.0 };
+    for value in [4.0, 32.0, 512.0] {
+        damping = damping.after_failure();
+        assert!(close(damping.value, value), "{damping:?}");
+    }
+}
+
+/// One sample without attitude at the maximum likelihood, except for an inclination that is off by `sigmas`: the
+/// cost is half the square, and a step promises all of it.
+fn refinement_off_by(sigmas: f32) -> Refinement {
+    let sample = Sample {
+        field: Field::from_ut(50.0, 0.0, 0.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    };
+    let samples = Samples { left: &[sample], ..Samples::default() };
+    let prior = Prior { inclination_rad: Some(0.0), ..Prior::default() };
+    let likelihood = Likelihood::new(&prior, ModelConfig::NO_ATTITUDE, samples, 50.0);
+    let inclination_rad = sigmas * likelihood.config.known_inclination_sigma_rad;
+    let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::new(1.0, 0.0, 0.0), inclination_rad };
+    Refinement::new(likelihood, samples, parameters.unknowns().unwrap(), true)
+}
+
+fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
+    let sample = Sample {
+        field: Field::from_ut(50.0, 0.0, 0.0),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    };
+    refinement.system.cost += higher;
+    refinement.levenberg_marquardt_step(Samples { left: &[sample], ..Samples::default() })
+}
+
+/// Thresholds: a tenth of a sigma at the end, one sigma before. The last step is applied.
+#[test]
+fn it_converges_when_the_promised_gain_is_small() {
+    for (rounds, sigmas, progress) in [
+        (NOISE_ESTIMATES, 0.098, RefinementProgress::Converged),
+        (NOISE_ESTIMATES, -0.102, RefinementProgress::Continue),
+        (NOISE_ESTIMATES - 1, -0.98, RefinementProgress::Converged),
+        (0, 0.98, RefinementProgress::Converged),
+        (0, 1.02, RefinementProgress::Continue),
+    ] {
+        let mut refinement = refinement_off_by(sigmas);
+        refinement.noise_estimates = rounds;
+        assert_eq!(descend(&mut refinement, 0.0), progress, "{rounds} {sigmas}");
+        assert!(refinement.unknowns[INCLINATION_INDEX].abs() < 2e-5, "{}", refinement.unknowns[INCLINATION_INDEX]);
+        let left = refinement.system.step_to_maximum().unwrap();
+        assert!(left.amax() < 2e-5, "{left}");
+    }
+}
+
+#[test]
+fn it_ends_after_forty_steps() {
+    for (before, progress) in [(38, RefinementProgress::Continue), (39, RefinementProgress::Converged)] {
+        let mut refinement = refinement_off_by(3.0);
+        refinement.steps_since_estimate = before;
+        assert_eq!(descend(&mut refinement, 0.0), progress, "after {before}");
+    }
+}
+
+#[test]
+fn it_ends_when_no_step_helps() {
+    for (value, progress) in [(2.4e5, RefinementProgress::Continue), (2.6e5, RefinementProgress::Converged)] {
+        let mut refinement = refinement_off_by(3000.0);
+        refinement.damping.value = value;
+        assert_eq!(descend(&mut refinement, -1e9), progress, "{value}");
+        assert!(close(refinement.damping.value, 4.0 * value), "a failed step");
+    }
+}
+
+#[test]
+fn steps_that_raise_the_cost_are_rejected() {
+    for (refined, worse, taken) in
+        [(false, -0.01, true), (false, 0.01, false), (true, 0.0, true), (true, 0.99, true), (true, 1.01, false)]
+    {
+        let mut refinement = refinement_off_by(3.0);
+        refinement.likelihood.has_noise_estimate = refined;
+        let before = refinement.unknowns;
+        descend(&mut refinement, -4.5 - worse);
+        assert_eq!(refinement.unknowns != before, taken, "refined {refined}, worse by {worse}");
+        let growth = if taken { 2.0 } else { 4.0 };
+        let found = refinement.damping.value / Damping::START.value;
+        assert!((found / growth - 1.0).abs() < 0.01, "{found} {growth}");
+    }
+}
+
+#[test]
+fn damping_ignores_gains_within_the_tolerance() {
+    for (lost, factor) in [(0.0, 0.1), (2.25, 1.0), (3.75, 1.0 + (2.0_f32 / 3.0).powi(3))] {
+        let mut refinement = refinement_off_by(3.0);
+        descend(&mut refinement, -lost);
+        let found = refinement.damping.value / Damping::START.value;
+        // Damping shortens a step by a thousandth, its gain by a millionth.
+        assert!((found / factor - 1.0).abs() < 0.01, "{lost}: {found} {factor}");
+    }
+    // No gain, of a promised 0.98 (tolerance 1), and of 1.28.
+    for (sigmas, factor) in [(1.4, 0.1), (1.6, 2.0)] {
+        let mut refinement = refinement_off_by(sigmas);
+        refinement.likelihood.has_noise_estimate = true;
+        descend(&mut refinement, -0.5 * sigmas * sigmas);
+        let found = refinement.damping.value / Damping::START.value;
+        assert!((found / factor - 1.0).abs() < 0.01, "{sigmas}: {found} {factor}");
+    }
+}
+
+#[test]
+fn a_singular_problem_fails() {
+    let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, Samples::default(), 50.0);
+    let flat = ModelParameters { w: Matrix3::zeros(), d: Vector3::zeros(), inclination_rad: 0.0 }.unknowns().unwrap();
+    let mut refinement = Refinement::new(likelihood, Samples::default(), flat, true);
+    assert_eq!(refinement.step(Samples::default()), RefinementProgress::Failed);
+}
+
+fn flight(seed: u64) -> (Airframe, RecordedTurns) {
+    let mut random = Random(seed);
+    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+    (airframe, Flight::TYPICAL.fly(&airframe, &mut random))
+}
+
+fn refinement(recorded: &RecordedTurns, moves: bool) -> Refinement {
+    let start = starting_point::sphere_start(recorded.turns(), &Matrix3::identity()).unwrap();
+    let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), start.unit_ut);
+    let unknowns = likelihood.unknowns_from_start(&start).unwrap();
+    Refinement::new(likelihood, recorded.turns(), unknowns, moves)
+}
+
+#[test]
+fn the_noise_is_estimated_three_times() {
+    let (_, recorded) = flight(1);
+    let mut refinement = refinement(&recorded, true);
+    assert_eq!(refinement.damping, Damping { value: 1e-3, growth: 4.0 });
+    let mut estimates = Vec::new();
+    loop {
+        let rounds = refinement.noise_estimates;
+        match refinement.step(recorded.turns()) {
+            RefinementProgress::Continue if refinement.noise_estimates > rounds => {
+                assert!(close(refinement.damping.value, 1e-6) && refinement.steps_since_estimate == 0);
+                estimates.push(refinement.likelihood.noise.inclination_sigma_rad);
+            }
+            RefinementProgress::Continue => assert!(refinement.steps_since_estimate > 0),
+            end => break assert_eq!(end, RefinementProgress::Converged),
+        }
+    }
+    assert_eq!((estimates.len(), refinement.noise_estimates), (3, 3));
+    assert!((estimates[2] / estimates[1] - 1.0).abs() < 0.01, "{estimates:?}");
+}
+
+#[test]
+fn a_restart_converges_in_one_round() {
+    let (_, recorded) = flight(4);
+    let settled = || {
+        let mut refinement = refinement(&recorded, true);
+        while refinement.step(recorded.turns()) == RefinementProgress::Continue {}
+        refinement
+    };
+    let (there, mut again) = (settled(), refinement(&recorded, true));
+    again.unknowns = there.unknowns;
+    again.restart_with_noise(recorded.turns(), there.likelihood.noise.clone());
+    assert_eq!(
+        (again.step(recorded.turns()), again.step(recorded.turns())),
+        (RefinementProgress::Continue, RefinementProgress::Converged)
+    );
+    let moved = (again.unknowns - there.unknowns).norm();
+    assert!(moved < 1e-3 * there.unknowns.norm(), "{moved}");
+    assert!(
+        (again.likelihood.noise.inclination_sigma_rad / there.likelihood.noise.inclination_sigma_rad - 1.0).abs()
+            < 0.01
+    );
+    let mut late = settled();
+    late.restart_with_latency(recorded.turns(), 0.05, &Vector13::repeat(1e-4));
+    assert_eq!(late.likelihood.latency_s.to_bits(), 0.05_f32.to_bits());
+    assert!((late.unknowns - there.unknowns - Vector13::repeat(1e-4)).norm() < 1e-6);
+    assert_eq!((late.noise_estimates, late.steps_since_estimate), (NOISE_ESTIMATES - 1, 0));
+}
+
+#[test]
+fn fixed_unknowns_stay() {
+    let (_, recorded) = flight(2);
+    let mut refinement = refinement(&recorded, false);
+    let before = refinement.unknowns;
+    let steps = (0..10).take_while(|_| refinement.step(recorded.turns()) == RefinementProgress::Continue).count();
+    assert_eq!((steps, refinement.unknowns), (3, before));
+    // Initial noise is 5 % and 0.1 rad; a sphere fit leaves less of the norm's and more than a sensor's.
+    let NoiseModel { norm, inclination_sigma_rad: dip_rad, .. } = refinement.likelihood.noise;
+    assert!((0.01..0.049).contains(&norm) && (0.01..0.3).contains(&dip_rad), "{norm} {dip_rad}");
+}
+
+/// Passes for twenty flights from the sphere fit, the worst starting point: 7.0 on average.
+#[test]
+fn a_solve_takes_seven_passes() {
+    let mut passes = 0;
+    for seed in 0..20 {
+        let (_, recorded) = flight(seed);
+        let mut refinement = refinement(&recorded, true);
+        passes += 1;
+        while refinement.step(recorded.turns()) == RefinementProgress::Continue {
+            passes += 1;
+        }
+    }
+    assert!((130..=145).contains(&passes), "{passes}");
+}
+
+#[test]
+fn only_the_last_pass_rotates_equations() {
+    let (_, recorded) = flight(1);
+    let mut refinement = refinement(&recorded, true);
+    while refinement.step(recorded.turns()) == RefinementProgress::Continue {
+        assert_eq!(refinement.likelihood.uses_normal_equations, refinement.noise_estimates < NOISE_ESTIMATES);
+    }
+    assert!(!refinement.likelihood.uses_normal_equations);
+    for (samples, sums_up) in [(128, false), (129, true)] {
+        let likelihood = Likelihood::new(
+            &Prior::default(),
+            ModelConfig::DEFAULT,
+            Samples { left: &recorded.left[..64], right: &recorded.right[..samples - 64], ..Samples::default() },
+            50.0,
+        );
+        assert_eq!(likelihood.uses_normal_equations, sums_up, "{samples}");
+    }
+}
+
+#[test]
+fn normal_equations_agree_with_rotations() {
+    let (_, recorded) = flight(3);
+    let Refinement { mut likelihood, unknowns, .. } = refinement(&recorded, true);
+    likelihood.sample_stride = 1;
+    let [summed, exact] = [true, false].map(|sums_up| {
+        likelihood.uses_normal_equations = sums_up;
+        LinearisedProblem::linearise(&likelihood, recorded.turns(), &unknowns)
+    });
+    assert!(close(summed.cost, exact.cost) && summed.samples == exact.samples);
+    let (found, expected) = (summed.step_to_maximum().unwrap(), exact.step_to_maximum().unwrap());
+    assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
+}

@@ -1,0 +1,151 @@
+//! Linearised problem: information, gradient and cost of all samples and priors at one set of unknowns.
+
+use super::information_matrix::InformationMatrix;
+use crate::calibration::model::{
+    JacobianRow, Likelihood, ModelParameters, ResidualEquation, SampleEquations, UNKNOWNS, Vector13, for_each_prior,
+    scaled_unit_vector,
+};
+use crate::calibration::{LeastSquares, Samples};
+
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct LinearisedProblem {
+    triangle: LeastSquares<UNKNOWNS, 1>,
+    /// Cost: half the weighted sum of squares, with Huber's loss.
+    pub cost: f32,
+    /// Sums of the clipped squared normalised residuals, of norm and inclination.
+    pub clipped_squares: [f32; 2],
+    pub samples: u16,
+}
+
+/// Normal equations of samples: a fifth of the work of rotating each equation into the triangle, with half the digits.
+pub(in crate::calibration) struct NormalEquations {
+    information: InformationMatrix,
+    gradient: Vector13,
+}
+
+impl NormalEquations {
+    pub fn zero() -> Self {
+        Self { information: InformationMatrix::zero(), gradient: Vector13::zeros() }
+    }
+
+    pub fn add(&mut self, equations: &SampleEquations) {
+        let SampleEquations { norm, inclination: dip, heading, .. } = equations;
+        if let Some(dip) = dip {
+            self.information.add_row_pair([&norm.row, &dip.row], [norm.weight, dip.weight]);
+            // The two residuals share a measurement, so their gradients are added before the outer product.
+            let (of_norm, of_dip) = (-norm.weight * norm.residual, -dip.weight * dip.residual);
+            let by_field = norm.row.by_field * of_norm + dip.row.by_field * of_dip;
+            let by_inclination = dip.row.by_inclination * of_dip;
+            JacobianRow { by_field, by_inclination, ..dip.row }.add_scaled_to(&mut self.gradient, 1.0);
+        } else {
+            self.add_equation(norm);
+        }
+        if let Some(heading) = heading {
+            self.add_equation(heading);
+        }
+    }
+
+    fn add_equation(&mut self, equation: &ResidualEquation) {
+        self.information.add_row(&equation.row, equation.weight);
+        equation.row.add_scaled_to(&mut self.gradient, -equation.weight * equation.residual);
+    }
+}
+
+impl LinearisedProblem {
+    fn empty() -> Self {
+        Self { triangle: LeastSquares::new(), cost: 0.0, clipped_squares: [0.0; 2], samples: 0 }
+    }
+
+    #[cfg(test)]
+    pub fn from_priors(likelihood: &Likelihood, unknowns: &Vector13) -> Self {
+        let mut system = Self::empty();
+        system.add_priors(likelihood, unknowns);
+        system
+    }
+
+    fn add_priors(&mut self, likelihood: &Likelihood, unknowns: &Vector13) {
+        for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
+            let weight = 1.0 / (prior.sigma * prior.sigma);
+            self.triangle.add(&prior.row, [-prior.residual], weight);
+            self.cost += 0.5 * weight * prior.residual * prior.residual;
+        });
+    }
+
+    #[inline(never)]
+    pub fn linearise(likelihood: &Likelihood, samples: Samples<'_>, unknowns: &Vector13) -> Self {
+        let parameters = ModelParameters::new(unknowns);
+        let mut system = Self::empty();
+        if likelihood.uses_normal_equations {
+            let mut sums = NormalEquations::zero();
+            likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| {
+                system.accumulate_cost(equations);
+                sums.add(equations);
+            });
+            system.triangle = LeastSquares::from_normal_equations(
+                sums.information.upper_triangle(),
+                sums.gradient.data.0[0].map(|g| [g]),
+            );
+            system.add_priors(likelihood, unknowns);
+        } else {
+            // Priors first: an equation that meets an empty row would be divided by its own element, however small.
+            system.add_priors(likelihood, unknowns);
+            likelihood.for_each_sample_equations(samples, &parameters, &mut |equations| system.add(equations));
+        }
+        system
+    }
+
+    pub fn add(&mut self, equations: &SampleEquations) {
+        self.accumulate_cost(equations);
+        let norm = &equations.norm;
+        if let Some(dip) = &equations.inclination {
+            let residuals = [-norm.residual, -dip.residual];
+            self.triangle.add_pair([&norm.row.as_vector(), &dip.row.as_vector()], residuals, [norm.weight, dip.weight]);
+        } else {
+            self.add_equation(norm);
+        }
+        if let Some(heading) = &equations.heading {
+            self.add_equation(heading);
+        }
+    }
+
+    fn add_equation(&mut self, equation: &ResidualEquation) {
+        self.triangle.add(&equation.row.as_vector(), [-equation.residual], equation.weight);
+    }
+
+    fn accumulate_cost(&mut self, equations: &SampleEquations) {
+        self.clipped_squares[0] += equations.norm.clipped_square;
+        self.clipped_squares[1] += equations.inclination.as_ref().map_or(0.0, |dip| dip.clipped_square);
+        self.cost += equations.iter().map(|equation| equation.loss).sum::<f32>();
+        self.samples = self.samples.saturating_add(1);
+    }
+
+    #[cfg(test)]
+    pub fn add_row(&mut self, row: &Vector13, residual: f32, weight: f32) {
+        self.triangle.add(row, [-residual], weight);
+    }
+
+    /// Moves the origin to the solution: the remaining step is zero.
+    pub const fn reset_origin(&mut self) {
+        self.triangle.reset_origin();
+    }
+
+    /// Damped step (Levenberg-Marquardt) to the maximum likelihood, and the promised reduction of the cost. `None` when
+    /// the information is singular.
+    pub fn damped_step(&self, damping: f32) -> Option<(Vector13, f32)> {
+        let mut damped = self.triangle.clone();
+        for (i, information) in self.triangle.diagonal().iter().enumerate() {
+            damped.add(&scaled_unit_vector(i, 1.0), [0.0], damping * information);
+        }
+        let change = damped.solve()?;
+        Some((change, self.triangle.promised_reduction(&change)))
+    }
+
+    pub fn step_to_maximum(&self) -> Option<Vector13> {
+        self.triangle.solve()
+    }
+
+    /// Covariance of the unknowns times a vector; `None` when the information is singular.
+    pub fn covariance_times(&self, vector: &Vector13) -> Option<Vector13> {
+        self.triangle.covariance_times(vector)
+    }
+}

@@ -1,0 +1,58 @@
+//! A constant error of the attitude source: its effect, its assumed size, and its test.
+
+use super::score_test::ScoreTest;
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::model::SampleEquations;
+use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::{ConsiderSigmas, Rates};
+use crate::frames::Attitude;
+use crate::trig::sqrt;
+
+/// Row of the [table](super::table).
+pub(in crate::calibration) struct AttitudeError {
+    /// Change of roll and pitch by one unit of the error, radians, at an attitude and its rates.
+    pub effect: fn(Attitude, Rates) -> [f32; 2],
+    /// Standard deviation assumed without a test.
+    pub assumed_sigma: fn(ConsiderSigmas) -> f32,
+    /// Rule of acceptance of an error that is not corrected, but allowed for when found.
+    pub test: Option<fn(&AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding>>,
+}
+
+impl AttitudeError {
+    /// Derivative of a sample's inclination by the error.
+    pub fn inclination_derivative(&self, equations: &SampleEquations, attitude: Attitude, rates: Rates) -> f32 {
+        let [by_roll, by_pitch] = equations.inclination_by_attitude;
+        let [roll, pitch] = (self.effect)(attitude, rates);
+        by_roll * roll + by_pitch * pitch
+    }
+}
+
+/// Input of a test.
+pub(in crate::calibration) struct AttitudeErrorTest<'a> {
+    /// Sums of the tested error.
+    pub sums: &'a ScoreTest<1>,
+    /// Information of a roll bias: sensitivity of the inclination residuals to roll noise.
+    pub roll_information: f32,
+    pub system: &'a LinearisedProblem,
+    pub residuals: &'a ResidualStatistics,
+    pub fit: &'a ConvergedFit<'a>,
+    pub assumed_sigma: f32,
+}
+
+/// An error that is significant and above the assumed one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::calibration) struct AttitudeErrorFinding {
+    pub estimate: f32,
+    /// Size in sigmas, the assumed error included.
+    pub significance_sigmas: f32,
+    /// Square to allow for beyond the assumed error.
+    pub excess_square: f32,
+}
+
+impl AttitudeErrorFinding {
+    /// The assumed standard deviation with the allowance added in quadrature.
+    pub fn allowed_sigma(&self, assumed_sigma: f32) -> f32 {
+        sqrt(assumed_sigma * assumed_sigma + self.excess_square)
+    }
+}

@@ -1,0 +1,197 @@
+//! Attitude latency beyond the nominal latency of the attitude source.
+//!
+//! Attitude that is `tau` too old has a roll of `phi - tau phi'` and a pitch of `theta - tau theta'`, which shows only
+//! when they vary. So `tau` is a fourteenth unknown for samples with rates: the derivative of the inclination is
+//! `cos theta (l_y / h) phi' - (l_x / h) theta'`, with `l` the level field and `h` its horizontal part. Its prior sigma
+//! is 0.1 s.
+//!
+//! `tau` is not part of the search but estimated from its result by the [score test](super::score_test): `tau = U / S`.
+//! If `tau` is significant, the attitudes are extrapolated by it and the search continues.
+//!
+//! Residuals and rates of neighbouring samples are correlated, so the variance of `U` is inflated by
+//! `(1 + rho) / (1 - rho)`, with `rho` the lag-1 autocorrelation of the contributions to `U`.
+
+use super::attitude_error::AttitudeError;
+use super::score_test::{EfficientScore, ScoreTest};
+use crate::calibration::AttitudeLatency;
+use crate::calibration::statistics::autocorrelation::Autocorrelation;
+use crate::trig::sqrt;
+
+/// Row of the table of attitude errors. The sigma is estimated, and the latency corrected rather than allowed for.
+pub(super) const LATENCY_ERROR: AttitudeError =
+    AttitudeError { effect: |_, rates| [rates.roll_rad_s(), rates.pitch_rad_s()], assumed_sigma: |_| 0.0, test: None };
+
+/// Prior sigma of the latency, seconds.
+const PRIOR_SIGMA_S: f32 = 0.1;
+
+/// Maximum sigma for a latency to be applied, seconds.
+const MAX_SIGMA_S: f32 = 0.015;
+
+/// Minimum significance for a latency to be applied, sigmas.
+const MIN_SIGMAS: f32 = 3.0;
+
+/// Maximum sigma for a first try, seconds. An uncorrected latency increases the residuals and so its own sigma.
+const MAX_TRIAL_SIGMA_S: f32 = 2.0 * MAX_SIGMA_S;
+
+/// Deviation from the estimate above which the applied latency is updated, sigmas.
+const CONVERGED_SIGMAS: f32 = 0.5;
+
+/// Maximum number of updates; the first leaves a few per cent, by nonlinearity.
+const MAX_UPDATES: u8 = 2;
+
+impl AttitudeLatency {
+    /// Maximum-likelihood latency and its sigma, with `used_s` applied. `contributions`: of the samples to `U`. `None`
+    /// without rates or if not finite.
+    pub(in crate::calibration) fn estimate(
+        sums: &ScoreTest<1>,
+        score: &EfficientScore<1>,
+        contributions: &Autocorrelation,
+        used_s: f32,
+    ) -> Option<Self> {
+        let prior = 1.0 / (PRIOR_SIGMA_S * PRIOR_SIGMA_S);
+        let own = score.information.x.max(0.0);
+        let all = own + prior;
+        let [excess, _] = contributions.excess_inflation();
+        let found_s = used_s + (score.gradient.x - prior * used_s) / all;
+        let sigma_s = sqrt(own * (1.0 + excess) + prior) / all;
+        (sums.information.x > 0.0 && (found_s + sigma_s).is_finite()).then_some(Self { estimate_s: found_s, sigma_s })
+    }
+
+    const fn is_applicable(self) -> bool {
+        self.sigma_s < MAX_SIGMA_S && self.is_significant()
+    }
+
+    const fn is_significant(self) -> bool {
+        self.estimate_s.abs() > MIN_SIGMAS * self.sigma_s
+    }
+
+    /// Next latency after `tried` updates, seconds; `None` if `used_s` is final. A latency that turns out useless is
+    /// reset to 0.
+    pub(in crate::calibration) fn next_latency_s(self, used_s: f32, tried: u8) -> Option<f32> {
+        if tried == 0 {
+            return (self.sigma_s < MAX_TRIAL_SIGMA_S && self.is_significant()).then_some(self.estimate_s);
+        }
+        if used_s == 0.0 {
+            return None;
+        }
+        if !self.is_applicable() {
+            return Some(0.0);
+        }
+        let is_off = (self.estimate_s - used_s).abs() > CONVERGED_SIGMAS * self.sigma_s;
+        (is_off && tried < MAX_UPDATES).then_some(self.estimate_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Vector1, Vector3};
+
+    use super::*;
+    use crate::calibration::model::{JacobianRow, ResidualEquation, Vector13};
+
+    fn close(found: f32, expected: f32) -> bool {
+        (found - expected).abs() <= 1e-4 * expected.abs()
+    }
+
+    fn dip(weight: f32, residual: f32) -> ResidualEquation {
+        let row = JacobianRow { by_field: Vector3::zeros(), x: Vector3::zeros(), by_inclination: 0.0 };
+        ResidualEquation::new(row, residual, 1.0 / weight, 1e6)
+    }
+
+    struct Evidence {
+        sums: ScoreTest<1>,
+        contributions: Autocorrelation,
+    }
+
+    impl Default for Evidence {
+        fn default() -> Self {
+            Self { sums: ScoreTest::zero(), contributions: Autocorrelation::default() }
+        }
+    }
+
+    impl Evidence {
+        fn add(&mut self, part: usize, dip: &ResidualEquation, by_latency: f32) {
+            self.sums.add(dip, &Vector1::new(by_latency), 1.0);
+            self.contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
+        }
+
+        /// `known` and `pulled`: parts of information and gradient explained by the nuisance parameters.
+        fn estimate(&self, used_s: f32, known: f32, pulled: f32) -> Option<AttitudeLatency> {
+            let score = EfficientScore {
+                columns: [Vector13::zeros()],
+                information: self.sums.information.add_scalar(-known),
+                gradient: self.sums.gradient.add_scalar(-pulled),
+            };
+            AttitudeLatency::estimate(&self.sums, &score, &self.contributions, used_s)
+        }
+    }
+
+    #[test]
+    fn estimate_equals_hand_calculation() {
+        let mut evidence = Evidence::default();
+        for (weight, residual, by_latency) in [(1e4, -0.02, 0.5), (2e4, 0.01, 0.4), (1e4, -0.03, -0.3)] {
+            evidence.add(0, &dip(weight, residual), by_latency);
+        }
+        let (information, gradient) = (2500.0 + 3200.0 + 900.0, 100.0 - 80.0 - 90.0);
+        for used_s in [0.0, 0.05] {
+            let found = evidence.estimate(used_s, 600.0, 7.0).unwrap();
+            let all = information - 600.0 + 100.0;
+            assert!(close(found.estimate_s, used_s + (gradient - 7.0 - 100.0 * used_s) / all), "{found:?}");
+            assert!(close(found.sigma_s, f32::sqrt(1.0 / all)), "{found:?}");
+        }
+        let open = evidence.estimate(0.0, 1e6, 0.0).unwrap();
+        assert!(close(open.sigma_s, 0.1), "{open:?}");
+    }
+
+    /// rho = 1/2 triples the variance of the samples' part only.
+    #[test]
+    fn autocorrelation_inflates_the_variance() {
+        let mut evidence = Evidence::default();
+        for residual in [0.01, 0.01, 0.0, 0.0, 0.01, 0.01, 0.0] {
+            evidence.add(1, &dip(1e4, residual), 0.5);
+        }
+        let own = 7.0 * 2500.0;
+        let found = evidence.estimate(0.0, 0.0, 0.0).unwrap();
+        assert!(close(found.sigma_s, f32::sqrt(own * 3.0 + 100.0) / (own + 100.0)), "{found:?}");
+    }
+
+    #[test]
+    fn without_rates_there_is_no_latency() {
+        let mut evidence = Evidence::default();
+        evidence.add(0, &dip(1e4, 0.01), 0.0);
+        assert_eq!(evidence.estimate(0.0, 0.0, 0.0), None);
+        evidence.add(0, &dip(1e4, 0.01), 0.1);
+        assert!(evidence.estimate(0.0, 0.0, 0.0).is_some());
+        assert_eq!(evidence.estimate(0.0, 0.0, f32::NAN), None);
+        assert_eq!(evidence.estimate(f32::INFINITY, 0.0, 0.0), None);
+    }
+
+    #[test]
+    fn only_certain_and_significant_latencies_are_applied() {
+        for sign in [1.0, -1.0] {
+            for (found_s, sigma_s, at_first, then) in [
+                (0.1, 0.0149, true, true),
+                (0.1, 0.0151, true, false),
+                (0.1, 0.0299, true, false),
+                (0.1, 0.0301, false, false),
+                (0.031, 0.01, true, true),
+                (0.029, 0.01, false, false),
+                (f32::NAN, 0.01, false, false),
+            ] {
+                let latency = AttitudeLatency { estimate_s: sign * found_s, sigma_s };
+                assert_eq!(latency.next_latency_s(0.0, 0), at_first.then_some(sign * found_s), "{latency:?}");
+                assert_eq!(latency.next_latency_s(sign * found_s, 1), (!then).then_some(0.0), "{latency:?}");
+                assert_eq!((latency.next_latency_s(0.0, 1), latency.next_latency_s(0.0, 2)), (None, None));
+            }
+        }
+    }
+
+    #[test]
+    fn an_inaccurate_latency_is_updated_once() {
+        let latency = AttitudeLatency { estimate_s: -0.04, sigma_s: 0.01 };
+        for (used_s, is_off) in [(-0.0349, true), (-0.0351, false), (-0.0449, false), (-0.0451, true)] {
+            assert_eq!(latency.next_latency_s(used_s, 1), is_off.then_some(-0.04), "{used_s}");
+            assert_eq!(latency.next_latency_s(used_s, 2), None);
+        }
+    }
+}

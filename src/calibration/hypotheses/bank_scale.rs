@@ -1,0 +1,329 @@
+//! Bank-angle scale error of the attitude source: a finding.
+//!
+//! A filter aided by accelerometers may read nine tenths of the bank in a turn. In steady turns that acts like soft
+//! iron; only when bank varies do the inclination residuals vary with the missing bank. The relative error `k` is the
+//! unknown of a [score test](super::score_test): `k = U / S`.
+//!
+//! Roll noise is in the derivative and in the residual, an errors-in-variables bias towards -1. Its known contribution
+//! `sigma^2 sum w (d inclination / d roll)^2` is removed from `S` and `U`.
+//!
+//! 330 samples of turns at 25 deg give a sigma of 2 %. Correcting for `k` makes the headings of a good source worse
+//! (0.12 to 0.32 deg), so it is only a finding.
+
+use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTest};
+use super::score_test::EfficientScore;
+use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::types::time_order::{PARTS, TimeOrdered};
+use crate::trig::sqrt;
+
+/// Row of the table of attitude errors.
+pub(super) const BANK_SCALE_ERROR: AttitudeError = AttitudeError {
+    effect: |attitude, _| [attitude.roll_rad, 0.0],
+    assumed_sigma: |consider| consider.bank_scale,
+    test: Some(find_error),
+};
+
+/// Maximum share of the information about `k` that roll noise may contribute.
+const MAX_NOISE_SHARE: f32 = 0.5;
+
+/// Maximum sigma of an estimate of moderate significance.
+const MAX_SIGMA: f32 = 0.05;
+
+/// Significance above which any sigma is accepted, sigmas.
+const CERTAIN_SIGMAS: f32 = 3.5;
+
+/// Significance threshold, squared sigmas. One clean flight in 16 exceeds it.
+const CHANCE_VARIANCE_RATIO: f32 = 3.0;
+
+/// Slope of the error allowed for above the threshold: all of the estimate at twice the threshold.
+const ALLOWANCE_SLOPE: f32 = 2.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct BankScaleEstimate {
+    /// Missing bank relative to the reported bank; negative if the source reports too much.
+    missing_bank: f32,
+    variance: f32,
+    score_information: f32,
+}
+
+/// Significant error above the assumed one. Only then makes a second pass over the samples, for the cluster-robust
+/// variance.
+fn find_error(test: &AttitudeErrorTest<'_>) -> Option<AttitudeErrorFinding> {
+    let score = test.sums.eliminate(test.system, &test.system.step_to_maximum()?)?;
+    let roll_sigma_rad = test.fit.likelihood.noise.attitude_sigma_rad();
+    let roll_noise = test.roll_information * roll_sigma_rad * roll_sigma_rad;
+    let found = BankScaleEstimate::new(&score, roll_noise, test.residuals.autocorrelation_inflation())?;
+    found.finding(test.assumed_sigma)?;
+    let parameters = ModelParameters::new(test.fit.unknowns);
+    let mut clusters = ClusterVariance::default();
+    for (part, sample) in TimeOrdered::new(test.fit.samples) {
+        let equations = test.fit.likelihood.equations(sample, None, &parameters);
+        let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
+        let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, attitude, sample.rates);
+        clusters.add(part, &equations, by_bank, &score.columns[0]);
+    }
+    found.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
+}
+
+/// Samples in a cluster: six seconds of a turn.
+const CLUSTER_SAMPLES: u8 = 12;
+
+/// Cluster-robust variance of the score (K.-Y. Liang and S. L. Zeger, Biometrika 73, 1986): a disturbance of some
+/// seconds, such as a power line, counts once.
+#[derive(Clone, Copy, Debug, Default)]
+struct ClusterVariance {
+    open_clusters: [(f32, u8); PARTS],
+    closed_clusters: f32,
+    cluster_sum: f32,
+    cluster_squares: f32,
+}
+
+impl ClusterVariance {
+    /// Adds the score contribution of a part's next sample; `column`: `H^-1` times the effect of the scale error on the
+    /// gradient.
+    fn add(&mut self, part: usize, equations: &SampleEquations, by_bank: f32, column: &Vector13) {
+        let of = |equation: &ResidualEquation, by_bank: f32| {
+            equation.weight * equation.residual * (by_bank - equation.row.dot(column))
+        };
+        let Some((sum, samples)) = self.open_clusters.get_mut(part) else { return };
+        *sum += of(&equations.norm, 0.0) + equations.inclination.as_ref().map_or(0.0, |dip| of(dip, by_bank));
+        *samples += 1;
+        if *samples == CLUSTER_SAMPLES {
+            let whole = core::mem::take(sum);
+            *samples = 0;
+            self.close_cluster(whole);
+        }
+    }
+
+    fn close_cluster(&mut self, sum: f32) {
+        self.closed_clusters += 1.0;
+        self.cluster_sum += sum;
+        self.cluster_squares += sum * sum;
+    }
+
+    fn variance(mut self) -> f32 {
+        for (sum, samples) in self.open_clusters {
+            if samples > 0 {
+                self.close_cluster(sum);
+            }
+        }
+        (self.cluster_squares - self.cluster_sum * self.cluster_sum / self.closed_clusters) * self.closed_clusters
+            / (self.closed_clusters - 1.0)
+    }
+}
+
+impl BankScaleEstimate {
+    /// The estimate. `roll_noise`: contribution of roll noise to the sums. `inflation`: variance inflation by
+    /// autocorrelation. `None` when noise dominates.
+    fn new(score: &EfficientScore<1>, roll_noise: f32, inflation: f32) -> Option<Self> {
+        let all = score.information.x;
+        if all.is_nan() || roll_noise > MAX_NOISE_SHARE * all {
+            return None;
+        }
+        let own = all - roll_noise;
+        let missing = (score.gradient.x + roll_noise) / own;
+        let variance = all * inflation / (own * own);
+        (missing.is_finite() && variance.is_finite()).then_some(Self {
+            missing_bank: missing,
+            variance,
+            score_information: own,
+        })
+    }
+
+    /// Applies the cluster-robust variance if it is larger. `None` if the estimate is then too uncertain.
+    fn with_cluster_variance(self, clusters: ClusterVariance) -> Option<Self> {
+        let variance = self.variance.max(clusters.variance() / (self.score_information * self.score_information));
+        let is_informative = variance <= MAX_SIGMA * MAX_SIGMA
+            || self.missing_bank * self.missing_bank > CERTAIN_SIGMAS * CERTAIN_SIGMAS * variance;
+        is_informative.then_some(Self { variance, ..self })
+    }
+
+    /// The error, if significant and above the allowance (1 sigma of relative bank).
+    fn finding(&self, allowance: f32) -> Option<AttitudeErrorFinding> {
+        let excess_square = self.excess_square(allowance);
+        (excess_square > 0.0).then(|| AttitudeErrorFinding {
+            estimate: self.missing_bank,
+            significance_sigmas: sqrt(self.missing_bank * self.missing_bank / self.null_variance(allowance)),
+            excess_square,
+        })
+    }
+
+    /// Squared error to allow for beyond the allowance.
+    fn excess_square(&self, allowance: f32) -> f32 {
+        let square = self.missing_bank * self.missing_bank;
+        // `clamp` would panic on NaN, which links float formatting (8 KB of flash).
+        let believed = ALLOWANCE_SLOPE * (square - CHANCE_VARIANCE_RATIO * self.null_variance(allowance));
+        if believed > 0.0 { believed.min(square) } else { 0.0 }
+    }
+
+    /// Expected square of the estimate for a source within the allowance.
+    fn null_variance(&self, allowance: f32) -> f32 {
+        self.variance + allowance * allowance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Vector1, Vector3};
+
+    use super::*;
+    use crate::calibration::hypotheses::score_test::ScoreTest;
+    use crate::calibration::model::JacobianRow;
+
+    fn close(found: f32, expected: f32) -> bool {
+        (found - expected).abs() <= 1e-4 * expected.abs()
+    }
+
+    const NOWHERE: JacobianRow =
+        JacobianRow { by_field: Vector3::new(0.0, 0.0, 0.0), x: Vector3::new(0.0, 0.0, 0.0), by_inclination: 0.0 };
+
+    fn dip(weight: f32, residual: f32, row: JacobianRow) -> ResidualEquation {
+        let equation = ResidualEquation::new(row, residual, 1.0 / weight, 1e6);
+        assert!(close(equation.weight, weight));
+        equation
+    }
+
+    /// Inclination residuals with their derivatives by roll and by the bank-angle scale error; `known` and `pulled`:
+    /// parts of information and gradient explained by the nuisance parameters.
+    fn estimate(
+        evidence: &[(ResidualEquation, [f32; 2])],
+        known: f32,
+        pulled: f32,
+        roll_sigma_rad: f32,
+        inflation: f32,
+    ) -> Option<BankScaleEstimate> {
+        let [mut roll, mut bank] = [(); 2].map(|()| ScoreTest::zero());
+        for (dip, [by_roll, by_bank]) in evidence {
+            roll.add(dip, &Vector1::new(*by_roll), 1.0);
+            bank.add(dip, &Vector1::new(*by_bank), 1.0);
+        }
+        let score = EfficientScore {
+            columns: [Vector13::zeros()],
+            information: bank.information.add_scalar(-known),
+            gradient: bank.gradient.add_scalar(-pulled),
+        };
+        BankScaleEstimate::new(&score, roll.information.x * roll_sigma_rad * roll_sigma_rad, inflation)
+    }
+
+    #[test]
+    fn estimate_equals_hand_calculation() {
+        let evidence = [(dip(100.0, -0.3, NOWHERE), [0.5, 2.0]), (dip(50.0, 0.2, NOWHERE), [-1.0, -3.0])];
+        let (information, gradient) = (100.0 * 4.0 + 50.0 * 9.0, 100.0 * 2.0 * 0.3 + 50.0 * 3.0 * 0.2);
+        let noise = (100.0 * 0.25 + 50.0) * 0.04;
+        let found = estimate(&evidence, 150.0, 7.0, 0.2, 1.5).unwrap();
+        let own = information - 150.0 - noise;
+        assert!(close(found.missing_bank, (gradient - 7.0 + noise) / own), "{found:?}");
+        assert!(close(found.variance, (information - 150.0) * 1.5 / (own * own)), "{found:?}");
+        assert!(close(found.finding(0.0).unwrap().estimate, found.missing_bank));
+    }
+
+    #[test]
+    fn bank_scale_estimate_adds_in_quadrature() {
+        // Information 1e4: an estimate of 0.1 with variance 1e-4.
+        let found = estimate(&[(dip(1e4, -0.1, NOWHERE), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
+        let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
+        assert!((allowed - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn noise_dominated_estimate_is_rejected() {
+        let evidence = [(dip(1e6, 0.0, NOWHERE), [1.0, 1.0])];
+        assert!(estimate(&evidence, 0.0, 0.0, 0.49_f32.sqrt(), 1.0).is_some());
+        assert!(estimate(&evidence, 0.0, 0.0, 0.51_f32.sqrt(), 1.0).is_none());
+        assert!(estimate(&evidence, f32::NAN, 0.0, 0.1, 1.0).is_none());
+        assert!(estimate(&evidence, 0.0, f32::NAN, 0.1, 1.0).is_none());
+        assert!(estimate(&[], 0.0, 0.0, 0.1, 1.0).is_none());
+    }
+
+    fn scale(missing: f32, sigma: f32) -> BankScaleEstimate {
+        BankScaleEstimate { missing_bank: missing, variance: sigma * sigma, score_information: 1e4 }
+    }
+
+    /// Estimate and allowance together have a variance of 5e-4; the threshold is three times that.
+    #[test]
+    fn errors_above_the_threshold_are_allowed_for() {
+        for (square, beyond) in [(14.9e-4, 0.0), (15.1e-4, 0.2e-4), (20e-4, 10e-4), (29e-4, 28e-4), (31e-4, 31e-4)] {
+            for missing in [f32::sqrt(square), -f32::sqrt(square)] {
+                let found = scale(missing, 0.02);
+                assert!((found.excess_square(0.01) - beyond).abs() < 1e-7, "{missing}: {}", found.excess_square(0.01));
+                let error = found.finding(0.01);
+                assert_eq!(error.is_some(), beyond > 0.0, "{missing}");
+                if let Some(AttitudeErrorFinding { estimate, significance_sigmas: sigmas, .. }) = error {
+                    assert!(close(estimate, missing) && close(sigmas, (square / 5e-4).sqrt()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn uncertain_estimate_is_rejected() {
+        let of = |missing, sigma| scale(missing, sigma).with_cluster_variance(ClusterVariance::default()).is_some();
+        assert!(of(0.1, 0.049) && !of(0.1, 0.051) && !of(-0.1, 0.051));
+        assert!(!of(0.34, 0.1) && of(0.36, 0.1) && of(-0.36, 0.1));
+    }
+
+    fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVariance {
+        let mut clusters = ClusterVariance::default();
+        let column = Vector13::zeros();
+        for (part, contribution) in contributions {
+            let norm = dip(1.0, 5.0, NOWHERE);
+            let dip = Some(dip(1.0, contribution, NOWHERE));
+            let equations =
+                SampleEquations { norm, inclination: dip, heading: None, inclination_by_attitude: [7.0, 7.0] };
+            clusters.add(part, &equations, 1.0, &column);
+        }
+        clusters
+    }
+
+    /// An incomplete last cluster counts as well.
+    #[test]
+    fn twelve_samples_form_a_cluster() {
+        // Sums 12, -12, 12 and 12 of the first part, 6 of the second.
+        let first = (0..48).map(|i| {
+            (
+                0,
+                if i < 12 {
+                    1.0
+                } else if i < 24 {
+                    -1.0
+                } else {
+                    1.0
+                },
+            )
+        });
+        let second = (0..6).map(|_| (1, 1.0));
+        let interleaved = first.zip(second.map(Some).chain(core::iter::repeat(None)));
+        let found = clusters(interleaved.flat_map(|(a, b)| core::iter::once(a).chain(b))).variance();
+        let sums = [12.0, -12.0, 12.0, 12.0, 6.0_f32];
+        let mean = sums.iter().sum::<f32>() / 5.0;
+        let expected = sums.iter().map(|s| (s - mean) * (s - mean)).sum::<f32>() * 5.0 / 4.0;
+        assert!(close(found, expected), "{found} {expected}");
+        assert!(!clusters((0..5).map(|_| (0, 1.0))).variance().is_finite());
+    }
+
+    #[test]
+    fn contributions_exclude_the_explained_part() {
+        let row = JacobianRow { by_field: Vector3::x() * 3.0, x: Vector3::z(), ..NOWHERE };
+        let column = Vector13::ith(2, 0.5);
+        let equations = SampleEquations {
+            norm: dip(10.0, 0.1, row),
+            inclination: Some(dip(4.0, -0.2, row)),
+            heading: None,
+            inclination_by_attitude: [0.0, 0.0],
+        };
+        let mut clusters = ClusterVariance::default();
+        clusters.add(0, &equations, 2.0, &column);
+        let (sum, samples) = clusters.open_clusters[0];
+        assert!(close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
+        clusters.add(PARTS, &equations, 2.0, &column);
+        assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
+    }
+
+    #[test]
+    fn the_larger_variance_counts() {
+        let scattered = clusters((0..48).map(|i| (0, if i / 12 % 2 == 0 { 1.0 } else { -1.0 })));
+        let expected = scattered.variance() / 1e8;
+        assert!(close(scale(0.1, 1e-4).with_cluster_variance(scattered).unwrap().variance, expected));
+        assert!(close(scale(0.1, 0.01).with_cluster_variance(scattered).unwrap().variance, 1e-4));
+    }
+}

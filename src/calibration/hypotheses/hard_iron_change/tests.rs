@@ -1,0 +1,263 @@
+//! Unit tests of `hard_iron_change`.
+
+use nalgebra::{Matrix3, SVector};
+
+use super::*;
+use crate::calibration::closed_form::starting_point;
+use crate::calibration::model::{JacobianRow, Likelihood, ModelConfig, NoiseModel};
+use crate::calibration::tests::derivatives::assert_derivative;
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Rates, Sample};
+use crate::frames::Field;
+
+/// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
+struct Case {
+    recorded: RecordedTurns,
+    likelihood: Likelihood,
+    unknowns: Vector13,
+}
+
+impl Case {
+    fn new(beta_ut: Vector3<f32>, before_ms: u32) -> Self {
+        let mut random = Random(77);
+        let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+        let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random);
+        for sample in &mut recorded.right {
+            sample.time = WrappingMillis::new(sample.time.as_ms() + 75_000);
+        }
+        for sample in recorded.left.iter_mut().chain(&mut recorded.right) {
+            sample.field.ut += if sample.time.as_ms() < before_ms { beta_ut } else { Vector3::zeros() };
+        }
+        let start = starting_point::sphere_start(recorded.turns(), &Matrix3::identity()).unwrap();
+        let mut likelihood =
+            Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, recorded.turns(), airframe.total_ut);
+        let unknowns = likelihood
+            .unknowns_from_start(&starting_point::StartingPoint { unit_ut: airframe.total_ut, ..start })
+            .unwrap();
+        likelihood.noise = NoiseModel::new(0.003, 0.006, Matrix3::identity());
+        // Huber weights would depend on the point of linearisation.
+        likelihood.config.huber_sigmas = 1e3;
+        let mut case = Self { recorded, likelihood, unknowns };
+        for _ in 0..6 {
+            case.unknowns += case.system().step_to_maximum().unwrap();
+        }
+        case
+    }
+
+    fn system(&self) -> LinearisedProblem {
+        let mut likelihood = self.likelihood.clone();
+        (likelihood.sample_stride, likelihood.uses_normal_equations) = (1, false);
+        LinearisedProblem::linearise(&likelihood, self.recorded.turns(), &self.unknowns)
+    }
+
+    fn fit<'a>(&'a self, calibration: &'a Calibration) -> ConvergedFit<'a> {
+        let Self { recorded, likelihood, unknowns } = self;
+        ConvergedFit { method: Method::MaximumLikelihood, likelihood, unknowns, calibration, samples: recorded.turns() }
+    }
+
+    fn information(&self, scan: Option<&mut HardIronScan>) -> Information {
+        let mut information = Information::new(&self.system());
+        information.accumulate_samples(&self.likelihood, self.recorded.turns(), &self.unknowns, scan);
+        information
+    }
+
+    fn scanned(&self) -> (HardIronScan, Information) {
+        let mut scan = HardIronScan::new(self.recorded.turns(), &self.system(), &self.unknowns).unwrap();
+        let information = self.information(Some(&mut scan));
+        (scan, information)
+    }
+
+    fn equations(&self, form: TestedCourse) -> Vec<(ResidualEquation, Vector3<f32>, bool)> {
+        let span = TimeSpan::from_samples(self.recorded.turns()).unwrap();
+        let (parameters, w) = (ModelParameters::new(&self.unknowns), ModelParameters::new(&self.unknowns).w);
+        let mut all = Vec::new();
+        for (_, sample) in TimeOrdered::new(self.recorded.turns()) {
+            let equations = self.likelihood.equations(sample, None, &parameters);
+            let share = span.fraction_at(form, sample.time);
+            for (equation, is_norm) in hard_iron_residuals(&equations).zip([true, false]) {
+                all.push((equation.clone(), derivative_by_hard_iron(&w, equation) * share, is_norm));
+            }
+        }
+        all
+    }
+}
+
+const PAYLOAD_CHANGE_UT: Vector3<f32> = Vector3::new(0.8, -0.5, 0.6);
+
+#[test]
+fn hard_iron_derivatives_equal_numerical_ones() {
+    let mut case = Case::new(Vector3::zeros(), 0);
+    case.likelihood.unit_ut = 40.0;
+    let parameters = ModelParameters::new(&case.unknowns);
+    for sample in case.recorded.left.iter().step_by(20) {
+        let of = |beta: Vector3<f32>| {
+            let field = Field::new(sample.field.ut - beta * case.likelihood.unit_ut);
+            case.likelihood.equations(&Sample { field, ..*sample }, None, &parameters)
+        };
+        let here = of(Vector3::zeros());
+        for axis in 0..3 {
+            let moved = |step: f32| of(Vector3::ith(axis, step));
+            let by = |equation: &ResidualEquation| derivative_by_hard_iron(&parameters.w, equation)[axis];
+            assert_derivative(by(&here.norm), |step| moved(step).norm.residual, "norm by hard iron");
+            let dip = here.inclination.as_ref().unwrap();
+            assert_derivative(by(dip), |step| moved(step).inclination.unwrap().residual, "dip by hard iron");
+        }
+    }
+}
+
+/// To 2 %, because the `f32` rounding allowance shrinks the estimate.
+#[test]
+fn estimate_equals_joint_least_squares() {
+    let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
+    for form in [TestedCourse::Step(59_500), TestedCourse::Drift] {
+        let mut joint = LeastSquares::<16, 1>::new();
+        let mut sums = ScoreTest::zero();
+        for (equation, by_beta, _) in case.equations(form) {
+            let row =
+                SVector::<f32, 16>::from_fn(|i, _| if i < 13 { equation.row.as_vector()[i] } else { by_beta[i - 13] });
+            joint.add(&row, [-equation.residual], equation.weight);
+            sums.add(&equation, &by_beta, 1.0);
+        }
+        crate::calibration::model::for_each_prior(
+            &case.likelihood,
+            &ModelParameters::new(&case.unknowns),
+            &mut |prior| {
+                let row = SVector::<f32, 16>::from_fn(|i, _| if i < 13 { prior.row[i] } else { 0.0 });
+                joint.add(&row, [-prior.residual], 1.0 / (prior.sigma * prior.sigma));
+            },
+        );
+        let system = case.system();
+        let (beta, significance) = estimate(&sums, &system, &system.step_to_maximum().unwrap()).unwrap();
+        let expected = joint.solve().unwrap().fixed_rows::<3>(13).into_owned();
+        assert!((beta - expected).norm() < 0.02 * expected.norm(), "{beta} {expected}");
+        // Reference: the reduction of the sum of squares by the three unknowns.
+        let mut covariance = Matrix3::zeros();
+        for axis in 0..3 {
+            let column = joint.covariance_times(&SVector::<f32, 16>::ith(13 + axis, 1.0)).unwrap();
+            covariance.set_column(axis, &column.fixed_rows::<3>(13));
+        }
+        let lower = expected.dot(&(covariance.try_inverse().unwrap() * expected));
+        assert!((significance / lower - 1.0).abs() < 0.02, "{significance} {lower}");
+    }
+}
+
+#[test]
+fn the_scan_finds_time_and_size() {
+    let (mut scan, information) = Case::new(PAYLOAD_CHANGE_UT, 65_000).scanned();
+    scan.extend_drift(0.0);
+    scan.test_course(&information.system, TestedCourse::Drift);
+    let found = scan.best.unwrap();
+    assert_eq!(found.form, TestedCourse::Step(64_500));
+    let unit_ut = Case::new(PAYLOAD_CHANGE_UT, 65_000).likelihood.unit_ut;
+    assert!((found.beta * unit_ut - PAYLOAD_CHANGE_UT).norm() < 0.4, "{}", found.beta * unit_ut);
+    assert!(found.significance > 100.0);
+    let nothing = Case::new(Vector3::zeros(), 0).scanned().0.best.unwrap();
+    assert!(nothing.significance < SECOND_PASS_SIGNIFICANCE, "{nothing:?}");
+}
+
+/// Approximated from the tested times: information and estimate to 3 %.
+#[test]
+fn drift_sums_approximate_the_exact_sums() {
+    let case = Case::new(PAYLOAD_CHANGE_UT, 65_000);
+    let (mut scan, information) = case.scanned();
+    scan.extend_drift(0.0);
+    let mut exact = ScoreTest::zero();
+    for (equation, by_beta, _) in case.equations(TestedCourse::Drift) {
+        exact.add(&equation, &by_beta, 1.0);
+    }
+    let of = |sums: &ScoreTest<3>| estimate(sums, &information.system, &scan.step_to_maximum).unwrap();
+    let ((found, significance), (beta, expected)) = (of(&scan.drifting), of(&exact));
+    assert!((found - beta).norm() < 0.03 * beta.norm(), "{found} {beta}");
+    assert!((significance / expected - 1.0).abs() < 0.03, "{significance} {expected}");
+}
+
+#[test]
+fn the_gradient_effect_is_that_of_the_best_change() {
+    let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
+    let scan = case.scanned().0;
+    let found = scan.best.unwrap();
+    let effect = case.equations(found.form).iter().fold(Vector13::zeros(), |sum, (equation, by_beta, _)| {
+        sum + equation.row.as_vector() * (equation.weight * by_beta.dot(&found.beta))
+    });
+    assert!((scan.effect - effect).norm() < 1e-3 * effect.norm());
+}
+
+#[test]
+fn the_significance_of_norms_is_that_of_their_gradient() {
+    let case = Case::new(PAYLOAD_CHANGE_UT, 60_000);
+    let form = TestedCourse::Step(59_500);
+    let information = case.information(None);
+    let mut sums = ScoreTest::zero();
+    for (equation, by_beta, is_norm) in case.equations(form) {
+        if is_norm {
+            sums.add(&equation, &by_beta, 1.0);
+        }
+    }
+    let to_likeliest = information.system.step_to_maximum().unwrap();
+    let columns = sums.cross_information.map(|with| information.system.covariance_times(&with).unwrap());
+    // Part of the gradient that the other unknowns do not explain; for inclination residuals the explained part.
+    let left = |row: &JacobianRow, by_beta: Vector3<f32>| by_beta - Vector3::from_fn(|axis, _| row.dot(&columns[axis]));
+    let of_inclination = |(equation, _, is_norm): (ResidualEquation, Vector3<f32>, bool)| {
+        if is_norm { 0.0 } else { equation.weight * equation.row.by_inclination.powi(2) }
+    };
+    let dips: f32 = case.equations(form).into_iter().map(of_inclination).sum();
+    let of_dip = information.residuals.excess_inclination_times(&Vector13::ith(12, 1.0), 0.0)[12] / dips;
+    let norm = 1.3;
+    let mut variance = Matrix3::zeros();
+    for (equation, by_beta, is_norm) in case.equations(form) {
+        let left = left(&equation.row, if is_norm { by_beta } else { Vector3::zeros() });
+        variance += left * left.transpose() * (equation.weight * if is_norm { norm } else { of_dip.max(norm) });
+    }
+    let gradient = sums.gradient - Vector3::from_fn(|axis, _| sums.cross_information[axis].dot(&to_likeliest));
+    let expected = gradient.dot(&(variance.try_inverse().unwrap() * gradient));
+    let found = norm_significance(&sums, &information.system, &information.residuals, &to_likeliest, norm).unwrap();
+    assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+    assert!(of_dip > 1.5, "{of_dip}");
+}
+
+#[test]
+fn both_significance_thresholds_must_be_exceeded() {
+    assert!(is_significant([30.1, 16.1]));
+    assert!(!is_significant([29.9, 1e3]) && !is_significant([1e3, 15.9]) && !is_significant([f32::NAN, 1e3]));
+    // Sigmas inflated by the misfit: the residuals with the change are much smaller.
+    let mut case = Case::new(PAYLOAD_CHANGE_UT * 4.0, 60_000);
+    case.likelihood.noise = NoiseModel::new(0.012, 0.024, Matrix3::identity());
+    let calibration = Calibration::uncalibrated(Orientation::NONE);
+    for (significance, is_found) in [(20.1, true), (19.9, false)] {
+        let (mut scan, information) = case.scanned();
+        (scan.drifting, scan.drift_fraction) = (ScoreTest::zero(), 0.0);
+        scan.best.as_mut().unwrap().significance = significance;
+        let found = scan.confirm_change(&case.fit(&calibration), &information.system, &information.residuals);
+        assert_eq!(found.is_some(), is_found, "{significance}");
+    }
+}
+
+#[test]
+fn fraction_of_the_change_at_a_time() {
+    let span = TimeSpan { start: WrappingMillis::new(u32::MAX - 999), duration_ms: 4_000 };
+    let at = |ms: u32| WrappingMillis::new((u32::MAX - 999).wrapping_add(ms));
+    for (ms, step, drift) in [(0, 1.0, 1.0), (1_000, 1.0, 0.75), (1_001, 0.0, 0.749_75), (4_000, 0.0, 0.0)] {
+        assert!((span.fraction_at(TestedCourse::Step(1_000), at(ms)) - step).abs() < 1e-6, "{ms}");
+        assert!((span.fraction_at(TestedCourse::Drift, at(ms)) - drift).abs() < 1e-6, "{ms}");
+    }
+    assert_eq!((whole_seconds(999), whole_seconds(31_999), whole_seconds(u32::MAX)), (0, 31, 65_535));
+}
+
+#[test]
+fn the_time_span_covers_all_parts() {
+    let at = |millis| Sample {
+        field: Field::from_ut(0.0, 0.0, 0.0),
+        attitude: crate::frames::Attitude::default(),
+        time: WrappingMillis::new(millis),
+        rates: Rates::NONE,
+    };
+    let (left, right, level) = ([at(50), at(900)], [at(20), at(300)], [at(400), at(700)]);
+    let of = |left, right, level| TimeSpan::from_samples(Samples { left, right, level, ..Samples::default() });
+    let span = of(&left, &right, &level).unwrap();
+    assert_eq!((span.start.as_ms(), span.duration_ms), (20, 880));
+    assert_eq!(of(&[], &[], &level).unwrap().duration_ms, 300);
+    let any = Samples { unassigned: [&level, &left, &[]], ..Samples::default() };
+    assert_eq!(TimeSpan::from_samples(any).map(|span| (span.start.as_ms(), span.duration_ms)), Some((50, 850)));
+    assert!(of(&[], &[], &[]).is_none());
+}

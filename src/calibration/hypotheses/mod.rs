@@ -1,0 +1,9 @@
+//! Hypotheses beyond the model, each tested by its efficient score.
+
+pub(in crate::calibration) mod attitude_error;
+mod attitude_latency;
+mod bank_scale;
+pub(in crate::calibration) mod hard_iron_change;
+pub(in crate::calibration) mod motor_current;
+pub(in crate::calibration) mod score_test;
+pub(in crate::calibration) mod table;

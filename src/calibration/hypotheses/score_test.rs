@@ -1,0 +1,78 @@
+//! Efficient-score (Lagrange-multiplier) test of further unknowns (D. R. Cox and D. V. Hinkley, Theoretical Statistics,
+//! 1974, 9.3).
+//!
+//! `K` further unknowns `beta` are linear about the fit without them. With the information and the gradient of `beta`
+//! summed over the samples, and `H` the information of the thirteen unknowns, the efficient score is
+//! `U = g_b - H_bu H^-1 g_u` with information `S = H_bb - H_bu H^-1 H_ub`: the thirteen are nuisance parameters, and
+//! eliminated. The estimate is `beta = S^-1 U`, its significance `U S^-1 U`, chi-squared with `K` degrees of freedom
+//! for independent errors of known sigma. The thirteen follow by `-H^-1 H_ub beta`.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::model::{ResidualEquation, Vector13};
+
+/// Sums over the residuals of the samples.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct ScoreTest<const K: usize> {
+    /// `H_ub`, by unknown of the hypothesis.
+    pub cross_information: [Vector13; K],
+    /// `H_bb`.
+    pub information: SMatrix<f32, K, K>,
+    /// `g_b`.
+    pub gradient: SVector<f32, K>,
+}
+
+/// Information `S` and gradient `U` with the nuisance parameters eliminated.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct EfficientScore<const K: usize> {
+    /// `H^-1 H_ub`.
+    pub columns: [Vector13; K],
+    pub information: SMatrix<f32, K, K>,
+    pub gradient: SVector<f32, K>,
+}
+
+impl<const K: usize> ScoreTest<K> {
+    pub fn zero() -> Self {
+        Self { cross_information: [Vector13::zeros(); K], information: SMatrix::zeros(), gradient: SVector::zeros() }
+    }
+
+    /// Adds a residual. `derivative`: of the residual by `beta`; `fraction`: of `beta` that the sample has.
+    pub fn add(&mut self, equation: &ResidualEquation, derivative: &SVector<f32, K>, fraction: f32) {
+        let weighted = derivative * (equation.weight * fraction);
+        for (sum, of_axis) in self.cross_information.iter_mut().zip(&weighted) {
+            equation.row.add_scaled_to(sum, *of_axis);
+        }
+        self.information.ger(fraction, &weighted, derivative, 1.0);
+        self.gradient.axpy(-equation.residual, &weighted, 1.0);
+    }
+
+    /// Adds other sums of which the samples have a fraction, given with its square.
+    pub fn add_scaled(&mut self, sums: &Self, fraction: f32, squared: f32) {
+        for (sum, with) in self.cross_information.iter_mut().zip(&sums.cross_information) {
+            sum.axpy(fraction, with, 1.0);
+        }
+        self.information += sums.information * squared;
+        self.gradient.axpy(fraction, &sums.gradient, 1.0);
+    }
+
+    /// `H_ub beta`: effect of `beta` on the gradient of the thirteen unknowns.
+    pub fn effect(&self, beta: &SVector<f32, K>) -> Vector13 {
+        self.cross_information.iter().zip(beta).map(|(with, beta)| with * *beta).sum()
+    }
+
+    /// Eliminates the thirteen unknowns; `to_maximum`: their remaining step to the maximum likelihood, `H^-1 g_u`.
+    pub fn eliminate(&self, system: &LinearisedProblem, to_maximum: &Vector13) -> Option<EfficientScore<K>> {
+        let mut score =
+            EfficientScore { columns: [Vector13::zeros(); K], information: self.information, gradient: self.gradient };
+        for (axis, with) in self.cross_information.iter().enumerate() {
+            let column = system.covariance_times(with)?;
+            for (other, with) in self.cross_information.iter().enumerate() {
+                score.information[(axis, other)] -= column.dot(with);
+            }
+            score.gradient[axis] -= with.dot(to_maximum);
+            score.columns[axis] = column;
+        }
+        Some(score)
+    }
+}

@@ -1,0 +1,59 @@
+//! Table of the constant errors of the attitude source. Each is a consider state; some are tested by their score.
+//!
+//! A new hypothesis is a file with its [`AttitudeError`] and, if tested, its rule of acceptance, and a row at the end
+//! of the table.
+
+use nalgebra::Vector1;
+
+use super::attitude_error::AttitudeError;
+use super::score_test::ScoreTest;
+use super::{attitude_latency, bank_scale};
+use crate::calibration::model::SampleEquations;
+use crate::calibration::{AttitudeLatency, ConsiderSigmas, Rates};
+use crate::frames::Attitude;
+
+/// The errors, in the order in which they are tested.
+pub(in crate::calibration) static ATTITUDE_ERRORS: [AttitudeError; ERRORS] = [
+    AttitudeError { effect: |_, _| [1.0, 0.0], assumed_sigma: |consider| consider.bias_rad, test: None },
+    AttitudeError { effect: |_, _| [0.0, 1.0], assumed_sigma: |consider| consider.bias_rad, test: None },
+    bank_scale::BANK_SCALE_ERROR,
+    attitude_latency::LATENCY_ERROR,
+];
+
+/// Number of errors.
+pub(in crate::calibration) const ERRORS: usize = 4;
+/// Index of the roll bias.
+pub(in crate::calibration) const ROLL_BIAS: usize = 0;
+/// Index of the bank-angle scale error.
+pub(in crate::calibration) const BANK_SCALE: usize = 2;
+/// Index of the attitude latency, whose sigma is estimated.
+pub(in crate::calibration) const LATENCY: usize = 3;
+
+/// Standard deviations of all errors.
+pub(in crate::calibration) type AttitudeErrorSigmas = [f32; ERRORS];
+
+/// Standard deviations without a test; of the latency as estimated.
+pub(in crate::calibration) fn assumed_sigmas(
+    consider: ConsiderSigmas,
+    latency: Option<AttitudeLatency>,
+) -> AttitudeErrorSigmas {
+    let mut sigmas = ATTITUDE_ERRORS.each_ref().map(|error| (error.assumed_sigma)(consider));
+    sigmas[LATENCY] = latency.map_or(0.0, |latency| latency.sigma_s);
+    sigmas
+}
+
+/// Score-test sums of all errors, over inclination residuals.
+pub(in crate::calibration) type AttitudeErrorSums = [ScoreTest<1>; ERRORS];
+
+/// Adds the inclination residual of a sample to the sums.
+pub(in crate::calibration) fn add_inclination(
+    sums: &mut AttitudeErrorSums,
+    equations: &SampleEquations,
+    attitude: Attitude,
+    rates: Rates,
+) {
+    let Some(dip) = &equations.inclination else { return };
+    for (sums, error) in sums.iter_mut().zip(&ATTITUDE_ERRORS) {
+        sums.add(dip, &Vector1::new(error.inclination_derivative(equations, attitude, rates)), 1.0);
+    }
+}

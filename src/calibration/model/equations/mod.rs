@@ -1,0 +1,182 @@
+//! Linearised residuals of one sample with their weights.
+
+use nalgebra::Vector3;
+
+use super::config::ModelConfig;
+use super::noise::{NoiseModel, ResidualCovariance};
+use super::parameters::ModelParameters;
+use super::prediction::FieldPrediction;
+use super::unknowns::JacobianRow;
+use crate::frames::{AttitudeRotation, wrap_pi};
+use crate::trig::sqrt;
+
+/// Linearised residual: `row . change = -residual`.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct ResidualEquation {
+    pub row: JacobianRow,
+    pub residual: f32,
+    /// Inverse variance times the Huber weight.
+    pub weight: f32,
+    /// Huber loss: half the squared normalised residual, linear beyond `huber` sigmas (P. J. Huber, "Robust estimation
+    /// of a location parameter", Annals of Mathematical Statistics 35, 1964).
+    pub loss: f32,
+    pub clipped_square: f32,
+}
+
+/// Clipping limit for the estimate of sigma, sigmas.
+const CLIP_SIGMAS: f32 = 2.0;
+/// Mean of the clipped square of a standard normal variable (Huber's proposal 2). With it, 5 % of outliers do no harm.
+pub(in crate::calibration) const CLIPPED_MEAN_SQUARE: f32 = 0.9205;
+
+impl ResidualEquation {
+    pub fn new(row: JacobianRow, residual: f32, variance: f32, huber: f32) -> Self {
+        let information = 1.0 / variance;
+        let square = residual * residual * information;
+        let (weight, loss) = if square <= huber * huber {
+            (information, 0.5 * square)
+        } else {
+            let size = sqrt(square);
+            (information * huber / size, huber * (size - 0.5 * huber))
+        };
+        Self { row, residual, weight, loss, clipped_square: square.min(CLIP_SIGMAS * CLIP_SIGMAS) }
+    }
+
+    pub fn clipped_residual(&self) -> f32 {
+        sqrt(self.clipped_square).copysign(self.residual)
+    }
+}
+
+/// The equations of one sample. With `w = W x + d` the corrected field in units of field, `C` the rotation of the
+/// sample's attitude from body to level axes (Liu 2007 eq. 7), and `l = C w / |w|`:
+///
+/// - norm residual `|w| - 1`, variance of the sensor;
+/// - inclination residual `atan2(l_z, sqrt(l_x^2 + l_y^2)) - I`, variance of sensor and attitude;
+/// - heading residual `atan2(-l_y, l_x) - given`, variance of sensor, attitude and given heading.
+///
+/// `w` is Liu 2007 eq. 8 solved for the field, the heading its eq. 3. The first two use that field strength and
+/// inclination are the same at every attitude; the paper's method does not.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct SampleEquations {
+    pub norm: ResidualEquation,
+    /// Inclination residual, decorrelated from the norm residual. `None` without attitude.
+    pub inclination: Option<ResidualEquation>,
+    pub heading: Option<ResidualEquation>,
+    /// Derivatives of the inclination by roll and by pitch.
+    pub inclination_by_attitude: [f32; 2],
+}
+
+/// A sample in the model's units.
+pub(in crate::calibration) struct MeasuredSample {
+    /// Field minus the mean of all samples, mount axes, units of field.
+    pub x: Vector3<f32>,
+    pub tilt: AttitudeRotation,
+    /// Given heading, radians.
+    pub heading_rad: Option<f32>,
+}
+
+impl SampleEquations {
+    /// `refined`: whether the coefficients are good enough to estimate measurement errors from the residuals.
+    pub fn new(
+        parameters: &ModelParameters,
+        measured: &MeasuredSample,
+        noise: &NoiseModel,
+        config: &ModelConfig,
+        refined: bool,
+    ) -> Self {
+        let prediction = parameters.predict(measured.x, &measured.tilt);
+        let by_attitude = prediction.inclination_by_attitude(&measured.tilt);
+        let covariance = noise.covariance(&prediction.direction, &prediction.inclination_by_field, by_attitude);
+        let residuals = Residuals::new(parameters, &prediction);
+        let (prediction, Residuals { norm, inclination_rad: dip }) = if refined {
+            linearise_at_corrected(parameters, measured, noise, &covariance, &prediction, &residuals, config)
+        } else {
+            (prediction, residuals)
+        };
+        let norm_row = prediction.norm_row();
+        Self {
+            inclination: config.uses_attitude.then(|| {
+                let mut row = prediction.inclination_row();
+                row.by_field -= norm_row.by_field * covariance.slope;
+                ResidualEquation::new(row, dip - norm * covariance.slope, covariance.inclination, config.huber_sigmas)
+            }),
+            heading: measured
+                .heading_rad
+                .map(|given_rad| heading_equation(measured, noise, config, &prediction, given_rad)),
+            norm: ResidualEquation::new(norm_row, norm, covariance.norm, config.huber_sigmas),
+            inclination_by_attitude: by_attitude,
+        }
+    }
+}
+
+impl SampleEquations {
+    pub fn iter(&self) -> impl Iterator<Item = &ResidualEquation> {
+        core::iter::once(&self.norm).chain(&self.inclination).chain(&self.heading)
+    }
+}
+
+struct Residuals {
+    norm: f32,
+    inclination_rad: f32,
+}
+
+impl Residuals {
+    fn new(parameters: &ModelParameters, prediction: &FieldPrediction) -> Self {
+        Self {
+            norm: prediction.norm - 1.0,
+            inclination_rad: wrap_pi(prediction.inclination_rad - parameters.inclination_rad),
+        }
+    }
+}
+
+/// Moves the measurement to its most likely true value and linearises there (orthogonal distance regression: P. T.
+/// Boggs and J. E. Rogers, Contemporary Mathematics 112, 1990).
+///
+/// Otherwise the noise in the derivatives correlates with that in the residuals: at 1 % sensor noise, 15 deg of bank
+/// and 70 deg of inclination the bias was as large as the random error. The effect of the move on the residuals is
+/// removed to first order. Attitude errors do not change the direction of the derivatives and need no correction.
+fn linearise_at_corrected(
+    parameters: &ModelParameters,
+    measured: &MeasuredSample,
+    noise: &NoiseModel,
+    covariance: &ResidualCovariance,
+    prediction: &FieldPrediction,
+    &Residuals { norm, inclination_rad: dip }: &Residuals,
+    config: &ModelConfig,
+) -> (FieldPrediction, Residuals) {
+    // Residual, limited to the Huber threshold, over variance.
+    let bounded = |residual: f32, variance: f32| {
+        let limit_squared = config.huber_sigmas * config.huber_sigmas * variance;
+        let is_small = residual * residual <= limit_squared;
+        (if is_small { residual } else { sqrt(limit_squared).copysign(residual) }) / variance
+    };
+    let by_dip =
+        if config.uses_attitude { bounded(dip - norm * covariance.slope, covariance.inclination) } else { 0.0 };
+    let by_norm = bounded(norm, covariance.norm) - covariance.slope * by_dip;
+    let move_x =
+        noise.likely_sensor_error(&(prediction.direction * by_norm + prediction.inclination_by_field * by_dip));
+    let moved = parameters.predict(prediction.x - move_x, &measured.tilt);
+    let move_body = parameters.w * move_x;
+    let moved_residuals = Residuals::new(parameters, &moved);
+    let residuals = Residuals {
+        norm: moved_residuals.norm + moved.direction.dot(&move_body),
+        inclination_rad: moved_residuals.inclination_rad + moved.inclination_by_field.dot(&move_body),
+    };
+    (moved, residuals)
+}
+
+fn heading_equation(
+    measured: &MeasuredSample,
+    noise: &NoiseModel,
+    config: &ModelConfig,
+    prediction: &FieldPrediction,
+    given_rad: f32,
+) -> ResidualEquation {
+    let by_field = prediction.heading_by_field(&measured.tilt);
+    let variance =
+        config.given_heading_sigma_rad * config.given_heading_sigma_rad + noise.heading_variance(&by_field, prediction);
+    let residual = wrap_pi(prediction.heading_rad() - given_rad);
+    ResidualEquation::new(prediction.heading_row(&measured.tilt), residual, variance, config.huber_sigmas)
+}
+
+#[cfg(test)]
+mod tests;

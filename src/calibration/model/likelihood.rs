@@ -1,0 +1,166 @@
+//! Likelihood of samples given coefficients: the statistical model of all methods.
+//!
+//! With `w = W (m - b)` in units of the field strength and `C` the rotation from body to level axes by the sample's
+//! attitude. An attitude error rotates the measured vector but does not change its length, so there are two residuals
+//! with independent noise:
+//!
+//! - norm residual `e_norm = |w| - 1`, variance of the sensor,
+//! - inclination residual `e_incl = inclination(C w) - I`, variance of sensor and attitude.
+//!
+//! A given heading (compass swing) adds `e_heading = heading(C w) - given`. The unknowns are `W`, `b` (in
+//! the form of the corrected mean field `d`) and `I`.
+//!
+//! The variances are re-estimated from the residuals. Equal weights, common in attitude-aided fits, give poor results,
+//! because attitude errors are often ten times the sensor's. Huber's loss bounds the effect of gusts and power lines.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::config::ModelConfig;
+use super::equations::{CLIPPED_MEAN_SQUARE, MeasuredSample, SampleEquations};
+use super::noise::NoiseModel;
+use super::parameters::ModelParameters;
+use super::unknowns::{UNKNOWNS, Vector13};
+use crate::calibration::closed_form::starting_point::StartingPoint;
+use crate::calibration::{Calibration, MotorCurrentInterference, Prior, Sample, Samples, SolveError, matrix_rows};
+use crate::trig;
+use crate::trig::sqrt;
+
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct Likelihood {
+    pub config: ModelConfig,
+    pub known_inclination_rad: Option<f32>,
+    pub readings_per_sample: u16,
+    /// Configured mounting rotation, chip to mount axes. The model works in mount axes, nominally the body axes.
+    pub mount_from_chip: Matrix3<f32>,
+    /// Unit of field, microtesla.
+    pub unit_ut: f32,
+    /// Mean of all samples, mount axes, units of field.
+    pub mean_field: Vector3<f32>,
+    pub noise: NoiseModel,
+    /// Whether the noise has been estimated.
+    pub has_noise_estimate: bool,
+    pub latency_s: f32,
+    pub motor_current: MotorCurrentInterference,
+    /// Only every n-th sample is used far from the solution.
+    pub sample_stride: usize,
+    /// Whether equations are summed instead of rotated into a triangle.
+    pub uses_normal_equations: bool,
+}
+
+/// Number of samples that suffices far from the solution.
+const COARSE_SAMPLES: usize = 128;
+
+impl Likelihood {
+    pub fn new(prior: &Prior, config: ModelConfig, samples: Samples<'_>, unit_ut: f32) -> Self {
+        let rotation = prior.mount.body_from_sensor();
+        let sum_ut = samples.all().map(|s| s.field.ut).sum::<Vector3<f32>>();
+        let number = samples.all().count();
+        Self {
+            config,
+            known_inclination_rad: prior.inclination_rad,
+            readings_per_sample: prior.readings_per_sample,
+            mount_from_chip: rotation,
+            unit_ut,
+            mean_field: rotation * sum_ut / (number.max(1) as f32 * unit_ut),
+            noise: NoiseModel::INITIAL,
+            has_noise_estimate: false,
+            latency_s: 0.0,
+            motor_current: MotorCurrentInterference::from_samples(samples),
+            sample_stride: (number / COARSE_SAMPLES).max(1),
+            uses_normal_equations: number > COARSE_SAMPLES,
+        }
+    }
+
+    pub fn for_each_sample_equations(
+        &self,
+        samples: Samples<'_>,
+        parameters: &ModelParameters,
+        each: &mut dyn FnMut(&SampleEquations),
+    ) {
+        let mut one =
+            |sample: &Sample, heading_rad: Option<f32>| each(&self.equations(sample, heading_rad, parameters));
+        samples.iter().step_by(self.sample_stride).for_each(|sample| one(sample, None));
+        samples.marks.iter().for_each(|mark| one(&mark.sample, Some(mark.heading_rad)));
+    }
+
+    pub fn equations(
+        &self,
+        sample: &Sample,
+        heading_rad: Option<f32>,
+        parameters: &ModelParameters,
+    ) -> SampleEquations {
+        let added_ut = Vector3::from(self.motor_current.ut_per_a) * self.motor_current.current_offset_a(sample);
+        let measured = MeasuredSample {
+            x: self.mount_from_chip * (sample.field.ut - added_ut) / self.unit_ut - self.mean_field,
+            tilt: sample.latency_compensated_attitude(self.latency_s).tilt(),
+            heading_rad,
+        };
+        SampleEquations::new(parameters, &measured, &self.noise, &self.config, self.has_noise_estimate)
+    }
+
+    pub fn unknowns_from_start(&self, start: &StartingPoint) -> Option<Vector13> {
+        ModelParameters { w: start.w, d: start.w * (self.mean_field - start.b), inclination_rad: start.inclination_rad }
+            .unknowns()
+    }
+
+    /// Starting point with these unknowns; `None` when `W` is singular.
+    pub fn starting_point(&self, unknowns: &Vector13) -> Option<StartingPoint> {
+        let parameters = ModelParameters::new(unknowns);
+        let b = self.mean_field - parameters.mean_minus_hard_iron()?;
+        Some(StartingPoint { unit_ut: self.unit_ut, w: parameters.w, b, inclination_rad: parameters.inclination_rad })
+    }
+
+    pub fn motor_current_per_ampere(&self) -> Vector3<f32> {
+        self.mount_from_chip * Vector3::from(self.motor_current.ut_per_a) / self.unit_ut
+    }
+
+    /// Estimates the noise from the sums of the clipped squared normalised residuals.
+    pub fn estimate_noise(&mut self, clipped_squares: [f32; 2], samples: u16, unknowns: &Vector13) {
+        // Degrees of freedom: half of the thirteen unknowns for each kind of residual.
+        let freedom = (f32::from(samples) - UNKNOWNS as f32 / 2.0).max(1.0);
+        let ModelConfig {
+            typical_norm_sigma: usual_norm_sigma,
+            typical_inclination_sigma_rad: usual_dip_sigma_rad,
+            typical_sigma_samples: usual_weight,
+            ..
+        } = self.config;
+        let estimate = |sum: f32, before: f32, usual: f32| {
+            let squares = sum / CLIPPED_MEAN_SQUARE * before * before + usual_weight * usual * usual;
+            sqrt(squares / (freedom + usual_weight))
+        };
+        let [norm, dip] = clipped_squares;
+        let norm = estimate(norm, self.noise.norm, usual_norm_sigma);
+        let dip = estimate(dip, self.noise.inclination_sigma_rad, usual_dip_sigma_rad);
+        self.noise = NoiseModel::new(
+            norm.max(self.config.min_norm_sigma),
+            dip.max(self.config.min_inclination_sigma_rad),
+            ModelParameters::new(unknowns).w,
+        );
+        // The first noise estimate uses half of the samples if there are many.
+        self.sample_stride = if self.has_noise_estimate { 1 } else { (self.sample_stride / 2).clamp(1, 2) };
+        self.has_noise_estimate = true;
+    }
+
+    pub fn is_acceptable_fit(&self) -> bool {
+        self.noise.norm <= self.config.max_norm_sigma
+            && self.noise.inclination_sigma_rad <= self.config.max_inclination_sigma_rad
+    }
+
+    pub fn calibration(&self, unknowns: &Vector13) -> Result<Calibration, SolveError> {
+        let parameters = ModelParameters::new(unknowns);
+        let determinant = parameters.w.determinant();
+        if !determinant.is_finite() || determinant <= 0.0 {
+            return Err(SolveError::NotConverged);
+        }
+        let b = self.mean_field - parameters.mean_minus_hard_iron().ok_or(SolveError::NotConverged)?;
+        let per_unit = trig::reciprocal_cbrt(determinant);
+        Ok(Calibration {
+            w: matrix_rows(&(parameters.w * per_unit * self.mount_from_chip)),
+            b_ut: (self.mount_from_chip.tr_mul(&b) * self.unit_ut - self.motor_current.interference_ut(None)).into(),
+            inclination_rad: parameters.inclination_rad,
+            total_ut: self.unit_ut * per_unit,
+            latency_s: self.latency_s,
+            motor_current: self.motor_current,
+        })
+    }
+}

@@ -1,0 +1,28 @@
+//! Statistical model of the samples: unknowns, predicted field, residuals, noise, priors.
+
+mod config;
+mod equations;
+mod likelihood;
+mod noise;
+mod parameters;
+mod prediction;
+mod priors;
+mod unknowns;
+
+pub(super) use {
+    config::ModelConfig,
+    equations::{CLIPPED_MEAN_SQUARE, MeasuredSample, ResidualEquation, SampleEquations},
+    likelihood::Likelihood,
+    noise::NoiseModel,
+    parameters::ModelParameters,
+    prediction::{heading_by_field, horizontal_squared},
+    priors::{PriorQuantity, for_each_prior, scaled_unit_vector},
+    unknowns::{
+        COEFFICIENTS, Coefficient, INCLINATION_INDEX, PAIRS_OF_3, PAIRS_OF_4, UNKNOWNS, Vector12, Vector13, beta_index,
+        coefficient_jacobian_row, d_index, product_index, w_index,
+    },
+};
+pub(crate) use {prediction::FieldPrediction, unknowns::JacobianRow};
+
+#[cfg(test)]
+pub(super) use unknowns::Matrix13;

@@ -1,0 +1,132 @@
+//! Noise model of sensor and attitude.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::prediction::FieldPrediction;
+use crate::trig::sqrt;
+
+/// Standard deviations of sensor and attitude, re-estimated from the residuals.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct NoiseModel {
+    /// Norm residual, relative: sensor noise on each axis.
+    pub norm: f32,
+    /// Inclination residual, radians: sensor and attitude noise.
+    pub inclination_sigma_rad: f32,
+    /// `W` at the time of the estimate, maps sensor noise to the corrected field. A copy, so that the weights are
+    /// constant during refinement.
+    w: Matrix3<f32>,
+}
+
+/// Variances of the two residuals of a sample. Soft iron correlates them; the inclination residual minus `slope` times
+/// the norm residual is uncorrelated with the norm residual.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct ResidualCovariance {
+    pub norm: f32,
+    /// Variance of the decorrelated inclination residual.
+    pub inclination: f32,
+    pub slope: f32,
+}
+
+impl NoiseModel {
+    /// Initial sigmas, wide enough for a poor starting point.
+    pub const INITIAL: Self =
+        Self { norm: 0.05, inclination_sigma_rad: 0.1, w: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
+
+    pub fn new(norm: f32, dip_rad: f32, w: Matrix3<f32>) -> Self {
+        Self { norm, inclination_sigma_rad: dip_rad, w }
+    }
+
+    /// Attitude noise on each of roll and pitch, radians.
+    pub fn attitude_sigma_rad(&self) -> f32 {
+        sqrt((self.inclination_sigma_rad * self.inclination_sigma_rad - self.norm * self.norm).max(0.0))
+    }
+
+    /// From the derivatives of norm and inclination by the corrected field, and of the inclination by attitude.
+    pub(in crate::calibration) fn covariance(
+        &self,
+        by_norm: &Vector3<f32>,
+        by_dip: &Vector3<f32>,
+        by_attitude: [f32; 2],
+    ) -> ResidualCovariance {
+        let (by_norm, by_dip) = (self.w.tr_mul(by_norm), self.w.tr_mul(by_dip));
+        let sensor = self.norm * self.norm;
+        let norm = sensor * by_norm.norm_squared();
+        let common = sensor * by_norm.dot(&by_dip);
+        let slope = common / norm;
+        let tilt = (self.inclination_sigma_rad * self.inclination_sigma_rad - sensor).max(0.0);
+        let [roll, pitch] = by_attitude;
+        // Next to the pole both derivatives by attitude vanish; the floor keeps the variance positive.
+        let dip = sensor * by_dip.norm_squared() + tilt * (roll * roll + pitch * pitch) - slope * common;
+        ResidualCovariance { norm, inclination: dip.max(0.01 * sensor), slope }
+    }
+
+    /// Most likely sensor error for a correction `by_field` of the corrected field.
+    pub fn likely_sensor_error(&self, by_field: &Vector3<f32>) -> Vector3<f32> {
+        self.w.tr_mul(by_field) * (self.norm * self.norm)
+    }
+
+    /// Heading variance of one sample from its derivative by the corrected field. A tilt error rotates the heading by
+    /// `tan(inclination)` times its component towards the field.
+    pub fn heading_variance(&self, by_field: &Vector3<f32>, prediction: &FieldPrediction) -> f32 {
+        let tan_dip = prediction.level.z / prediction.horizontal;
+        let attitude = self.attitude_sigma_rad() * tan_dip;
+        self.w.tr_mul(by_field).norm_squared() * self.norm * self.norm + attitude * attitude
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::model::parameters::ModelParameters;
+    use crate::calibration::tests::derivatives::derivative;
+    use crate::frames::{Attitude, wrap_pi};
+
+    const SKEWED: Matrix3<f32> = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
+
+    #[test]
+    fn attitude_noise_is_the_remainder_of_sensor_noise() {
+        let share = |norm, dip_rad| NoiseModel::new(norm, dip_rad, SKEWED).attitude_sigma_rad();
+        assert!((share(0.003, 0.005) - 0.004).abs() < 1e-7);
+        assert_eq!(share(0.005, 0.003).to_bits(), 0);
+    }
+
+    /// The floor is a tenth of the sensor's sigma. It applies at the pole, where the attitude does not change the
+    /// inclination, when norm and inclination depend on the same axis.
+    #[test]
+    fn inclination_variance_has_a_floor() {
+        let noise = NoiseModel::new(0.01, 0.02, Matrix3::identity());
+        let x = Vector3::new(1.0, 0.0, 0.0);
+        let dip = |by_dip: Vector3<f32>| noise.covariance(&x, &by_dip, [0.0; 2]).inclination;
+        assert!((dip(x) - 0.01 * 1e-4).abs() < 1e-9);
+        assert!((dip(Vector3::new(1.0, 0.09, 0.0)) - 0.01 * 1e-4).abs() < 1e-9);
+        assert!((dip(Vector3::new(1.0, 0.11, 0.0)) - 0.0121 * 1e-4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn likely_sensor_error_follows_the_covariance() {
+        let noise = NoiseModel::new(0.1, 0.2, SKEWED);
+        let v = Vector3::new(1.0, -2.0, 3.0);
+        assert!((noise.likely_sensor_error(&v) - SKEWED.transpose() * v * 0.01).norm() < 1e-6);
+    }
+
+    /// Reference: numerical derivatives by each sensor axis, roll and pitch, at zero pitch.
+    #[test]
+    fn heading_variance_equals_numerical_propagation() {
+        let noise = NoiseModel::new(0.01, 0.02, SKEWED);
+        let attitude_sigma_rad = noise.attitude_sigma_rad();
+        let parameters = ModelParameters { w: SKEWED, d: Vector3::new(0.1, 0.2, 0.1), inclination_rad: 0.0 };
+        for (roll_rad, x) in [(0.3, Vector3::new(0.7, -0.3, 0.4)), (-0.5, Vector3::new(-0.2, 0.6, -0.8))] {
+            let attitude = Attitude { roll_rad, pitch_rad: 0.0 };
+            let predict = |x, attitude: Attitude| parameters.predict(x, &attitude.tilt());
+            let here = predict(x, attitude);
+            let turned = |there: &FieldPrediction| wrap_pi(there.heading_rad() - here.heading_rad());
+            let sensor = (0..3).map(|axis| derivative(|step| turned(&predict(x + Vector3::ith(axis, step), attitude))));
+            let roll = derivative(|step| turned(&predict(x, Attitude { roll_rad: roll_rad + step, pitch_rad: 0.0 })));
+            let pitch = derivative(|step| turned(&predict(x, Attitude { roll_rad, pitch_rad: step })));
+            let expected = sensor.map(|d| d * d).sum::<f32>() * 1e-4
+                + (roll * roll + pitch * pitch) * attitude_sigma_rad * attitude_sigma_rad;
+            let found = noise.heading_variance(&here.heading_by_field(&attitude.tilt()), &here);
+            assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+        }
+    }
+}

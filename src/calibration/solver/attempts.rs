@@ -1,0 +1,75 @@
+//! Attempts of a maximum-likelihood solve: where each starts, and which one follows which.
+
+use crate::calibration::assessment::Solution;
+use crate::calibration::{Calibration, Quality, SolveError};
+use crate::trig::Length as _;
+
+/// Starting point of an attempt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Start {
+    /// Closed form, or fit to the vertical.
+    ClosedForm,
+    /// Sphere fit.
+    Sphere,
+    /// Result of the attempt from the closed form, with its noise and corrections.
+    FirstResult,
+}
+
+/// A refinement from a starting point, with as many latencies and motor-current interferences as their rules allow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Attempt {
+    pub start: Start,
+    /// Whether a given inclination is a prior.
+    pub uses_inclination: bool,
+}
+
+/// All attempts in their order. The next one is the first later one that [may follow](Attempt::may_follow), is needed
+/// and can start; the result of the last counts.
+pub(super) static QUEUE: [Attempt; 6] = [
+    Attempt { start: Start::ClosedForm, uses_inclination: true },
+    Attempt { start: Start::Sphere, uses_inclination: true },
+    Attempt { start: Start::FirstResult, uses_inclination: true },
+    Attempt { start: Start::ClosedForm, uses_inclination: false },
+    Attempt { start: Start::Sphere, uses_inclination: false },
+    Attempt { start: Start::FirstResult, uses_inclination: false },
+];
+
+impl Attempt {
+    /// Whether this attempt may follow another.
+    pub fn may_follow(self, before: Self) -> bool {
+        let is_same = self.uses_inclination == before.uses_inclination;
+        match self.start {
+            Start::ClosedForm => !is_same,
+            Start::Sphere => is_same && before.start == Start::ClosedForm,
+            Start::FirstResult => is_same && before.start == Start::Sphere,
+        }
+    }
+}
+
+/// Expected heading error above which a second starting point is tried, degrees RMS.
+const MAX_GOOD_RMS_DEG: f32 = 3.0;
+
+/// Hard iron above which a second starting point is tried, microtesla: six times the Earth's field.
+const MAX_GOOD_HARD_IRON_UT: f32 = 300.0;
+
+pub(super) fn is_poor(end: &Result<Solution, SolveError>) -> bool {
+    match end {
+        Ok(solution) => !is_good(&solution.quality, &solution.calibration),
+        Err(SolveError::NotConverged | SolveError::HardIronChanged(_)) => true,
+        Err(_) => false,
+    }
+}
+
+/// Whether another starting point may avoid the error: wrong mounting, reversed turns, field next to the pole.
+pub(super) const fn is_implausible(error: &SolveError) -> bool {
+    matches!(error, SolveError::MountContradicted { .. } | SolveError::TurnsReversed | SolveError::NotDetermined(_))
+}
+
+/// NaN is not good.
+pub(super) fn is_good(quality: &Quality, calibration: &Calibration) -> bool {
+    is_accurate(quality) && calibration.b_vector_ut().length() <= MAX_GOOD_HARD_IRON_UT
+}
+
+pub(super) fn is_accurate(quality: &Quality) -> bool {
+    quality.expected_rms_deg <= MAX_GOOD_RMS_DEG
+}

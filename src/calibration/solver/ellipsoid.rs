@@ -1,0 +1,93 @@
+//! Ellipsoid: nine coefficients from tumbling without attitude (Liu 2007 section 2).
+//!
+//! The measurements of an ideal sensor at all attitudes form a sphere, those of a real one an ellipsoid around `b`. Its
+//! shape determines `W` up to a rotation; the symmetric `W` in mount axes is chosen, because the mounting is
+//! unobservable without attitude. The fit is that of [maximum likelihood](crate::calibration::fit) with norm
+//! residuals only, started from a sphere.
+//!
+//! Turns alone lie on two ellipses, through which many ellipsoids pass. So a solve must check [`is_determined`].
+
+use nalgebra::Vector3;
+
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::model::PriorQuantity;
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::observability::unobservable_quantities;
+use crate::calibration::{Calibration, Samples};
+
+/// Minimum number of covered directions of 24: the six faces of a cube with four quadrants each. Left and right turns
+/// cover up to 20, tumbling all.
+const MIN_DIRECTIONS: u32 = 22;
+
+/// Whether the samples determine the nine coefficients.
+pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -> bool {
+    count_directions(fit.samples, fit.calibration) >= MIN_DIRECTIONS
+        && unobservable_quantities(&information.system, fit.likelihood, fit.unknowns).is_some_and(|mut left| {
+            !left.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
+        })
+}
+
+fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {
+    let seen = samples.all().fold(0_u32, |seen, s| seen | 1 << direction_index(&calibration.apply(s.field).ut));
+    seen.count_ones()
+}
+
+/// Direction of a field: axis of the largest component, and the signs of all three.
+fn direction_index(field: &Vector3<f32>) -> usize {
+    let axis = field.iamax();
+    let sign = |i: usize| usize::from(field[(axis + i) % 3] < 0.0);
+    axis * 8 + sign(0) * 4 + sign(1) * 2 + sign(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+    use crate::calibration::{Method, Prior, Quality, Rates, Sample, SamplePart, SolveError, solve};
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    #[test]
+    fn there_are_twenty_four_directions() {
+        let mut seen = [false; 24];
+        for (axis, [u, v]) in
+            (0..3).flat_map(|axis| [[0.5, 0.6], [-0.5, 0.6], [0.5, -0.6], [-0.5, -0.6]].map(|uv| (axis, uv)))
+        {
+            for sign in [1.0, -1.0] {
+                let mut field = Vector3::zeros();
+                (field[axis], field[(axis + 1) % 3], field[(axis + 2) % 3]) = (sign, u, v);
+                let direction = direction_index(&(field * 40.0));
+                assert!(!seen[direction], "{field} is direction {direction} again");
+                seen[direction] = true;
+            }
+        }
+        assert!(seen.iter().all(|&seen| seen));
+    }
+
+    fn tumbled(missing: usize) -> Result<Quality, SolveError> {
+        let mut random = Random(5);
+        let mut noise = move || Vector3::from_fn(|_, _| random.normal());
+        let samples: Vec<Sample> = core::iter::repeat_with(&mut noise)
+            .map(|v| v.normalize() * 50.0)
+            .filter(|field| direction_index(field) >= missing)
+            .take(300)
+            .map(|field| Vector3::new(1.1 * field.x + 9.0, field.y - 20.0, 0.95 * field.z + 3.0))
+            .map(|ut| Sample {
+                field: Field::new(ut),
+                attitude: Attitude::default(),
+                time: WrappingMillis::default(),
+                rates: Rates::NONE,
+            })
+            .collect();
+        solve(Method::Ellipsoid, Samples { level: &samples, ..Samples::default() }, &Prior::default())
+            .map(|s| s.quality)
+    }
+
+    #[test]
+    fn twenty_two_directions_are_enough_and_twenty_one_are_not() {
+        assert!(tumbled(0).is_ok());
+        assert!(tumbled(2).is_ok(), "{:?}", tumbled(2));
+        assert_eq!(tumbled(3).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
+    }
+}

@@ -1,0 +1,62 @@
+//! Inclination of a solve: a given one (by a person or the field model) against that of the samples.
+
+use crate::calibration::{Solution, SolveError};
+use crate::trig::sqrt;
+
+/// Gate of the test of the configured inclination against the samples', sigmas.
+const INCLINATION_GATE_SIGMAS: f32 = 4.0;
+
+/// The given inclination, and what became of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum GivenInclination {
+    /// Not given: the samples determine it.
+    Unknown,
+    /// A prior of the fit, radians.
+    Prior(f32),
+    /// The solve with it failed with this error, or was inaccurate. It is no prior any more, but still compared.
+    Dropped { given_rad: f32, error: Option<SolveError> },
+}
+
+impl GivenInclination {
+    pub fn new(given_rad: Option<f32>) -> Self {
+        given_rad.map_or(Self::Unknown, Self::Prior)
+    }
+
+    /// Prior of the fit, radians.
+    pub const fn prior_rad(self) -> Option<f32> {
+        match self {
+            Self::Prior(given_rad) => Some(given_rad),
+            Self::Unknown | Self::Dropped { .. } => None,
+        }
+    }
+
+    /// Decides between the given inclination and the samples: the error that replaces the end of a solve.
+    ///
+    /// A contradiction stands: only a person can find its cause. Without one, a solve that failed with the given
+    /// inclination is not replaced by one without it.
+    pub const fn overrule(self, end: &Result<Solution, SolveError>) -> Option<SolveError> {
+        match (end, self) {
+            (Err(SolveError::InclinationContradicted { .. }), _) | (_, Self::Unknown | Self::Prior(_)) => None,
+            (_, Self::Dropped { error, .. }) => error,
+        }
+    }
+
+    /// Compares the given inclination, of `sigma_rad`, with that of the samples alone and its variance.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::InclinationContradicted`] beyond the gate.
+    pub fn check(self, from_samples: Option<[f32; 2]>, sigma_rad: f32) -> Result<(), SolveError> {
+        let (Self::Prior(given_rad) | Self::Dropped { given_rad, .. }) = self else { return Ok(()) };
+        match from_samples {
+            Some([own_rad, variance])
+                if libm::fabsf(own_rad - given_rad)
+                    > INCLINATION_GATE_SIGMAS * sqrt(variance + sigma_rad * sigma_rad) =>
+            {
+                let found_deg = libm::roundf(own_rad.to_degrees()).clamp(-90.0, 90.0) as i8;
+                Err(SolveError::InclinationContradicted { found_deg })
+            }
+            _ => Ok(()),
+        }
+    }
+}

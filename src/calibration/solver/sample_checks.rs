@@ -1,0 +1,45 @@
+//! Checks of the samples before a solve.
+
+use crate::calibration::closed_form::turns::MIN_SAMPLES;
+use crate::calibration::{Axis, Method, Sample, SamplePart, Samples, SolveError};
+use crate::frames::Attitude;
+
+/// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
+const MAX_FIELD_UT: f32 = 1e6;
+
+/// Width of each end of an axis' range, as a fraction of the range.
+const RANGE_END_FRACTION: f32 = 0.01;
+
+/// Stuck if more than 1/5 of the samples are at one end of the range.
+const STUCK_ONE_IN: usize = 5;
+
+pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
+    let part = if method == Method::Level { SamplePart::Level } else { SamplePart::All };
+    let need = if samples.marks.is_empty() { MIN_SAMPLES } else { 1 };
+    SolveError::require(part, samples.all().count(), need)?;
+    let headings = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());
+    if !(headings && samples.all().all(is_finite)) {
+        return Err(SolveError::NotFinite);
+    }
+    stuck_axis(samples).map_or(Ok(()), |axis| Err(SolveError::AxisStuck { axis }))
+}
+
+/// Whether all values are finite, and their fourth powers as well.
+fn is_finite(sample: &Sample) -> bool {
+    let Attitude { roll_rad, pitch_rad } = sample.attitude;
+    sample.field.ut.iter().all(|ut| ut.abs() < MAX_FIELD_UT) && roll_rad.is_finite() && pitch_rad.is_finite()
+}
+
+/// Axis that stays at one end of its range in turns: saturated or frozen. In a full circle, 1 sample in 16 is within 1
+/// % of either end.
+pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
+    let turns = || samples.left.iter().chain(samples.right).chain(samples.unassigned.into_iter().flatten());
+    let number = turns().count();
+    [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
+        let values = || turns().map(|s| s.field.ut[axis as usize]);
+        let (low, high) = values().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        let near = RANGE_END_FRACTION * (high - low);
+        let is_stuck_at = |end: f32| values().filter(|v| (v - end).abs() <= near).count() * STUCK_ONE_IN > number;
+        number >= MIN_SAMPLES && (is_stuck_at(low) || is_stuck_at(high))
+    })
+}

@@ -1,0 +1,94 @@
+//! Starting point of a refinement, and the model with which it begins.
+
+use nalgebra::Matrix3;
+
+use super::attempts::Start;
+use crate::calibration::closed_form::starting_point::{self, SensorResponse, StartingPoint};
+use crate::calibration::closed_form::{compass_swing, four_ellipse, level_ellipse, two_plane};
+use crate::calibration::fit::levenberg_marquardt::Refinement;
+use crate::calibration::model::{Likelihood, ModelConfig};
+use crate::calibration::{Envelope, Method, Orientation, Prior, SamplePart, Samples, SolveError};
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SampleCorrections {
+    pub latency_s: f32,
+    /// Motor-current interference, uT/A, chip axes.
+    pub ut_per_a: [f32; 3],
+}
+
+impl SampleCorrections {
+    pub const NONE: Self = Self { latency_s: 0.0, ut_per_a: [0.0; 3] };
+}
+
+fn solve_closed_form(
+    method: Method,
+    samples: Samples<'_>,
+    rotation: &Matrix3<f32>,
+    inclination_rad: Option<f32>,
+) -> Result<SensorResponse, SolveError> {
+    match method {
+        Method::Level => level_ellipse::solve(samples, rotation),
+        Method::FourEllipse => four_ellipse::solve(samples, rotation, inclination_rad),
+        Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve(samples, rotation),
+        Method::CompassSwing => compass_swing::solve(samples.marks, rotation, inclination_rad),
+        Method::Ellipsoid => Err(SolveError::NotDetermined(SamplePart::All)),
+    }
+}
+
+#[inline(never)]
+pub(super) fn choose_starting_point(
+    method: Method,
+    samples: Samples<'_>,
+    prior: &Prior,
+) -> Result<(StartingPoint, Start), SolveError> {
+    let rotation = prior.mount.body_from_sensor();
+    let matches_mounting = |start: &StartingPoint| Orientation::nearest(&start.w) == Orientation::NONE;
+    if samples.has_unassigned()
+        && let Some(start) = starting_point::vertical_component_start(samples, &rotation)
+    {
+        return Ok((start, Start::ClosedForm));
+    }
+    let closed_form = match solve_closed_form(method, samples, &rotation, prior.inclination_rad) {
+        Ok(response) => response.starting_point(),
+        // The sphere fit serves instead.
+        Err(_) if matches!(method, Method::MaximumLikelihood | Method::Ellipsoid) => None,
+        Err(error) => return Err(error),
+    };
+    match closed_form {
+        Some(start) if method == Method::MaximumLikelihood && !matches_mounting(&start) => {
+            // Two planes need the direction of turn, which the bank gives only for aircraft that bank into turns.
+            let tilted = starting_point::vertical_component_start(samples, &rotation).filter(matches_mounting);
+            Ok((tilted.unwrap_or(start), Start::ClosedForm))
+        }
+        Some(start) => Ok((start, Start::ClosedForm)),
+        None if method.is_refined() => {
+            Ok((starting_point::sphere_start(samples, &rotation).ok_or(SolveError::NotConverged)?, Start::Sphere))
+        }
+        None => Err(SolveError::NotConverged),
+    }
+}
+
+pub(super) fn begin(
+    method: Method,
+    prior: &Prior,
+    samples: Samples<'_>,
+    start: &StartingPoint,
+    assumed: SampleCorrections,
+) -> Result<Refinement, SolveError> {
+    let config = match method {
+        Method::Level => ModelConfig::FIXED_MOUNTING,
+        Method::Ellipsoid => ModelConfig::NO_ATTITUDE,
+        Method::FourEllipse | Method::TwoPlane | Method::MaximumLikelihood | Method::CompassSwing => {
+            ModelConfig::DEFAULT
+        }
+    };
+    let mut likelihood =
+        Likelihood { latency_s: assumed.latency_s, ..Likelihood::new(prior, config, samples, start.unit_ut) };
+    likelihood.motor_current.ut_per_a = assumed.ut_per_a;
+    if method == Method::CompassSwing && Envelope::for_samples(method, samples) == Envelope::Level {
+        // The inclination is unobservable on level ground, and fixed at its start value.
+        likelihood.known_inclination_rad = Some(start.inclination_rad);
+    }
+    let unknowns = likelihood.unknowns_from_start(start).ok_or(SolveError::NotConverged)?;
+    Ok(Refinement::new(likelihood, samples, unknowns, method.is_refined()))
+}

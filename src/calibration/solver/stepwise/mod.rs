@@ -1,0 +1,373 @@
+//! Solver for all methods, in steps: from samples to a calibration with its quality.
+
+use super::attempts::{Attempt, QUEUE, Start, is_accurate, is_good, is_implausible, is_poor};
+use super::ellipsoid;
+use super::inclination::GivenInclination;
+use super::sample_checks::check_samples;
+use super::starts::{SampleCorrections, begin, choose_starting_point};
+use crate::calibration::assessment::Solution;
+use crate::calibration::closed_form::starting_point::{self, StartingPoint};
+use crate::calibration::closed_form::turns::{turn_progress_by_rates_rad, turn_progress_rad};
+use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::levenberg_marquardt::{Refinement, RefinementProgress as Refining};
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::hypotheses::table::assumed_sigmas;
+use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
+use crate::calibration::uncertainty::information::Information;
+use crate::calibration::uncertainty::observability::inclination_from_samples;
+use crate::calibration::{
+    AttitudeLatency, Calibration, ConsiderSigmas, Method, Orientation, Prior, Quality, Sample, SamplePart, Samples,
+    Side, SolveError,
+};
+
+/// Progress of a solver.
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and no heap to put it on")]
+#[derive(Debug)]
+pub enum SolveProgress {
+    /// More steps are needed: call [`Solver::step`] again.
+    Continue,
+    /// The result.
+    Finished(Result<Solution, SolveError>),
+}
+
+/// A solve in progress. Each [`step`](Self::step) is one pass over the samples. About 1.5 KB.
+#[derive(Debug)]
+pub struct Solver {
+    method: Method,
+    prior: Prior,
+    consider: ConsiderSigmas,
+    refinement: Refinement,
+    attempt: Attempt,
+    inclination: GivenInclination,
+    /// Poor result from the closed form, retained while the sphere is tried.
+    first_result: Option<RetainedResult>,
+    latency_updates: u8,
+    motor_current_updates: u8,
+    /// Error of an implausible result from the closed form; reported instead of a later one.
+    implausible_error: Option<SolveError>,
+}
+
+#[derive(Debug)]
+struct RetainedResult {
+    start: StartingPoint,
+    misfit: f32,
+    assumed: SampleCorrections,
+    noise: NoiseModel,
+}
+
+/// Largest accepted inclination, radians: 4 deg from the vertical. Nearer to the pole the floor of the horizontal field
+/// makes all inclination residuals equal, a false minimum: after 10 minutes of straight flight, headings were 100 deg
+/// off at an expected error of 4 deg.
+const MAX_INCLINATION_RAD: f32 = 1.5;
+
+/// Limit of heading change against the direction of the turns, radians: half a circle, more than noise produces.
+const MIN_TURN_PROGRESS_RAD: f32 = -3.0;
+
+impl Solver {
+    /// Starts a solve. The samples must stay the same until it finishes.
+    ///
+    /// # Errors
+    ///
+    /// Rejects too few samples or headings, non-finite values, an axis that does not change
+    /// ([`SolveError::AxisStuck`]), and samples for which the closed form fails ([`SolveError::NotAnEllipse`],
+    /// [`SolveError::NotDetermined`], [`SolveError::SamePlane`], [`SolveError::NotConverged`]).
+    pub fn new(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Self, SolveError> {
+        Self::with_consider_sigmas(method, samples, prior, ConsiderSigmas::DEFAULT)
+    }
+
+    /// As [`new`](Self::new), with other assumptions about the attitude source.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn with_consider_sigmas(
+        method: Method,
+        samples: Samples<'_>,
+        prior: &Prior,
+        consider: ConsiderSigmas,
+    ) -> Result<Self, SolveError> {
+        check_samples(method, samples)?;
+        let (point, start) = choose_starting_point(method, samples, prior)?;
+        let refinement = begin(method, prior, samples, &point, SampleCorrections::NONE)?;
+        Ok(Self {
+            method,
+            prior: *prior,
+            consider,
+            refinement,
+            attempt: Attempt { start, uses_inclination: true },
+            inclination: GivenInclination::new(prior.inclination_rad),
+            first_result: None,
+            latency_updates: 0,
+            motor_current_updates: 0,
+            implausible_error: None,
+        })
+    }
+
+    /// One pass over the samples. Its large parts are not inlined, so that their locals do not add up on a small stack.
+    #[inline(never)]
+    pub fn step(&mut self, samples: Samples<'_>) -> SolveProgress {
+        let end = match self.refinement.step(samples) {
+            Refining::Continue => return SolveProgress::Continue,
+            Refining::Converged => match self.assess_refined(samples) {
+                Some(end) => end,
+                None => return SolveProgress::Continue,
+            },
+            Refining::Failed => Err(SolveError::NotConverged),
+        };
+        if self.method == Method::MaximumLikelihood && self.start_next_attempt(&end, samples) {
+            return SolveProgress::Continue;
+        }
+        let end = self.inclination.overrule(&end).map_or(end, Err);
+        SolveProgress::Finished(end.map_err(|error| self.implausible_error.unwrap_or(error)))
+    }
+
+    /// Runs the solve to its end.
+    ///
+    /// # Errors
+    ///
+    /// No coefficients explain the samples ([`SolveError::NotConverged`]), possibly because the hard iron changed;
+    /// the samples do not determine the coefficients ([`SolveError::NotDetermined`]); or the solution is implausible
+    /// ([`SolveError::TurnsReversed`], [`SolveError::InclinationContradicted`], [`SolveError::MountContradicted`]).
+    pub fn run(mut self, samples: Samples<'_>) -> Result<Solution, SolveError> {
+        // Terminates: each attempt of the queue runs once, with a bounded number of updates of latency and motor
+        // current, and each refinement is of bounded length.
+        loop {
+            if let SolveProgress::Finished(end) = self.step(samples) {
+                return end;
+            }
+        }
+    }
+
+    /// Starts the next attempt that the end of this one calls for; returns whether there is one.
+    fn start_next_attempt(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        let current = self.attempt;
+        let mut later = QUEUE.iter().skip_while(|attempt| **attempt != current).skip(1);
+        later.any(|next| {
+            next.may_follow(current)
+                && match next.start {
+                    Start::ClosedForm => self.start_without_inclination(end, samples),
+                    Start::Sphere => self.start_from_sphere(end, samples),
+                    Start::FirstResult => self.restore_first_result(end, samples),
+                }
+        })
+    }
+
+    /// After a poor or implausible result from the closed form: retains it, and starts from the sphere.
+    #[inline(never)]
+    fn start_from_sphere(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        self.implausible_error =
+            end.as_ref().err().copied().filter(|error| is_implausible(error) && samples.has_unassigned());
+        if self.implausible_error.is_none() && !is_poor(end) {
+            return false;
+        }
+        let point = starting_point::sphere_start(samples, &self.prior.mount.body_from_sensor());
+        let retained = end.as_ref().ok().and_then(|solution| self.retain_result(solution));
+        let is_started = point.is_some_and(|point| self.restart(samples, &point, SampleCorrections::NONE));
+        if is_started {
+            self.attempt.start = Start::Sphere;
+            self.first_result = retained;
+        }
+        is_started
+    }
+
+    /// Unless the sphere fits better: restarts at the retained result.
+    #[inline(never)]
+    fn restore_first_result(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        let Some(RetainedResult { start, misfit, assumed, noise }) = self.first_result.take() else { return false };
+        let is_better = end.as_ref().is_ok_and(|solution| self.misfit(&solution.calibration) < misfit);
+        let is_started = !is_better && self.restart(samples, &start, assumed);
+        if is_started {
+            self.attempt.start = Start::FirstResult;
+            self.refinement.restart_with_noise(samples, noise);
+        }
+        is_started
+    }
+
+    /// After an error or an inaccurate result: restarts without the given inclination.
+    #[inline(never)]
+    fn start_without_inclination(&mut self, end: &Result<Solution, SolveError>, samples: Samples<'_>) -> bool {
+        let GivenInclination::Prior(given_rad) = self.inclination else { return false };
+        if end.as_ref().is_ok_and(|solution| is_accurate(&solution.quality)) {
+            return false;
+        }
+        self.inclination = GivenInclination::Dropped { given_rad, error: end.as_ref().err().copied() };
+        self.prior.inclination_rad = None;
+        let Ok((point, start)) = choose_starting_point(self.method, samples, &self.prior) else { return false };
+        self.attempt = Attempt { start, uses_inclination: false };
+        self.restart(samples, &point, SampleCorrections::NONE)
+    }
+
+    /// Restarts the refinement, if possible; returns whether it did.
+    fn restart(&mut self, samples: Samples<'_>, start: &StartingPoint, assumed: SampleCorrections) -> bool {
+        let Ok(refinement) = begin(self.method, &self.prior, samples, start, assumed) else { return false };
+        self.refinement = refinement;
+        self.latency_updates = u8::from(assumed.latency_s != 0.0);
+        self.motor_current_updates = u8::from(self.refinement.likelihood.motor_current.is_applied());
+        true
+    }
+
+    fn retain_result(&self, solution: &Solution) -> Option<RetainedResult> {
+        let (likelihood, unknowns) = (&self.refinement.likelihood, &self.refinement.unknowns);
+        let misfit = self.misfit(&solution.calibration);
+        let assumed =
+            SampleCorrections { latency_s: likelihood.latency_s, ut_per_a: likelihood.motor_current.ut_per_a };
+        Some(RetainedResult {
+            start: likelihood.starting_point(unknowns)?,
+            misfit,
+            assumed,
+            noise: likelihood.noise.clone(),
+        })
+    }
+
+    /// Misfit: product of the two residual sigmas, the norm's in microtesla, so that a larger field is not a better
+    /// fit. The log-likelihood of `N` samples is `-N ln` of it, up to a constant.
+    fn misfit(&self, calibration: &Calibration) -> f32 {
+        let noise = &self.refinement.likelihood.noise;
+        noise.norm * calibration.total_ut * noise.inclination_sigma_rad
+    }
+
+    /// Assesses the refined result. `None` on a restart with another latency or motor-current interference.
+    #[inline(never)]
+    fn assess_refined(&mut self, samples: Samples<'_>) -> Option<Result<Solution, SolveError>> {
+        // A compass swing on level ground fixes the inclination during refinement only.
+        let likelihood =
+            &Likelihood { known_inclination_rad: self.inclination.prior_rad(), ..self.refinement.likelihood.clone() };
+        let unknowns = &self.refinement.unknowns.clone();
+        let mut calibration = match likelihood.calibration(unknowns) {
+            Ok(calibration) => calibration,
+            Err(error) => return Some(Err(error)),
+        };
+        if self.method == Method::MaximumLikelihood && libm::fabsf(calibration.inclination_rad) > MAX_INCLINATION_RAD {
+            return Some(Err(SolveError::NotDetermined(SamplePart::All)));
+        }
+        if self.first_result.as_ref().is_some_and(|kept| self.misfit(&calibration) >= kept.misfit) {
+            return Some(Err(SolveError::NotConverged));
+        }
+        let mut information = self.information(likelihood, samples);
+        let fit = ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let change = fit.accumulate_information(&mut information);
+        if self.method == Method::MaximumLikelihood
+            && let Some(found) = information.estimate_motor_current(likelihood)
+        {
+            if self.restart_with_motor_current(samples, &information, &found) {
+                return None;
+            }
+            calibration.motor_current.sigma_ut_per_a = found.max_sigma() * likelihood.unit_ut;
+        }
+        let judgement = ConvergedFit { method: self.method, likelihood, unknowns, calibration: &calibration, samples };
+        let latency = if self.method == Method::MaximumLikelihood {
+            let found = information.estimate_latency(likelihood.latency_s);
+            if self.restart_with_latency(samples, found.as_ref()) {
+                return None;
+            }
+            found.map(|(latency, _)| latency)
+        } else {
+            None
+        };
+        Some(self.build_solution(&judgement, &mut information, change, latency))
+    }
+
+    /// Restarts if the estimated attitude latency differs from the one in use. Returns whether it did.
+    fn restart_with_latency(&mut self, samples: Samples<'_>, found: Option<&(AttitudeLatency, Vector13)>) -> bool {
+        let used_s = self.refinement.likelihood.latency_s;
+        let Some((latency, follows)) = found else { return false };
+        let Some(latency_s) = latency.next_latency_s(used_s, self.latency_updates) else { return false };
+        self.latency_updates += 1;
+        self.refinement.restart_with_latency(samples, latency_s, &(follows * (latency_s - used_s)));
+        true
+    }
+
+    #[inline(never)]
+    fn restart_with_motor_current(
+        &mut self,
+        samples: Samples<'_>,
+        information: &Information,
+        found: &InterferenceEstimate,
+    ) -> bool {
+        let likelihood = &self.refinement.likelihood;
+        let used = likelihood.motor_current_per_ampere();
+        let spread = likelihood.motor_current.current_sigma_a * likelihood.unit_ut;
+        let Some(k) = found.next_interference(&used, self.motor_current_updates, spread) else { return false };
+        let more = k - used;
+        let Some(follow) = information.step_for_motor_current(&more) else { return false };
+        self.motor_current_updates += 1;
+        self.refinement.restart_with_motor_current(samples, &more, &follow);
+        true
+    }
+
+    #[inline(never)]
+    fn build_solution(
+        &self,
+        judgement: &ConvergedFit<'_>,
+        information: &mut Information,
+        change: Option<ConfirmedChange>,
+        latency: Option<AttitudeLatency>,
+    ) -> Result<Solution, SolveError> {
+        let &ConvergedFit { likelihood, calibration, samples, .. } = judgement;
+        let sound = if likelihood.is_acceptable_fit() {
+            self.check_plausibility(samples, calibration)
+        } else {
+            Err(SolveError::NotConverged)
+        };
+        // A hard-iron change explains a misfit or an implausible result.
+        sound.map_err(|error| change.as_ref().map_or(error, |change| SolveError::HardIronChanged(change.change)))?;
+        if self.method == Method::MaximumLikelihood {
+            let sigmas = assumed_sigmas(self.consider, latency);
+            let own = inclination_from_samples(information, likelihood, judgement.unknowns, &sigmas);
+            self.inclination.check(own, likelihood.config.known_inclination_sigma_rad)?;
+        }
+        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(judgement, information) {
+            return Err(SolveError::NotDetermined(SamplePart::All));
+        }
+        // Advice is not computed for a poor result that another starting point may improve.
+        let needs_advice = |quality: &Quality| {
+            self.attempt.start != Start::ClosedForm
+                || self.method != Method::MaximumLikelihood
+                || is_good(quality, calibration)
+        };
+        judgement.assess(information, change, latency, self.consider, needs_advice)
+    }
+
+    /// Information at the result; linearised again if the refinement fixed the inclination.
+    #[inline(never)]
+    fn information(&self, likelihood: &Likelihood, samples: Samples<'_>) -> Information {
+        if likelihood.known_inclination_rad == self.refinement.likelihood.known_inclination_rad {
+            Information::new(self.refinement.system())
+        } else {
+            Information::new(&LinearisedProblem::linearise(likelihood, samples, &self.refinement.unknowns))
+        }
+    }
+
+    #[inline(never)]
+    fn check_plausibility(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
+        let heading = |s: &Sample| calibration.corrected_level_field(s).heading_rad();
+        // The gyro gives the direction of turn; without it the bank does, for aircraft that bank into their turns.
+        let by_bank = || {
+            let sides = [(Side::Left, samples.left), (Side::Right, samples.right)];
+            sides.into_iter().map(|(side, samples)| turn_progress_rad(samples, side, heading)).sum::<f32>()
+        };
+        let progress = || turn_progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
+        if self.method != Method::Ellipsoid && progress() < MIN_TURN_PROGRESS_RAD {
+            return Err(SolveError::TurnsReversed);
+        }
+        let found = Orientation::nearest(&calibration.w_matrix());
+        if found != self.prior.mount {
+            return Err(SolveError::MountContradicted { found });
+        }
+        Ok(())
+    }
+}
+
+/// Solves samples by one method, to the end. On a device with other work to do, use [`Solver`].
+///
+/// # Errors
+///
+/// The errors of [`Solver::new`] and [`Solver::run`].
+pub fn solve(method: Method, samples: Samples<'_>, prior: &Prior) -> Result<Solution, SolveError> {
+    Solver::new(method, samples, prior)?.run(samples)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,244 @@
+//! Unit tests of `solver`.
+
+use nalgebra::Matrix3;
+
+use super::*;
+use crate::calibration::Axis;
+use crate::calibration::solver::sample_checks::stuck_axis;
+use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
+use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse, Mark, Rates};
+use crate::frames::Attitude;
+use crate::frames::Field;
+use crate::time::WrappingMillis;
+
+fn varying_samples(number: u8) -> Vec<Sample> {
+    let field = |i: u8| Field::from_ut(f32::from(i), 100.0 - f32::from(i), 3.0 * f32::from(i % 10));
+    let sample = |i| Sample {
+        field: field(i),
+        attitude: Attitude::default(),
+        time: WrappingMillis::default(),
+        rates: Rates::NONE,
+    };
+    (0..number).map(sample).collect()
+}
+
+/// `number` of sixty samples have `value_ut` on one axis, the rest 10 to 50 uT.
+fn stuck_axis_of(axis: usize, number: usize, value_ut: f32) -> Option<Axis> {
+    let mut samples = varying_samples(60);
+    for (i, sample) in samples.iter_mut().enumerate() {
+        let running_ut = 10.0 + 40.0 * (i - i.min(number)) as f32 / (59 - number) as f32;
+        sample.field.ut[axis] = if i < number { value_ut } else { running_ut };
+    }
+    let (left, right) = samples.split_at(30);
+    stuck_axis(Samples { left, right, ..Samples::default() })
+}
+
+/// A fifth of 60 is 12. Varying samples are at least 0.85 uT apart, so one is at each end of the range.
+#[test]
+fn an_axis_is_stuck_when_more_than_a_fifth_lies_at_one_end() {
+    for (index, axis) in [Axis::X, Axis::Y, Axis::Z].into_iter().enumerate() {
+        for end_ut in [50.0, 10.0] {
+            assert_eq!(stuck_axis_of(index, 11, end_ut), None, "{axis:?} {end_ut}");
+            assert_eq!(stuck_axis_of(index, 12, end_ut), Some(axis), "{axis:?} {end_ut}");
+            assert_eq!(stuck_axis_of(index, 20, 30.0), None, "{axis:?} in the middle");
+        }
+        for (near_ut, far_ut) in [(49.65, 49.55), (10.35, 10.45)] {
+            assert_eq!(stuck_axis_of(index, 15, near_ut), Some(axis), "{axis:?} {near_ut}");
+            assert_eq!(stuck_axis_of(index, 15, far_ut), None, "{axis:?} {far_ut}");
+        }
+    }
+}
+
+/// Few samples are at one end by chance, and level flight on one heading moves no axis.
+#[test]
+fn only_turns_show_that_an_axis_is_stuck() {
+    let still = vec![varying_samples(1)[0]; 40];
+    assert_eq!(stuck_axis(Samples { level: &still, ..Samples::default() }), None);
+    assert_eq!(stuck_axis(Samples { left: &still[..11], ..Samples::default() }), None);
+    assert_eq!(stuck_axis(Samples { left: &still[..6], right: &still[..6], ..Samples::default() }), Some(Axis::X));
+}
+
+#[test]
+fn twelve_samples_or_one_mark_are_accepted() {
+    let samples = varying_samples(12);
+    let missing = |part, have, need| Err(SolveError::TooFewSamples { part, have, need });
+    let of = |level| Samples { level, ..Samples::default() };
+    assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples)), Ok(()));
+    assert_eq!(check_samples(Method::MaximumLikelihood, of(&samples[..11])), missing(SamplePart::All, 11, 12));
+    assert_eq!(check_samples(Method::Level, of(&samples[..11])), missing(SamplePart::Level, 11, 12));
+    assert_eq!(check_samples(Method::CompassSwing, of(&[])), missing(SamplePart::All, 0, 12));
+    let mark = [Mark { sample: samples[0], heading_rad: 1.0 }];
+    assert_eq!(check_samples(Method::CompassSwing, Samples { marks: &mark, ..Samples::default() }), Ok(()));
+}
+
+#[test]
+fn non_finite_samples_are_rejected() {
+    type Change = fn(&mut Sample);
+    let refused: [Change; 7] = [
+        |s| s.field.ut.x = 1.1e6,
+        |s| s.field.ut.y = -1.1e6,
+        |s| s.field.ut.z = f32::INFINITY,
+        |s| s.field.ut.z = f32::NAN,
+        |s| s.attitude.roll_rad = f32::NAN,
+        |s| s.attitude.pitch_rad = f32::INFINITY,
+        |s| s.attitude.pitch_rad = f32::NAN,
+    ];
+    for change in refused {
+        let good = varying_samples(20);
+        let mut bad = good.clone();
+        change(&mut bad[7]);
+        let marks = [Mark { sample: bad[7], heading_rad: 0.0 }];
+        for samples in [
+            Samples { left: &bad, right: &good, ..Samples::default() },
+            Samples { left: &good, right: &bad, ..Samples::default() },
+            Samples { level: &bad, ..Samples::default() },
+            Samples { marks: &marks, ..Samples::default() },
+        ] {
+            assert_eq!(check_samples(Method::MaximumLikelihood, samples), Err(SolveError::NotFinite), "{:?}", bad[7]);
+        }
+    }
+    let mut large = varying_samples(20);
+    large[3].field.ut.x = -0.9e6;
+    assert_eq!(check_samples(Method::Level, Samples { level: &large, ..Samples::default() }), Ok(()));
+    let marks = [Mark { sample: varying_samples(1)[0], heading_rad: f32::NAN }];
+    let nowhere = check_samples(Method::CompassSwing, Samples { marks: &marks, ..Samples::default() });
+    assert_eq!(nowhere, Err(SolveError::NotFinite));
+}
+
+fn found(expected_rms_deg: f32, b_ut: f32) -> Solution {
+    let (_, recorded) = flown();
+    let mut solution = solve(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+    solution.quality.expected_rms_deg = expected_rms_deg;
+    solution.calibration.b_ut = [0.0, b_ut, 0.0];
+    solution
+}
+
+fn flown() -> (Airframe, RecordedTurns) {
+    let mut random = Random(31);
+    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
+    (airframe, recorded)
+}
+
+#[test]
+fn limits_of_a_poor_result() {
+    for (expected_rms_deg, b_ut, doubtful) in
+        [(2.99, 299.0, false), (3.01, 0.0, true), (0.5, 301.0, true), (0.5, -301.0, true), (f32::NAN, 0.0, true)]
+    {
+        assert_eq!(is_poor(&Ok(found(expected_rms_deg, b_ut))), doubtful, "{expected_rms_deg} {b_ut}");
+    }
+    let change = DetectedHardIronChange { size_ut: 9.0, time_course: HardIronTimeCourse::Drift, duration_s: 200 };
+    assert!(is_poor(&Err(SolveError::NotConverged)) && is_poor(&Err(SolveError::HardIronChanged(change))));
+    assert!(!is_poor(&Err(SolveError::TurnsReversed)));
+}
+
+fn run(mut solver: Solver, samples: Samples<'_>) -> (Result<Solution, SolveError>, usize) {
+    let mut began = 1;
+    loop {
+        let before = solver.attempt;
+        match solver.step(samples) {
+            SolveProgress::Continue => {}
+            SolveProgress::Finished(end) => return (end, began),
+        }
+        began += usize::from(before != solver.attempt);
+    }
+}
+
+#[test]
+fn the_better_of_two_results_is_returned() {
+    let (airframe, recorded) = flown();
+    let samples = recorded.turns();
+    let new = || Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
+    let (plain, began) = run(new(), samples);
+    let plain = plain.unwrap();
+    assert_eq!(began, 1);
+    let error = |solution: &Solution| rms(&airframe.errors_deg(&solution.calibration));
+    // Simulates a poor first result with this misfit.
+    for (misfit, is_found_again) in [(f32::INFINITY, false), (0.0, true)] {
+        let mut solver = new();
+        while !matches!(solver.refinement.step(samples), Refining::Converged) {}
+        let RetainedResult { start, noise, .. } = solver.retain_result(&plain).unwrap();
+        let sphere = starting_point::sphere_start(samples, &Matrix3::identity()).unwrap();
+        assert!(solver.restart(samples, &sphere, SampleCorrections::NONE));
+        (solver.attempt.start, solver.first_result) =
+            (Start::Sphere, Some(RetainedResult { start, misfit, assumed: SampleCorrections::NONE, noise }));
+        let (again, began) = run(solver, samples);
+        assert_eq!(began, if is_found_again { 2 } else { 1 });
+        let again = again.unwrap();
+        assert!((error(&again) - error(&plain)).abs() < 0.05 && again.hard_iron_change.is_none());
+    }
+}
+
+#[test]
+fn the_misfit_is_in_microtesla() {
+    let (_, recorded) = flown();
+    let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+    let mut solution = found(0.5, 0.0);
+    let misfit = solver.misfit(&solution.calibration);
+    let noise = &solver.refinement.likelihood.noise;
+    assert!((misfit / (noise.norm * noise.inclination_sigma_rad * solution.calibration.total_ut) - 1.0).abs() < 1e-5);
+    solution.calibration.total_ut *= 2.0;
+    assert!((solver.misfit(&solution.calibration) / misfit - 2.0).abs() < 1e-5);
+}
+
+#[test]
+fn a_retained_result_is_restored_with_its_corrections() {
+    let (_, recorded) = flown();
+    let mut solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
+    solver.refinement.likelihood.latency_s = 0.04;
+    solver.refinement.likelihood.motor_current.ut_per_a = [0.3, -0.2, 0.1];
+    let Refinement { likelihood, unknowns, .. } = &solver.refinement;
+    let kept = solver.retain_result(&found(0.5, 0.0)).unwrap();
+    let again = likelihood.unknowns_from_start(&kept.start).unwrap();
+    assert!((again - unknowns).norm() < 1e-5 * unknowns.norm(), "{again} {unknowns}");
+    assert!(solver.restart(recorded.turns(), &kept.start, kept.assumed));
+    let Likelihood { latency_s, motor_current: current, .. } = &solver.refinement.likelihood;
+    assert_eq!((*latency_s, current.ut_per_a), (0.04, [0.3, -0.2, 0.1]));
+    assert_eq!((solver.latency_updates, solver.motor_current_updates), (1, 1), "each was tried once at least");
+}
+
+#[test]
+fn the_current_s_spread_is_in_microtesla() {
+    let (_, recorded) = flown();
+    let samples = recorded.turns();
+    for (sigma_ut, stays) in [(0.45, true), (0.55, false)] {
+        let mut solver = Solver::new(Method::MaximumLikelihood, samples, &Prior::default()).unwrap();
+        let likelihood = &mut solver.refinement.likelihood;
+        (likelihood.motor_current.current_sigma_a, likelihood.motor_current.ut_per_a) = (10.0, [0.3, 0.0, 0.0]);
+        let (k, sigma) = (likelihood.motor_current_per_ampere(), sigma_ut / 10.0 / likelihood.unit_ut);
+        let covariance = Matrix3::from_diagonal_element(sigma * sigma);
+        let found = InterferenceEstimate { k, covariance, significance: [99.0; 2] };
+        solver.motor_current_updates = 2;
+        let information = solver.information(&solver.refinement.likelihood, samples);
+        assert_eq!(solver.restart_with_motor_current(samples, &information, &found), !stays, "{sigma_ut} uT");
+        assert_eq!(solver.refinement.likelihood.motor_current.is_applied(), stays);
+    }
+}
+
+#[test]
+fn a_poor_result_is_retried_without_the_inclination() {
+    let (_, recorded) = flown();
+    let samples = recorded.turns();
+    let told = Prior { inclination_rad: Some(0.9), ..Prior::default() };
+    for (prior, end, is_left_out) in [
+        (told, Ok(found(2.9, 0.0)), false),
+        (told, Ok(found(3.1, 0.0)), true),
+        (told, Err(SolveError::TurnsReversed), true),
+        (Prior::default(), Err(SolveError::TurnsReversed), false),
+    ] {
+        let mut solver = Solver::new(Method::MaximumLikelihood, samples, &prior).unwrap();
+        assert_eq!(solver.start_without_inclination(&end, samples), is_left_out);
+        assert_eq!(matches!(solver.inclination, GivenInclination::Dropped { .. }), is_left_out);
+        assert_eq!(solver.prior.inclination_rad.is_some(), prior.inclination_rad.is_some() && !is_left_out);
+        assert!(!is_left_out || !solver.start_without_inclination(&end, samples));
+    }
+}
+
+#[test]
+fn every_attempt_has_its_place() {
+    let successors = |before: Attempt| -> Vec<usize> {
+        let later = QUEUE.iter().enumerate().skip_while(move |(_, attempt)| **attempt != before).skip(1);
+        later.filter(|(_, next)| next.may_follow(before)).map(|(place, _)| place).collect()
+    };
+    assert_eq!(QUEUE.map(successors), [vec![1, 3], vec![2, 3], vec![3], vec![4], vec![5], vec![]]);
+}

@@ -1,0 +1,83 @@
+//! Lag-1 autocorrelation of the residuals of a flight.
+//!
+//! For first-order autoregressive errors with autocorrelation rho, the effective sample size is `(1 - rho) / (1 + rho)`
+//! of the number of samples.
+
+use crate::calibration::types::time_order::PARTS;
+
+/// Upper limit of rho: an effective sample size of 1/39.
+const MAX_RHO: f32 = 0.95;
+
+/// Autocorrelation sums over neighbouring samples of each part.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(in crate::calibration) struct Autocorrelation {
+    lag_products: [f32; 2],
+    square_sums: [f32; 2],
+    previous: [[f32; 2]; PARTS],
+}
+
+impl Autocorrelation {
+    pub fn add(&mut self, part: usize, residuals: [f32; 2]) {
+        let Some(before) = self.previous.get_mut(part) else { return };
+        for (kind, residual) in residuals.into_iter().enumerate() {
+            self.lag_products[kind] += residual * before[kind];
+            self.square_sums[kind] += residual * residual;
+        }
+        *before = residuals;
+    }
+
+    /// Variance inflation minus one, `2 rho / (1 - rho)`, of norm and inclination residuals; 0 for negative rho.
+    pub fn excess_inflation(&self) -> [f32; 2] {
+        [0, 1].map(|kind| {
+            let (products, squares) = (self.lag_products[kind], self.square_sums[kind]);
+            let rho = if squares > 0.0 { (products / squares).clamp(0.0, MAX_RHO) } else { 0.0 };
+            2.0 * rho / (1.0 - rho)
+        })
+    }
+
+    pub fn sums_of_squares(&self) -> [f32; 2] {
+        self.square_sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(found: [f32; 2], expected: [f32; 2]) -> bool {
+        found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-3)
+    }
+
+    #[test]
+    fn correlated_errors_are_worth_less() {
+        for (products, squares, excess) in [
+            (0.0, 0.0, 0.0),
+            (-5.0, 10.0, 0.0),
+            (2.0, 10.0, 0.5),
+            (9.4, 10.0, 31.3333),
+            (9.6, 10.0, 38.0),
+            (10.0, 10.0, 38.0),
+        ] {
+            let of = |products, squares| {
+                Autocorrelation { lag_products: products, square_sums: squares, previous: [[0.0; 2]; PARTS] }
+                    .excess_inflation()
+            };
+            assert!(close(of([products, 5.0], [squares, 10.0]), [excess, 2.0]), "{products} {squares}");
+            assert!(close(of([5.0, products], [10.0, squares]), [2.0, excess]), "{products} {squares}");
+        }
+    }
+
+    #[test]
+    fn neighbours_are_those_of_a_part() {
+        let mut correlation = Autocorrelation::default();
+        for (part, residuals) in [(0, [1.0, -2.0]), (1, [3.0, 1.0]), (0, [2.0, 0.5]), (2, [9.0, 9.0]), (1, [-1.0, 2.0])]
+        {
+            correlation.add(part, residuals);
+        }
+        assert!(close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
+        assert!(close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
+        let before = correlation;
+        correlation.add(PARTS, [1.0, 1.0]);
+        assert_eq!(correlation, before);
+    }
+}

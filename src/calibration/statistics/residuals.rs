@@ -1,0 +1,41 @@
+//! Statistics of the residuals of one pass over the samples.
+
+use super::autocorrelation::Autocorrelation;
+use super::heteroscedasticity::Heteroscedasticity;
+use super::white_noise_fraction::WhiteNoiseFraction;
+use crate::calibration::fit::information_matrix::InformationMatrix;
+use crate::calibration::model::Vector13;
+
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct ResidualStatistics {
+    /// Information of the inclination residuals.
+    pub inclination_part: InformationMatrix,
+    /// Of norm and inclination residuals.
+    pub autocorrelation: Autocorrelation,
+    pub heteroscedasticity: Heteroscedasticity,
+    pub white_noise: WhiteNoiseFraction,
+}
+
+impl ResidualStatistics {
+    pub fn zero() -> Self {
+        Self {
+            inclination_part: InformationMatrix::zero(),
+            autocorrelation: Autocorrelation::default(),
+            heteroscedasticity: Heteroscedasticity::default(),
+            white_noise: WhiteNoiseFraction::default(),
+        }
+    }
+
+    /// Variance inflation by autocorrelation, the larger of both residuals'.
+    #[inline(never)]
+    pub fn autocorrelation_inflation(&self) -> f32 {
+        let [of_norm, of_dip] = self.autocorrelation.excess_inflation();
+        1.0 + of_norm.max(of_dip)
+    }
+
+    /// `(x - than) H_incl vector`, with `x` the variance inflation of the inclination residuals; zero if `x < than`.
+    pub fn excess_inclination_times(&self, vector: &Vector13, than: f32) -> Vector13 {
+        let [_, of_dip] = self.autocorrelation.excess_inflation();
+        self.inclination_part.multiply_vector(vector) * (1.0 + of_dip - than).max(0.0)
+    }
+}

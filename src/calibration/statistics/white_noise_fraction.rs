@@ -1,0 +1,100 @@
+//! White-noise fraction of the norm residuals.
+//!
+//! Averaging readings reduces white noise only. Other norm errors (unmodelled iron, temperature) vary as slowly as the
+//! aircraft turns and are common to all readings of a sample. The second difference of three successive samples removes
+//! linear trends and has six times the variance of the white noise. With samples far apart the fraction is an upper
+//! limit.
+
+use crate::calibration::model::CLIPPED_MEAN_SQUARE;
+use crate::calibration::types::time_order::PARTS;
+use crate::time::WrappingMillis;
+
+/// Maximum time between neighbouring samples, milliseconds: 20 deg in an ordinary turn.
+const MAX_GAP_MS: u32 = 1500;
+
+const MIN_DIFFERENCES: f32 = 20.0;
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::calibration) struct WhiteNoiseFraction {
+    /// Residual of the sample before the last, residual and time of the last, of each part.
+    previous: [Option<(Option<f32>, f32, WrappingMillis)>; PARTS],
+    difference_squares: f32,
+    difference_count: f32,
+}
+
+impl WhiteNoiseFraction {
+    pub fn add(&mut self, part: usize, time: WrappingMillis, residual: f32) {
+        let Some(slot) = self.previous.get_mut(part) else { return };
+        let near = slot.filter(|(.., last)| time.ms_since(*last) <= MAX_GAP_MS);
+        if let Some((Some(first), second, _)) = near {
+            let difference = first - 2.0 * second + residual;
+            self.difference_squares += difference * difference;
+            self.difference_count += 1.0;
+        }
+        *slot = Some((near.map(|(_, second, _)| second), residual, time));
+    }
+
+    /// White fraction of the residuals' variance; 1 with too few samples. Not limited to 1, which would bias it low.
+    pub fn fraction(&self) -> f32 {
+        if self.difference_count < MIN_DIFFERENCES {
+            return 1.0;
+        }
+        self.difference_squares / (6.0 * CLIPPED_MEAN_SQUARE * self.difference_count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::tests::synthetic::Random;
+
+    fn white_fraction_of(number: u32, step_ms: u32, mut signal: impl FnMut(f32) -> f32) -> f32 {
+        let mut roughness = WhiteNoiseFraction::default();
+        for i in 0..number {
+            roughness.add(1, WrappingMillis::new(i * step_ms), signal(i as f32));
+        }
+        roughness.fraction()
+    }
+
+    /// Clipped white noise, linear trend, sine with a period of 30 samples, mixture. Tolerance 10 %: three sigmas of
+    /// 2,000 samples.
+    #[test]
+    fn the_white_part_is_found() {
+        let mut random = Random(4);
+        let all = white_fraction_of(2000, 400, |_| random.normal().clamp(-2.0, 2.0));
+        assert!((0.9..1.1).contains(&all), "{all}");
+        assert!(white_fraction_of(100, 400, |i| 0.01 * i) < 1e-6);
+        assert!(white_fraction_of(100, 400, |i| (i * 0.21).sin()) < 1e-3);
+        let part = white_fraction_of(2000, 400, |i| 0.5 * random.normal() + (i * 0.21).sin());
+        assert!((0.25 * 0.9 / 0.9205..0.25 * 1.1 / 0.9205).contains(&part), "{part}");
+    }
+
+    #[test]
+    fn without_enough_differences_all_noise_counts_as_white() {
+        for (number, step_ms, is_told) in [(22, 400, true), (21, 400, false), (50, 1500, true), (50, 1501, false)] {
+            let found = white_fraction_of(number, step_ms, |i| 0.01 * i);
+            assert_eq!(found < 0.5, is_told, "{number} {step_ms}: {found}");
+        }
+    }
+
+    #[test]
+    fn only_neighbours_are_compared() {
+        let mut roughness = WhiteNoiseFraction::default();
+        for (part, ms, residual) in [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)] {
+            roughness.add(part, WrappingMillis::new(ms), residual);
+        }
+        let sums = |roughness: &WhiteNoiseFraction| {
+            [roughness.difference_count, roughness.difference_squares].map(f32::to_bits)
+        };
+        let are = |number: f32, squares: f32| [number, squares].map(f32::to_bits);
+        assert_eq!(sums(&roughness), are(1.0, 0.25));
+        for (ms, residual) in [(5000, 0.0), (5400, 0.0)] {
+            roughness.add(0, WrappingMillis::new(ms), residual);
+        }
+        assert_eq!(sums(&roughness), are(1.0, 0.25));
+        roughness.add(0, WrappingMillis::new(5800), 2.0);
+        assert_eq!(sums(&roughness), are(2.0, 4.25));
+        roughness.add(7, WrappingMillis::new(5900), 2.0);
+        assert_eq!(sums(&roughness), are(2.0, 4.25));
+    }
+}

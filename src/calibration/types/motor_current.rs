@@ -1,0 +1,76 @@
+//! Motor-current interference: the field of motors and their wires, proportional to the current.
+
+use nalgebra::Vector3;
+
+use super::samples::{Sample, Samples};
+use crate::trig::sqrt;
+
+/// At most one of this many samples may lack a current.
+const MAX_UNKNOWN_ONE_IN: usize = 4;
+
+/// Motor-current interference, and the distribution of the currents it was estimated from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct MotorCurrentInterference {
+    /// `k`, uT/A, chip axes; zero if not applied.
+    pub ut_per_a: [f32; 3],
+    /// Standard deviation of an axis of `k`, uT/A; 0 without currents.
+    pub sigma_ut_per_a: f32,
+    /// Mean current of the samples, amperes.
+    pub mean_current_a: f32,
+    /// Standard deviation of the current, amperes; 0 without currents.
+    pub current_sigma_a: f32,
+}
+
+impl MotorCurrentInterference {
+    /// No interference.
+    pub const NONE: Self = Self { ut_per_a: [0.0; 3], sigma_ut_per_a: 0.0, mean_current_a: 0.0, current_sigma_a: 0.0 };
+
+    pub(in crate::calibration) fn from_samples(samples: Samples<'_>) -> Self {
+        let currents = || samples.all().filter_map(|sample| sample.rates.current_a());
+        let known = currents().count();
+        if known * MAX_UNKNOWN_ONE_IN < samples.all().count() * (MAX_UNKNOWN_ONE_IN - 1) || known == 0 {
+            return Self::NONE;
+        }
+        let mean_a = currents().sum::<f32>() / known as f32;
+        let variance = currents().map(|amperes| (amperes - mean_a) * (amperes - mean_a)).sum::<f32>() / known as f32;
+        Self { mean_current_a: mean_a, current_sigma_a: sqrt(variance), ..Self::NONE }
+    }
+
+    /// Whether an interference is applied.
+    #[must_use]
+    pub fn is_applied(&self) -> bool {
+        self.ut_per_a.iter().any(|axis| *axis != 0.0)
+    }
+
+    /// Interference of a current, microtesla, chip axes; of the mean current if unknown.
+    #[must_use]
+    pub fn interference_ut(&self, current_a: Option<f32>) -> Vector3<f32> {
+        Vector3::from(self.ut_per_a) * current_a.unwrap_or(self.mean_current_a)
+    }
+
+    /// Current minus the mean, amperes; 0 if unknown.
+    pub(in crate::calibration) fn current_offset_a(&self, sample: &Sample) -> f32 {
+        sample.rates.current_a().map_or(0.0, |amperes| amperes - self.mean_current_a)
+    }
+
+    /// Field variance on an axis, square microtesla, not covered by the covariance of the coefficients: at currents
+    /// beyond the samples' spread, and at unknown current.
+    pub(super) fn excess_variance_ut2(&self, current_a: Option<f32>) -> f32 {
+        let spread2 = self.current_sigma_a * self.current_sigma_a;
+        match current_a {
+            Some(amperes) => {
+                let off_a = amperes - self.mean_current_a;
+                self.sigma_ut_per_a * self.sigma_ut_per_a * (off_a * off_a - spread2).max(0.0)
+            }
+            None => Vector3::from(self.ut_per_a).norm_squared() * spread2,
+        }
+    }
+
+    pub(in crate::calibration) fn is_finite(&self) -> bool {
+        self.ut_per_a
+            .iter()
+            .chain(&[self.sigma_ut_per_a, self.mean_current_a, self.current_sigma_a])
+            .all(|number| number.is_finite())
+    }
+}

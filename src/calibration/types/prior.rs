@@ -1,0 +1,21 @@
+//! Prior knowledge of a calibration.
+
+use super::orientation::Orientation;
+
+/// Prior knowledge of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Mounting of the sensor.
+    pub mount: Orientation,
+    /// Inclination of the local Earth field, radians, positive down, if known.
+    pub inclination_rad: Option<f32>,
+    /// Number of sensor readings averaged in each sample.
+    pub readings_per_sample: u16,
+}
+
+/// Sensor aligned with the body, unknown field, single readings.
+impl Default for Prior {
+    fn default() -> Self {
+        Self { mount: Orientation::NONE, inclination_rad: None, readings_per_sample: 1 }
+    }
+}

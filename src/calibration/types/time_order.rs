@@ -1,0 +1,95 @@
+//! Merges the samples of a flight's parts in time order.
+
+use super::samples::{Sample, Samples};
+
+/// Number of parts: left turns, right turns, level flight, arbitrary attitudes.
+pub(in crate::calibration) const PARTS: usize = 4;
+
+/// Index of the part of arbitrary attitudes, which has several slices.
+const UNASSIGNED_PART: usize = 3;
+
+const SLICES: usize = 6;
+
+/// Iterator over samples in time order, each with the index of its part.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct TimeOrdered<'a> {
+    remaining: [&'a [Sample]; SLICES],
+}
+
+impl<'a> TimeOrdered<'a> {
+    /// Merges all parts except samples with given headings, whose times are unrelated.
+    pub fn new(samples: Samples<'a>) -> Self {
+        let [first, second, third] = samples.unassigned;
+        Self { remaining: [samples.left, samples.right, samples.level, first, second, third] }
+    }
+}
+
+impl<'a> Iterator for TimeOrdered<'a> {
+    type Item = (usize, &'a Sample);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let mut earliest: Option<Self::Item> = None;
+        for (piece, left) in self.remaining.iter().enumerate() {
+            let Some(sample) = left.first() else { continue };
+            // At equal times the earlier part comes first.
+            if earliest.is_none_or(|(_, before)| sample.time.signed_ms_since(before.time) < 0) {
+                earliest = Some((piece, sample));
+            }
+        }
+        let (piece, sample) = earliest?;
+        if let Some(left) = self.remaining.get_mut(piece) {
+            *left = left.get(1..).unwrap_or_default();
+        }
+        Some((piece.min(UNASSIGNED_PART), sample))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Rates;
+    use crate::frames::{Attitude, Field};
+    use crate::time::WrappingMillis;
+
+    fn at(millis: &[u32]) -> Vec<Sample> {
+        let sample = |&millis: &u32| Sample {
+            field: Field::from_ut(0.0, 0.0, 0.0),
+            attitude: Attitude::default(),
+            time: WrappingMillis::new(millis),
+            rates: Rates::NONE,
+        };
+        millis.iter().map(sample).collect()
+    }
+
+    fn order(left: &[u32], right: &[u32], level: &[u32]) -> Vec<(usize, u32)> {
+        let [left, right, level] = [left, right, level].map(at);
+        let samples = Samples { left: &left, right: &right, level: &level, ..Samples::default() };
+        TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect()
+    }
+
+    #[test]
+    fn parts_are_merged_by_time() {
+        assert_eq!(order(&[5, 9], &[1, 7, 8], &[6]), [(1, 1), (0, 5), (2, 6), (1, 7), (1, 8), (0, 9)]);
+        assert_eq!(order(&[], &[1, 2], &[]), [(1, 1), (1, 2)]);
+        assert_eq!(order(&[], &[], &[]), []);
+    }
+
+    #[test]
+    fn samples_of_no_side_are_one_part() {
+        let [level, first, second, third] = [&[4][..], &[2, 9], &[3, 7], &[1]].map(at);
+        let samples = Samples { level: &level, unassigned: [&first, &second, &third], ..Samples::default() };
+        let order: Vec<_> = TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect();
+        assert_eq!(order, [(3, 1), (3, 2), (3, 3), (2, 4), (3, 7), (3, 9)]);
+    }
+
+    #[test]
+    fn simultaneous_samples_keep_the_part_order() {
+        assert_eq!(order(&[1, 2], &[1, 2], &[1]), [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2)]);
+    }
+
+    #[test]
+    fn order_survives_clock_wrap() {
+        assert_eq!(order(&[5], &[u32::MAX - 5], &[]), [(1, u32::MAX - 5), (0, 5)]);
+        assert_eq!(order(&[u32::MAX - 5], &[5], &[]), [(0, u32::MAX - 5), (1, 5)]);
+    }
+}

@@ -1,0 +1,53 @@
+//! Covariance of the twelve coefficients.
+
+use crate::calibration::model::{COEFFICIENTS, Vector12};
+
+/// Covariance of the twelve coefficients, in the order of the [model](crate::calibration::model), units of the total
+/// field. Packed lower triangle, row by row.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct CoefficientCovariance([f32; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+
+impl CoefficientCovariance {
+    pub const ZERO: Self = Self([0.0; COEFFICIENTS * (COEFFICIENTS + 1) / 2]);
+
+    pub fn set_lower_triangle(&mut self, mut element: impl FnMut(usize, usize) -> f32) {
+        let triangle = (0..COEFFICIENTS).flat_map(|row| (0..=row).map(move |column| (row, column)));
+        for (packed, (row, column)) in self.0.iter_mut().zip(triangle) {
+            *packed = element(row, column);
+        }
+    }
+
+    pub fn add_outer_product(&mut self, vector: &Vector12, weight: f32) {
+        let mut packed = self.0.iter_mut();
+        for i in 0..COEFFICIENTS {
+            let weighted = weight * vector[i];
+            for (&v, c) in vector.iter().take(i + 1).zip(&mut packed) {
+                *c += weighted * v;
+            }
+        }
+    }
+
+    pub fn is_finite(&self) -> bool {
+        self.0.iter().all(|c| c.is_finite())
+    }
+
+    pub(super) fn element(&self, i: usize, j: usize) -> f32 {
+        let (row, column) = (i.max(j), i.min(j));
+        self.0.get(row * (row + 1) / 2 + column).copied().unwrap_or(0.0)
+    }
+
+    /// `row^T covariance row`, at least 0.
+    pub fn variance(&self, row: &Vector12) -> f32 {
+        let mut packed = self.0.iter();
+        let mut sum = 0.0;
+        for i in 0..COEFFICIENTS {
+            let mut partial = 0.0;
+            for (&column, &c) in row.iter().take(i).zip(&mut packed) {
+                partial += column * c;
+            }
+            let diagonal = packed.next().copied().unwrap_or(0.0);
+            sum += row[i] * (2.0 * partial + row[i] * diagonal);
+        }
+        sum.max(0.0)
+    }
+}

@@ -1,0 +1,270 @@
+//! Expected heading error of a calibration over all headings, degrees: its quality figure. The residual of the fit is
+//! not: a norm residual of 0.3 % can hide a heading error of 5 deg in an unobservable direction.
+
+use core::f32::consts::FRAC_PI_6;
+use core::fmt;
+
+use nalgebra::Matrix3;
+
+use super::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_by_field};
+use crate::calibration::{Calibration, Envelope, inverse};
+use crate::frames::{Attitude, Field, Level};
+use crate::trig;
+use crate::trig::sqrt;
+
+const HEADING_COUNT: u8 = 12;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::calibration) struct ExpectedError {
+    /// RMS over the envelope, degrees.
+    pub rms_deg: f32,
+    /// At the worst heading and bank of the envelope, degrees.
+    pub worst_deg: f32,
+    /// Largest part of the error, and its size, degrees RMS.
+    pub weakest: (Deviation, f32),
+}
+
+/// Parts of the deviation, in the terms of compass adjusters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Deviation {
+    /// Coefficient A: equal at all headings.
+    Constant,
+    /// Coefficients B and C: one period per circle.
+    Semicircular,
+    /// Coefficients D and E: two periods per circle.
+    Quadrantal,
+    /// Varies with bank.
+    Heeling,
+}
+
+impl Deviation {
+    const ALL: [Self; 4] = [Self::Constant, Self::Semicircular, Self::Quadrantal, Self::Heeling];
+
+    /// Stable name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Semicircular => "semicircular",
+            Self::Quadrantal => "quadrantal",
+            Self::Heeling => "heeling",
+        }
+    }
+}
+
+impl fmt::Display for Deviation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Constant => "the same error at all headings",
+            Self::Semicircular => "an error with one period per circle, opposite on opposite headings",
+            Self::Quadrantal => "an error with two periods per circle, equal on opposite headings",
+            Self::Heeling => "an error in turns that level flight does not have",
+        })
+    }
+}
+
+pub(in crate::calibration) fn expected_heading_error(
+    calibration: &Calibration,
+    covariance: &CoefficientCovariance,
+    envelope: Envelope,
+) -> Option<ExpectedError> {
+    let at = EnvelopeModel::new(calibration)?;
+    let (rms_deg, worst_deg) = at.rms_and_worst_deg(covariance, envelope)?;
+    let size = |part: Deviation| {
+        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, step| at.heading_jacobian_row(bank_deg, step)))
+    };
+    let weakest = Deviation::ALL
+        .into_iter()
+        .filter(|&part| part != Deviation::Heeling || envelope == Envelope::Banked)
+        .map(|part| (part, size(part)))
+        .fold((Deviation::Constant, 0.0), |a, b| if b.1 > a.1 { b } else { a });
+    Some(ExpectedError { rms_deg, worst_deg, weakest })
+}
+
+pub(in crate::calibration) fn expected_rms_deg(
+    calibration: &Calibration,
+    covariance: &CoefficientCovariance,
+    envelope: Envelope,
+) -> Option<f32> {
+    EnvelopeModel::new(calibration)?.rms_and_worst_deg(covariance, envelope).map(|(rms_deg, _)| rms_deg)
+}
+
+struct EnvelopeModel {
+    field_from_body: Matrix3<f32>,
+    inclination_rad: f32,
+}
+
+impl EnvelopeModel {
+    fn new(calibration: &Calibration) -> Option<Self> {
+        let field_from_body = inverse(&calibration.w_matrix())?;
+        Some(Self { field_from_body, inclination_rad: calibration.inclination_rad })
+    }
+
+    fn heading_jacobian_row(&self, bank_deg: f32, step: u8) -> Vector12 {
+        let tilt = Attitude::from_deg(bank_deg, 0.0).tilt();
+        let level = Field::<Level>::earth(1.0, self.inclination_rad, f32::from(step) * FRAC_PI_6);
+        let x = self.field_from_body * tilt.body(level).ut;
+        coefficient_jacobian_row(&heading_by_field(&tilt, &level.ut), &x)
+    }
+
+    fn rms_and_worst_deg(&self, covariance: &CoefficientCovariance, envelope: Envelope) -> Option<(f32, f32)> {
+        let mut sum = 0.0;
+        let mut worst: f32 = 0.0;
+        for &bank_deg in envelope.banks_deg() {
+            for step in 0..HEADING_COUNT {
+                let variance = covariance.variance(&self.heading_jacobian_row(bank_deg, step));
+                sum += variance;
+                worst = worst.max(variance);
+            }
+        }
+        let mean = sum / (usize::from(HEADING_COUNT) * envelope.banks_deg().len()) as f32;
+        mean.is_finite().then(|| (sigma_deg(mean), sigma_deg(worst)))
+    }
+}
+
+fn sigma_deg(variance: f32) -> f32 {
+    sqrt(variance).to_degrees()
+}
+
+fn mean_square_of_part(part: Deviation, covariance: &CoefficientCovariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+    let number = f32::from(HEADING_COUNT);
+    match part {
+        Deviation::Constant => {
+            covariance.variance(&((0..HEADING_COUNT).map(|step| row(0.0, step)).sum::<Vector12>() / number))
+        }
+        Deviation::Semicircular => mean_square_of_harmonic(1.0, covariance, row),
+        Deviation::Quadrantal => mean_square_of_harmonic(2.0, covariance, row),
+        Deviation::Heeling => {
+            let differences = (0..HEADING_COUNT).map(|step| (row(30.0, step) - row(-30.0, step)) / 2.0);
+            differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / number
+        }
+    }
+}
+
+/// Mean square of the part with `times` periods per circle, square radians.
+fn mean_square_of_harmonic(times: f32, covariance: &CoefficientCovariance, row: &impl Fn(f32, u8) -> Vector12) -> f32 {
+    let coefficient = |weight: fn(f32) -> f32| {
+        let weighted = (0..HEADING_COUNT).map(|step| row(0.0, step) * weight(times * f32::from(step) * FRAC_PI_6));
+        covariance.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADING_COUNT))))
+    };
+    // A sine of amplitude `c` has the mean square `c^2 / 2`.
+    coefficient(|angle_rad| trig::sin_cos(angle_rad).0).midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::calibration::model::{beta_index, w_index};
+    use crate::calibration::tests::synthetic::{max_abs, mean, rms};
+    use crate::calibration::{Method, Orientation, Rates, Sample, Samples, matrix_rows};
+    use crate::frames::wrap_pi;
+    use crate::time::WrappingMillis;
+
+    fn clean() -> Calibration {
+        Calibration { inclination_rad: 0.9, total_ut: 1.0, ..Calibration::uncalibrated(Orientation::NONE) }
+    }
+
+    fn expected_of(wrong: &[(usize, f32)], envelope: Envelope) -> ExpectedError {
+        let mut direction = Vector12::zeros();
+        for &(index, size) in wrong {
+            direction[index] = size;
+        }
+        let mut covariance = CoefficientCovariance::ZERO;
+        covariance.add_outer_product(&direction, 1.0);
+        expected_heading_error(&clean(), &covariance, envelope).unwrap()
+    }
+
+    fn errors_deg(w: Matrix3<f32>, beta: [f32; 3], banks_deg: &[f32]) -> Vec<f32> {
+        let wrong = Calibration { w: matrix_rows(&(Matrix3::identity() + w)), b_ut: beta, ..clean() };
+        let error = |bank_deg: f32, step: u8| {
+            let heading_rad = f32::from(step) * FRAC_PI_6;
+            let attitude = Attitude::from_deg(bank_deg, 0.0);
+            let field = Field::new(attitude.body(Field::earth(1.0, 0.9, heading_rad)).ut);
+            wrap_pi(attitude.level(wrong.apply(field)).heading_rad() - heading_rad).to_degrees()
+        };
+        banks_deg.iter().flat_map(|&bank_deg| (0..12).map(move |step| error(bank_deg, step))).collect()
+    }
+
+    /// Causes: sensor rotated about the vertical, horizontal hard iron, horizontal soft iron, vertical response.
+    #[test]
+    fn the_weakest_part_identifies_the_cause() {
+        let turned = [(w_index(0, 1), -0.02), (w_index(1, 0), 0.02)];
+        let constant = expected_of(&turned, Envelope::Banked).weakest;
+        assert_eq!(constant.0, Deviation::Constant);
+        assert!((constant.1 - 0.02_f32.to_degrees()).abs() < 0.01, "{constant:?}");
+        for axis in [0, 1] {
+            let semicircular = expected_of(&[(beta_index(axis), 0.02)], Envelope::Banked).weakest;
+            assert_eq!(semicircular.0, Deviation::Semicircular);
+            let amplitude_deg = (0.02 / 0.9_f32.cos()).to_degrees();
+            assert!((semicircular.1 - amplitude_deg / 2_f32.sqrt()).abs() < 0.01, "{semicircular:?}");
+        }
+        for wrong in [&[(w_index(0, 0), 0.02), (w_index(1, 1), -0.02)], &[(w_index(0, 1), 0.02), (w_index(1, 0), 0.02)]]
+        {
+            let quadrantal = expected_of(wrong, Envelope::Level).weakest;
+            assert_eq!(quadrantal.0, Deviation::Quadrantal);
+            assert!((quadrantal.1 - 0.02_f32.to_degrees() / 2_f32.sqrt()).abs() < 0.01, "{quadrantal:?}");
+        }
+        let heeling = expected_of(&[(beta_index(2), 0.02)], Envelope::Banked).weakest;
+        assert_eq!(heeling.0, Deviation::Heeling);
+        let [right, left] = [30.0, -30.0].map(|bank_deg| errors_deg(Matrix3::zeros(), [0.0, 0.0, 0.02], &[bank_deg]));
+        let halves: Vec<f32> = right.iter().zip(left).map(|(right, left)| (right - left) / 2.0).collect();
+        assert!((heeling.1 - rms(&halves)).abs() < 0.02 * rms(&halves), "{heeling:?} {}", rms(&halves));
+        assert_ne!(expected_of(&[(beta_index(2), 0.02)], Envelope::Level).weakest.0, Deviation::Heeling);
+    }
+
+    #[test]
+    fn expected_error_equals_that_of_wrong_calibrations() {
+        for (envelope, banks_deg) in [(Envelope::Banked, &[-30.0, 0.0, 30.0][..]), (Envelope::Level, &[0.0])] {
+            let beta_z = expected_of(&[(beta_index(2), 0.01), (w_index(0, 2), 0.01)], envelope);
+            let mut change = Matrix3::zeros();
+            change[(0, 2)] = 0.01;
+            let errors = errors_deg(change, [0.0, 0.0, 0.01], banks_deg);
+            assert!(mean(&errors).abs() < rms(&errors));
+            // Linearisation error for 1 % of the field.
+            assert!((beta_z.rms_deg / rms(&errors) - 1.0).abs() < 0.03, "{beta_z:?} {}", rms(&errors));
+            assert!((beta_z.worst_deg / max_abs(&errors) - 1.0).abs() < 0.05, "{beta_z:?} {}", max_abs(&errors));
+        }
+    }
+
+    #[test]
+    fn non_finite_errors_are_rejected() {
+        let flat = Calibration { w: [[0.0; 3]; 3], ..clean() };
+        assert_eq!(expected_heading_error(&flat, &CoefficientCovariance::ZERO, Envelope::Level), None);
+        let mut covariance = CoefficientCovariance::ZERO;
+        covariance.set_lower_triangle(|_, _| 1e38);
+        assert_eq!(expected_heading_error(&clean(), &covariance, Envelope::Level), None);
+        let nothing = expected_heading_error(&clean(), &CoefficientCovariance::ZERO, Envelope::Level).unwrap();
+        assert_eq!([nothing.rms_deg.to_bits(), nothing.worst_deg.to_bits(), nothing.weakest.1.to_bits()], [0; 3]);
+    }
+
+    #[test]
+    fn banked_samples_give_the_banked_envelope() {
+        let sample = |roll_deg: f32| Sample {
+            field: Field::from_ut(1.0, 0.0, 0.0),
+            attitude: Attitude::from_deg(roll_deg, 0.0),
+            time: WrappingMillis::default(),
+            rates: Rates::NONE,
+        };
+        let of = |method, rolls_deg: &[f32]| {
+            let level: Vec<Sample> = rolls_deg.iter().map(|&roll_deg| sample(roll_deg)).collect();
+            Envelope::for_samples(method, Samples { level: &level, ..Samples::default() })
+        };
+        assert_eq!(of(Method::CompassSwing, &[9.9, -9.9, 0.0]), Envelope::Level);
+        assert_eq!(of(Method::CompassSwing, &[0.0, 10.1]), Envelope::Banked);
+        assert_eq!(of(Method::MaximumLikelihood, &[-10.1, 0.0]), Envelope::Banked);
+        assert_eq!(of(Method::Level, &[20.0, -20.0]), Envelope::Level);
+        assert_eq!(of(Method::Ellipsoid, &[0.0]), Envelope::Banked);
+    }
+
+    #[test]
+    fn parts_have_names_and_words() {
+        let all = Deviation::ALL.map(|part| (part.name(), part.to_string()));
+        assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
+        let words = ["at all headings", "one period", "two periods", "in turns"];
+        assert!(all.iter().zip(words).all(|((_, said), word)| said.contains(word)), "{all:?}");
+    }
+}

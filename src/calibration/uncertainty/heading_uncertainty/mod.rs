@@ -1,0 +1,145 @@
+//! Heading variance from the covariance of the coefficients and the noise of sensor and attitude.
+
+use nalgebra::Vector3;
+
+use super::coefficient_conversion::CoefficientConversion;
+use super::coefficient_covariance::CoefficientCovariance;
+use crate::calibration::Calibration;
+use crate::calibration::model::{
+    Likelihood, PAIRS_OF_3, PAIRS_OF_4, Vector13, beta_index, heading_by_field, horizontal_squared, w_index,
+};
+use crate::frames::{AttitudeRotation, Field, Level, Sensor};
+use crate::trig::sqrt;
+
+/// Attitude noise assumed when no sample shows it, radians: 0.5 deg.
+const DEFAULT_ATTITUDE_SIGMA_RAD: f32 = 0.0087;
+
+/// Covariance of the coefficients reduced to what headings depend on, and the noise. 248 bytes.
+///
+/// A heading changes by `f . (dW x - d beta)`, so its variance is a sum over products of two components of `f` and two
+/// of `y = (x, -1)`: 60 different numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct HeadingUncertainty {
+    /// By products of `f`'s components, then of `y`'s; pairs in the order of an upper triangle's rows.
+    pub(crate) reduced_covariance: [[f32; 10]; 6],
+    /// White noise of a single reading on each axis, units of the total field. The mean of `n` readings has
+    /// `1 / sqrt(n)` of it.
+    pub sensor_sigma: f32,
+    /// Noise of roll and pitch, radians: robust scale of the inclination residuals minus the sensor's white noise.
+    /// Includes slow field errors, which affect a heading equally. Not reduced by averaging.
+    pub attitude_sigma_rad: f32,
+}
+
+/// Variance of a heading, square radians, in two parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingVariance {
+    /// From errors of the coefficients: constant at an attitude and heading.
+    pub coefficients: f32,
+    /// From noise of sensor and attitude.
+    pub noise: f32,
+}
+
+impl HeadingVariance {
+    /// Total standard deviation, radians.
+    #[must_use]
+    pub fn sigma_rad(&self) -> f32 {
+        sqrt(self.coefficients + self.noise)
+    }
+}
+
+impl HeadingUncertainty {
+    /// Zero uncertainty.
+    pub const NONE: Self = Self { reduced_covariance: [[0.0; 10]; 6], sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
+
+    fn from_covariance(covariance: &CoefficientCovariance, sensor_sigma: f32, attitude_sigma_rad: f32) -> Self {
+        // Index of the coefficient multiplied by components `k` of `f` and `a` of `y`.
+        let coefficient = |k: usize, a: usize| if a < 3 { w_index(k, a) } else { beta_index(k) };
+        let products = PAIRS_OF_3.map(|(k, l)| {
+            PAIRS_OF_4.map(|(a, b)| {
+                let one = covariance.element(coefficient(k, a), coefficient(l, b));
+                let other = covariance.element(coefficient(k, b), coefficient(l, a));
+                let sum = if a == b { one } else { one + other };
+                if k == l { sum } else { 2.0 * sum }
+            })
+        });
+        Self { reduced_covariance: products, sensor_sigma, attitude_sigma_rad }
+    }
+
+    /// Whether all numbers are finite: check for data from flash.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.reduced_covariance.as_flattened().iter().all(|c| c.is_finite())
+            && self.sensor_sigma.is_finite()
+            && self.attitude_sigma_rad.is_finite()
+    }
+
+    /// Heading variance from errors of the coefficients and from the noise of attitude and a single reading. `level`:
+    /// the reading corrected and levelled.
+    #[must_use]
+    pub fn heading_variance(
+        &self,
+        calibration: &Calibration,
+        sensor: Field<Sensor>,
+        tilt: &AttitudeRotation,
+        level: Field<Level>,
+    ) -> HeadingVariance {
+        let per_total = 1.0 / calibration.total_ut;
+        let level = level.ut * per_total;
+        let x = (sensor.ut - calibration.b_vector_ut()) * per_total;
+        let by_field = heading_by_field(tilt, &level);
+        // `W^T f`, unrolled because it runs for every heading.
+        let [[a, b, c], [d, e, f], [g, h, i]] = calibration.w;
+        let rx = a * by_field.x + d * by_field.y + g * by_field.z;
+        let ry = b * by_field.x + e * by_field.y + h * by_field.z;
+        let rz = c * by_field.x + f * by_field.y + i * by_field.z;
+        let sensor = (rx * rx + ry * ry + rz * rz) * self.sensor_sigma * self.sensor_sigma;
+        // A tilt error rotates the heading by `tan(inclination)` times its component towards the field.
+        let tan_squared = level.z * level.z / horizontal_squared(&level);
+        let attitude = self.attitude_sigma_rad * self.attitude_sigma_rad * tan_squared;
+        HeadingVariance { coefficients: self.variance_from_coefficients(&by_field, &x), noise: sensor + attitude }
+    }
+
+    /// Variance from errors of the coefficients of a quantity with this derivative by the corrected field, at
+    /// `x = (m - b) / F`; units of the total field. At least 0.
+    pub(crate) fn variance_from_coefficients(&self, by_field: &Vector3<f32>, x: &Vector3<f32>) -> f32 {
+        let (f, x) = (by_field, x);
+        // In the order of `PAIRS_OF_3` and `PAIRS_OF_4`, unrolled because it runs for every heading.
+        let of_f = [f.x * f.x, f.x * f.y, f.x * f.z, f.y * f.y, f.y * f.z, f.z * f.z];
+        let of_x = [x.x * x.x, x.x * x.y, x.x * x.z, x.y * x.y, x.y * x.z, x.z * x.z];
+        let variance =
+            self.reduced_covariance.iter().zip(of_f).map(|([xx, xy, xz, x1, yy, yz, y1, zz, z1, one], f)| {
+                let second = xx * of_x[0] + xy * of_x[1] + xz * of_x[2] + yy * of_x[3] + yz * of_x[4] + zz * of_x[5];
+                f * (second - (x1 * x.x + y1 * x.y + z1 * x.z) + one)
+            });
+        variance.sum::<f32>().max(0.0)
+    }
+}
+
+/// Heading uncertainty from the covariance, the noise, and the white fraction of the norm residuals' variance.
+///
+/// Attitude noise is the variance of the inclination residual minus the sensor's white noise. It thus contains slow
+/// field errors, which affect a heading equally. Its scale is Huber's proposal 2,
+/// `mean(min(e^2, (2 s)^2)) / 0.92 = s^2`, which unlike a median needs no buffer.
+pub(in crate::calibration) fn heading_uncertainty(
+    likelihood: &Likelihood,
+    unknowns: &Vector13,
+    covariance: &CoefficientCovariance,
+    white_fraction: f32,
+) -> Option<HeadingUncertainty> {
+    let noise = &likelihood.noise;
+    let white = noise.norm * noise.norm * white_fraction;
+    let attitude_sigma_rad = if likelihood.config.uses_attitude {
+        sqrt((noise.inclination_sigma_rad * noise.inclination_sigma_rad - white).max(0.0))
+    } else {
+        DEFAULT_ATTITUDE_SIGMA_RAD
+    };
+    // White noise of one reading from that of a mean of `readings_per_sample`.
+    let reading_sigma = sqrt(white * f32::from(likelihood.readings_per_sample.max(1)));
+    let sensor_sigma = reading_sigma / CoefficientConversion::new(likelihood, unknowns)?.determinant_scale;
+    Some(HeadingUncertainty::from_covariance(covariance, sensor_sigma, attitude_sigma_rad))
+        .filter(HeadingUncertainty::is_finite)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,143 @@
+//! Fisher information of samples and priors, with the sums of all statistics of one pass over the samples.
+
+use nalgebra::Vector3;
+
+use crate::calibration::fit::linearised_problem::LinearisedProblem;
+use crate::calibration::hypotheses::hard_iron_change::{HardIronScan, derivative_by_hard_iron, hard_iron_residuals};
+use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
+use crate::calibration::hypotheses::score_test::ScoreTest;
+use crate::calibration::hypotheses::table::{ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY, add_inclination};
+use crate::calibration::model::{
+    Likelihood, MeasuredSample, ModelParameters, ResidualEquation, SampleEquations, Vector13,
+};
+use crate::calibration::statistics::autocorrelation::Autocorrelation;
+use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::types::time_order::{PARTS, TimeOrdered};
+use crate::calibration::{AttitudeLatency, Rates, Samples};
+use crate::frames::Attitude;
+
+/// Fisher information, with the statistics for the sandwich covariance and the sums of the score tests.
+#[derive(Clone, Debug)]
+pub(in crate::calibration) struct Information {
+    pub system: LinearisedProblem,
+    pub residuals: ResidualStatistics,
+    pub attitude_errors: AttitudeErrorSums,
+    /// Contributions of the samples to the gradient of the attitude latency.
+    pub latency_contributions: Autocorrelation,
+    pub motor_current: ScoreTest<3>,
+    /// Remaining errors of the interference, mount axes, units of field per ampere; their outer products sum to its
+    /// covariance.
+    pub motor_current_errors: [Vector3<f32>; 4],
+    /// Effect of a detected hard-iron change on the gradient.
+    pub hard_iron_gradient: Vector13,
+}
+
+impl Information {
+    #[inline(never)]
+    pub fn new(system: &LinearisedProblem) -> Self {
+        Self {
+            system: system.clone(),
+            residuals: ResidualStatistics::zero(),
+            attitude_errors: core::array::from_fn(|_| ScoreTest::zero()),
+            latency_contributions: Autocorrelation::default(),
+            motor_current: ScoreTest::zero(),
+            motor_current_errors: [Vector3::zeros(); 4],
+            hard_iron_gradient: Vector13::zeros(),
+        }
+    }
+
+    /// Adds one pass over the samples. `scan`, given for turns, tests for a hard-iron change.
+    #[inline(never)]
+    pub fn accumulate_samples(
+        &mut self,
+        likelihood: &Likelihood,
+        samples: Samples<'_>,
+        unknowns: &Vector13,
+        mut scan: Option<&mut HardIronScan>,
+    ) {
+        let parameters = ModelParameters::new(unknowns);
+        for (part, sample) in TimeOrdered::new(samples) {
+            let equations = likelihood.equations(sample, None, &parameters);
+            let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
+            self.add_inclination(&equations, attitude, sample.rates);
+            if likelihood.motor_current.current_sigma_a > 0.0 {
+                let share_a = likelihood.motor_current.current_offset_a(sample);
+                hard_iron_residuals(&equations).for_each(|equation| {
+                    self.motor_current.add(equation, &derivative_by_hard_iron(&parameters.w, equation), share_a);
+                });
+            }
+            if let Some(dip) = &equations.inclination {
+                let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, attitude, sample.rates);
+                self.latency_contributions.add(part, [dip.weight * by_latency * dip.residual, 0.0]);
+            }
+            let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            // Without a scan (ground methods), norm residuals of one heading are correlated through the error of the
+            // given heading, whose sigma already covers it.
+            let norm = if scan.is_some() { equations.norm.clipped_residual() } else { 0.0 };
+            self.residuals.autocorrelation.add(part, [norm, dip]);
+            self.residuals.heteroscedasticity.add(sample.attitude, dip);
+            self.residuals.white_noise.add(part, sample.time, equations.norm.clipped_residual());
+            if let Some(scan) = &mut scan {
+                scan.add(&self.system, sample.time, &equations);
+            }
+        }
+        for mark in samples.marks {
+            let equations = likelihood.equations(&mark.sample, Some(mark.heading_rad), &parameters);
+            self.add_inclination(
+                &equations,
+                mark.sample.latency_compensated_attitude(likelihood.latency_s),
+                mark.sample.rates,
+            );
+            let dip = equations.inclination.as_ref().map_or(0.0, ResidualEquation::clipped_residual);
+            self.residuals.autocorrelation.add(PARTS - 1, [0.0, dip]);
+        }
+    }
+
+    pub(super) fn add_inclination(&mut self, equations: &SampleEquations, attitude: Attitude, rates: Rates) {
+        let Some(dip) = &equations.inclination else { return };
+        self.residuals.inclination_part.add_row(&dip.row, dip.weight);
+        add_inclination(&mut self.attitude_errors, equations, attitude, rates);
+    }
+
+    /// Adds a hypothetical noise-free sample at an attitude and a heading. Its residual is zero.
+    pub fn add_hypothetical_sample(
+        &mut self,
+        likelihood: &Likelihood,
+        parameters: &ModelParameters,
+        attitude: Attitude,
+        heading_rad: f32,
+    ) {
+        let tilt = attitude.tilt();
+        let Some(x) = parameters.expected_field(&tilt, heading_rad) else { return };
+        let measured = MeasuredSample { x, tilt, heading_rad: None };
+        let equations = SampleEquations::new(parameters, &measured, &likelihood.noise, &likelihood.config, false);
+        self.system.add(&equations);
+        self.add_inclination(&equations, attitude, Rates::NONE);
+    }
+
+    /// Attitude latency, and the derivative of the unknowns by it (1/s). `None` without attitude rates.
+    #[inline(never)]
+    pub fn estimate_latency(&self, used_s: f32) -> Option<(AttitudeLatency, Vector13)> {
+        let sums = &self.attitude_errors[LATENCY];
+        let score = sums.eliminate(&self.system, &self.system.step_to_maximum()?)?;
+        let latency = AttitudeLatency::estimate(sums, &score, &self.latency_contributions, used_s)?;
+        Some((latency, -score.columns[0]))
+    }
+
+    /// Motor-current interference; its error enters the covariance. `None` without a varying current.
+    #[inline(never)]
+    pub fn estimate_motor_current(&mut self, likelihood: &Likelihood) -> Option<InterferenceEstimate> {
+        if likelihood.motor_current.current_sigma_a == 0.0 {
+            return None;
+        }
+        let score = self.motor_current.eliminate(&self.system, &self.system.step_to_maximum()?)?;
+        let found = InterferenceEstimate::new(&score, likelihood, self.residuals.autocorrelation_inflation())?;
+        self.motor_current_errors = found.covariance_factors(&likelihood.motor_current_per_ampere());
+        Some(found)
+    }
+
+    /// Step of the unknowns that follows a change of the interference.
+    pub fn step_for_motor_current(&self, k: &Vector3<f32>) -> Option<Vector13> {
+        Some(-self.system.covariance_times(&self.motor_current.effect(k))?)
+    }
+}

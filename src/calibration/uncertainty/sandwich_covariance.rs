@@ -1,0 +1,84 @@
+//! Sandwich covariance of the coefficients, from the Fisher information.
+
+use super::coefficient_conversion::CoefficientConversion;
+use super::coefficient_covariance::CoefficientCovariance;
+use super::information::Information;
+use crate::calibration::hypotheses::table::AttitudeErrorSigmas;
+use crate::calibration::model::{
+    COEFFICIENTS, Likelihood, ModelParameters, Vector12, Vector13, beta_index, for_each_prior,
+};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::calibration) enum CovarianceContent {
+    All,
+    /// Errors that remain with unlimited samples of the same kind: unobservable directions, which rest on the priors,
+    /// and constant errors of the attitude source.
+    WithoutNoise,
+}
+
+/// Writes the covariance of the coefficients, in the units of a [`Calibration`](crate::calibration::Calibration).
+/// `None` when the information is singular.
+///
+/// Sandwich covariance: with `H` the information, rho the lag-1 autocorrelation of each kind of residual, and
+/// `x = 2 rho / (1 - rho)`, `H^-1 (H + x_incl H_incl + x_norm H_norm) H^-1`, where
+/// `H_norm = H - H_incl - H_priors`. `1 + x_incl` is also multiplied by the heteroscedasticity ratio. Added are the
+/// consider states, a detected hard-iron change, the error of the motor-current interference, and the square of the
+/// remaining step to the maximum likelihood (zero after a refinement; the error of a closed form).
+///
+/// An output parameter, because a returned value would exist several times on the stack.
+#[inline(never)]
+pub(in crate::calibration) fn sandwich_covariance(
+    information: &Information,
+    likelihood: &Likelihood,
+    unknowns: &Vector13,
+    (errors, sigmas): (CovarianceContent, &AttitudeErrorSigmas),
+    covariance: &mut CoefficientCovariance,
+) -> Option<()> {
+    let units = CoefficientConversion::new(likelihood, unknowns)?;
+    // `H^-1` times the Jacobian row of each coefficient: 12 of 13 columns instead of a 13x13 inverse.
+    let mut columns = [Vector13::zeros(); COEFFICIENTS];
+    for (i, column) in columns.iter_mut().enumerate() {
+        *column = information.system.covariance_times(&units.jacobian_row(i))?;
+    }
+    let [mut of_norm, of_dip] = information.residuals.autocorrelation.excess_inflation();
+    let of_dip = (1.0 + of_dip) * information.residuals.heteroscedasticity.variance_ratio() - 1.0;
+    let mut inflated = Vector13::zeros();
+    covariance.set_lower_triangle(|i, j| {
+        if errors == CovarianceContent::WithoutNoise {
+            return 0.0;
+        }
+        if j == 0 {
+            // `fill` visits the lower triangle row by row, so each row starts with column 0.
+            inflated = units.jacobian_row(i) * (1.0 + of_norm)
+                + information.residuals.inclination_part.multiply_vector(&columns[i]) * (of_dip - of_norm);
+        }
+        inflated.dot(&columns[j])
+    });
+    if errors == CovarianceContent::WithoutNoise {
+        // Cancels the noise term; `H^-1 H_priors H^-1` is added below.
+        of_norm = -1.0;
+    }
+    let along = |vector: &Vector13| Vector12::from_fn(|i, _| columns[i].dot(vector));
+    for_each_prior(likelihood, &ModelParameters::new(unknowns), &mut |prior| {
+        covariance.add_outer_product(&along(&prior.row), -of_norm / (prior.sigma * prior.sigma));
+    });
+    for (error, sigma) in information.attitude_errors.iter().zip(sigmas) {
+        covariance.add_outer_product(&along(&error.cross_information[0]), sigma * sigma);
+    }
+    covariance.add_outer_product(&along(&information.hard_iron_gradient), 1.0);
+    let per_ampere = ModelParameters::new(unknowns).w;
+    for error in &information.motor_current_errors {
+        covariance.add_outer_product(&along(&information.motor_current.effect(error)), 1.0);
+        // The unknowns follow an interference error at the mean current. One standard deviation from the mean, it
+        // adds a hard-iron error.
+        let beyond = per_ampere * error * likelihood.motor_current.current_sigma_a;
+        let mut coefficients = Vector12::zeros();
+        for axis in 0..3 {
+            coefficients[beta_index(axis)] = beyond[axis];
+        }
+        covariance.add_outer_product(&coefficients, 1.0);
+    }
+    let change = information.system.step_to_maximum()?;
+    covariance.add_outer_product(&Vector12::from_fn(|i, _| units.jacobian_row(i).dot(&change)), 1.0);
+    covariance.is_finite().then_some(())
+}
