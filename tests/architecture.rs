@@ -1,70 +1,347 @@
-//! The library's dependencies follow the layers in docs/architecture.md: a module uses only modules of lower layers.
+//! Imports follow docs/architecture.md. Between the modules of the library they point to a lower layer. Inside every
+//! folder of the library and of the simulator, an arrow leads from one file or subfolder (a room) to another if it
+//! names an item of it, re-exports resolved: arrows form no circle, and no room names an item of its own folder's
+//! `mod.rs`, which stands above it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+
+use syn::visit::{self, Visit};
+use syn::{Item, UseTree};
+
+/// Path of a module or item from the crate's root.
+type Names = Vec<String>;
+
+/// Folders with arrows back: number of rooms that name an item of `mod.rs`, and number of rooms on circles. Entries
+/// only shrink.
+const TO_MEND: &[(&str, usize, usize)] = &[
+    ("src/app", 2, 0),
+    ("src/attitude", 5, 0),
+    ("src/board", 0, 2),
+    ("src/board/mps2_an386", 1, 0),
+    ("src/collection", 3, 3),
+    ("src/collection/policy", 5, 0),
+    ("src/compass", 4, 0),
+    ("src/console", 4, 0),
+    ("src/console/report", 2, 0),
+    ("src/earth", 2, 0),
+    ("src/instrument", 2, 0),
+    ("src/instrument/smoother", 2, 0),
+    ("src/magnetometer", 3, 0),
+    ("src/messages", 1, 0),
+    ("src/port", 4, 0),
+    ("src/port/mavlink", 4, 0),
+    ("src/store", 3, 0),
+    ("src/wire/mavlink", 2, 0),
+    ("host-sim/src", 6, 2),
+    ("host-sim/src/accuracy", 2, 0),
+    ("host-sim/src/cli", 9, 0),
+    ("host-sim/src/cli/serve", 1, 0),
+    ("host-sim/src/devices/nor_flash", 1, 0),
+    ("host-sim/src/devices/uart", 1, 0),
+    ("host-sim/src/emulator", 2, 0),
+    ("host-sim/src/faults", 3, 0),
+    ("host-sim/src/integrity", 2, 2),
+    ("host-sim/src/integrity/case", 1, 0),
+    ("host-sim/src/log", 0, 2),
+    ("host-sim/src/log/csv", 1, 0),
+    ("host-sim/src/log/dataflash", 2, 0),
+    ("host-sim/src/log/write", 3, 0),
+    ("host-sim/src/replay", 6, 6),
+    ("host-sim/src/report", 2, 0),
+    ("host-sim/src/report/pictures", 6, 0),
+    ("host-sim/src/serve", 0, 2),
+    ("host-sim/src/world", 2, 2),
+    ("host-sim/src/world/aircraft", 8, 0),
+    ("host-sim/src/world/mavlink_autopilot", 1, 0),
+    ("host-sim/src/world/msp_autopilot", 1, 0),
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Layer number of each module, parsed from the diagram: a number followed by module names.
-fn floors() -> BTreeMap<String, u32> {
-    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
-    let drawing = text.split("```text").nth(1).and_then(|rest| rest.split("```").next()).expect("a drawing");
-    let mut floors = BTreeMap::new();
-    for line in drawing.lines() {
-        let Some((number, rest)) = line.trim().split_once("  ") else { continue };
-        let Ok(floor) = number.parse() else { continue };
-        // Names are separated by two spaces; three or more precede the description.
-        let names = rest.split("   ").next().unwrap_or_default();
-        floors.extend(names.split_whitespace().map(|name| (name.to_owned(), floor)));
+/// A crate's modules without unit tests: which items they define, which names they import, and which paths they use.
+#[derive(Default)]
+struct Crate {
+    modules: BTreeSet<Names>,
+    items: BTreeSet<Names>,
+    /// Path of an imported name to the path of what it names.
+    imports: BTreeMap<Names, Names>,
+    /// Modules whose every item a module imports.
+    globs: BTreeMap<Names, Vec<Names>>,
+    /// Module and the path that it uses.
+    uses: BTreeSet<(Names, Names)>,
+}
+
+/// Arrows between the rooms of one folder.
+#[derive(Default)]
+struct Folder {
+    rooms: BTreeSet<String>,
+    arrows: BTreeSet<(String, String)>,
+    /// Rooms that name an item of the folder's `mod.rs`.
+    upward: BTreeSet<String>,
+}
+
+impl Crate {
+    /// Parses all files below the crate's source folder, unit tests and binaries excluded.
+    fn parse(source: &Path) -> Self {
+        let mut parsed = Self::default();
+        let mut files = Vec::new();
+        rust_files(source, &mut files);
+        let files: Vec<_> = files
+            .into_iter()
+            .filter_map(|file| {
+                let inside = file.strip_prefix(source).expect("below the source").with_extension("");
+                let mut module: Names =
+                    inside.iter().map(|part| part.to_str().expect("a name in UTF-8").to_owned()).collect();
+                if module.last().is_some_and(|last| last == "mod") || module == ["lib"] {
+                    module.pop();
+                }
+                let text = fs::read_to_string(&file).expect("a file");
+                (module != ["main"]).then(|| (module, syn::parse_file(&text).expect("Rust")))
+            })
+            .collect();
+        parsed.modules = files.iter().map(|(module, _)| module.clone()).collect();
+        for (module, file) in &files {
+            ModuleVisitor { module: module.clone(), parsed: &mut parsed }.visit_file(file);
+        }
+        parsed
     }
-    floors
+
+    /// Path from the root of a path written in `module`; `None` for other crates.
+    fn absolute(&self, module: &[String], written: &[String]) -> Option<Names> {
+        let mut base = module.to_vec();
+        let mut rest = written;
+        match rest.first()?.as_str() {
+            "crate" => (base, rest) = (Vec::new(), &rest[1..]),
+            "self" => rest = &rest[1..],
+            "super" => {
+                while rest.first().is_some_and(|first| first == "super") {
+                    base.pop()?;
+                    rest = &rest[1..];
+                }
+            }
+            first => {
+                let child = [module, &[first.to_owned()]].concat();
+                if !self.modules.contains(&child) {
+                    return None;
+                }
+            }
+        }
+        base.extend_from_slice(rest);
+        Some(base)
+    }
+
+    /// Module that defines what a path from the root names.
+    fn definition(&self, path: &[String], depth: u32) -> Names {
+        assert!(depth < 20, "{path:?} is imported in a circle");
+        let known = (0..=path.len()).rev().find(|&length| self.modules.contains(&path[..length])).unwrap_or(0);
+        let (module, rest) = path.split_at(known);
+        let Some(name) = rest.first() else { return module.to_vec() };
+        let item = [module, std::slice::from_ref(name)].concat();
+        if let Some(target) = self.imports.get(&item).filter(|target| **target != item) {
+            return self.definition(&[target.clone(), rest[1..].to_vec()].concat(), depth + 1);
+        }
+        if !self.items.contains(&item)
+            && let Some(from) = self
+                .globs
+                .get(module)
+                .into_iter()
+                .flatten()
+                .find(|from| self.items.contains(&[from.as_slice(), std::slice::from_ref(name)].concat()))
+        {
+            return self.definition(&[from.clone(), rest.to_vec()].concat(), depth + 1);
+        }
+        module.to_vec()
+    }
+
+    /// Folders by their path.
+    fn folders(&self) -> BTreeMap<String, Folder> {
+        let mut folders: BTreeMap<String, Folder> = BTreeMap::new();
+        for module in self.modules.iter().filter(|module| !module.is_empty()) {
+            let (name, folder) = module.split_last().expect("a name");
+            folders.entry(folder.join("/")).or_default().rooms.insert(name.clone());
+        }
+        for (module, path) in &self.uses {
+            let target = self.definition(path, 0);
+            let shared = module.iter().zip(&target).take_while(|(from, to)| from == to).count();
+            let folder = folders.entry(module[..shared].join("/")).or_default();
+            match (module.get(shared), target.get(shared)) {
+                (Some(from), Some(to)) => {
+                    folder.arrows.insert((from.clone(), to.clone()));
+                }
+                (Some(from), None) => {
+                    folder.upward.insert(from.clone());
+                }
+                // From `mod.rs` down to a room.
+                (None, _) => {}
+            }
+        }
+        folders
+    }
+}
+
+impl Folder {
+    /// Rooms from which arrows lead back to themselves.
+    fn on_circles(&self) -> BTreeSet<&String> {
+        self.rooms.iter().filter(|room| self.reached_from(room).contains(*room)).collect()
+    }
+
+    fn reached_from<'a>(&'a self, start: &'a str) -> BTreeSet<&'a String> {
+        let mut reached = BTreeSet::new();
+        let mut open = vec![start];
+        while let Some(room) = open.pop() {
+            let next = self.arrows.iter().filter(|(from, _)| from == room).map(|(_, to)| to);
+            open.extend(next.filter(|to| reached.insert(*to)).map(String::as_str));
+        }
+        reached
+    }
+}
+
+struct ModuleVisitor<'a> {
+    module: Names,
+    parsed: &'a mut Crate,
+}
+
+impl ModuleVisitor<'_> {
+    fn import(&mut self, before: &Names, tree: &UseTree) {
+        let with = |name: &syn::Ident| [before.clone(), vec![name.to_string()]].concat();
+        match tree {
+            UseTree::Path(path) => self.import(&with(&path.ident), &path.tree),
+            UseTree::Group(group) => group.items.iter().for_each(|item| self.import(before, item)),
+            UseTree::Name(name) if name.ident == "self" => self.name(before, before.last().cloned()),
+            UseTree::Name(name) => self.name(&with(&name.ident), Some(name.ident.to_string())),
+            UseTree::Rename(rename) => self.name(&with(&rename.ident), Some(rename.rename.to_string())),
+            UseTree::Glob(_) => {
+                if let Some(target) = self.parsed.absolute(&self.module, before) {
+                    self.parsed.uses.insert((self.module.clone(), target.clone()));
+                    self.parsed.globs.entry(self.module.clone()).or_default().push(target);
+                }
+            }
+        }
+    }
+
+    fn name(&mut self, written: &Names, name: Option<String>) {
+        let (Some(target), Some(name)) = (self.parsed.absolute(&self.module, written), name) else { return };
+        self.parsed.uses.insert((self.module.clone(), target.clone()));
+        self.parsed.imports.insert([self.module.clone(), vec![name]].concat(), target);
+    }
+}
+
+impl<'a> Visit<'a> for ModuleVisitor<'_> {
+    fn visit_item(&mut self, item: &'a Item) {
+        let (attributes, name) = match item {
+            Item::Const(item) => (&item.attrs, Some(&item.ident)),
+            Item::Enum(item) => (&item.attrs, Some(&item.ident)),
+            Item::Fn(item) => (&item.attrs, Some(&item.sig.ident)),
+            Item::Static(item) => (&item.attrs, Some(&item.ident)),
+            Item::Struct(item) => (&item.attrs, Some(&item.ident)),
+            Item::Trait(item) => (&item.attrs, Some(&item.ident)),
+            Item::Type(item) => (&item.attrs, Some(&item.ident)),
+            Item::Impl(item) => (&item.attrs, None),
+            Item::Mod(item) => (&item.attrs, None),
+            Item::Use(item) => (&item.attrs, None),
+            _ => return,
+        };
+        let is_test = |attribute: &syn::Attribute| {
+            attribute.path().is_ident("cfg")
+                && attribute.parse_args::<syn::Path>().is_ok_and(|cfg| cfg.is_ident("test"))
+        };
+        if attributes.iter().any(is_test) {
+            return;
+        }
+        if let Some(name) = name {
+            self.parsed.items.insert([self.module.clone(), vec![name.to_string()]].concat());
+        }
+        match item {
+            Item::Use(item) => self.import(&Vec::new(), &item.tree),
+            _ => visit::visit_item(self, item),
+        }
+    }
+
+    /// The scope of a visibility is no use of the module that it names.
+    fn visit_visibility(&mut self, _: &'a syn::Visibility) {}
+
+    fn visit_path(&mut self, path: &'a syn::Path) {
+        let written: Names = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
+        if written.len() > 1
+            && let Some(target) = self.parsed.absolute(&self.module, &written)
+        {
+            self.parsed.uses.insert((self.module.clone(), target));
+        }
+        visit::visit_path(self, path);
+    }
 }
 
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
-        let is_test = path.file_stem().is_some_and(|name| name == "tests" || name == "testing");
-        if path.is_dir() && !is_test {
+        if path.file_stem().is_some_and(|name| name == "tests" || name == "testing" || name == "bin") {
+            continue;
+        }
+        if path.is_dir() {
             rust_files(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") && !is_test {
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
             found.push(path);
         }
     }
 }
 
-/// Modules that a file uses (after `crate::` and `autoswing::`), without comments and unit tests.
-fn used(text: &str, rooms: &BTreeMap<String, u32>) -> Vec<String> {
-    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-    code.lines()
-        .filter(|line| !line.trim_start().starts_with("//"))
-        .flat_map(|line| ["crate::", "autoswing::"].map(|root| line.split(root).skip(1).collect::<Vec<_>>()).concat())
-        .map(|rest| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>())
-        .filter(|name| rooms.contains_key(name))
-        .collect()
+/// Layer number of each module of the library, parsed from the diagram: a number followed by module names.
+fn layers() -> BTreeMap<String, u32> {
+    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
+    let diagram = text.split("```text").nth(1).and_then(|rest| rest.split("```").next()).expect("a diagram");
+    let mut layers = BTreeMap::new();
+    for line in diagram.lines() {
+        let Some((number, rest)) = line.trim().split_once("  ") else { continue };
+        let Ok(layer) = number.parse() else { continue };
+        // Names are separated by two spaces; three or more precede the description.
+        let names = rest.split("   ").next().unwrap_or_default();
+        layers.extend(names.split_whitespace().map(|name| (name.to_owned(), layer)));
+    }
+    layers
 }
 
 #[test]
-fn every_room_uses_only_what_is_below_it() {
-    let floors = floors();
-    let source = root().join("src");
-    let mut files = Vec::new();
-    rust_files(&source, &mut files);
-    let mut seen = BTreeMap::new();
-    for file in &files {
-        let inside = file.strip_prefix(&source).expect("below src");
-        let room = inside.components().next().expect("a name").as_os_str().to_string_lossy().replace(".rs", "");
-        if room == "lib" {
-            continue;
-        }
-        let floor = *floors.get(&room).unwrap_or_else(|| panic!("{room} is not in the drawing"));
-        *seen.entry(room.clone()).or_insert(0) += 1;
-        for other in used(&fs::read_to_string(file).expect("a file"), &floors) {
-            assert!(other == room || floors[&other] < floor, "{}: {room} uses {other}", inside.display());
+fn modules_of_the_library_use_only_lower_layers() {
+    let layers = layers();
+    let folders = Crate::parse(&root().join("src")).folders();
+    let library = &folders[""];
+    for (from, to) in &library.arrows {
+        assert!(layers[to] < layers[from], "{from} uses {to}");
+    }
+    let drawn: BTreeSet<_> = layers.into_keys().filter(|name| name != "main").collect();
+    assert_eq!(library.rooms, drawn, "modules that exist and modules in the diagram");
+}
+
+/// With `--nocapture`: rooms and arrows of each folder.
+#[test]
+fn arrows_in_a_folder_lead_neither_up_nor_in_circles() {
+    let mut wrong = Vec::new();
+    for source in ["src", "host-sim/src"] {
+        for (path, folder) in Crate::parse(&root().join(source)).folders() {
+            let path = if path.is_empty() { source.to_owned() } else { format!("{source}/{path}") };
+            let circles = folder.on_circles();
+            println!(
+                "{path}: {} rooms, {} arrows, {} rooms use mod.rs, {} on circles",
+                folder.rooms.len(),
+                folder.arrows.len(),
+                folder.upward.len(),
+                circles.len()
+            );
+            let allowed =
+                TO_MEND.iter().find(|(folder, ..)| *folder == path).map_or((0, 0), |&(_, up, round)| (up, round));
+            if (folder.upward.len(), circles.len()) != allowed {
+                wrong.push(format!(
+                    "(\"{path}\", {}, {}), use mod.rs: {:?}, on circles: {circles:?}",
+                    folder.upward.len(),
+                    circles.len(),
+                    folder.upward
+                ));
+            }
         }
     }
-    let drawn: Vec<_> = floors.keys().collect();
-    assert_eq!(seen.keys().collect::<Vec<_>>(), drawn, "rooms that are built and rooms that are drawn");
+    assert!(wrong.is_empty(), "rooms with arrows back:\n{}", wrong.join("\n"));
 }
