@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shows_rounded_fixed_point() {
+    fn decimals_are_rounded_to_fixed_point() {
         for (value, text) in
             [(0.0, "0.0"), (359.96, "360.0"), (-0.04, "0.0"), (-0.05, "-0.1"), (7.25, "7.2"), (f32::NAN, "-")]
         {
@@ -96,7 +96,7 @@ mod tests {
 
     /// All digits of an `f32`, and no more than were typed; `at_least` is the minimum of decimals.
     #[test]
-    fn what_was_typed_is_shown_as_it_was_typed() {
+    fn a_typed_number_is_shown_as_typed() {
         for (text, at_least) in [
             ("-3.25", 0),
             ("3.5", 1),
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn reads_what_people_type_and_nothing_else() {
+    fn plain_decimal_numbers_are_parsed_and_other_text_is_rejected() {
         for (text, value) in [("12", 12.0), ("-3.75", -3.75), ("+0.5", 0.5), (".5", 0.5), ("180.", 180.0)] {
             assert_eq!(parse(text), Some(value), "{text}");
         }
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_large_or_no_number_still_shows() {
+    fn large_values_are_shown_and_non_finite_ones_as_a_dash() {
         assert_eq!(Decimal::<1>(1_999_999.0).to_string(), "1999999.0");
         assert_eq!(Decimal::<6>(f32::MIN).to_string(), format!("{:.6}", f32::MIN), "the longest text");
         for value in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
@@ -178,14 +178,14 @@ mod tests {
 
     /// The ASCII neighbours of `0` and `9`, before and after the point.
     #[test]
-    fn only_digits_are_digits() {
+    fn ascii_neighbours_of_digits_are_rejected() {
         for text in ["/1", ":1", "1/", "1:", "0./", "0.:", "a", "0x1"] {
             assert_eq!(parse(text), None, "{text}");
         }
     }
 
     #[test]
-    fn what_is_shown_is_read_back() {
+    fn a_shown_number_is_read_back() {
         for value in [0.0, 0.5, -0.5, 359.75, -179.25, 123_456.0] {
             assert_eq!(parse(&Decimal::<2>(value).to_string()), Some(value));
         }

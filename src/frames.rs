@@ -226,7 +226,7 @@ mod tests {
 
     /// By hand: in pitch the vertical component is `s_r y + c_r z`.
     #[test]
-    fn roll_is_taken_out_before_pitch() {
+    fn roll_is_removed_before_pitch() {
         let lower = 0.5 * 2.0 + 0.866_025_4 * 3.0;
         let expected = [0.5 + 0.866_025_4 * lower, 0.866_025_4 * 2.0 - 0.5 * 3.0, 0.5 * lower - 0.866_025_4];
         assert_near(level(30.0, 60.0, [1.0, 2.0, 3.0]), expected);
@@ -234,7 +234,7 @@ mod tests {
 
     /// nalgebra uses the same ZYX angles, body to earth.
     #[test]
-    fn level_and_body_are_the_rotations_of_the_attitude_and_inverse() {
+    fn level_and_body_rotations_are_inverse_and_match_nalgebra() {
         let field = Vector3::new(20.0, -7.0, 43.0);
         for roll_deg in [-170.0, -45.0, 0.0, 10.0, 80.0] {
             for pitch_deg in [-85.0, -20.0, 0.0, 35.0, 60.0] {
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_angle_is_not_wrapped_to_one() {
+    fn non_finite_angles_stay_non_finite_when_wrapped() {
         for angle_rad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(!wrap_pi(angle_rad).is_finite() && !wrap_two_pi(angle_rad).is_finite(), "{angle_rad}");
         }

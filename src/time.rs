@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn instants_differ_by_microseconds_and_stop_at_the_start() {
+    fn timestamps_have_microseconds_and_saturate_at_start_and_end() {
         let early = Timestamp::from_us(1_000);
         let late = early.plus_us(250);
         assert_eq!((late.us_since(early), early.us_since(late)), (250, 0));
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn milliseconds_wrap_and_their_differences_do_not() {
+    fn wrapped_milliseconds_have_correct_differences() {
         let before = Timestamp::from_us((u64::from(u32::MAX) - 99) * 1_000 + 999).wrapping_millis();
         let after = Timestamp::from_us((u64::from(u32::MAX) + 101) * 1_000).wrapping_millis();
         assert_eq!((before.as_ms(), after.as_ms()), (u32::MAX - 99, 100));

@@ -92,7 +92,7 @@ mod tests {
 
     /// 1e-7 is one unit in the last place at 1.
     #[test]
-    fn sine_and_cosine_are_those_of_f64() {
+    fn sine_and_cosine_match_f64() {
         for i in -200_000_i32..=200_000 {
             let angle_rad = i as f32 * 7.3e-5;
             let (sin, cos) = sin_cos(angle_rad);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_angle_has_no_sine() {
+    fn non_finite_angles_have_no_sine() {
         for angle_rad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let (sin, cos) = sin_cos(angle_rad);
             assert!(!sin.is_finite() && !cos.is_finite(), "{angle_rad}: {sin} {cos}");
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sine_of_the_angle_is_the_sine() {
+    fn arc_sine_matches_f64() {
         for i in -1000_i32..=1000 {
             let sin = i as f32 / 1000.0;
             let error = f64::from(asin(sin)) - f64::from(sin).asin();
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cube_of_the_root_is_the_number() {
+    fn reciprocal_cube_root_matches_f64() {
         for exponent in -30..=30 {
             for part in 0_i16..50 {
                 let x = (1.0 + f32::from(part) / 50.0) * 2_f32.powi(exponent);

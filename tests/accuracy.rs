@@ -18,7 +18,7 @@ fn maximum_likelihood() -> MethodResult {
 }
 
 #[test]
-fn maximum_likelihood_sits_at_the_bound() {
+fn maximum_likelihood_reaches_the_cramer_rao_bound() {
     let result = maximum_likelihood();
     assert_eq!(result.method, "maximum-likelihood");
     assert!(result.ratio_median <= 1.05, "{result:?}");
@@ -35,7 +35,7 @@ fn every_solve_converges_and_none_is_accepted_wrongly() {
 
 /// Tolerance of three points, including the standard error of one point with 2,560 headings.
 #[test]
-fn sigma_is_true() {
+fn errors_are_within_sigma_as_often_as_predicted() {
     for Coverage { one_sigma_percent, two_sigma_percent, headings } in
         [outcome().coverage, outcome().coverage_with_faults]
     {
@@ -47,7 +47,7 @@ fn sigma_is_true() {
 
 /// Closed-form methods assume constant attitude in the turns; their order follows from their assumptions.
 #[test]
-fn the_closed_forms_are_as_far_behind_as_they_must_be() {
+fn closed_forms_are_less_accurate_than_maximum_likelihood() {
     let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| outcome().methods[i].rms_median_deg);
     assert!(ml < two_plane && two_plane < four_ellipse, "{ml} {two_plane} {four_ellipse}");
 }
@@ -79,7 +79,7 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
 /// The deterministic selection costs 5 % for a copter and 6 % for an aeroplane, because one of four samples is held
 /// back. The solver's contribution has a standard error of 4 %.
 #[test]
-fn whoever_wanders_is_calibrated_as_well_as_could_be_chosen_afterwards() {
+fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (kind, most_by_choice) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
         let flight = Flight { kind, pattern: FlightPattern::Wandering, minutes: 3.0 };
         let row = flight_study::run(flight, AccuracyPlan { airframes: 20, draws: 5, seed: 1000 }, &|| {});

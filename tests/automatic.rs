@@ -42,7 +42,7 @@ fn fly(rig: &mut Rig, kind: VehicleKind) -> (Option<SolveNotice>, u32) {
 
 /// The lamp flashes briefly before arming, longer during collection, and is almost continuously lit when calibrated.
 #[test]
-fn who_takes_off_comes_back_calibrated() {
+fn a_flight_calibrates_without_commands() {
     for kind in [VehicleKind::Plane, VehicleKind::Copter] {
         let mut rig = Rig::new(world(kind));
         rig.run_for_s(8.0);
@@ -59,7 +59,7 @@ fn who_takes_off_comes_back_calibrated() {
 }
 
 #[test]
-fn it_waits_for_whom_it_is_told_to_wait() {
+fn auto_off_leaves_the_start_to_the_pilot() {
     let mut rig = Rig::new(world(VehicleKind::Copter));
     rig.run_for_s(2.0);
     assert!(rig.type_line("cal auto off").contains("ok auto off"));
@@ -77,7 +77,7 @@ fn it_waits_for_whom_it_is_told_to_wait() {
 
 /// Without arming, motion does not start a collection.
 #[test]
-fn carried_about_it_collects_nothing() {
+fn motion_while_disarmed_collects_nothing() {
     let mut rig = Rig::new(world(VehicleKind::Copter));
     let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
     for leg in legs {

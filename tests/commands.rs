@@ -27,15 +27,15 @@ fn host_sim(words: &str) -> Command {
 }
 
 /// Exit code, standard output and error output.
-fn ran(words: &str) -> (Option<i32>, String, String) {
+fn run_command(words: &str) -> (Option<i32>, String, String) {
     let Output { status, stdout, stderr } = host_sim(words).output().unwrap();
     (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
 }
 
-fn printed(words: &str) -> String {
-    let (code, printed, said) = ran(words);
-    assert!(code.is_some_and(|code| code < 2), "{words}: {code:?} {said}");
-    printed
+fn stdout_text(words: &str) -> String {
+    let (code, stdout_text, stderr_text) = run_command(words);
+    assert!(code.is_some_and(|code| code < 2), "{words}: {code:?} {stderr_text}");
+    stdout_text
 }
 
 /// Short runs of each command that needs no emulator.
@@ -52,7 +52,7 @@ const SHORT: [&str; 8] = [
 
 /// A shell reports 128 plus SIGPIPE's number, 13.
 #[test]
-fn a_closed_pipe_ends_every_command_without_a_word() {
+fn a_closed_pipe_ends_every_command_silently() {
     for words in SHORT.iter().chain(&["fly --circles 0.1", "bench speed", "serve", "serve --json --tcp 0", "console"]) {
         let folder = tempfile::tempdir().unwrap();
         let report =
@@ -69,15 +69,15 @@ fn a_closed_pipe_ends_every_command_without_a_word() {
             let mut child = command.spawn().unwrap();
             drop(command);
             let code = child.wait().unwrap().code();
-            let mut said = String::new();
-            child.stderr.take().map(|mut stderr| stderr.read_to_string(&mut said));
-            assert_eq!((code, said.as_str()), (Some(141), ""), "{words}");
+            let mut stderr_text = String::new();
+            child.stderr.take().map(|mut stderr| stderr.read_to_string(&mut stderr_text));
+            assert_eq!((code, stderr_text.as_str()), (Some(141), ""), "{words}");
         }
     }
 }
 
 #[test]
-fn a_full_disk_is_told() {
+fn a_full_disk_is_reported() {
     let full = File::options().write(true).open("/dev/full").unwrap();
     let Output { status, stderr, .. } = host_sim("table1").stdout(full).output().unwrap();
     assert_eq!(status.code(), Some(2));
@@ -153,7 +153,7 @@ fn tables_fit_a_terminal() {
     for words in
         SHORT.iter().copied().filter(|words| !words.contains("--json")).chain(flights.iter().map(String::as_str))
     {
-        for line in printed(words).lines() {
+        for line in stdout_text(words).lines() {
             assert!(line.chars().count() <= 80, "{words}: {line}");
         }
     }
@@ -178,9 +178,9 @@ fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
 }
 
 /// Whether a path matches a documented one, in which `*` is any name.
-fn is_of(path: &str, documented: &str) -> bool {
+fn matches_documented(path: &str, documented: &str) -> bool {
     let (path, documented): (Vec<_>, Vec<_>) = (path.split('.').collect(), documented.split('.').collect());
-    let is_same = |(one, other): (&&str, &&str)| *other == "*" || one == other;
+    let is_same = |(part, pattern_part): (&&str, &&str)| *pattern_part == "*" || part == pattern_part;
     path.len() == documented.len() && path.iter().zip(&documented).all(is_same)
 }
 
@@ -221,32 +221,35 @@ fn check_digits(value: &Value, path: &str) {
 
 /// Output and documentation contain the same paths.
 fn check_schema(section: &str, outputs: &[Value]) {
-    let mut told = BTreeSet::new();
+    let mut output_paths = BTreeSet::new();
     for output in outputs {
         check_digits(output, "");
-        paths(output, "", &mut told);
+        paths(output, "", &mut output_paths);
     }
     let documented = documented(section);
-    for path in &told {
+    for path in &output_paths {
         let is_documented = match path.strip_suffix('?') {
-            Some(path) => documented.iter().any(|of| is_absent(path, of)),
-            None => documented.iter().any(|of| is_of(path, of)),
+            Some(path) => documented.iter().any(|candidate_path| is_absent(path, candidate_path)),
+            None => documented.iter().any(|candidate_path| matches_documented(path, candidate_path)),
         };
         assert!(is_documented, "{section}: {path} is not in docs/json.md");
     }
     for path in documented {
-        assert!(told.iter().any(|of| is_of(of, &path)), "{section}: {path} of docs/json.md is not told");
+        assert!(
+            output_paths.iter().any(|candidate_path| matches_documented(candidate_path, &path)),
+            "{section}: {path} of docs/json.md is not told"
+        );
     }
 }
 
 fn json(words: &str) -> Value {
-    let printed = printed(words);
-    assert_eq!(printed.lines().count(), 1, "{words}");
-    serde_json::from_str(&printed).unwrap()
+    let stdout_text = stdout_text(words);
+    assert_eq!(stdout_text.lines().count(), 1, "{words}");
+    serde_json::from_str(&stdout_text).unwrap()
 }
 
 #[test]
-fn what_scripts_read_is_documented() {
+fn json_output_is_documented() {
     let refused = json("fly --json --circles 0.1");
     assert_eq!((&refused["accepted"], &refused["after"]), (&Value::Bool(false), &Value::Null));
     check_schema("fly --json", &[json("fly --json"), refused]);
@@ -260,10 +263,10 @@ fn what_scripts_read_is_documented() {
     let flight = json("replay host-sim/data/flight.csv --json");
     check_digits(&flight, "");
     let text = fs::read_to_string(root().join("docs/your-flight.md")).unwrap();
-    let mut told = BTreeSet::new();
-    paths(&flight, "", &mut told);
+    let mut output_paths = BTreeSet::new();
+    paths(&flight, "", &mut output_paths);
     // Names below are causes.
-    for path in told.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
+    for path in output_paths.into_iter().filter(|path| !path.starts_with("log.passed_over.")) {
         let name = path.trim_end_matches(['?', '[', ']']).rsplit('.').next().unwrap().to_owned();
         assert!(
             text.contains(&format!("`{name}`")) || text.contains(&format!("`.{name}`")),
@@ -273,8 +276,8 @@ fn what_scripts_read_is_documented() {
 }
 
 #[test]
-fn what_serve_tells_scripts_is_documented() {
-    let told = |words: &str| {
+fn json_output_of_serve_is_documented() {
+    let startup_output = |words: &str| {
         let mut child = host_sim(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         io::BufRead::read_line(&mut io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
@@ -282,12 +285,12 @@ fn what_serve_tells_scripts_is_documented() {
         child.wait().unwrap();
         serde_json::from_str(&line).unwrap()
     };
-    check_schema("serve --json", &[told("serve --json"), told("serve --json --tcp 0 --world 0")]);
+    check_schema("serve --json", &[startup_output("serve --json"), startup_output("serve --json --tcp 0 --world 0")]);
 }
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn what_the_budget_tells_scripts_is_documented() {
+fn json_output_of_the_budget_is_documented() {
     check_schema("bench budget --json", &[json("bench budget --json")]);
 }
 
@@ -316,7 +319,7 @@ fn ctrl_c_ends_qemu_too() {
 
 /// The message names the cause and a remedy; exit code 2.
 #[test]
-fn mistakes_are_told_with_what_to_do() {
+fn errors_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "no firmware, no log").unwrap();
@@ -341,9 +344,9 @@ fn mistakes_are_told_with_what_to_do() {
         (format!("fly --circles 0.1 --report {file}"), file.to_string(), "--report names another folder"),
         ("bench integrity --case none".to_owned(), "no case none".to_owned(), "--case list shows all"),
     ] {
-        let (code, _, said) = ran(&words);
-        assert_eq!(code, Some(2), "{words}: {said}");
-        assert!(said.contains(&about) && said.contains(what_to_do), "{words}: {said}");
+        let (code, _, stderr_text) = run_command(&words);
+        assert_eq!(code, Some(2), "{words}: {stderr_text}");
+        assert!(stderr_text.contains(&about) && stderr_text.contains(what_to_do), "{words}: {stderr_text}");
     }
 }
 
@@ -375,9 +378,9 @@ fn progress_is_shown_on_a_terminal_only() {
         let Output { stdout, .. } = child.wait_with_output().unwrap();
         let shown = shown.join().unwrap().to_lowercase();
         assert!(shown.contains(bar), "{words}: {shown:?}");
-        let (_, printed, said) = ran(words);
-        assert_eq!(String::from_utf8_lossy(&stdout), printed, "{words}: the same bytes");
-        assert_eq!(said, "", "{words}: on no terminal");
+        let (_, stdout_text, stderr_text) = run_command(words);
+        assert_eq!(String::from_utf8_lossy(&stdout), stdout_text, "{words}: the same bytes");
+        assert_eq!(stderr_text, "", "{words}: on no terminal");
     }
 }
 
@@ -386,26 +389,28 @@ fn progress_is_shown_on_a_terminal_only() {
 fn the_airframe_of_a_seed_is_printed_as_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let (report, path) = (folder.path().join("report"), folder.path().join("seven.toml"));
-    let text = printed(&format!("fly --airframe random --seed 7 --circles 0.1 --report {}", report.display()));
+    let text = stdout_text(&format!("fly --airframe random --seed 7 --circles 0.1 --report {}", report.display()));
     let (_, file) = text.split_once("the airframe of this seed, as a file for --airframe:\n\n").unwrap();
     fs::write(&path, file).unwrap();
-    let drawn = json("fly --airframe random --seed 7 --circles 0.1 --json");
+    let printed_airframe = json("fly --airframe random --seed 7 --circles 0.1 --json");
     let read = json(&format!("fly --airframe {} --seed 7 --circles 0.1 --json", path.display()));
     for name in ["rms_deg", "max_deg"] {
-        let [drawn, read] = [&drawn, &read].map(|of| of["before"][name].as_f64().unwrap());
+        let [printed_airframe, read] =
+            [&printed_airframe, &read].map(|output| output["before"][name].as_f64().unwrap());
         // The matrix is rounded to 0.0001, the mounting to 0.01 deg.
-        assert!((drawn - read).abs() < 0.05, "{name}: {drawn} {read}");
+        assert!((printed_airframe - read).abs() < 0.05, "{name}: {printed_airframe} {read}");
     }
-    let [drawn, read] = [&drawn, &read].map(|of| of["airframe"]["total_ut"].as_f64().unwrap());
-    assert!((drawn - read).abs() < 0.01, "{drawn} {read}");
-    let known = printed(&format!("fly --circles 0.1 --report {}", report.display()));
+    let [printed_airframe, read] =
+        [&printed_airframe, &read].map(|output| output["airframe"]["total_ut"].as_f64().unwrap());
+    assert!((printed_airframe - read).abs() < 0.01, "{printed_airframe} {read}");
+    let known = stdout_text(&format!("fly --circles 0.1 --report {}", report.display()));
     assert!(!known.contains("soft_iron"), "the paper's is known");
 }
 
 #[test]
 fn the_examples_of_the_documentation_work_from_the_root() {
-    printed("fly --airframe host-sim/airframes/example.toml --circles 0.1 --json");
-    printed("replay host-sim/data/flight.csv");
+    stdout_text("fly --airframe host-sim/airframes/example.toml --circles 0.1 --json");
+    stdout_text("replay host-sim/data/flight.csv");
     let example = fs::read_to_string(root().join("host-sim/airframes/example.toml")).unwrap();
     assert!(example.contains("--airframe host-sim/airframes/example.toml"));
 }

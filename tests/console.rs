@@ -27,7 +27,7 @@ fn reply_after(rig: &mut Rig, line: &str) -> String {
 }
 
 #[test]
-fn it_greets_and_says_why_it_started() {
+fn the_console_prints_version_and_reset_cause_at_start() {
     let rig = rig();
     assert_eq!(rig.printed(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
 }
@@ -141,7 +141,7 @@ fn status_shows_what_is_connected() {
 }
 
 #[test]
-fn status_counts_attitude_of_others() {
+fn status_counts_attitude_of_other_senders() {
     let mut rig = rig();
     for tick in 0..100 {
         let theirs = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
@@ -197,7 +197,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
 }
 
 #[test]
-fn sequences_are_split_and_lines_end_as_they_like() {
+fn split_escape_sequences_and_all_line_ends_are_accepted() {
     let mut rig = rig();
     rig.type_line("version");
     for part in ["\x1b", "[", "A", "\x7f", "n\r\n"] {
@@ -238,7 +238,7 @@ fn settings_last_over_a_restart() {
 }
 
 #[test]
-fn an_armed_module_refuses_what_is_for_the_ground() {
+fn an_armed_module_refuses_ground_commands() {
     let mut rig = rig();
     rig.printed();
     rig.world.set_armed(true);
@@ -292,7 +292,7 @@ fn an_overlong_line_is_refused_and_not_cut() {
 
 /// Random bytes and keys, without the letters of `reboot` and `clear`.
 #[test]
-fn keys_in_any_order_do_not_stop_it() {
+fn random_keys_do_not_stop_the_console() {
     let mut rig = rig();
     let mut random = Random(99);
     for _ in 0..200 {
@@ -314,7 +314,7 @@ fn keys_in_any_order_do_not_stop_it() {
 }
 
 #[test]
-fn no_bytes_stop_it() {
+fn no_bytes_stop_the_console() {
     let mut rig = rig();
     let mut random = Random(12345);
     for _ in 0..200 {
@@ -346,19 +346,22 @@ fn documented_examples_match_the_output() {
             let mut lines = block.lines().peekable();
             while let Some(line) = lines.next() {
                 let Some(command) = line.strip_prefix("> ") else { continue };
-                let said = reply_after(&mut rig, command);
+                let reply_text = reply_after(&mut rig, command);
                 let shown: Vec<&str> = std::iter::from_fn(|| lines.next_if(|line| !line.starts_with("> "))).collect();
                 typed += 1;
                 if AFTER_A_FLIGHT.contains(&command) {
                     assert!(
-                        ["error no-", "error not-"].iter().any(|code| said.starts_with(code)),
-                        "{name}: {command}: {said}"
+                        ["error no-", "error not-"].iter().any(|code| reply_text.starts_with(code)),
+                        "{name}: {command}: {reply_text}"
                     );
                     continue;
                 }
                 for line in shown {
                     let begin = line.split("...").next().unwrap();
-                    assert!(said.lines().any(|said| said.starts_with(begin)), "{name}: {command}: {line}: {said}");
+                    assert!(
+                        reply_text.lines().any(|reply_text| reply_text.starts_with(begin)),
+                        "{name}: {command}: {line}: {reply_text}"
+                    );
                 }
             }
         }

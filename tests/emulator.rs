@@ -19,11 +19,11 @@ use host_sim::world::msp_autopilot::{self, AnswerFaults};
 use host_sim::world::{CRUISE_CURRENT_A, WorldConfig};
 use testkit::random::Random;
 
-fn started() -> Emulator {
-    started_in(&WorldConfig::table1(1))
+fn start_emulator() -> Emulator {
+    start_emulator_in(&WorldConfig::table1(1))
 }
 
-fn started_in(world: &WorldConfig) -> Emulator {
+fn start_emulator_in(world: &WorldConfig) -> Emulator {
     let mut emulator = Emulator::start(&emulator::default_image(), *world).unwrap_or_else(|e| panic!("{e}"));
     emulator.run_for_s(1.0);
     emulator
@@ -47,7 +47,7 @@ fn stack(status: &str) -> StackUse {
 }
 
 /// Deterministic noise without letters, so that no random line is a command.
-fn garbage(seed: u64, bytes: usize) -> Vec<u8> {
+fn random_noise(seed: u64, bytes: usize) -> Vec<u8> {
     let mut random = Random(seed);
     std::iter::repeat_with(|| random.byte()).filter(|byte| !byte.is_ascii_alphabetic()).take(bytes).collect()
 }
@@ -61,7 +61,7 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
         .instrument()
         .receive_timed()
         .into_iter()
-        .filter_map(|timed| reader.push(timed.at_us, timed.byte))
+        .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
         .collect();
     let headings = received.iter().filter(|r| r.heading_deg.is_some()).count();
     (headings, received.len() - headings)
@@ -69,20 +69,20 @@ fn listen(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn it_flies_calibrates_stores_restarts_and_is_right() {
+fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     // Two circles to each side are not enough for automatic solving; the pilot requests it.
-    let mut emulator = started();
+    let mut emulator = start_emulator();
     let status = emulator.type_line("status");
     assert!(status.contains("sensor: LSM303DLHC at 1e"), "{status}");
-    emulator.console().send(&garbage(1, 500));
-    emulator.autopilot().send(&garbage(2, 2000));
+    emulator.console().send(&random_noise(1, 500));
+    emulator.autopilot().send(&random_noise(2, 2000));
     emulator.run_for_s(1.0);
     emulator.type_line("");
-    let flown = fly_with(&mut emulator, TurnPlan { circles: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
-    assert!(flown.result.is_ok(), "{:?}\n{}", flown.result, flown.transcript);
-    let after = flown.after.statistics();
+    let mission_result = fly_with(&mut emulator, TurnPlan { circles: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
+    assert!(mission_result.result.is_ok(), "{:?}\n{}", mission_result.result, mission_result.transcript);
+    let after = mission_result.after.statistics();
     assert!(after.max_deg <= 1.5, "{after:?}");
-    let streamed = flown.streamed.unwrap();
+    let streamed = mission_result.streamed.unwrap();
     assert!(streamed.rms_deg <= 2.0 && streamed.empty <= 10, "{streamed:?}");
 
     // The mission restarted the module by command; the reset button restarts it here.
@@ -109,8 +109,9 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
     assert!(headings <= 15, "{headings}");
     let status = emulator.type_line("status");
     // If it freezes at the extreme of its measured range, it is reported as clipped.
-    let told = ["sensor-stuck", "sensor-clipped"].map(|why| status.contains(&format!("heading: none, {why}")));
-    assert!(told.contains(&true), "{status}");
+    let reported =
+        ["sensor-stuck", "sensor-clipped"].map(|reason| status.contains(&format!("heading: none, {reason}")));
+    assert!(reported.contains(&true), "{status}");
     emulator.freeze_sensor(false);
     emulator.run_for_s(0.5);
     let (headings, empty) = listen(&mut emulator, 1.0);
@@ -123,7 +124,7 @@ fn it_flies_calibrates_stores_restarts_and_is_right() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let world = WorldConfig { reports_current: true, ..WorldConfig::table1(1).with_current_interference(8.0) };
-    let mut emulator = started_in(&world);
+    let mut emulator = start_emulator_in(&world);
     emulator.type_line("stream rate 80");
     emulator.type_line("cal start turns");
     emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
@@ -162,9 +163,9 @@ fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn one_seed_is_one_run() {
+fn one_seed_gives_one_run() {
     let run = || {
-        let mut emulator = started();
+        let mut emulator = start_emulator();
         emulator.type_line("cal start turns");
         emulator.world().fly(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
         emulator.run_for_s(10.0);
@@ -176,7 +177,7 @@ fn one_seed_is_one_run() {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn a_crash_leaves_its_last_words() {
+fn the_cause_of_a_crash_is_reported_after_the_restart() {
     let mut emulator = with_bench_image();
     for (test, words) in [
         (BenchTest::Fault, "panic: fault at pc "),
@@ -196,7 +197,7 @@ fn a_crash_leaves_its_last_words() {
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn only_the_bench_image_runs_the_tests_of_the_bench() {
-    let mut emulator = started();
+    let mut emulator = start_emulator();
     for test in [BenchTest::Budgets, BenchTest::Fault, BenchTest::Overflow, BenchTest::Panic] {
         emulator.printed();
         emulator.request_bench_test(test);
@@ -217,7 +218,7 @@ fn instructions_stay_within_their_budgets() {
 }
 
 #[test]
-fn a_missing_image_is_named_with_the_way_to_one() {
+fn a_missing_image_is_reported_with_the_build_command() {
     let Err(error) = Emulator::start("no/such.elf".as_ref(), WorldConfig::table1(1)) else { panic!("it started") };
     assert_eq!(error.code(), "no-image");
     assert!(error.to_string().contains("scripts/build-firmware"), "{error}");
@@ -225,7 +226,7 @@ fn a_missing_image_is_named_with_the_way_to_one() {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn an_image_for_another_machine_is_an_error_with_what_qemu_said() {
+fn an_image_for_another_machine_ends_the_emulator_with_an_error() {
     let path = emulator::default_image().with_file_name("autoswing.elf");
     let error = Emulator::start(&path, WorldConfig::table1(1)).map_or_else(
         |error| error,
@@ -242,7 +243,7 @@ fn an_image_for_another_machine_is_an_error_with_what_qemu_said() {
 /// preceding request, two lockstep steps.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn both_protocols_at_once_as_arm_code() {
+fn mavlink_and_msp_run_at_once_on_the_emulator() {
     let calm = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
     let far_ends = [
         FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot),
@@ -269,14 +270,14 @@ fn both_protocols_at_once_as_arm_code() {
 
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn a_collection_goes_on_after_a_reboot() {
+fn a_collection_continues_after_a_reboot() {
     let samples = |emulator: &mut Emulator| {
         let status = emulator.type_line("status");
         let line = status.lines().find_map(|line| line.strip_prefix("attitudes: ")).expect("a collection").to_owned();
         assert!(status.contains("ok collecting"), "{status}");
         line.split(' ').next().and_then(|number| number.parse::<u32>().ok()).expect("a number")
     };
-    let mut emulator = started();
+    let mut emulator = start_emulator();
     emulator.type_line("cal start");
     emulator.world().fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: 200.0 });
     emulator.run_for_s(14.0);
@@ -305,7 +306,7 @@ fn a_collection_goes_on_after_a_reboot() {
 /// noise) times the tangent of the inclination, 54 deg.
 #[test]
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
-fn it_calibrates_by_itself_beside_a_mavlink_autopilot() {
+fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     const HEADING_BOUND_DEG: f64 = 2.5;
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     // A copter has the shortest routine.
@@ -320,32 +321,36 @@ fn it_calibrates_by_itself_beside_a_mavlink_autopilot() {
     for leg in Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), heading_deg).legs() {
         emulator.world().fly(leg);
     }
-    let mut heard: Vec<Frame> = Vec::new();
+    let mut received: Vec<Frame> = Vec::new();
     // MAG_CAL_SUCCESS, and stored.
     let is_success = |frame: &Frame| (frame.id, frame.byte(42), frame.byte(43)) == (192, 4, 1);
     for _second in 0..180 {
         assert_eq!(emulator.run_for_s(1.0), ModuleRunEnd::Time);
-        heard.extend(autopilot.borrow_mut().take_received());
-        if heard.iter().any(is_success) {
+        received.extend(autopilot.borrow_mut().take_received());
+        if received.iter().any(is_success) {
             break;
         }
     }
-    assert!(heard.iter().any(is_success), "no MAG_CAL_REPORT of a success");
-    assert!(heard.iter().any(|frame| frame.id == 191), "no MAG_CAL_PROGRESS");
+    assert!(received.iter().any(is_success), "no MAG_CAL_REPORT of a success");
+    assert!(received.iter().any(|frame| frame.id == 191), "no MAG_CAL_PROGRESS");
     assert_eq!(emulator.run_for_s(3.0), ModuleRunEnd::Time);
-    heard.extend(autopilot.borrow_mut().take_received());
+    received.extend(autopilot.borrow_mut().take_received());
     let begins = |begin: &str| {
         let begin = begin.as_bytes();
-        heard.iter().filter(|frame| frame.id == 253 && frame.payload.get(1..=begin.len()) == Some(begin)).count()
+        received.iter().filter(|frame| frame.id == 253 && frame.payload.get(1..=begin.len()) == Some(begin)).count()
     };
-    assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{heard:?}");
+    assert_eq!(begins("autoswing: calibrated: expected error "), 1, "{received:?}");
     assert!(begins("autoswing: collecting: ") >= 2, "{}", begins("autoswing: collecting"));
 
     let shown = transcript::parse_shown_calibration(&emulator.type_line("cal show")).expect("a calibration");
     let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
     for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-        let off = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
-        assert!(off.abs() < 4.0 * f64::from(sigma_ut_per_a), "{ut_per_a:?} {:?}", config.current_interference_ut);
+        let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+        assert!(
+            estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
+            "{ut_per_a:?} {:?}",
+            config.current_interference_ut
+        );
     }
     let stack = stack(&emulator.type_line("status"));
     println!("stack {stack:?}");

@@ -19,13 +19,13 @@ fn table1() -> Rig {
     rig
 }
 
-fn turn_round(rig: &mut Rig, circles: f64) {
+fn fly_both_turns(rig: &mut Rig, circles: f64) {
     let heading_rate_deg_s = 8.0;
     rig.world.set_motion(PrescribedMotion { heading_rate_deg_s, ..PrescribedMotion::default() });
     rig.run_for_s(360.0 / heading_rate_deg_s * circles);
 }
 
-fn stand_at(rig: &mut Rig, heading_deg: f64) {
+fn stand_at_heading(rig: &mut Rig, heading_deg: f64) {
     rig.world.set_motion(PrescribedMotion { heading_deg, ..PrescribedMotion::default() });
     rig.run_for_s(2.0);
 }
@@ -75,21 +75,21 @@ fn shown_error_deg(rig: &mut Rig, heading_deg: f64) -> f64 {
 /// Two circles on level ground. Noise and quantisation of 60 averaged samples cause 0.1 deg, attitude noise of 0.3 deg
 /// at 54 deg of inclination another 0.1 deg; 0.5 deg are three sigmas at the worst heading.
 #[test]
-fn a_level_circle_takes_out_all_but_a_constant() {
+fn a_level_circle_leaves_only_a_constant_heading_error() {
     let mut rig = table1();
     rig.printed();
     assert!(rig.type_line("cal start level").contains("ok collecting"));
-    turn_round(&mut rig, 2.5);
+    fly_both_turns(&mut rig, 2.5);
     let shown = outcome(&mut rig, "").unwrap();
     assert_eq!(shown.method, "level");
     let (rest, constant) = level_errors_deg(&rig, &shown);
     assert!(rest < 0.5, "{rest} deg");
     assert!(constant.abs() < 3.0, "{constant} deg, of an unsymmetric airframe");
     // Alignment removes the mean error.
-    stand_at(&mut rig, 120.0);
+    stand_at_heading(&mut rig, 120.0);
     assert!(rig.type_line("set align 120").contains(" deg, added to every heading"));
     for heading_deg in [120.0, 200.0, 310.0] {
-        stand_at(&mut rig, heading_deg);
+        stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
         // Twice the remaining error of the level circle, and a fifth of a sample's noise.
         assert!(error.abs() < 1.2, "{error} deg at {heading_deg}");
@@ -111,7 +111,7 @@ fn legs_at_five_headings_are_enough_and_four_are_not() {
         rig.printed();
         rig.type_line("cal start level");
         for i in 0..headings {
-            stand_at(&mut rig, f64::from(i) * 360.0 / f64::from(headings));
+            stand_at_heading(&mut rig, f64::from(i) * 360.0 / f64::from(headings));
             rig.run_for_s(6.0);
         }
         solve(&mut rig)
@@ -152,7 +152,7 @@ fn mark(rig: &mut Rig, i: u32) {
     });
     rig.run_for_s(5.0);
     assert!(rig.type_line(&format!("cal mark {heading_deg}")).contains("error not-steady: "), "it still turns");
-    stand_at(rig, heading_deg);
+    stand_at_heading(rig, heading_deg);
     let reply = rig.type_line(&format!("cal mark {heading_deg}"));
     assert!(reply.contains(&format!("ok mark {}", i + 1)), "{reply}");
 }
@@ -200,7 +200,7 @@ fn a_tumbled_module_shows_headings() {
     tumble(&mut rig);
     solve(&mut rig).unwrap();
     for heading_deg in [30.0, 210.0] {
-        stand_at(&mut rig, heading_deg);
+        stand_at_heading(&mut rig, heading_deg);
         let error = shown_error_deg(&mut rig, heading_deg);
         assert!(error.abs() < 5.0, "{error} deg at {heading_deg}");
     }
@@ -211,10 +211,10 @@ fn a_tumbled_module_shows_headings() {
 }
 
 #[test]
-fn a_few_attitudes_are_no_tumbling() {
+fn a_level_circle_is_refused_as_a_tumble() {
     let mut rig = table1();
     rig.type_line("cal start tumble");
-    turn_round(&mut rig, 2.0);
+    fly_both_turns(&mut rig, 2.0);
     let Err(SolveNotice::Refused { code, .. }) = solve(&mut rig) else { panic!("a level circle was enough") };
     assert!(code == "not-determined" || code == "not-converged", "{code}");
 }

@@ -52,14 +52,17 @@ fn without_rates_headings_are_raw_and_their_sigmas_hold() {
         assert!(row.within_two_sigma_percent > 90.0 && row.empty_percent < 0.1, "{row:?}");
     }
     // MSP has one sender and no body rates, so these faults do not apply.
-    let of = |source| CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
-    assert_eq!(of(integrity::AttitudeProtocol::Mavlink) - of(integrity::AttitudeProtocol::Msp), 7);
+    let applicable_cases = |source| CASES.iter().filter(|case| case.applies_to_protocol(source)).count();
+    assert_eq!(
+        applicable_cases(integrity::AttitudeProtocol::Mavlink) - applicable_cases(integrity::AttitudeProtocol::Msp),
+        7
+    );
 }
 
 /// Attitude oscillates by up to 40 deg during ten of 245 s; no heading is output then and no estimate adapts. Without
 /// the detection 19 % of the headings were missing and errors reached 74 deg.
 #[test]
-fn a_filter_that_aligns_is_waited_for() {
+fn no_heading_is_sent_while_the_attitude_filter_aligns() {
     for row in rows(&["aligning"]) {
         assert!(all_accepted(&row) && row.bad_percent <= 0.0 && row.worst_deg < 8.0 && row.rms_deg < 0.8, "{row:?}");
         // Ten seconds, and up to five to settle.
@@ -70,22 +73,22 @@ fn a_filter_that_aligns_is_waited_for() {
 
 /// Detected within 0.15 s, in which a turn of 18 deg/s covers 2.7 deg.
 #[test]
-fn a_stuck_sensor_is_never_believed() {
+fn a_stuck_sensor_gives_no_heading() {
     for row in rows(&["stuck-x", "stuck-y", "stuck-z", "stuck-all"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 6.0, "{row:?}");
         // The fault lasts 175 s or less; detection takes 0.15 s.
         assert!(row.empty_percent > 99.0, "{row:?}");
-        assert!(row.empty.iter().any(|(why, _)| why == "sensor-stuck"), "{row:?}");
+        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-stuck"), "{row:?}");
     }
 }
 
 /// Fine values are detected after five reports (0.1 s), tenths of a degree after 0.5 s and 3 deg of turn.
 #[test]
-fn a_frozen_attitude_is_never_believed() {
+fn a_frozen_attitude_gives_no_heading() {
     for row in rows(&["frozen-level", "frozen-turn", "frozen-coarse"]) {
         assert!(row.bad_percent <= 0.1 && row.worst_deg <= 10.0, "{row:?}");
         assert!(row.empty_percent > 98.0, "{row:?}");
-        assert!(row.empty.iter().any(|(why, _)| why == "attitude-frozen"), "{row:?}");
+        assert!(row.empty.iter().any(|(reason, _)| reason == "attitude-frozen"), "{row:?}");
     }
 }
 
@@ -99,27 +102,27 @@ fn spikes_of_attitude_are_not_seen_in_the_heading() {
 
 /// An outlier loses its own heading and occasionally the next one.
 #[test]
-fn spikes_of_the_sensor_cost_themselves() {
+fn a_sensor_spike_costs_at_most_two_headings() {
     for row in rows(&["sensor-spikes"]) {
         assert!(row.bad_percent == 0.0 && row.worst_deg <= 10.0 && row.empty_percent <= 2.0, "{row:?}");
-        assert!(row.empty.iter().any(|(why, _)| why == "sensor-spike"), "{row:?}");
+        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-spike"), "{row:?}");
     }
 }
 
 /// Saturation is detected with a delay of an eighth of a second.
 #[test]
-fn an_axis_that_ends_is_not_believed() {
+fn a_clipped_axis_is_detected() {
     for row in rows(&["sensor-clipped"]) {
         assert!(row.bad_percent <= 0.2 && row.empty_percent > 5.0, "{row:?}");
         // An axis that saturates below values measured before is reported as stuck.
-        assert!(row.empty.iter().any(|(why, _)| why == "sensor-stuck" || why == "sensor-clipped"), "{row:?}");
+        assert!(row.empty.iter().any(|(reason, _)| reason == "sensor-stuck" || reason == "sensor-clipped"), "{row:?}");
     }
 }
 
 /// The configuration is read back once a second: at most 1.5 of 175 s are lost. A flip that resembles a hard-iron
 /// change costs five seconds more, in at most one of six flights.
 #[test]
-fn a_flipped_bit_of_the_sensor_is_mended_within_a_second_and_a_half() {
+fn a_flipped_configuration_bit_is_corrected_within_1_5_s() {
     for row in rows(&["upset-scale", "upset-self-test", "upset-byte-order"]) {
         assert!(row.empty_percent <= 100.0 * 2.4 / 175.0 && row.longest_bad_s <= 1.0, "{row:?}");
         assert!(row.within_three_sigma_percent > 96.0, "{row:?}");
@@ -137,7 +140,7 @@ fn a_foreign_sender_is_ignored() {
 /// Hard iron that changes or drifts during calibration leads to a rejection or a larger estimated error. One of twelve
 /// may be wrong: a change across the wings between left and right turns is nearly unobservable.
 #[test]
-fn a_calibration_of_two_airframes_is_not_believed() {
+fn hard_iron_change_in_calibration_is_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights: 12, ..PLAN };
     for row in rows_of(plan, &["cal-moved-2", "cal-moved-5", "cal-moved-10", "cal-warming"]) {
         assert!(row.wrong_percent <= 10.0, "{row:?}");
@@ -147,7 +150,7 @@ fn a_calibration_of_two_airframes_is_not_believed() {
 }
 
 #[test]
-fn gentle_turns_are_no_calibration() {
+fn turns_with_5_deg_of_bank_are_refused() {
     for row in rows(&["cal-bank-5"]) {
         assert!(row.accepted_percent <= 0.0, "{row:?}");
     }
@@ -155,7 +158,7 @@ fn gentle_turns_are_no_calibration() {
 
 /// A bank-angle scale error of 10 % leads to a rejection, or to an estimated error of at least half of the true one.
 #[test]
-fn a_source_that_leans_is_doubted() {
+fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
     for row in rows_of(IntegrityPlan { flights: 20, ..PLAN }, &["cal-lean-90"]) {
         assert!(row.ratio_worst.is_none_or(|ratio| ratio <= 2.0), "{row:?}");
     }
@@ -174,7 +177,7 @@ fn a_clean_flight_raises_no_alarm() {
 /// Accelerations cause attitude errors of a degree and more. In 60 VTOL flights 0.004 % of the headings were bad, one
 /// or two sentences here.
 #[test]
-fn a_clean_flight_of_what_hovers_raises_no_alarm() {
+fn a_clean_flight_of_a_copter_or_vtol_raises_no_alarm() {
     for (aircraft, bad_percent) in [(VehicleKind::Copter, 0.0), (VehicleKind::Vtol, 0.02)] {
         for row in rows_of(IntegrityPlan { flights: 8, aircraft, ..PLAN }, &["clean"]) {
             assert!(row.bad_percent <= bad_percent, "{aircraft:?}: {row:?}");
@@ -187,7 +190,7 @@ fn a_clean_flight_of_what_hovers_raises_no_alarm() {
 /// Bounds of bad and missing headings, percent: twice the values of thirty flights. A copter tilts less than an
 /// aeroplane and has a worse attitude, so faults are less observable.
 #[test]
-fn what_changes_in_use_of_a_copter_is_seen_through_or_silenced() {
+fn faults_in_use_of_a_copter_are_compensated_or_withhold_the_heading() {
     for (case, bad_percent, empty_percent) in
         [("moved-2", 2.0, 5.0), ("moved-5", 1.0, 5.0), ("bias-2", 2.0, 5.0), ("late-300", 1.0, 15.0)]
     {
@@ -199,7 +202,7 @@ fn what_changes_in_use_of_a_copter_is_seen_through_or_silenced() {
 }
 
 #[test]
-fn the_current_of_hover_is_part_of_the_calibration() {
+fn motor_current_interference_in_hover_is_calibrated_as_hard_iron() {
     for row in rows_of(IntegrityPlan { flights: 8, aircraft: VehicleKind::Copter, ..PLAN }, &["current-5"]) {
         assert!(all_accepted(&row) && row.bad_percent <= 0.1, "{row:?}");
     }
@@ -208,7 +211,7 @@ fn the_current_of_hover_is_part_of_the_calibration() {
 /// RMS error and coverage of raw and smooth headings; the smooth error is half of the raw one. The smooth sigma
 /// includes attitude errors that are equal in calibration and use here, so it is too large.
 #[test]
-fn a_clean_flight_s_headings_are_as_good_as_they_say() {
+fn headings_of_a_clean_flight_are_within_their_sigmas() {
     for (heading, rms_deg, most_percent) in
         [(HeadingKind::Raw, 0.90, [74.0, 100.0]), (HeadingKind::Smooth, 0.45, [100.0; 2])]
     {
@@ -223,7 +226,7 @@ fn a_clean_flight_s_headings_are_as_good_as_they_say() {
 }
 
 #[test]
-fn rates_that_are_wrong_do_not_make_the_heading() {
+fn wrong_body_rates_do_not_affect_the_heading() {
     for row in rows(&["rates-zero", "rates-degrees"]) {
         assert!(row.bad_percent <= 0.05 && row.worst_deg <= 15.0 && row.empty_percent <= 0.2, "{row:?}");
         assert!(row.smooth_percent <= 15.0, "{row:?}");
@@ -234,7 +237,7 @@ fn rates_that_are_wrong_do_not_make_the_heading() {
 /// A wrong sign or scale of the rates is observable in a roll, or in 20 s of level-flight disturbances. Until detection
 /// the rates contradict the field and no heading is output; three of 175 s may be wrong.
 #[test]
-fn rates_that_are_wrong_in_a_turn_are_found_in_it() {
+fn wrong_body_rates_in_turns_are_detected() {
     for row in rows_of(IntegrityPlan { flights: 12, ..PLAN }, &["rates-sign", "rates-small"]) {
         assert!(row.bad_percent <= 2.0 && row.empty_percent <= 12.0, "{row:?}");
     }
@@ -242,7 +245,7 @@ fn rates_that_are_wrong_in_a_turn_are_found_in_it() {
 
 /// Bounds of bad and missing headings for faults in use, percent: twice the values of a hundred flights.
 #[test]
-fn what_changes_in_use_is_seen_through_or_silenced() {
+fn faults_in_use_are_compensated_or_withhold_the_heading() {
     for (case, bad_percent, empty_percent) in [
         ("moved-2", 0.2, 5.0),
         ("moved-3", 0.2, 5.0),
@@ -344,7 +347,7 @@ fn parked_for_ten_minutes_with_either_source_raises_no_alarm() {
             .instrument
             .receive_timed()
             .into_iter()
-            .filter_map(|timed| reader.push(timed.at_us, timed.byte))
+            .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
             .collect();
         assert!(sent.len() > 17_000, "{}", sent.len());
         let silent: Vec<_> = sent.iter().filter(|sentence| sentence.heading_deg.is_none()).collect();

@@ -13,7 +13,7 @@ use host_sim::world::WorldConfig;
 
 const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 
-fn flown(world: &WorldConfig) -> FlightRecording {
+fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
 }
 
@@ -21,7 +21,7 @@ fn read(text: &str) -> Flight {
     log::read(&mut text.as_bytes(), FieldUnit::Milligauss).unwrap()
 }
 
-fn judged(text: &str) -> (Flight, FlightEvaluation) {
+fn evaluate(text: &str) -> (Flight, FlightEvaluation) {
     let flight = read(text);
     let verdict = evaluate_flight(&flight, &ASKED);
     (flight, verdict)
@@ -32,7 +32,7 @@ fn notes(flight: &Flight, evaluation: &FlightEvaluation) -> String {
 }
 
 /// Keeps one of `number` messages of a name.
-fn every(text: &str, name: &str, number: usize) -> String {
+fn keep_every_nth(text: &str, name: &str, number: usize) -> String {
     let mut seen = 0;
     let is_kept = |line: &&str| {
         let is_of = line.strip_prefix(name).is_some_and(|rest| rest.starts_with(','));
@@ -45,13 +45,13 @@ fn every(text: &str, name: &str, number: usize) -> String {
 /// Field at 2.5 Hz and 1 Hz with attitude at 10 Hz. The limit is that of `replay/native.rs`; the monitor does not run,
 /// which a note states.
 #[test]
-fn a_field_that_is_logged_seldom_gives_the_same_headings() {
+fn a_field_logged_at_1_hz_gives_the_same_headings() {
     for seed in [3, 5, 8] {
         let world = WorldConfig::random(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let text = String::from_utf8(encode_dataflash_text(&flown(&world))).unwrap();
+        let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         for number in [1, 4, 10] {
-            let (flight, verdict) = judged(&every(&text, "MAG", number));
+            let (flight, verdict) = evaluate(&keep_every_nth(&text, "MAG", number));
             let compass = &verdict.compasses[0];
             assert_eq!(compass.module.accepted, Ok(()), "seed {seed}, 1 of {number}");
             let (ours, smooth) = (
@@ -69,89 +69,92 @@ fn a_field_that_is_logged_seldom_gives_the_same_headings() {
 
 /// Attitude at 2 Hz cannot be interpolated reliably; at 0.5 Hz not at all.
 #[test]
-fn a_verdict_says_that_the_attitude_comes_too_seldom() {
-    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+fn a_verdict_reports_attitude_below_3_hz() {
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
     for (number, words) in [(1, ""), (5, "2.0 times a second"), (20, "0.5 times a second")] {
-        let (_, verdict) = judged(&every(&text, "ATT", number));
-        let told = FlightOutcome::new(&verdict).to_string();
-        assert!(told.contains(words) && told.contains("below 3 Hz") == (number > 1), "1 of {number}: {told}");
-        assert_eq!(told.contains("without an attitude near it"), number == 20, "{told}");
+        let (_, verdict) = evaluate(&keep_every_nth(&text, "ATT", number));
+        let verdict_text = FlightOutcome::new(&verdict).to_string();
+        assert!(
+            verdict_text.contains(words) && verdict_text.contains("below 3 Hz") == (number > 1),
+            "1 of {number}: {verdict_text}"
+        );
+        assert_eq!(verdict_text.contains("without an attitude near it"), number == 20, "{verdict_text}");
     }
 }
 
 #[test]
-fn a_verdict_says_that_there_was_no_flight() {
-    let mut recording = flown(&WorldConfig::random(3));
+fn a_verdict_reports_a_log_without_flight() {
+    let mut recording = record_flight(&WorldConfig::random(3));
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         instant.is_armed = i >= 2370;
     }
     let text = String::from_utf8(encode_csv(&recording)).unwrap();
-    let told = FlightOutcome::new(&judged(&text).1).to_string();
-    assert!(told.contains("10 are usable") && told.contains("are disarmed"), "{told}");
+    let verdict_text = FlightOutcome::new(&evaluate(&text).1).to_string();
+    assert!(verdict_text.contains("10 are usable") && verdict_text.contains("are disarmed"), "{verdict_text}");
 }
 
 /// Both are refused after 30 s with a poor sensor; the other compass is pure noise.
 #[test]
-fn a_verdict_names_what_kept_the_better_compass() {
+fn a_verdict_reports_the_refusal_of_the_better_compass() {
     for worse in [0, 1] {
-        let mut recording = flown(&WorldConfig::random(3));
+        let mut recording = record_flight(&WorldConfig::random(3));
         recording.samples.truncate(300);
         let mut random = testkit::random::Random(7);
         for instant in &mut recording.samples {
-            let own = instant.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
-            let noise = own.map(|_| 50.0 * f64::from(random.normal()));
-            instant.field_ut = if worse == 0 { vec![noise, own] } else { vec![own, noise] };
+            let better_field_ut = instant.field_ut[0].map(|axis| axis + 1.0 * f64::from(random.normal()));
+            let noise = better_field_ut.map(|_| 50.0 * f64::from(random.normal()));
+            instant.field_ut = if worse == 0 { vec![noise, better_field_ut] } else { vec![better_field_ut, noise] };
         }
         let text = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
-        let (_, verdict) = judged(&text);
-        let told = FlightOutcome::new(&verdict).to_string();
-        let whose = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
-        assert!(told.starts_with(&whose), "{worse}: {told}");
+        let (_, verdict) = evaluate(&text);
+        let verdict_text = FlightOutcome::new(&verdict).to_string();
+        let subject = format!("the module would have refused each of 2 compasses; number {} came nearest: ", 2 - worse);
+        assert!(verdict_text.starts_with(&subject), "{worse}: {verdict_text}");
     }
 }
 
 #[test]
-fn a_mounting_that_was_changed_in_the_log_is_told() {
-    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+fn a_mounting_change_within_the_log_is_reported() {
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
     let middle = text.lines().count() / 2;
-    for (name, is_told) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
+    for (name, is_noted) in [("COMPASS_ORIENT", true), ("AHRS_ORIENTATION", true), ("COMPASS_ORIENT3", false)] {
         let change = |(i, line): (usize, &str)| {
             let us = line.split(", ").nth(1).filter(|_| i == 20 || i == middle);
             let set = us.map_or_else(String::new, |us| format!("PARM, {us}, {name}, {}\n", i / 100));
             format!("{line}\n{set}")
         };
-        let (flight, verdict) = judged(&text.lines().enumerate().map(change).collect::<String>());
+        let (flight, verdict) = evaluate(&text.lines().enumerate().map(change).collect::<String>());
         let notes = notes(&flight, &verdict);
-        assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_told, "{notes}");
+        assert_eq!(notes.contains(&format!("mountings were changed in the log: {name} after ")), is_noted, "{notes}");
     }
 }
 
 /// Without a place the limits are the Earth's 22 to 67 uT. Rates in radians reject most of a turn.
 #[test]
-fn units_are_doubted_without_a_place() {
+fn implausible_units_are_reported_without_a_position() {
     // 48 uT.
-    let text = String::from_utf8(encode_csv(&flown(&WorldConfig::table1(1)))).unwrap();
-    let scaled = |columns: std::ops::Range<usize>, by: f64| {
+    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::table1(1)))).unwrap();
+    let scaled = |columns: std::ops::Range<usize>, factor: f64| {
         let scale = |(column, value): (usize, &str)| match value.parse::<f64>() {
-            Ok(number) if columns.contains(&column) => format!("{}", number * by),
+            Ok(number) if columns.contains(&column) => format!("{}", number * factor),
             _ => value.to_owned(),
         };
         let line = |line: &str| line.split(',').enumerate().map(scale).collect::<Vec<_>>().join(",") + "\n";
         text.lines().map(line).collect::<String>()
     };
     let notes = |text: &str| {
-        let (flight, verdict) = judged(text);
+        let (flight, verdict) = evaluate(text);
         notes(&flight, &verdict)
     };
     assert_eq!(notes(&text), "");
-    for (by, words) in [
+    for (factor, words) in [
         (0.1, "microtesla read as milligauss"),
         (0.001, "gauss read as milligauss"),
         (100.0, "nanotesla read as milligauss"),
         (10.0, "milligauss read as microtesla"),
     ] {
-        let notes = notes(&scaled(1..4, by));
-        assert!(notes.contains(words), "{by}: {notes}");
+        let notes = notes(&scaled(1..4, factor));
+        assert!(notes.contains(words), "{factor}: {notes}");
     }
     let notes = notes(&scaled(7..10, 1.0_f64.to_radians()));
     assert!(notes.contains("body rates"), "{notes}");
@@ -159,16 +162,16 @@ fn units_are_doubted_without_a_place() {
 
 /// Messages without a sender's clock get the time of the message before, a few milliseconds earlier.
 #[test]
-fn mavlink_without_a_receivers_clock_is_the_same_flight() {
-    let with = encode_tlog(&flown(&WorldConfig::random(3)));
+fn mavlink_without_receiver_times_gives_the_same_flight() {
+    let with = encode_tlog(&record_flight(&WorldConfig::random(3)));
     let mut without = Vec::new();
     let mut rest = with.as_slice();
     while let [_, _, _, _, _, _, _, _, frame @ ..] = rest {
         // MAVLink 2 without signature: ten header bytes, two checksum bytes.
         assert_eq!(frame[0], 0xFD);
-        let (one, behind) = frame.split_at(12 + usize::from(frame[1]));
-        without.extend_from_slice(one);
-        rest = behind;
+        let (current_frame, remaining) = frame.split_at(12 + usize::from(frame[1]));
+        without.extend_from_slice(current_frame);
+        rest = remaining;
     }
     let [with, without] = [with, without].map(|bytes| {
         let flight = log::read(&mut bytes.as_slice(), FieldUnit::Milligauss).unwrap();
@@ -188,8 +191,8 @@ fn mavlink_without_a_receivers_clock_is_the_same_flight() {
 
 /// Times count from the log's start, 2 s after the clock's.
 #[test]
-fn a_compass_that_dies_in_flight_is_named() {
-    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+fn a_compass_that_fails_in_flight_is_reported() {
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
     let second = |dead: fn(&str) -> String| {
         let mut last = String::new();
         let mut log = String::new();
@@ -206,7 +209,7 @@ fn a_compass_that_dies_in_flight_is_named() {
                 let _ = writeln!(log, "MAG, {us}, 1, {rest}");
             }
         }
-        let (flight, verdict) = judged(&log);
+        let (flight, verdict) = evaluate(&log);
         let notes = Note::all(&flight, &verdict);
         let notes = notes.iter().map(ToString::to_string).filter(|note| note.starts_with("compass "));
         (notes.collect::<Vec<_>>(), verdict)
@@ -229,30 +232,30 @@ fn a_compass_that_dies_in_flight_is_named() {
 }
 
 /// The log with changed lines; empty ones are removed.
-fn changed(text: &str, mut change: impl FnMut(&str) -> String) -> String {
+fn change_lines(text: &str, mut change: impl FnMut(&str) -> String) -> String {
     text.lines().map(|line| change(line) + "\n").filter(|line| line.len() > 1).collect()
 }
 
 /// `LOG_BITMASK` may disable `ATT`.
 #[test]
 fn the_filters_attitude_gives_the_same_headings() {
-    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
     let without = text.replace("\nATT, ", "\nXKF1, ").replace(", ATT, ", ", XKF1, ");
-    let [(_, own), (flight, other)] = [judged(&text), judged(&without)];
+    let [(_, from_attitude), (flight, other)] = [evaluate(&text), evaluate(&without)];
     let score = |verdict: &FlightEvaluation| {
         verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap()
     };
-    assert_eq!(score(&own), score(&other));
+    assert_eq!(score(&from_attitude), score(&other));
     assert!(notes(&flight, &other).contains("that of XKF1 is used"));
 }
 
 /// Until 2014 field and attitude had no time; they get the stamp before, 0.1 s earlier, while the rates have their own,
 /// which adds to the error of `replay/native.rs`.
 #[test]
-fn rows_without_a_time_are_read_by_their_neighbours() {
-    let text = String::from_utf8(encode_dataflash_text(&flown(&WorldConfig::random(3)))).unwrap();
+fn rows_without_time_get_the_time_of_their_neighbours() {
+    let text = String::from_utf8(encode_dataflash_text(&record_flight(&WorldConfig::random(3)))).unwrap();
     let strip = |names: &[&str], text: &str| {
-        changed(text, |line| {
+        change_lines(text, |line| {
             let values: Vec<&str> = line.split(", ").collect();
             match values.as_slice() {
                 ["FMT", number, length, name, letters, columns] if names.contains(name) => {
@@ -264,7 +267,7 @@ fn rows_without_a_time_are_read_by_their_neighbours() {
             }
         })
     };
-    let (flight, verdict) = judged(&strip(&["MAG", "ATT"], &text));
+    let (flight, verdict) = evaluate(&strip(&["MAG", "ATT"], &text));
     let score = verdict.compasses[0].correction_from(CorrectionSource::Module).unwrap().score.unwrap();
     assert!(score.rms_deg < 1.0, "{score:?}");
     assert!(notes(&flight, &verdict).contains("carry no time"));
@@ -276,19 +279,19 @@ fn rows_without_a_time_are_read_by_their_neighbours() {
 /// Three in ten rows of field, attitude and rates are lost. The limit is that of `replay/native.rs`; headings are not
 /// smoothed, which a note states.
 #[test]
-fn a_log_with_holes_gives_headings_as_good() {
+fn a_log_with_lost_rows_gives_the_same_accuracy() {
     for seed in [3, 5, 8] {
         let world = WorldConfig::random(seed);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let text = String::from_utf8(encode_dataflash_text(&flown(&world))).unwrap();
+        let text = String::from_utf8(encode_dataflash_text(&record_flight(&world))).unwrap();
         let mut state = seed;
-        let holes = changed(&text, |line| {
+        let holes = change_lines(&text, |line| {
             let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|begin| line.starts_with(begin));
             // Knuth's linear congruential generator; its upper bits are random enough.
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             if is_row && (state >> 33) % 10 < 3 { String::new() } else { line.to_owned() }
         });
-        let (flight, verdict) = judged(&holes);
+        let (flight, verdict) = evaluate(&holes);
         let compass = &verdict.compasses[0];
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
         assert!(ours.rms_deg < 0.5 + noise_deg, "seed {seed}: {ours:?}");
@@ -300,8 +303,8 @@ fn a_log_with_holes_gives_headings_as_good() {
 
 /// Sensor noise at rest is not a field strength.
 #[test]
-fn an_aircraft_at_rest_says_nothing_of_the_strength() {
-    let mut recording = flown(&WorldConfig::table1(1));
+fn a_log_at_rest_gives_no_field_strength() {
+    let mut recording = record_flight(&WorldConfig::table1(1));
     let first = recording.samples[0].clone();
     for (i, instant) in recording.samples.iter_mut().enumerate() {
         *instant = first.clone();
@@ -309,7 +312,7 @@ fn an_aircraft_at_rest_says_nothing_of_the_strength() {
         // Noise of 0.5 uT.
         instant.field_ut[0][i % 3] += if i % 2 == 0 { 0.5 } else { -0.5 };
     }
-    let (flight, verdict) = judged(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
+    let (flight, verdict) = evaluate(&String::from_utf8(encode_dataflash_text(&recording)).unwrap());
     assert_eq!(verdict.compasses[0].radius_ut, None);
     let notes = notes(&flight, &verdict);
     assert!(!notes.contains("taken for") && !notes.contains("radians"), "{notes}");

@@ -67,7 +67,7 @@ fn a_silent_chip_is_reported_and_works_again_after_init() {
 /// After a power loss the chip is in power-down: no data, detected within four periods (50 ms) after the sleep of 11
 /// ms.
 #[test]
-fn a_chip_that_lost_power_is_noticed_and_configured_again() {
+fn a_chip_that_lost_power_is_detected_and_reconfigured() {
     with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
         driver.read().await.unwrap();

@@ -44,7 +44,7 @@ fn swing_outcome(rig: &mut Rig) -> Option<transcript::SolveNotice> {
     panic!("no outcome: {session}");
 }
 
-fn show(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
+fn shown_calibration(rig: &mut Rig) -> Option<transcript::ShownCalibration> {
     transcript::parse_shown_calibration(&rig.type_line("cal show"))
 }
 
@@ -58,23 +58,23 @@ fn calibrated() -> Rig {
 #[test]
 fn a_calibration_survives_a_restart_and_a_power_cut() {
     let mut rig = calibrated();
-    let before = show(&mut rig).unwrap();
+    let before = shown_calibration(&mut rig).unwrap();
     rig.type_line("reboot");
     rig.run_for_s(1.0);
-    assert_eq!(show(&mut rig).unwrap(), before);
+    assert_eq!(shown_calibration(&mut rig).unwrap(), before);
     rig.power_off();
     rig.power_on(ResetCause::PowerOn);
     rig.run_for_s(1.0);
-    assert_eq!(show(&mut rig).unwrap(), before);
+    assert_eq!(shown_calibration(&mut rig).unwrap(), before);
     assert!(rig.type_line("status").contains("ok calibrated"));
 }
 
 /// Power cut at every operation of the first save, in three ways: the module starts uncalibrated or with the complete
 /// new calibration.
 #[test]
-fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
+fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     let mut whole = calibrated();
-    let new = show(&mut whole).unwrap();
+    let new = shown_calibration(&mut whole).unwrap();
     let mut seen = [0, 0];
     for operations in (0..40).step_by(3) {
         for outcome in CutOutcome::ALL {
@@ -88,7 +88,7 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(1.0);
             rig.printed();
-            let found = show(&mut rig);
+            let found = shown_calibration(&mut rig);
             assert!(found.is_none() || found.as_ref() == Some(&new), "after {operations} {outcome:?}: {found:?}");
             seen[usize::from(found.is_some())] += 1;
         }
@@ -100,65 +100,65 @@ fn a_power_cut_in_the_first_save_leaves_all_or_nothing() {
 #[test]
 fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     let mut rig = calibrated();
-    let old = show(&mut rig).unwrap();
-    let mut cuts = 0;
+    let old = shown_calibration(&mut rig).unwrap();
+    let mut power_cuts = 0;
     for operations in 0..52 {
         for outcome in CutOutcome::ALL {
             rig.cut_power_after(operations, outcome);
             rig.console.send(format!("stream rate {}\r", 10 + operations).as_bytes());
             if rig.run_for_s(0.5) == ModuleRunEnd::PowerCut {
-                cuts += 1;
+                power_cuts += 1;
             }
             rig.power_off();
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(0.5);
             rig.printed();
-            assert_eq!(show(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
+            assert_eq!(shown_calibration(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
         }
     }
     // A save of settings erases a page and programs 15 double words; each is cut in three ways.
-    assert!(cuts >= 48, "the save was cut {cuts} times");
+    assert!(power_cuts >= 48, "the save was cut {power_cuts} times");
 }
 
 #[test]
-fn undo_goes_back_and_forth_and_clear_needs_its_word() {
+fn a_single_calibration_survives_undo_and_clear_needs_all() {
     let mut rig = calibrated();
-    let first = show(&mut rig).unwrap();
+    let first = shown_calibration(&mut rig).unwrap();
     rig.type_line("cal undo");
-    assert!(show(&mut rig).is_some(), "there is nothing before the first, so it stays");
+    assert!(shown_calibration(&mut rig).is_some(), "there is nothing before the first, so it stays");
     rig.type_line("cal clear");
-    assert_eq!(show(&mut rig).unwrap(), first);
+    assert_eq!(shown_calibration(&mut rig).unwrap(), first);
     assert!(rig.type_line("cal clear all").contains("ok uncalibrated"));
-    assert!(show(&mut rig).is_none());
+    assert!(shown_calibration(&mut rig).is_none());
     rig.type_line("reboot");
     rig.run_for_s(1.0);
-    assert!(show(&mut rig).is_none(), "cleared for good");
+    assert!(shown_calibration(&mut rig).is_none(), "cleared for good");
 }
 
 /// A second swing replaces the first only if it is better on held-back samples.
 #[test]
-fn a_second_swing_replaces_the_first_only_when_it_is_better() {
+fn a_better_calibration_replaces_the_first_and_can_be_undone() {
     let mut rig = calibrated();
-    let first = show(&mut rig).unwrap();
+    let first = shown_calibration(&mut rig).unwrap();
     // Another magnet aboard: the old calibration is wrong by several degrees.
     rig.world.set_disturbance_ut([6.0, -4.0, 3.0]);
     swing(&mut rig);
-    let second = show(&mut rig).unwrap();
+    let second = shown_calibration(&mut rig).unwrap();
     let moved_ut = second.calibration.b_vector_ut() - first.calibration.b_vector_ut();
     // 0.5 uT is 1 deg of heading in this field.
     assert!((moved_ut - nalgebra::Vector3::new(6.0, -4.0, 3.0)).norm() < 0.5, "{moved_ut}");
     assert!(rig.type_line("cal undo").contains("ok calibrated: number 1 of maximum-likelihood, expected error "));
-    assert_eq!(show(&mut rig).unwrap().calibration, first.calibration);
+    assert_eq!(shown_calibration(&mut rig).unwrap().calibration, first.calibration);
     assert!(rig.type_line("cal undo").contains("ok calibrated: number 2 of maximum-likelihood, expected error "));
-    assert_eq!(show(&mut rig).unwrap().calibration, second.calibration);
+    assert_eq!(shown_calibration(&mut rig).unwrap().calibration, second.calibration);
 }
 
 /// Circles to one side and level legs contain little information about the vertical axis. Their calibration may have
 /// better scores on held-back samples of the same flight, but never replaces one from turns to both sides.
 #[test]
-fn a_thin_flight_does_not_replace_a_full_one() {
+fn a_one_sided_flight_does_not_replace_turns_to_both_sides() {
     let mut rig = calibrated();
-    let first = show(&mut rig).unwrap();
+    let first = shown_calibration(&mut rig).unwrap();
     rig.type_line("cal start turns");
     rig.world.fly(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
     for heading_deg in [0.0, 30.0, 60.0] {
@@ -177,7 +177,7 @@ fn a_thin_flight_does_not_replace_a_full_one() {
         panic!("{text}")
     };
     assert_eq!(code, "thinner");
-    assert_eq!(show(&mut rig).unwrap(), first);
+    assert_eq!(shown_calibration(&mut rig).unwrap(), first);
     // The weakness is reported with the recommended manoeuvre.
     let advice = rig.type_line("cal advise");
 
@@ -187,16 +187,16 @@ fn a_thin_flight_does_not_replace_a_full_one() {
 /// In the same field both calibrations are equally good, and noise of the held-back samples decides: the second
 /// replaces the first exactly if it wins.
 #[test]
-fn a_second_swing_that_is_no_better_changes_nothing() {
-    let mut kept = 0;
+fn a_calibration_that_is_no_better_changes_nothing() {
+    let mut unchanged = 0;
     let mut replaced = 0;
     for seed in 0..8 {
         let mut rig = Rig::new(WorldConfig::random(seed));
         rig.run_for_s(1.0);
         swing(&mut rig);
-        let first = show(&mut rig).unwrap();
+        let first = shown_calibration(&mut rig).unwrap();
         let outcome = swing_outcome(&mut rig).unwrap();
-        let second = show(&mut rig).unwrap();
+        let second = shown_calibration(&mut rig).unwrap();
         match outcome {
             transcript::SolveNotice::Calibrated(_) => {
                 assert_ne!(first, second);
@@ -205,11 +205,11 @@ fn a_second_swing_that_is_no_better_changes_nothing() {
             transcript::SolveNotice::Refused { code, words } => {
                 assert_eq!(code, "not-better", "{words}");
                 assert_eq!(first, second);
-                kept += 1;
+                unchanged += 1;
             }
         }
     }
-    assert!(kept > 0 && replaced > 0, "{kept} kept, {replaced} replaced");
+    assert!(unchanged > 0 && replaced > 0, "{unchanged} kept, {replaced} replaced");
 }
 
 #[test]
@@ -226,14 +226,14 @@ fn two_power_cuts_in_a_row_lose_nothing() {
     let mut rig = Rig::new(WorldConfig::table1(5));
     rig.run_for_s(0.2);
     rig.type_line("set declination 7");
-    let mut cuts = 0;
+    let mut power_cuts = 0;
     for first in (0..14).step_by(3) {
         for second in 0..14 {
             for outcomes in CutOutcome::ALL.map(|a| CutOutcome::ALL.map(|b| [a, b])).concat() {
                 for (operations, outcome) in [first, second].into_iter().zip(outcomes) {
                     rig.cut_power_after(operations, outcome);
                     rig.console.send(b"stream rate 20\r");
-                    cuts += u32::from(rig.run_for_s(0.3) == ModuleRunEnd::PowerCut);
+                    power_cuts += u32::from(rig.run_for_s(0.3) == ModuleRunEnd::PowerCut);
                     rig.power_off();
                     rig.power_on(ResetCause::PowerOn);
                     rig.run_for_s(0.2);
@@ -245,7 +245,7 @@ fn two_power_cuts_in_a_row_lose_nothing() {
         }
     }
     // A save of settings has more operations than are tested: each attempt is cut.
-    assert!(cuts >= 1_200, "{cuts} cuts");
+    assert!(power_cuts >= 1_200, "{power_cuts} cuts");
 }
 
 /// Region of the store on the board: eight pages of 2 KB.
@@ -303,13 +303,13 @@ fn power_cuts_anywhere_leave_old_or_new() {
     let mut start = StoreFlash::new(STORE_PAGES);
     let mut old = Generations::default();
     for saves in 0..11 {
-        for (first, first_cut) in cuts(&start, saves + 1) {
+        for (first, first_cut) in power_cuts(&start, saves + 1) {
             let mut flash = start.cut_at(first, first_cut);
             save(&mut flash, saves + 1).unwrap_err();
             let mut once = flash.power_on();
             let case = format!("{saves} saves, {first_cut:?} at {first}");
             let between = one_of(&mut once, &[old, generations(saves + 1)], &case);
-            for (second, second_cut) in cuts(&once, saves + 2) {
+            for (second, second_cut) in power_cuts(&once, saves + 2) {
                 let mut flash = once.cut_at(second, second_cut);
                 let case = format!("{case}, {second_cut:?} at {second}");
                 save(&mut flash, saves + 2).unwrap_err();
@@ -334,14 +334,14 @@ fn one_of(flash: &mut StoreFlash, allowed: &[Generations], case: &str) -> Genera
 }
 
 /// Operation and kind of each power cut during a save.
-fn cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
+fn power_cuts(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
     let mut complete = flash.power_on();
     save(&mut complete, serial).unwrap();
     CutProgress::for_operations(complete.operations)
 }
 
 /// Armed aeroplane on its routine, with automatic collection.
-fn flying() -> Rig {
+fn start_flight() -> Rig {
     let mut rig = Rig::new(WorldConfig::table1(7));
     rig.run_for_s(8.0);
     take_off(&mut rig);
@@ -359,24 +359,25 @@ fn take_off(rig: &mut Rig) {
 }
 
 /// Unsolicited output of the module until the end of the routine.
-fn finish(rig: &mut Rig) -> String {
-    let mut told = String::new();
-    while rig.world.unfinished_legs() > 0 && transcript::notice(&told).is_none() {
+fn fly_to_end(rig: &mut Rig) -> String {
+    let mut transcript_text = String::new();
+    while rig.world.unfinished_legs() > 0 && transcript::notice(&transcript_text).is_none() {
         assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
-        told.push_str(&rig.printed());
+        transcript_text.push_str(&rig.printed());
     }
-    told
+    transcript_text
 }
 
 /// Largest difference of two calibrations' headings in level flight, degrees.
-fn differ_deg(one: &Calibration, other: &Calibration) -> f32 {
-    let inverse = one.w_matrix().try_inverse().expect("a calibration");
+fn differ_deg(first: &Calibration, second: &Calibration) -> f32 {
+    let inverse = first.w_matrix().try_inverse().expect("a calibration");
     let difference = |heading_deg: f32| {
         let (sin, cos) = heading_deg.to_radians().sin_cos();
         // Field at Xi'an, as simulated.
         let earth = nalgebra::Vector3::new(31.0 * cos, -31.0 * sin, 42.0);
-        let sensed = Field::new(inverse * earth + one.b_vector_ut());
-        let [heading_rad, other_rad] = [one, other].map(|it| Attitude::default().level(it.apply(sensed)).heading_rad());
+        let sensed = Field::new(inverse * earth + first.b_vector_ut());
+        let [heading_rad, other_rad] =
+            [first, second].map(|it| Attitude::default().level(it.apply(sensed)).heading_rad());
         wrap_pi(other_rad - heading_rad).to_degrees().abs()
     };
     (0..36).map(|i| difference(10.0 * i as f32)).fold(0.0, f32::max)
@@ -393,12 +394,15 @@ fn samples(rig: &mut Rig) -> u32 {
 /// resets by at most 1 deg, twice the wanted accuracy of 0.5 deg of each.
 #[test]
 fn a_watchdog_in_flight_does_not_end_a_collection() {
-    let mut whole = flying();
-    let told = finish(&mut whole);
-    assert!(matches!(transcript::notice(&told), Some(transcript::SolveNotice::Calibrated(_))), "{told}");
-    let uninterrupted = show(&mut whole).unwrap().calibration;
+    let mut whole = start_flight();
+    let transcript_text = fly_to_end(&mut whole);
+    assert!(
+        matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+        "{transcript_text}"
+    );
+    let uninterrupted = shown_calibration(&mut whole).unwrap().calibration;
     for cuts_s in [vec![12.345], vec![33.037], vec![50.5], vec![20.0, 40.111, 60.2]] {
-        let mut rig = flying();
+        let mut rig = start_flight();
         let began_us = rig.now_us();
         let mut before = 0;
         for &cut_s in &cuts_s {
@@ -410,13 +414,13 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
             let after = samples(&mut rig);
             assert!((before..=before + 4).contains(&after), "{cuts_s:?}: {before} {after}");
         }
-        let told = finish(&mut rig);
-        assert!(!told.contains("collection-lost"), "{told}");
+        let transcript_text = fly_to_end(&mut rig);
+        assert!(!transcript_text.contains("collection-lost"), "{transcript_text}");
         assert!(
-            matches!(transcript::notice(&told), Some(transcript::SolveNotice::Calibrated(_))),
-            "{cuts_s:?}: {told}"
+            matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+            "{cuts_s:?}: {transcript_text}"
         );
-        let differ = differ_deg(&show(&mut rig).unwrap().calibration, &uninterrupted);
+        let differ = differ_deg(&shown_calibration(&mut rig).unwrap().calibration, &uninterrupted);
         println!("{cuts_s:?}: {differ:.2} deg");
         assert!(differ < 1.0, "{cuts_s:?}: {differ} deg");
         assert!(before > 0);
@@ -427,7 +431,7 @@ fn a_watchdog_in_flight_does_not_end_a_collection() {
 /// is nothing to resume.
 #[test]
 fn a_collection_survives_a_reboot_between_two_flights() {
-    let mut rig = flying();
+    let mut rig = start_flight();
     rig.run_for_s(40.0);
     rig.world.set_armed(false);
     rig.run_for_s(3.0);
@@ -440,8 +444,11 @@ fn a_collection_survives_a_reboot_between_two_flights() {
     let status = rig.type_line("status");
     assert!(status.contains("ok collecting") && status.contains("when the autopilot arms"), "{status}");
     take_off(&mut rig);
-    let told = finish(&mut rig);
-    assert!(matches!(transcript::notice(&told), Some(transcript::SolveNotice::Calibrated(_))), "{told}");
+    let transcript_text = fly_to_end(&mut rig);
+    assert!(
+        matches!(transcript::notice(&transcript_text), Some(transcript::SolveNotice::Calibrated(_))),
+        "{transcript_text}"
+    );
     rig.power_on(ResetCause::Watchdog);
     rig.run_for_s(3.0);
     let status = rig.type_line("status");
@@ -454,7 +461,7 @@ fn a_collection_survives_a_reboot_between_two_flights() {
 #[test]
 fn a_lost_collection_is_reported() {
     for damage in [false, true] {
-        let mut rig = flying();
+        let mut rig = start_flight();
         rig.run_for_s(40.0);
         assert!(samples(&mut rig) > 40);
         rig.power_off();
@@ -475,8 +482,8 @@ fn a_lost_collection_is_reported() {
         rig.power_on(cause);
         rig.run_for_s(1.0);
         assert!(!rig.printed().contains("collection-lost"), "told once");
-        let told = finish(&mut rig);
-        let notice = transcript::notice(&told);
-        assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{told}");
+        let transcript_text = fly_to_end(&mut rig);
+        let notice = transcript::notice(&transcript_text);
+        assert!(matches!(notice, Some(transcript::SolveNotice::Calibrated(_)) | None), "{transcript_text}");
     }
 }

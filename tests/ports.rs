@@ -55,7 +55,7 @@ fn fly_routine(rig: &mut Rig, kind: VehicleKind) {
 }
 
 /// Frames received by the MAVLink autopilot since the last call.
-fn heard(rig: &Rig, port: usize) -> Vec<Frame> {
+fn received_frames(rig: &Rig, port: usize) -> Vec<Frame> {
     let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[port] else { panic!("no MAVLink there") };
     autopilot.borrow_mut().take_received()
 }
@@ -68,14 +68,14 @@ const MAG_CAL_REPORT: u32 = 192;
 const NAMED_VALUE_FLOAT: u32 = 251;
 const STATUSTEXT: u32 = 253;
 
-fn of(id: u32, heard: &[Frame]) -> Vec<&Frame> {
-    heard.iter().filter(|frame| frame.id == id).collect()
+fn frames_with_id(id: u32, received_frames: &[Frame]) -> Vec<&Frame> {
+    received_frames.iter().filter(|frame| frame.id == id).collect()
 }
 
 /// Complete status texts; byte 53 is the chunk number of a text in several frames.
-fn texts(heard: &[Frame]) -> Vec<String> {
+fn texts(received_frames: &[Frame]) -> Vec<String> {
     let mut texts: Vec<String> = Vec::new();
-    for frame in of(STATUSTEXT, heard) {
+    for frame in frames_with_id(STATUSTEXT, received_frames) {
         let characters: Vec<u8> = (1..51).map(|at| frame.byte(at)).take_while(|&byte| byte != 0).collect();
         let piece = String::from_utf8(characters).expect("plain characters");
         if frame.byte(53) > 0 {
@@ -117,9 +117,9 @@ fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
         run(rig, 12.0);
         let _ = readings(rig, port);
         run(rig, 1.5);
-        let told = readings(rig, port);
-        squares += rms_deg(rig, &told).powi(2) * told.len() as f64;
-        all.extend(told);
+        let received = readings(rig, port);
+        squares += rms_deg(rig, &received).powi(2) * received.len() as f64;
+        all.extend(received);
         run(rig, 0.5);
     }
     let rms_deg = (squares / all.len() as f64).sqrt();
@@ -128,43 +128,46 @@ fn readings_all_round(rig: &mut Rig, port: usize) -> (Vec<CompassSample>, f64) {
 
 /// Flight with ArduPilot over MAVLink: attitude requests, status texts, calibration report, true headings.
 #[test]
-fn a_flight_beside_a_mavlink_autopilot_needs_nothing_else() {
+fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
     for kind in [VehicleKind::Plane, VehicleKind::Copter] {
         let mut rig = rig(kind, [ARDUPILOT, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
         let AttachedDevice::Mavlink(autopilot) = &rig.far_ends[0] else { panic!() };
         assert_eq!((autopilot.borrow().rate_hz(30), autopilot.borrow().denied()), (Some(40.0), 0), "of ATTITUDE");
         assert!(autopilot.borrow().rate_hz(33).is_some() && autopilot.borrow().rate_hz(2).is_some(), "place and time");
-        let before = heard(&rig, 0);
+        let before = received_frames(&rig, 0);
         assert!(before.iter().all(|frame| (frame.system, frame.component) == (1, 158)));
-        assert!(of(HEARTBEAT, &before).len() >= 10);
+        assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
         let status = rig.type_line("status");
         assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
         fly_routine(&mut rig, kind);
-        let during = heard(&rig, 0);
-        let said = texts(&during);
+        let during = received_frames(&rig, 0);
+        let status_texts = texts(&during);
         assert!(
-            said.iter().any(|text| text.starts_with("autoswing: calibrated: expected error ")),
-            "{kind:?}: {said:?}"
+            status_texts.iter().any(|text| text.starts_with("autoswing: calibrated: expected error ")),
+            "{kind:?}: {status_texts:?}"
         );
-        assert!(said.iter().filter(|text| text.contains("collecting")).count() >= 3, "{kind:?}: {said:?}");
+        assert!(
+            status_texts.iter().filter(|text| text.contains("collecting")).count() >= 3,
+            "{kind:?}: {status_texts:?}"
+        );
         // MAG_CAL_SUCCESS, and stored.
         let is_success = |report: &&Frame| (report.byte(42), report.byte(43)) == (4, 1);
-        let reports = of(MAG_CAL_REPORT, &during);
+        let reports = frames_with_id(MAG_CAL_REPORT, &during);
         assert!(reports.iter().any(is_success), "{kind:?}: {reports:?}");
-        assert!(!of(MAG_CAL_PROGRESS, &during).is_empty());
+        assert!(!frames_with_id(MAG_CAL_PROGRESS, &during).is_empty());
         // In straight flight the age of a named value has no effect.
         rig.world.fly(Leg::Straight { heading_deg: 200.0, seconds: 60.0 });
         run(&mut rig, 45.0);
-        let _ = heard(&rig, 0);
+        let _ = received_frames(&rig, 0);
         let mut headings = 0;
         for _ in 0..5 {
             run(&mut rig, 1.0);
-            let values = heard(&rig, 0);
+            let values = received_frames(&rig, 0);
             let is_heading = |frame: &&Frame| (8..15).map(|at| frame.byte(at)).eq(*b"hdg_mag");
-            for heading in of(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
+            for heading in frames_with_id(NAMED_VALUE_FLOAT, &values).into_iter().filter(is_heading) {
                 let time_ms = u32::from_le_bytes([0, 1, 2, 3].map(|at| heading.byte(at)));
                 let truth_deg = rig.world.true_state(u64::from(time_ms) * 1000).heading_deg();
                 let error_deg = wrap_180(f64::from(heading.float(4)) - truth_deg);
@@ -180,7 +183,7 @@ fn a_flight_beside_a_mavlink_autopilot_needs_nothing_else() {
 /// corrected field at 50 Hz. INAV's line drops and truncates answers. MSP lacks body rates and adds six to eight
 /// milliseconds of latency: the bound is 1.5 times that of MAVLink.
 #[test]
-fn an_msp_autopilot_has_a_compass_from_the_beginning_and_a_true_one_after_the_flight() {
+fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
     for (far_end, kind) in
         [(MSP_ARDUPILOT, VehicleKind::Plane), (MSP_INAV, VehicleKind::Plane), (MSP_ARDUPILOT, VehicleKind::Copter)]
     {
@@ -211,10 +214,10 @@ fn an_msp_autopilot_has_a_compass_from_the_beginning_and_a_true_one_after_the_fl
 /// corrected at other currents too; without a reported current the errors include it. After three seconds without a
 /// report the mean current is assumed, with a larger sigma.
 #[test]
-fn iron_by_current_is_found_when_the_autopilot_tells_the_current() {
-    for (far_end, is_told) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
+fn motor_current_interference_is_estimated_with_a_reported_current() {
+    for (far_end, is_reported) in [(ARDUPILOT, true), (MSP_ARDUPILOT, true), (MSP_INAV, true), (ARDUPILOT, false)] {
         let config =
-            WorldConfig { reports_current: is_told, ..world(VehicleKind::Copter).with_current_interference(12.0) };
+            WorldConfig { reports_current: is_reported, ..world(VehicleKind::Copter).with_current_interference(12.0) };
         let mut rig = Rig::with_far_ends(config, Faults::default(), [far_end, FarEnd::Unconnected]);
         run(&mut rig, 12.0);
         let status = rig.type_line("status");
@@ -222,7 +225,7 @@ fn iron_by_current_is_found_when_the_autopilot_tells_the_current() {
         let amperes = current.strip_suffix(" A").and_then(|amperes| amperes.parse::<f64>().ok());
         // Gusts change the hover current.
         let is_right = amperes.map_or(current == "not reported", |amperes| (amperes - CRUISE_CURRENT_A).abs() < 3.0);
-        assert!(is_right && amperes.is_some() == is_told, "{far_end:?}: {status}");
+        assert!(is_right && amperes.is_some() == is_reported, "{far_end:?}: {status}");
         fly_routine(&mut rig, VehicleKind::Copter);
         rig.power_on(ResetCause::PowerOn);
         run(&mut rig, 12.0);
@@ -230,15 +233,15 @@ fn iron_by_current_is_found_when_the_autopilot_tells_the_current() {
         let shown = transcript::parse_shown_calibration(&shown).unwrap_or_else(|| panic!("{far_end:?}: {shown}"));
         let MotorCurrentInterference { ut_per_a, sigma_ut_per_a, .. } = shown.calibration.motor_current;
         let error_deg = HeadingErrors::evaluate(&shown.calibration, &config).statistics().rms_deg;
-        println!("{far_end:?}, told: {is_told}: {error_deg:.2} deg, {:?}", shown.calibration.motor_current);
-        if !is_told {
+        println!("{far_end:?}, told: {is_reported}: {error_deg:.2} deg, {:?}", shown.calibration.motor_current);
+        if !is_reported {
             assert_eq!(shown.calibration.motor_current, MotorCurrentInterference::NONE);
             continue;
         }
         for (found, added_ut) in ut_per_a.iter().zip(config.current_interference_ut) {
-            let off = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+            let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
             assert!(
-                off.abs() < 4.0 * f64::from(sigma_ut_per_a),
+                estimate_error.abs() < 4.0 * f64::from(sigma_ut_per_a),
                 "{far_end:?}: {ut_per_a:?} {:?}",
                 config.current_interference_ut
             );
@@ -268,23 +271,23 @@ fn sigma_deg(rig: &mut Rig) -> f64 {
 /// A magnet beyond and within the sensor's range stops the output, so that the autopilot falls back. After saturation
 /// the output resumes at once.
 #[test]
-fn a_field_that_is_not_to_be_trusted_is_not_told() {
+fn a_disturbed_field_is_not_sent() {
     let mut rig = rig(VehicleKind::Plane, [MSP_ARDUPILOT, FarEnd::Unconnected]);
     run(&mut rig, 10.0);
     fly_routine(&mut rig, VehicleKind::Plane);
-    let told = |rig: &mut Rig| {
+    let reading_count = |rig: &mut Rig| {
         run(rig, 0.5);
         let _ = readings(rig, 0);
         run(rig, 2.0);
         readings(rig, 0).len()
     };
-    assert!((95..=105).contains(&told(&mut rig)));
+    assert!((95..=105).contains(&reading_count(&mut rig)));
     for (magnet_ut, afterwards) in [(900.0, Some(95..=105)), (40.0, None)] {
         rig.world.set_disturbance_ut([0.0, 0.0, magnet_ut]);
-        assert_eq!(told(&mut rig), 0, "{magnet_ut} uT");
+        assert_eq!(reading_count(&mut rig), 0, "{magnet_ut} uT");
         rig.world.set_disturbance_ut([0.0; 3]);
         if let Some(afterwards) = afterwards {
-            assert!(afterwards.contains(&told(&mut rig)), "{magnet_ut} uT");
+            assert!(afterwards.contains(&reading_count(&mut rig)), "{magnet_ut} uT");
         }
     }
 }
@@ -292,7 +295,7 @@ fn a_field_that_is_not_to_be_trusted_is_not_told() {
 /// Recommended ArduPilot wiring: MAVLink on one port, MSP on the other, at full rate and 115200 baud; then also at
 /// 57600 baud.
 #[test]
-fn both_protocols_at_once() {
+fn mavlink_and_msp_run_at_once() {
     let mut rig = rig(VehicleKind::Plane, [ARDUPILOT, MSP_ARDUPILOT]);
     run(&mut rig, 1.0);
     assert!(rig.type_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
@@ -308,14 +311,14 @@ fn both_protocols_at_once() {
         rig.type_line(&format!("set baud1 {baud}"));
         rig.type_line(&format!("set baud2 {baud}"));
         run(&mut rig, 30.0);
-        let (_, _) = (readings(&rig, 1), heard(&rig, 0));
+        let (_, _) = (readings(&rig, 1), received_frames(&rig, 0));
         let (mut ages_ms, mut poses, mut squares_deg2) = (Vec::new(), 0_u32, 0.0);
         for _ in 0..10 {
             run(&mut rig, 1.0);
             // Age by the module's time stamp.
             let age_ms = |reading: CompassSample| (reading.at_us / 1000).cast_signed() - i64::from(reading.time_ms);
             ages_ms.extend(readings(&rig, 1).into_iter().map(age_ms));
-            for pose in of(VISION_POSITION_ESTIMATE, &heard(&rig, 0)) {
+            for pose in frames_with_id(VISION_POSITION_ESTIMATE, &received_frames(&rig, 0)) {
                 let time_us = u64::from_le_bytes([0, 1, 2, 3, 4, 5, 6, 7].map(|at| pose.byte(at)));
                 let truth_deg = rig.world.true_state(time_us).heading_deg();
                 // WMM2025: declination -4.2 deg in Xi'an at the beginning of 2026.
@@ -340,22 +343,22 @@ fn both_protocols_at_once() {
 /// A ground station starts and cancels a calibration and restarts the module, which is rejected while armed. Commands
 /// to other systems are ignored.
 #[test]
-fn a_ground_station_gives_orders() {
+fn a_ground_station_commands_calibration_and_restart() {
     const START: u16 = 42_424;
     const CANCEL: u16 = 42_426;
     const REBOOT: u16 = 246;
     let mut rig = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     rig.run_for_s(5.0);
     rig.type_line("cal auto off");
-    let _ = heard(&rig, 0);
+    let _ = received_frames(&rig, 0);
     let read = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
         rig.autopilot.send(&command_long([255, 190], system, command, 0, parameters));
         run(rig, 2.5);
-        let all = heard(rig, 0);
+        let all = received_frames(rig, 0);
         read.replace(texts(&all));
         let is_to_who_asked = |frame: &&Frame| (frame.byte(8), frame.byte(9)) == (255, 190);
-        let answers = of(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
+        let answers = frames_with_id(COMMAND_ACK, &all).into_iter().filter(is_to_who_asked);
         answers.map(|frame| (u16::from_le_bytes([frame.byte(0), frame.byte(1)]), frame.byte(2))).collect::<Vec<_>>()
     };
     assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
@@ -386,7 +389,7 @@ fn found(rig: &mut Rig) -> Option<String> {
 /// The detected protocol is stored once, after five seconds. The next start uses it immediately; after ten seconds
 /// without messages the port searches with MSP requests.
 #[test]
-fn auto_begins_with_what_it_found_before() {
+fn detection_starts_with_the_stored_protocol() {
     let mut before = rig(VehicleKind::Copter, [ARDUPILOT, FarEnd::Unconnected]);
     run(&mut before, 4.0);
     let empty = before.flash.contents();
@@ -434,7 +437,7 @@ fn another_autopilot_is_found_after_ten_seconds() {
 
 /// The port sends nothing before its settings are loaded, so no MSP request reaches an NMEA line.
 #[test]
-fn a_port_speaks_as_it_is_set_from_the_first_byte_on() {
+fn a_port_uses_its_configured_protocol_from_the_first_byte() {
     let mut rig = rig(VehicleKind::Copter, [FarEnd::Unconnected, FarEnd::Unconnected]);
     run(&mut rig, 1.0);
     rig.type_line("set port1 nmea");
@@ -444,8 +447,8 @@ fn a_port_speaks_as_it_is_set_from_the_first_byte_on() {
         let _ = rig.autopilot.receive();
         rig.power_on(cause);
         run(&mut rig, 2.0);
-        let said = rig.autopilot.receive();
-        assert!(said.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&said[..20]));
-        assert!(!said.windows(2).any(|two| two == b"$X") && !said.contains(&0xFD));
+        let received = rig.autopilot.receive();
+        assert!(received.starts_with(b"$HC"), "{}", String::from_utf8_lossy(&received[..20]));
+        assert!(!received.windows(2).any(|two| two == b"$X") && !received.contains(&0xFD));
     }
 }

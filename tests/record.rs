@@ -16,7 +16,7 @@ const ASKED: EvaluationOptions = EvaluationOptions::DEFAULT;
 
 /// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
-fn a_recorded_flight_is_at_its_place_and_from_true_north() {
+fn a_recorded_flight_has_its_position_and_true_headings() {
     let mut rig = Rig::new(WorldConfig::table1(1));
     let mut module = RecordingModule::new(&mut rig);
     for heading_change_deg in [1440.0, -1440.0] {

@@ -34,7 +34,7 @@ fn turn(bank_deg: f64, heading_change_deg: f64) -> Leg {
 const BOTH: [(f64, f64); 2] = [(25.0, 800.0), (25.0, -800.0)];
 
 /// Applies settings, flies, solves if necessary; returns code and text of the rejection.
-fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
+fn refused_solve(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, String) {
     rig.run_for_s(1.0);
     for line in settings.iter().chain(&["cal start turns"]) {
         let reply = rig.type_line(line);
@@ -63,12 +63,12 @@ fn refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)]) -> (String, S
 }
 
 fn assert_refused(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)], code: &str, words: &str) {
-    let found = refused(rig, settings, turns);
+    let found = refused_solve(rig, settings, turns);
     assert!(found.0 == code && found.1.contains(words), "{code}, {words}: {found:?}");
 }
 
 #[test]
-fn too_little_bank_and_one_side_are_told_apart() {
+fn too_little_bank_and_one_side_have_different_reasons() {
     let little = [(6.0, 200.0), (6.0, -200.0)];
     assert_refused(&mut rig(None), &[], &little, "no-samples", "too little bank, ");
     assert_refused(
@@ -89,17 +89,17 @@ fn too_little_bank_and_one_side_are_told_apart() {
 
 /// An eighth of a circle to each side in 45 s.
 #[test]
-fn a_turn_that_is_too_slow_is_an_arc() {
+fn a_turn_that_is_too_slow_is_refused_as_an_arc() {
     let mut config = WorldConfig::table1(1);
     config.aircraft.airspeed_m_s = 120.0;
     let mut rig = Rig::with_faults(config, Faults::default());
-    let (code, words) = refused(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
+    let (code, words) = refused_solve(&mut rig, &[], &[(12.0, 45.0), (12.0, -45.0)]);
     assert!(words.contains(" of 12 sectors, too slow or too short"), "{code}: {words}");
 }
 
 /// Degrees interpreted as radians are rejected as attitude; radians converted once more are too small a tilt.
 #[test]
-fn attitude_in_another_unit_is_told() {
+fn attitude_in_a_wrong_unit_is_reported() {
     let words = "check the unit of the attitude: radians for degrees?";
     assert_refused(&mut rig(Some(Scaled(1.0_f32.to_radians()))), &[], &BOTH, "no-samples", words);
     let words = "check their unit: MAVLink's is radians, not degrees";
@@ -107,7 +107,7 @@ fn attitude_in_another_unit_is_told() {
 }
 
 #[test]
-fn attitude_that_comes_too_slowly_is_told() {
+fn attitude_at_1_hz_is_reported_as_too_slow() {
     let mut config = WorldConfig::table1(1);
     config.attitude_source.rate_hz = 1.0;
     let mut rig = Rig::with_faults(config, Faults::default());
@@ -116,16 +116,16 @@ fn attitude_that_comes_too_slowly_is_told() {
 
 /// The sensor's range ends at 400 uT.
 #[test]
-fn a_saturated_sensor_is_told() {
+fn a_saturated_sensor_is_reported() {
     let mut rig = rig(None);
     rig.world.set_disturbance_ut([600.0, 0.0, 0.0]);
     assert_refused(&mut rig, &[], &BOTH, "no-samples", "100 % of the readings were saturated; move the sensor");
 }
 
 #[test]
-fn what_was_set_wrong_is_told_with_what_is_right() {
+fn a_wrong_setting_is_reported_with_the_right_value() {
     let words = "the sensor seems to be mounted none; set mount none, then cal solve";
     assert_refused(&mut rig(None), &["set mount yaw90"], &BOTH, "mount-contradicted", words);
-    let (code, words) = refused(&mut rig(None), &["set inclination -54"], &BOTH);
+    let (code, words) = refused_solve(&mut rig(None), &["set inclination -54"], &BOTH);
     assert!(code == "inclination-contradicted" && words.contains("; set inclination 5"), "{code}: {words}");
 }

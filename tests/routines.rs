@@ -26,7 +26,7 @@ use host_sim::world::{World, WorldConfig};
 /// Airframes and places of `bench accuracy`: soft iron to 30 %, hard iron to three times the horizontal field, mounting
 /// to 20 deg, inclination -70 to 75 deg, attitude noise of 0.2 to 1 deg. Here the noise is correlated over 0.5 s, and
 /// the attitude source has bias, bank-angle scale error and acceleration-induced tilt error.
-fn harsh(kind: VehicleKind, seed: u64) -> WorldConfig {
+fn harsh_config(kind: VehicleKind, seed: u64) -> WorldConfig {
     const TOTAL_UT: f64 = 50.0;
     let trial = Trial::draw(&Ranges::HARSH, seed);
     let world = WorldConfig::random(seed).with_vehicle_kind(kind);
@@ -40,7 +40,7 @@ fn harsh(kind: VehicleKind, seed: u64) -> WorldConfig {
 }
 
 /// Samples of flown legs at 10 Hz: attitude at 50 Hz with errors, field at 80 Hz with noise of 0.32 uT.
-fn flown(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
+fn fly_samples(config: &WorldConfig, legs: &[Leg]) -> Vec<Sample> {
     const STEP_US: u64 = 2_500;
     let mut simulation = Simulation::new();
     let world = World::new(*config);
@@ -102,11 +102,11 @@ fn routine(kind: VehicleKind) -> Routine {
 fn median_and_worst_decile_deg(kind: VehicleKind, legs: &[Leg]) -> [f64; 2] {
     let mut rms: Vec<f64> = (100..140)
         .map(|seed| {
-            let config = harsh(kind, seed);
-            let mut kept = RetainedSamples::EMPTY;
-            let mut collector = Collector::new(&mut kept);
+            let config = harsh_config(kind, seed);
+            let mut retained = RetainedSamples::EMPTY;
+            let mut collector = Collector::new(&mut retained);
             collector.begin(Procedure::Flight);
-            for sample in flown(&config, legs) {
+            for sample in fly_samples(&config, legs) {
                 collector.push(sample);
             }
             let prior = Prior { readings_per_sample: 8, ..Prior::default() };
@@ -127,7 +127,7 @@ fn a_copter_s_routine_determines_its_calibration() {
 
 /// Yaw turns tilt a copter only into the wind, always to the same side relative to the earth.
 #[test]
-fn turning_in_hover_is_not_enough() {
+fn yaw_turns_in_hover_do_not_determine_the_calibration() {
     let [median, _] =
         median_and_worst_decile_deg(VehicleKind::Copter, &routine(VehicleKind::Copter).parts[0].legs.repeat(3));
     assert!(median > 1.6, "{median}");
@@ -136,7 +136,7 @@ fn turning_in_hover_is_not_enough() {
 /// Median and 90th percentile, measured in deg: aeroplane with three circles per side 0.28 and 0.57, VTOL 0.25 and
 /// 0.62, rover 0.54 and 1.25, boat 0.72 and 1.47 (small tilts, continuous accelerations).
 #[test]
-fn so_do_the_others() {
+fn routines_of_other_vehicles_determine_their_calibration() {
     for (kind, most_median, most_worst_decile) in [
         (VehicleKind::Plane, 0.4, 0.8),
         (VehicleKind::Vtol, 0.4, 0.9),

@@ -25,24 +25,24 @@ use testkit::random::Random;
 
 const SECOND_US: u64 = 1_000_000;
 
-fn served(options: ServeOptions, image: Option<&FlashImage>) -> ServedModule {
-    let mut served = ServedModule::new(WorldConfig::table1(1), options, image);
-    served.advance(SECOND_US);
-    served
+fn served_module(options: ServeOptions, image: Option<&FlashImage>) -> ServedModule {
+    let mut served_module = ServedModule::new(WorldConfig::table1(1), options, image);
+    served_module.advance(SECOND_US);
+    served_module
 }
 
-fn typed(served: &mut ServedModule, line: &str) -> String {
-    drop(served.receive(CONSOLE));
-    served.send(CONSOLE, format!("{line}\r").as_bytes());
-    served.advance(SECOND_US / 2);
-    String::from_utf8(served.receive(CONSOLE)).unwrap()
+fn typed_command(served_module: &mut ServedModule, line: &str) -> String {
+    drop(served_module.receive(CONSOLE));
+    served_module.send(CONSOLE, format!("{line}\r").as_bytes());
+    served_module.advance(SECOND_US / 2);
+    String::from_utf8(served_module.receive(CONSOLE)).unwrap()
 }
 
 /// Headings output in some seconds; `None` for an empty field.
-fn headings(served: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
-    drop(served.receive(INSTRUMENT));
-    served.advance(seconds * SECOND_US);
-    sentences(&served.receive(INSTRUMENT))
+fn headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
+    drop(served_module.receive(INSTRUMENT));
+    served_module.advance(seconds * SECOND_US);
+    sentences(&served_module.receive(INSTRUMENT))
 }
 
 fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
@@ -53,15 +53,15 @@ fn sentences(bytes: &[u8]) -> Vec<Option<f64>> {
 
 /// Flash contents after a calibration by `cal start turns`.
 static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
-    let mut served = served(ServeOptions::default(), None);
-    assert!(typed(&mut served, "cal start turns").contains("ok collecting"));
+    let mut served_module = served_module(ServeOptions::default(), None);
+    assert!(typed_command(&mut served_module, "cal start turns").contains("ok collecting"));
     let mut session = String::new();
     // Four circles to each side at 12 deg/s take 240 s.
     for _ in 0..300 {
-        served.advance(SECOND_US);
-        session.push_str(&String::from_utf8(served.receive(CONSOLE)).unwrap());
+        served_module.advance(SECOND_US);
+        session.push_str(&String::from_utf8(served_module.receive(CONSOLE)).unwrap());
         if session.contains("note calibrated: expected error") {
-            return served.flash();
+            return served_module.flash();
         }
     }
     panic!("it did not calibrate: {session}");
@@ -72,66 +72,66 @@ static CALIBRATED: LazyLock<FlashImage> = LazyLock::new(|| {
 const HEADING_BOUND_DEG: f64 = 2.5;
 
 #[test]
-fn what_a_person_types_is_answered_and_flash_survives() {
-    let mut first = served(ServeOptions::default(), None);
-    assert!(typed(&mut first, "status").contains("calibration: none"));
-    assert!(typed(&mut first, "frobnicate").contains("error unknown-command: "));
+fn console_commands_are_answered_and_flash_survives_a_restart() {
+    let mut first = served_module(ServeOptions::default(), None);
+    assert!(typed_command(&mut first, "status").contains("calibration: none"));
+    assert!(typed_command(&mut first, "frobnicate").contains("error unknown-command: "));
     assert!(headings(&mut first, 1).iter().all(Option::is_none));
     drop(first);
-    let mut again = served(ServeOptions::default(), Some(&CALIBRATED));
-    assert!(typed(&mut again, "status").contains("ok calibrated"));
+    let mut again = served_module(ServeOptions::default(), Some(&CALIBRATED));
+    assert!(typed_command(&mut again, "status").contains("ok calibrated"));
     let headings = headings(&mut again, 3);
     assert!(headings.len() >= 29 && headings.iter().all(Option::is_some), "{headings:?}");
 }
 
 #[test]
-fn it_is_the_same_in_whatever_pieces_time_goes_on() {
-    let flown = |pieces_us: &[u64]| {
+fn the_output_does_not_depend_on_the_time_steps() {
+    let output_of_pieces = |pieces_us: &[u64]| {
         let options = ServeOptions { pattern: PilotPattern::Wandering, ..ServeOptions::default() };
-        let mut served = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
+        let mut served_module = ServedModule::new(WorldConfig::table1(3), options, Some(&CALIBRATED));
         let mut pieces = pieces_us.iter().cycle();
-        for typed in [&b"status\r"[..], b"cal start\r", b"status\r"] {
-            let until_us = served.now_us() + 20 * SECOND_US;
-            served.send(CONSOLE, typed);
-            while served.now_us() < until_us {
-                served.advance((*pieces.next().unwrap()).min(until_us - served.now_us()));
+        for typed_command in [&b"status\r"[..], b"cal start\r", b"status\r"] {
+            let until_us = served_module.now_us() + 20 * SECOND_US;
+            served_module.send(CONSOLE, typed_command);
+            while served_module.now_us() < until_us {
+                served_module.advance((*pieces.next().unwrap()).min(until_us - served_module.now_us()));
             }
         }
-        (served.receive(CONSOLE), served.receive(INSTRUMENT))
+        (served_module.receive(CONSOLE), served_module.receive(INSTRUMENT))
     };
-    let whole = flown(&[20 * SECOND_US]);
+    let whole = output_of_pieces(&[20 * SECOND_US]);
     assert!(whole.0.len() > 1000 && whole.1.len() > 10_000);
-    assert!(whole == flown(&[7_300, 1, 250_000, 99_999]), "other bytes");
+    assert!(whole == output_of_pieces(&[7_300, 1, 250_000, 99_999]), "other bytes");
 }
 
 /// A bank of 25 deg at 22 m/s turns by 11.9 deg/s: 30 s per circle. A command cancels the pattern.
 #[test]
-fn the_pilot_flies_what_he_is_told() {
-    let mut served = served(ServeOptions::default(), None);
-    assert_eq!(served.execute_line("turn 25 -360").unwrap(), "ok flies as ordered");
-    served.execute_line("heading 90 30").unwrap();
+fn the_pilot_flies_the_commanded_legs() {
+    let mut served_module = served_module(ServeOptions::default(), None);
+    assert_eq!(served_module.execute_line("turn 25 -360").unwrap(), "ok flies as ordered");
+    served_module.execute_line("heading 90 30").unwrap();
     let mut banks = Vec::new();
     for _ in 0..30 {
-        served.advance(SECOND_US);
-        banks.push(number_after(&served.execute_line("status").unwrap(), "roll "));
+        served_module.advance(SECOND_US);
+        banks.push(number_after(&served_module.execute_line("status").unwrap(), "roll "));
     }
     let [shortest, longest] = [banks.iter().copied().fold(0.0, f64::max), banks.iter().copied().fold(0.0, f64::min)];
     assert!(longest < -20.0 && shortest < 5.0, "to the left only: {banks:?}");
-    served.advance(30 * SECOND_US);
-    let heading_deg = number_after(&served.execute_line("status").unwrap(), "magnetic heading ");
+    served_module.advance(30 * SECOND_US);
+    let heading_deg = number_after(&served_module.execute_line("status").unwrap(), "magnetic heading ");
     assert!(wrap_180(heading_deg - 90.0).abs() < 10.0, "{heading_deg}");
 
-    assert!(typed(&mut served, "reboot").contains("error armed: "));
-    assert_eq!(served.execute_line("land").unwrap(), "ok lands");
+    assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
+    assert_eq!(served_module.execute_line("land").unwrap(), "ok lands");
     // Five seconds to level out, one until the next heartbeat.
-    served.advance(7 * SECOND_US);
-    assert_eq!(served.execute_line("turn 25 90").unwrap_err().code(), "landed");
-    assert!(served.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
-    assert!(typed(&mut served, "reboot").contains("started by reboot"));
-    served.execute_line("takeoff").unwrap();
-    served.advance(2 * SECOND_US);
-    assert!(typed(&mut served, "reboot").contains("error armed: "));
-    assert_eq!(served.execute_line("loop 3").unwrap_err().code(), "unknown-order");
+    served_module.advance(7 * SECOND_US);
+    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "landed");
+    assert!(served_module.execute_line("status").unwrap().contains("stands on the ground: roll 0.0, pitch 0.0"));
+    assert!(typed_command(&mut served_module, "reboot").contains("started by reboot"));
+    served_module.execute_line("takeoff").unwrap();
+    served_module.advance(2 * SECOND_US);
+    assert!(typed_command(&mut served_module, "reboot").contains("error armed: "));
+    assert_eq!(served_module.execute_line("loop 3").unwrap_err().code(), "unknown-order");
 }
 
 fn number_after(text: &str, words: &str) -> f64 {
@@ -144,37 +144,38 @@ const VISITED: ServeOptions =
 
 #[test]
 fn attitudes_of_another_simulator_turn_the_heading() {
-    let mut served = served(VISITED, Some(&CALIBRATED));
+    let mut served_module = served_module(VISITED, Some(&CALIBRATED));
     for deg in [90.0, 200.0, 345.0] {
         for _ in 0..60 {
-            served.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
-            served.advance(SECOND_US / 20);
+            served_module.follow_datagram(format!("0 0 {deg}").as_bytes()).unwrap();
+            served_module.advance(SECOND_US / 20);
         }
-        let headings = headings(&mut served, 2);
+        let headings = headings(&mut served_module, 2);
         let errors = headings.iter().map(|heading| wrap_180(heading.expect("a heading") - deg));
         let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
         assert!(headings.len() >= 19 && worst < HEADING_BOUND_DEG, "{deg}: {headings:?}");
     }
-    assert_eq!(served.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
+    assert_eq!(served_module.execute_line("turn 25 90").unwrap_err().code(), "flown-by-another");
 }
 
 #[test]
-fn what_is_no_attitude_is_counted_and_not_followed() {
-    let mut served = served(VISITED, None);
-    served.follow_datagram(b"10 5 90").unwrap();
-    served.advance(SECOND_US);
-    let before = served.execute_line("status").unwrap();
+fn malformed_attitudes_are_counted_and_ignored() {
+    let mut served_module = served_module(VISITED, None);
+    served_module.follow_datagram(b"10 5 90").unwrap();
+    served_module.advance(SECOND_US);
+    let before = served_module.execute_line("status").unwrap();
     let mut random = Random(7);
     for (number, bad) in [&b"10 5"[..], b"", b"90 0 nan", b"\xff\xff", &random.bytes(200)].into_iter().enumerate() {
-        let code = served.follow_datagram(bad).unwrap_err().code();
+        let code = served_module.follow_datagram(bad).unwrap_err().code();
         assert_eq!(code, if number == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
-    served.advance(SECOND_US);
-    assert_eq!(served.datagram_counts(), Some(DatagramCounts { accepted: 1, rejected: 5 }));
-    let after = served.execute_line("status").unwrap();
-    let lies = |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();
-    assert_eq!(lies(&after), lies(&before));
-    assert!(lies(&after).contains("roll 10.0, pitch 5.0, magnetic heading 90.0 deg"), "{after}");
+    served_module.advance(SECOND_US);
+    assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted: 1, rejected: 5 }));
+    let after = served_module.execute_line("status").unwrap();
+    let followed_attitude =
+        |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();
+    assert_eq!(followed_attitude(&after), followed_attitude(&before));
+    assert!(followed_attitude(&after).contains("roll 10.0, pitch 5.0, magnetic heading 90.0 deg"), "{after}");
     assert!(after.ends_with("1 attitudes received, 5 malformed"), "{after}");
 }
 
@@ -190,8 +191,8 @@ fn peer_frame(tick: u32) -> Vec<u8> {
 /// The simulator stops sending while another autopilot sends, and resumes three seconds after its last message. The
 /// module accepts another sender after ten seconds without its own (README).
 #[test]
-fn who_is_attached_sends_the_attitude() {
-    for (attitude, is_believed, believed) in [
+fn an_attached_autopilot_replaces_the_simulated_attitude() {
+    for (attitude, is_believed, expected_counts) in [
         // Accepted reports at 50 Hz: 1.5 s of the simulator, then 2 s of the other autopilot, ten seconds after its
         // first.
         (AttitudeProvider::Auto, true, 165.0..185.0),
@@ -201,19 +202,19 @@ fn who_is_attached_sends_the_attitude() {
         (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
         let options = ServeOptions { attitude, pattern: PilotPattern::Level, has_external_simulator: false };
-        let mut served = served(options, None);
+        let mut served_module = served_module(options, None);
         let has_own = attitude != AttitudeProvider::Peer;
-        assert_eq!(typed(&mut served, "status").contains("attitude: none"), !has_own, "{attitude:?}");
+        assert_eq!(typed_command(&mut served_module, "status").contains("attitude: none"), !has_own, "{attitude:?}");
         for tick in 0..600 {
-            served.send(AUTOPILOT, &peer_frame(tick));
-            served.advance(SECOND_US / 50);
+            served_module.send(AUTOPILOT, &peer_frame(tick));
+            served_module.advance(SECOND_US / 50);
         }
-        served.send(AUTOPILOT, &peer_frame(600));
-        let status = typed(&mut served, "status");
+        served_module.send(AUTOPILOT, &peer_frame(600));
+        let status = typed_command(&mut served_module, "status");
         assert_eq!(status.contains("attitude: roll 40."), is_believed, "{attitude:?}: {status}");
-        assert!(believed.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
-        served.advance(12 * SECOND_US);
-        let status = typed(&mut served, "status");
+        assert!(expected_counts.contains(&number_after(&status, "reports: ")), "{attitude:?}: {status}");
+        served_module.advance(12 * SECOND_US);
+        let status = typed_command(&mut served_module, "status");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
         assert!(!status.contains("attitude: roll 40."), "{status}");
     }
@@ -221,30 +222,30 @@ fn who_is_attached_sends_the_attitude() {
 
 /// Random bytes at all ports, bounded by what a real line carries.
 #[test]
-fn no_bytes_stop_it() {
-    let mut served = served(ServeOptions::default(), None);
+fn no_bytes_stop_the_served_module() {
+    let mut served_module = served_module(ServeOptions::default(), None);
     let mut random = Random(5);
     for _ in 0..200 {
         for port in [CONSOLE, AUTOPILOT, INSTRUMENT, 3, usize::MAX] {
-            let mut bytes = random.bytes(served.free_bytes(port).min(300));
+            let mut bytes = random.bytes(served_module.free_bytes(port).min(300));
             // Without letters, so that no random line is a command.
             bytes.retain(|byte| !byte.is_ascii_alphabetic());
-            served.send(port, &bytes);
+            served_module.send(port, &bytes);
         }
-        served.advance(SECOND_US / 100);
+        served_module.advance(SECOND_US / 100);
     }
-    assert!(served.free_bytes(AUTOPILOT) < 1152 && served.free_bytes(3) == 0);
-    served.advance(2 * SECOND_US);
+    assert!(served_module.free_bytes(AUTOPILOT) < 1152 && served_module.free_bytes(3) == 0);
+    served_module.advance(2 * SECOND_US);
     // Except for one ATTITUDE frame of the simulator, 40 bytes.
-    assert!(served.free_bytes(AUTOPILOT) >= 1152 - 40);
-    typed(&mut served, "");
-    assert!(typed(&mut served, "version").contains("ok autoswing"));
+    assert!(served_module.free_bytes(AUTOPILOT) >= 1152 - 40);
+    typed_command(&mut served_module, "");
+    assert!(typed_command(&mut served_module, "version").contains("ok autoswing"));
 }
 
 /// Running `host-sim` process, killed on drop. Reads wait for bytes, not for time.
 struct Program {
     child: Child,
-    says: BufReader<ChildStdout>,
+    stdout_reader: BufReader<ChildStdout>,
     places: Value,
 }
 
@@ -257,11 +258,11 @@ fn host_sim(arguments: &[&str]) -> Command {
 impl Program {
     fn serve(arguments: &[&str]) -> Self {
         let mut child = host_sim(&[&["serve", "--json"], arguments].concat()).spawn().unwrap();
-        let mut says = BufReader::new(child.stdout.take().unwrap());
+        let mut stdout_reader = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
-        says.read_line(&mut line).unwrap();
+        stdout_reader.read_line(&mut line).unwrap();
         let places = serde_json::from_str(&line).unwrap();
-        Self { child, says, places }
+        Self { child, stdout_reader, places }
     }
 
     fn pty(&self, port: usize) -> String {
@@ -279,7 +280,7 @@ impl Program {
     fn order(&mut self, line: &str) -> String {
         writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
         let mut answer = String::new();
-        self.says.read_line(&mut answer).unwrap();
+        self.stdout_reader.read_line(&mut answer).unwrap();
         answer
     }
 
@@ -317,7 +318,7 @@ fn contains(words: &str) -> impl Fn(&[u8]) -> bool + '_ {
 }
 
 #[test]
-fn over_tcp_it_answers_streams_follows_and_ends() {
+fn serve_over_tcp_answers_streams_follows_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("flash.bin");
     CALIBRATED.write(&flash).unwrap();
@@ -344,14 +345,14 @@ fn over_tcp_it_answers_streams_follows_and_ends() {
     drop(program);
     let image = FlashImage::read(&flash).unwrap().unwrap();
     assert!(image != *CALIBRATED, "what was set is kept");
-    let mut again = served(ServeOptions::default(), Some(&image));
-    let status = typed(&mut again, "status");
+    let mut again = served_module(ServeOptions::default(), Some(&image));
+    let status = typed_command(&mut again, "status");
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
 /// With a real console program and a real pseudo-terminal.
 #[test]
-fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
+fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
     let mut program = Program::serve(&["--speed", "5"]);
     let path = program.pty(CONSOLE);
     for _ in 0..2 {
@@ -371,7 +372,7 @@ fn over_a_pseudo_terminal_it_answers_and_is_gone_afterwards() {
 }
 
 #[test]
-fn a_console_of_its_own_needs_nobody_who_serves() {
+fn the_console_command_runs_its_own_module() {
     let mut console = host_sim(&["console", "--speed", "5"]).spawn().unwrap();
     console.stdin.take().unwrap().write_all(b"version\r").unwrap();
     let Output { status, stdout, .. } = console.wait_with_output().unwrap();
@@ -380,7 +381,7 @@ fn a_console_of_its_own_needs_nobody_who_serves() {
 
 /// Error code and cause on the error output; exit code 2.
 #[test]
-fn what_cannot_be_served_is_told() {
+fn serve_errors_are_reported_with_code_and_cause() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
@@ -394,11 +395,11 @@ fn what_cannot_be_served_is_told() {
         "range.toml",
         b"[airframe]\nsoft_iron = [[9,0,0],[0,9,0],[0,0,9]]\nhard_iron_ut = [0,0,0]\nmounting_deg = [0,0,0]\n",
     );
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let tcp = taken.local_addr().unwrap().port().to_string();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let tcp = listener.local_addr().unwrap().port().to_string();
     let taken_world = UdpSocket::bind("127.0.0.1:0").unwrap();
     let udp = taken_world.local_addr().unwrap().port().to_string();
-    drop(taken.incoming());
+    drop(listener.incoming());
     for (arguments, code, about) in [
         (["serve", "--flash", &flash], "flash-size", "16383"),
         (["serve", "--flash", "/nowhere/flash.bin"], "flash-unwritable", "/nowhere/flash.bin"),
@@ -413,8 +414,8 @@ fn what_cannot_be_served_is_told() {
         (["serve", "--pattern", "eights"], "invalid value 'eights'", "routine, circles, wandering, level"),
     ] {
         let Output { status, stderr, .. } = host_sim(&arguments).output().unwrap();
-        let said = String::from_utf8(stderr).unwrap();
-        assert_eq!(status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(code) && said.contains(about), "{arguments:?}: {said}");
+        let stderr_text = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(2), "{arguments:?}: {stderr_text}");
+        assert!(stderr_text.contains(code) && stderr_text.contains(about), "{arguments:?}: {stderr_text}");
     }
 }

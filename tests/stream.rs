@@ -30,8 +30,12 @@ fn listen(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     let _ = rig.instrument.receive();
     rig.run_for_s(seconds);
     let mut reader = SentenceReader::default();
-    let received =
-        rig.instrument.receive_timed().into_iter().filter_map(|timed| reader.push(timed.at_us, timed.byte)).collect();
+    let received = rig
+        .instrument
+        .receive_timed()
+        .into_iter()
+        .filter_map(|timed_byte| reader.push(timed_byte.at_us, timed_byte.byte))
+        .collect();
     // The first line may be incomplete.
     assert!(reader.invalid <= 1, "{} broken lines", reader.invalid);
     received
@@ -42,7 +46,7 @@ fn headings(received: &[HeadingSentence]) -> usize {
 }
 
 #[test]
-fn every_sentence_comes_at_the_rate_that_was_set() {
+fn every_sentence_is_sent_at_the_set_rate() {
     let mut rig = calibrated();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
         rig.type_line(&format!("stream rate {rate_hz}"));
@@ -88,7 +92,7 @@ fn an_uncalibrated_module_sends_empty_headings() {
 }
 
 #[test]
-fn variation_is_sent_when_it_is_set() {
+fn variation_is_sent_when_declination_is_set() {
     let mut rig = calibrated();
     let sentence = |rig: &mut Rig, kind: &str| {
         let _ = rig.instrument.receive();
@@ -115,7 +119,7 @@ fn variation_is_sent_when_it_is_set() {
 
 /// 400 uT is the limit of the sensor's range.
 #[test]
-fn a_saturated_sensor_is_not_believed() {
+fn a_saturated_sensor_gives_no_heading() {
     let mut rig = calibrated();
     rig.world.set_disturbance_ut([900.0, 0.0, 0.0]);
     rig.run_for_s(0.2);
@@ -130,7 +134,7 @@ fn a_saturated_sensor_is_not_believed() {
 
 /// A field 20 uT stronger than the Earth's indicates interference.
 #[test]
-fn a_disturbed_field_is_not_believed() {
+fn a_disturbed_field_gives_no_heading() {
     let mut rig = calibrated();
     rig.world.set_disturbance_ut([0.0, 0.0, 25.0]);
     rig.run_for_s(0.2);
@@ -140,7 +144,7 @@ fn a_disturbed_field_is_not_believed() {
 
 /// Empty sentences within 0.25 s; headings resume although the chip has lost its configuration.
 #[test]
-fn a_sensor_that_goes_and_comes_back_is_noticed_and_used_again() {
+fn a_lost_sensor_is_detected_and_used_again_when_it_returns() {
     let mut rig = calibrated();
     rig.chip.borrow_mut().set_silent(true);
     rig.run_for_s(0.25);

@@ -11,7 +11,7 @@ fn figures(experiment: Experiment) -> [ErrorStatistics; 5] {
 /// Published: maximum 2.8 deg, mean 1.3, maximum less mean 1.6. The fitted airframe reproduces the uncompensated errors
 /// to 0.4 deg, so the mean becomes 1.0 here.
 #[test]
-fn four_ellipses_leave_what_the_paper_says() {
+fn four_ellipses_leave_the_errors_of_the_paper() {
     let [before, _, four_ellipses, ..] = figures(Experiment::NOISE_FREE);
     assert!((before.max_deg - 21.5).abs() < 0.5, "{before:?}");
     assert!((four_ellipses.max_demeaned_deg - 1.6).abs() <= 0.1, "{four_ellipses:?}");
@@ -20,7 +20,7 @@ fn four_ellipses_leave_what_the_paper_says() {
 
 /// These methods have no model error; f32 rounding remains.
 #[test]
-fn the_others_are_exact_without_noise() {
+fn all_other_methods_are_exact_without_noise() {
     let [_, reference, _, two_planes, maximum_likelihood] = figures(Experiment::NOISE_FREE);
     for exact in [reference, two_planes, maximum_likelihood] {
         assert!(exact.max_deg <= 0.01, "{exact:?}");
@@ -30,7 +30,7 @@ fn the_others_are_exact_without_noise() {
 /// 0.13 uT in 31 uT of horizontal field are 0.24 deg per sample; 512 samples leave 0.03 deg, tilt and twelve
 /// coefficients twice that at the worst heading; the maximum of 20 runs is three sigmas.
 #[test]
-fn maximum_likelihood_with_a_real_sensor() {
+fn maximum_likelihood_with_sensor_noise_is_within_0_3_deg() {
     for seed in 1..=20 {
         let [.., maximum_likelihood] = figures(Experiment::noisy(seed));
         assert!(maximum_likelihood.max_deg <= 0.3, "seed {seed}: {maximum_likelihood:?}");

@@ -141,9 +141,9 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
     let routine = Routine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
     let result = mission.calibrate(&routine);
     let solved_s = mission.module.now_us() as f64 / 1e6;
-    let (streamed, told) = result.as_ref().map_or((None, Vec::new()), |_| {
-        let (streamed, told) = mission.stream(&routine.mission);
-        (Some(streamed), told)
+    let (streamed, headings) = result.as_ref().map_or((None, Vec::new()), |_| {
+        let (streamed, headings) = mission.stream(&routine.mission);
+        (Some(streamed), headings)
     });
     let after =
         result.as_ref().map_or_else(|_| before.clone(), |shown| HeadingErrors::evaluate(&shown.calibration, &world));
@@ -154,7 +154,7 @@ pub fn fly_with(module: &mut impl Module, plan: TurnPlan, watch: &mut dyn FnMut(
         after,
         streamed,
         routine_measurements: mission.glimpses,
-        evaluated_headings: told,
+        evaluated_headings: headings,
         solved_s,
         transcript: mission.session,
         duration_s: mission.module.now_us() as f64 / 1e6,
@@ -200,17 +200,17 @@ impl<M: Module> Mission<'_, M> {
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
     fn outcome(&mut self) -> SolveNotice {
-        let waits = (PATIENCE_S / PIECE_S) as usize;
-        for piece in 0..2 * waits {
+        let patience_steps = (PATIENCE_S / PIECE_S) as usize;
+        for piece in 0..2 * patience_steps {
             if let Some(notice) = transcript::notice(&self.session) {
                 return notice;
             }
-            if piece == waits
+            if piece == patience_steps
                 && let Some(error) = transcript::parse_error(&self.type_line("cal solve"))
             {
                 return error;
             }
-            (self.watch)(MissionStage::Solve, piece as f64 / (2 * waits) as f64);
+            (self.watch)(MissionStage::Solve, piece as f64 / (2 * patience_steps) as f64);
             self.piece();
             self.listen();
         }
@@ -225,21 +225,22 @@ impl<M: Module> Mission<'_, M> {
         let _ = self.module.instrument().receive();
         self.type_line("reboot");
         self.module.world().set_armed(true);
-        let mut told: Vec<EvaluatedHeading> = Vec::new();
+        let mut evaluated: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().fly(leg);
             while self.module.world().unfinished_legs() > 0 && self.piece() {
                 (self.watch)(MissionStage::Stream, done as f64 / legs.len() as f64);
-                for timed in self.module.instrument().receive_timed() {
-                    let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") else {
+                for timed_byte in self.module.instrument().receive_timed() {
+                    let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH")
+                    else {
                         continue;
                     };
                     match (received.heading_deg, received.sigma_deg) {
                         (Some(deg), Some(sigma_deg)) => {
-                            let moment = TrueMoment::from_state(&self.module.world().true_state(timed.at_us));
-                            told.push(EvaluatedHeading {
+                            let moment = TrueMoment::from_state(&self.module.world().true_state(timed_byte.at_us));
+                            evaluated.push(EvaluatedHeading {
                                 moment,
                                 error_deg: wrap_180(deg - moment.heading_deg),
                                 sigma_deg,
@@ -252,11 +253,12 @@ impl<M: Module> Mission<'_, M> {
         }
         (self.watch)(MissionStage::Stream, 1.0);
         self.listen();
-        let errors_deg: Vec<f64> = told.iter().map(|told| told.error_deg).collect();
-        let normalised: Vec<f64> = told.iter().map(|told| told.error_deg / told.sigma_deg).collect();
+        let errors_deg: Vec<f64> = evaluated.iter().map(|evaluated| evaluated.error_deg).collect();
+        let normalised: Vec<f64> =
+            evaluated.iter().map(|evaluated| evaluated.error_deg / evaluated.sigma_deg).collect();
         let ErrorStatistics { rms_deg, max_deg, .. } = ErrorStatistics::from_errors_deg(&errors_deg);
-        let (within_percent, headings) = (within_percent(&normalised), told.len());
-        (OutputStatistics { rms_deg, max_deg, within_percent, headings, empty }, told)
+        let (within_percent, headings) = (within_percent(&normalised), evaluated.len());
+        (OutputStatistics { rms_deg, max_deg, within_percent, headings, empty }, evaluated)
     }
 
     /// Flies a leg; records measurements during the routine.

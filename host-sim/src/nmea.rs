@@ -50,15 +50,15 @@ fn parse(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     let kind = fields.next()?.to_owned();
     let heading = fields.next()?;
     let heading_deg = if heading.is_empty() { None } else { Some(heading.parse().ok()?) };
-    let (sigma_deg, status, told) = if kind == "PASWH" {
+    let (sigma_deg, status, heading_kind_field) = if kind == "PASWH" {
         let sigma = fields.next()?;
         let sigma_deg = if heading_deg.is_some() { Some(sigma.parse().ok()?) } else { None };
-        let (status, told) = (fields.next()?.to_owned(), fields.next()?);
-        (sigma_deg, Some(status), (!told.is_empty()).then(|| told.to_owned()))
+        let (status, heading_kind_field) = (fields.next()?.to_owned(), fields.next()?);
+        (sigma_deg, Some(status), (!heading_kind_field.is_empty()).then(|| heading_kind_field.to_owned()))
     } else {
         (None, None, None)
     };
-    Some(HeadingSentence { at_us, kind, heading_deg, sigma_deg, status, heading_kind: told })
+    Some(HeadingSentence { at_us, kind, heading_deg, sigma_deg, status, heading_kind: heading_kind_field })
 }
 
 #[cfg(test)]

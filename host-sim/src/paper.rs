@@ -116,14 +116,14 @@ impl Table1Experiment {
     /// Left and right turns, each in the direction of flight.
     fn measure(&self, experiment: Experiment) -> (Vec<Sample>, Vec<Sample>) {
         let mut noise = experiment.noise.map(|seed| Random::new(seed, Purpose::Magnetometer));
-        let mut side = |sense: f64| -> Vec<Sample> {
+        let mut side = |sign: f64| -> Vec<Sample> {
             (0..experiment.samples)
                 .map(|i| {
                     let noise_ut = noise.as_mut().map_or_else(Vector3::zeros, |noise| {
                         noise.normal_vector().component_mul(&Vector3::from(READING_NOISE_UT))
                             / f64::from(readings_per_sample(READING_PERIOD_US)).sqrt()
                     });
-                    let sample = self.sample(sense * BANK_DEG, sense * heading_rad(i, experiment.samples), noise_ut);
+                    let sample = self.sample(sign * BANK_DEG, sign * heading_rad(i, experiment.samples), noise_ut);
                     Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
                 })
                 .collect()
@@ -134,17 +134,17 @@ impl Table1Experiment {
     /// A subset of the samples with known headings, limited to the module's capacity.
     fn marks(experiment: Experiment, left: &[Sample], right: &[Sample]) -> Vec<Mark> {
         let every = usize::from(experiment.samples) / HEADINGS;
-        let of = |samples: &[Sample], sense: f64| -> Vec<Mark> {
+        let marks_of_turn = |samples: &[Sample], turn_sign: f64| -> Vec<Mark> {
             (0..experiment.samples)
                 .zip(samples)
                 .step_by(every)
                 .map(|(i, &sample)| {
-                    let heading_rad = (sense * heading_rad(i, experiment.samples)) as f32;
+                    let heading_rad = (turn_sign * heading_rad(i, experiment.samples)) as f32;
                     Mark { sample, heading_rad }
                 })
                 .collect()
         };
-        of(left, -1.0).into_iter().chain(of(right, 1.0)).collect()
+        marks_of_turn(left, -1.0).into_iter().chain(marks_of_turn(right, 1.0)).collect()
     }
 
     fn column(&self, name: &'static str, calibration: &Calibration) -> MethodErrors {

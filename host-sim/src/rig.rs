@@ -66,7 +66,7 @@ struct ResetLine {
 }
 
 impl ResetLine {
-    fn pull(&self, cause: ResetCause) {
+    fn request_reset(&self, cause: ResetCause) {
         *self.cause.borrow_mut() = Some(cause);
         self.stop.request();
     }
@@ -76,7 +76,7 @@ struct SimulatedPlatform(Rc<ResetLine>);
 
 impl Platform for SimulatedPlatform {
     fn reboot(&mut self) {
-        self.0.pull(ResetCause::Software);
+        self.0.request_reset(ResetCause::Software);
     }
 }
 
@@ -224,10 +224,10 @@ impl Rig {
         simulation.spawn(Level::Interrupt, "watchdog", async move { app::watchdog::run(&l, dog).await });
         let l = links.clone();
         simulation.spawn(Level::Interrupt, "panel", async move { app::panel::run(&l, panel).await });
-        let (l, kept) = (links.clone(), Rc::clone(&self.retained_samples));
+        let (l, retained) = (links.clone(), Rc::clone(&self.retained_samples));
         simulation.spawn(Level::Thread, "compass", async move {
             // Boxed, because the future with the sample memory is large.
-            Box::pin(app::compass::run(&l, store, &mut kept.borrow_mut())).await;
+            Box::pin(app::compass::run(&l, store, &mut retained.borrow_mut())).await;
         });
         simulation.spawn(Level::Thread, "console", async move {
             app::console::run(&links, console_rx, console_tx, platform, cause).await;
@@ -284,7 +284,7 @@ async fn watchdog_timer(reset: Rc<ResetLine>) {
     loop {
         Timer::after(Duration::from_millis(50)).await;
         if clock::now_us() > reset.watchdog_due_us.get() {
-            reset.pull(ResetCause::Watchdog);
+            reset.request_reset(ResetCause::Watchdog);
         }
     }
 }

@@ -106,7 +106,7 @@ fn yaw_turns() -> RoutinePart {
 }
 
 /// At each of `headings` headings a tilt to all four sides, each followed by a rest.
-fn tilts_to_all_sides(name: &'static str, says: &'static str, headings: usize) -> RoutinePart {
+fn tilts_to_all_sides(name: &'static str, instruction_text: &'static str, headings: usize) -> RoutinePart {
     const PUSH_S: f64 = 2.0;
     const REST_S: f64 = 2.5;
     let turn = circle(2.0 * HOVER_RATE_DEG_S, 360.0 / headings as f64);
@@ -114,7 +114,7 @@ fn tilts_to_all_sides(name: &'static str, says: &'static str, headings: usize) -
         [Leg::Push { toward_deg, tilt_deg: 18.0, seconds: PUSH_S }, Leg::Hover { seconds: REST_S }]
     });
     let legs = (0..headings).flat_map(|_| each.clone().chain([turn])).collect();
-    RoutinePart { name, instruction: says, legs }
+    RoutinePart { name, instruction: instruction_text, legs }
 }
 
 fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
@@ -141,12 +141,12 @@ fn plane(plan: TurnPlan, heading_deg: f64) -> Routine {
 }
 
 fn copter() -> Routine {
-    let says = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
+    let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
                 20 deg, two seconds each, and let it come to rest in between";
     Routine {
         command: START_FLIGHT,
         take_off: Leg::Hover { seconds: 5.0 },
-        parts: vec![yaw_turns(), tilts_to_all_sides("pushes", says, 4)],
+        parts: vec![yaw_turns(), tilts_to_all_sides("pushes", instruction_text, 4)],
         mission: vec![
             circle(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
@@ -185,11 +185,11 @@ fn vtol(heading_deg: f64) -> Routine {
 }
 
 /// Alternating circles to both sides, so that they cover different places.
-fn circles(name: &'static str, says: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
+fn circles(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, number: usize) -> RoutinePart {
     let sides = [720.0, -720.0].into_iter().cycle();
     RoutinePart {
         name,
-        instruction: says,
+        instruction: instruction_text,
         legs: sides.take(number).map(|change_deg| circle(rate_deg_s, change_deg)).collect(),
     }
 }
@@ -204,22 +204,23 @@ fn surface_mission() -> Vec<Leg> {
 }
 
 fn rover(heading_deg: f64) -> Routine {
-    let says = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
+    let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
                 again, each in 20 s";
     Routine {
         command: START_FLIGHT,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles("circles", says, 18.0, 4)],
+        parts: vec![circles("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),
     }
 }
 
 fn boat(heading_deg: f64) -> Routine {
-    let says = "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
+    let instruction_text =
+        "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
     Routine {
         command: START_FLIGHT,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        parts: vec![circles("circles", says, 18.0, 4)],
+        parts: vec![circles("circles", instruction_text, 18.0, 4)],
         mission: surface_mission(),
     }
 }
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_has_words_for_every_part() {
+    fn every_vehicle_kind_has_instructions_for_every_part() {
         let words = all_instructions();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn the_documentation_says_the_same() {
+    fn the_documentation_lists_the_same_routines() {
         let text = include_str!("../../docs/routines.md").to_lowercase();
         for kind in VehicleKind::ALL {
             let routine = Routine::for_vehicle(kind, TurnPlan::default(), 0.0);

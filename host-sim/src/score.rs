@@ -109,7 +109,7 @@ mod tests {
     use autoswing::calibration::{MotorCurrentInterference, Orientation};
 
     #[test]
-    fn figures_are_those_of_the_errors() {
+    fn statistics_match_hand_calculated_errors() {
         let figures = ErrorStatistics::from_errors_deg(&[3.0, 1.0, -1.0, 1.0]);
         let expected = ErrorStatistics { max_deg: 3.0, mean_deg: 1.0, rms_deg: 3_f64.sqrt(), max_demeaned_deg: 2.0 };
         assert_eq!(figures, expected);
@@ -121,7 +121,7 @@ mod tests {
     /// A calibration that includes the motor-current interference is exact at cruise if the current is reported.
     /// Without a reported current it assumes the mean current; a wrong mean causes an error of 12 uT.
     #[test]
-    fn iron_by_current_counts_as_the_module_is_told_it() {
+    fn motor_current_interference_is_scored_by_the_reported_current() {
         let world = WorldConfig { airframe: crate::world::airframe::Airframe::none(), ..WorldConfig::random(1) };
         let mut world = world.with_current_interference(12.0);
         let calibration = |mean_a: f32| Calibration {

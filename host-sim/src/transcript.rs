@@ -29,7 +29,7 @@ impl SolveNotice {
 pub fn notice(session: &str) -> Option<SolveNotice> {
     let notes = lines(session).filter_map(|line| line.strip_prefix("note "));
     let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
-        Some(refused) => coded(refused),
+        Some(refused) => parse_notice_code(refused),
         None => note.strip_prefix("calibrated: ").map(|words| SolveNotice::Calibrated(words.to_owned())),
     });
     outcomes.next_back()
@@ -38,10 +38,10 @@ pub fn notice(session: &str) -> Option<SolveNotice> {
 /// The error in an answer.
 #[must_use]
 pub fn parse_error(reply: &str) -> Option<SolveNotice> {
-    lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(coded)
+    lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(parse_notice_code)
 }
 
-fn coded(text: &str) -> Option<SolveNotice> {
+fn parse_notice_code(text: &str) -> Option<SolveNotice> {
     text.split_once(": ").map(|(code, words)| SolveNotice::rejected(code, words))
 }
 
@@ -83,16 +83,16 @@ pub fn parse_shown_calibration(reply: &str) -> Option<ShownCalibration> {
 }
 
 /// Attitude latency in use, seconds; 0 if not in use.
-fn latency_s(said: &str) -> Option<f32> {
-    let used = said.strip_suffix(", used").map(numbers::<2>);
+fn latency_s(text: &str) -> Option<f32> {
+    let used = text.strip_suffix(", used").map(numbers::<2>);
     used.map_or(Some(0.0), |found| found.map(|[latency_ms, _]| latency_ms / 1e3))
 }
 
-fn current(said: &str) -> Option<MotorCurrentInterference> {
-    if said == "not known" {
+fn current(text: &str) -> Option<MotorCurrentInterference> {
+    if text == "not known" {
         return Some(MotorCurrentInterference::NONE);
     }
-    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = numbers(said)?;
+    let [x, y, z, sigma_ut_per_a, mean_a, spread_a] = numbers(text)?;
     Some(MotorCurrentInterference {
         ut_per_a: [x, y, z],
         sigma_ut_per_a,
@@ -126,21 +126,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn iron_that_moved_is_read_from_the_status() {
-        let says = "ok calibrated\r\nhard iron: changed by 5.2 uT since the calibration, mostly aft \
+    fn a_hard_iron_change_is_parsed_from_the_status() {
+        let transcript = "ok calibrated\r\nhard iron: changed by 5.2 uT since the calibration, mostly aft \
                     (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are corrected for it\r\n";
-        assert_eq!(hard_iron_change_ut(says).map(|ut| ut.map(|c| (c * 10.0).round() as i32)), Some([-49, 3, -17]));
+        assert_eq!(
+            hard_iron_change_ut(transcript).map(|ut| ut.map(|c| (c * 10.0).round() as i32)),
+            Some([-49, 3, -17])
+        );
         assert_eq!(hard_iron_change_ut("hard iron: no change detected\r\n"), None);
     }
 
     /// Units of the library: radians, seconds, chip axes.
     #[test]
-    fn a_calibration_is_read_as_it_is_shown() {
-        let says = "ok number 7 of maximum-likelihood, expected error 0.31 deg rms, sigma 0.62 deg at the worst heading\r\n\
+    fn a_shown_calibration_is_parsed() {
+        let transcript = "ok number 7 of maximum-likelihood, expected error 0.31 deg rms, sigma 0.62 deg at the worst heading\r\n\
                     wx: 1.01 0.02 0.03\r\nwy: 0.04 1.05 0.06\r\nwz: 0.07 0.08 1.09\r\nb: 1.5 -2.5 3.5 uT\r\n\
                     field: 48.00 uT, inclination 60.00 deg\r\nlatency: 25.0 ms, sigma 3.0 ms, used\r\n\
                     current: 0.1 -0.2 0.3 uT/A, sigma 0.01, used; 12.5 A, sigma 4.5\r\n";
-        let shown = parse_shown_calibration(says).unwrap();
+        let shown = parse_shown_calibration(transcript).unwrap();
         let current = MotorCurrentInterference {
             ut_per_a: [0.1, -0.2, 0.3],
             sigma_ut_per_a: 0.01,
@@ -158,13 +161,13 @@ mod tests {
         assert_eq!((shown.method.as_str(), shown.calibration), ("maximum-likelihood", calibration));
         assert!((shown.expected_rms_deg - 0.31).abs() < 1e-6 && (shown.expected_worst_deg - 0.62).abs() < 1e-6);
         // A latency that was estimated but not used is ignored.
-        let unused = says.replace(", used\r\ncurrent", ", not used\r\ncurrent");
+        let unused = transcript.replace(", used\r\ncurrent", ", not used\r\ncurrent");
         assert!(parse_shown_calibration(&unused).unwrap().calibration.latency_s.abs() < 1e-9);
     }
 
     #[test]
     fn the_last_note_counts() {
-        let says = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
-        assert_eq!(notice(says), Some(SolveNotice::Calibrated("number 1".to_owned())));
+        let transcript = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
+        assert_eq!(notice(transcript), Some(SolveNotice::Calibrated("number 1".to_owned())));
     }
 }

@@ -174,8 +174,8 @@ fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<
     else {
         return Ok(());
     };
-    let outweighs = error_deg > policy.max_iron_error_ratio * without_deg;
-    if outweighs || check_accuracy(policy, candidate).is_err() {
+    let is_dominant = error_deg > policy.max_iron_error_ratio * without_deg;
+    if is_dominant || check_accuracy(policy, candidate).is_err() {
         return Err(Rejection::IronChanged(change));
     }
     Ok(())

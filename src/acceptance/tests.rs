@@ -92,7 +92,7 @@ fn evaluate(held_back: [u16; 3], candidate: &Solution, incumbent: &Incumbent) ->
 const ENOUGH_HELD_BACK: [u16; 3] = [24, 24, 0];
 
 #[test]
-fn a_good_candidate_replaces_no_calibration_and_a_worse_one() {
+fn a_better_candidate_replaces_an_empty_or_worse_calibration() {
     for incumbent in [NOT_CALIBRATED, active_calibration(2.0, 0.5)] {
         let scores = evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(0.5)), &incumbent).unwrap();
         assert!(scores.candidate < scores.active, "{scores:?}");
@@ -101,7 +101,7 @@ fn a_good_candidate_replaces_no_calibration_and_a_worse_one() {
 
 /// Eight of each part used.
 #[test]
-fn every_part_needs_its_samples_held_back() {
+fn every_used_part_needs_eight_held_back_samples() {
     let good = candidate(0.1, quality(0.5));
     let rejected = |have| Err(Rejection::TooFewHeldBack { have, need: 8 });
     for (held_back, expected) in [
@@ -121,7 +121,7 @@ fn every_part_needs_its_samples_held_back() {
 }
 
 #[test]
-fn nothing_held_back_is_too_few() {
+fn a_candidate_without_held_back_samples_is_rejected() {
     let grounds = AcceptanceSamples { fit: Samples::default(), held_back: Samples::default(), is_attitude_known: true };
     let found = evaluate_candidate(&POLICY, &candidate(0.1, quality(0.5)), grounds, &NOT_CALIBRATED);
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
@@ -130,33 +130,34 @@ fn nothing_held_back_is_too_few() {
 /// Limit of 3 deg RMS.
 #[test]
 fn a_large_expected_error_is_rejected() {
-    let of = |expected_rms_deg| evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(expected_rms_deg)), &NOT_CALIBRATED);
-    assert!(of(3.0).is_ok());
-    assert_eq!(of(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
-    assert!(matches!(of(f32::NAN), Err(Rejection::NotAccurate { .. })));
-    assert!(matches!(of(f32::INFINITY), Err(Rejection::NotAccurate { .. })));
+    let evaluate_with_rms =
+        |expected_rms_deg| evaluate(ENOUGH_HELD_BACK, &candidate(0.1, quality(expected_rms_deg)), &NOT_CALIBRATED);
+    assert!(evaluate_with_rms(3.0).is_ok());
+    assert_eq!(evaluate_with_rms(3.01), Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }));
+    assert!(matches!(evaluate_with_rms(f32::NAN), Err(Rejection::NotAccurate { .. })));
+    assert!(matches!(evaluate_with_rms(f32::INFINITY), Err(Rejection::NotAccurate { .. })));
 }
 
 /// Candidate with a detected hard-iron change and 0.5 deg of other errors.
 fn with_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {
     let change =
         DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
-    let iron = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
-    Solution { hard_iron_change: iron, ..candidate(0.1, quality(expected_rms_deg)) }
+    let finding = Some(Finding { violation: change, added_error_deg: error_deg, expected_without_deg: 0.5 });
+    Solution { hard_iron_change: finding, ..candidate(0.1, quality(expected_rms_deg)) }
 }
 
 /// Accepted up to 2.5 times all other errors, if the total is below the limit.
 #[test]
-fn a_dominant_iron_change_is_rejected() {
-    let of = |error_deg, expected_rms_deg| {
+fn a_dominant_hard_iron_change_is_rejected() {
+    let evaluate_with_change = |error_deg, expected_rms_deg| {
         evaluate(ENOUGH_HELD_BACK, &with_iron_change(error_deg, expected_rms_deg), &NOT_CALIBRATED)
     };
-    assert!(of(1.24, 1.34).is_ok());
-    let Err(refused @ Rejection::IronChanged(change)) = of(1.26, 1.35) else { panic!() };
+    assert!(evaluate_with_change(1.24, 1.34).is_ok());
+    let Err(refused @ Rejection::IronChanged(change)) = evaluate_with_change(1.26, 1.35) else { panic!() };
     assert_eq!(change.duration_s, 230);
-    assert!(of(0.1, 2.99).is_ok());
-    assert_eq!(of(0.1, 3.01), Err(refused));
-    assert_eq!(of(0.1, f32::NAN), Err(refused));
+    assert!(evaluate_with_change(0.1, 2.99).is_ok());
+    assert_eq!(evaluate_with_change(0.1, 3.01), Err(refused));
+    assert_eq!(evaluate_with_change(0.1, f32::NAN), Err(refused));
     // Missing verification comes first.
     let nothing = evaluate([7, 24, 0], &with_iron_change(9.0, 9.0), &NOT_CALIBRATED);
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
@@ -175,20 +176,20 @@ fn with_bank_error(sigmas: f32, without_deg: f32, expected_rms_deg: f32) -> Solu
 /// A suspected scale error is ignored, a certain one is the reason.
 #[test]
 fn a_bank_scale_error_is_the_reason_only_if_certain() {
-    let of = |candidate: &Solution| evaluate(ENOUGH_HELD_BACK, candidate, &NOT_CALIBRATED);
+    let evaluate_candidate = |candidate: &Solution| evaluate(ENOUGH_HELD_BACK, candidate, &NOT_CALIBRATED);
     for sigmas in [2.0, 3.4, 3.6, 9.0] {
-        assert!(of(&with_bank_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
+        assert!(evaluate_candidate(&with_bank_error(sigmas, 0.5, 2.99)).is_ok(), "{sigmas}");
         // Too large even without the scale error.
-        let useless = of(&with_bank_error(sigmas, 3.01, 3.5));
+        let useless = evaluate_candidate(&with_bank_error(sigmas, 3.01, 3.5));
         assert_eq!(useless, Err(Rejection::NotAccurate { expected_rms_deg: 3.01 }), "{sigmas}");
     }
-    assert!(of(&with_bank_error(3.4, 2.99, 3.01)).is_ok());
-    let refused = of(&with_bank_error(3.6, 2.99, 3.01)).unwrap_err();
+    assert!(evaluate_candidate(&with_bank_error(3.4, 2.99, 3.01)).is_ok());
+    let refused = evaluate_candidate(&with_bank_error(3.6, 2.99, 3.01)).unwrap_err();
     assert_eq!(refused, Rejection::AttitudeContradicted { bank_ratio: 0.91, expected_rms_deg: 3.01 });
     // A hard-iron change comes first, and ignores a suspected scale error.
     let both = |sigmas| {
-        let iron = with_iron_change(0.1, 3.5).hard_iron_change;
-        of(&Solution { hard_iron_change: iron, ..with_bank_error(sigmas, 0.5, 3.5) })
+        let finding = with_iron_change(0.1, 3.5).hard_iron_change;
+        evaluate_candidate(&Solution { hard_iron_change: finding, ..with_bank_error(sigmas, 0.5, 3.5) })
     };
     assert!(matches!(both(3.6), Err(Rejection::IronChanged(_))) && both(3.4).is_ok());
 }
@@ -196,22 +197,23 @@ fn a_bank_scale_error_is_the_reason_only_if_certain() {
 /// Any improvement suffices, equality does not.
 #[test]
 fn only_a_better_candidate_is_accepted() {
-    let of = |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
-    assert!(of(0.99).is_ok());
+    let evaluate_with_b_ut =
+        |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(0.5)), &active_calibration(1.0, 0.5));
+    assert!(evaluate_with_b_ut(0.99).is_ok());
     for worse in [1.0, 1.01, f32::NAN] {
-        let Err(Rejection::NotBetter { candidate, incumbent }) = of(worse) else { panic!("{worse}") };
+        let Err(Rejection::NotBetter { candidate, incumbent }) = evaluate_with_b_ut(worse) else { panic!("{worse}") };
         assert!(candidate.is_nan() || candidate >= incumbent, "{candidate} {incumbent}");
     }
 }
 
 /// Limit of 1.5 times the active calibration's expected error.
 #[test]
-fn a_thinner_flight_does_not_replace_a_fuller_one() {
-    let of = |expected_rms_deg| {
+fn expected_error_above_1_5_times_the_active_one_is_rejected() {
+    let evaluate_with_rms = |expected_rms_deg| {
         evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(expected_rms_deg)), &active_calibration(1.0, 1.0))
     };
-    assert!(of(1.5).is_ok());
-    assert_eq!(of(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
+    assert!(evaluate_with_rms(1.5).is_ok());
+    assert_eq!(evaluate_with_rms(1.51), Err(Rejection::Thinner { expected_rms_deg: 1.51, incumbent_rms_deg: 1.0 }));
     assert!(evaluate(ENOUGH_HELD_BACK, &candidate(0.9, quality(1.51)), &NOT_CALIBRATED).is_ok());
 }
 
@@ -231,10 +233,11 @@ fn a_partial_calibration_does_not_replace_a_full_one() {
 
 /// Limit of three times the score.
 #[test]
-fn a_contradicting_thinner_candidate_is_accepted() {
-    let of = |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
-    assert!(matches!(of(1.05), Err(Rejection::Thinner { .. })), "{:?}", of(1.05));
-    assert!(of(0.95).is_ok(), "{:?}", of(0.95));
+fn a_thinner_candidate_is_accepted_if_the_active_one_fits_3x_worse() {
+    let evaluate_with_b_ut =
+        |b_ut| evaluate(ENOUGH_HELD_BACK, &candidate(b_ut, quality(2.0)), &active_calibration(3.0, 1.0));
+    assert!(matches!(evaluate_with_b_ut(1.05), Err(Rejection::Thinner { .. })), "{:?}", evaluate_with_b_ut(1.05));
+    assert!(evaluate_with_b_ut(0.95).is_ok(), "{:?}", evaluate_with_b_ut(0.95));
 }
 
 /// Without attitude the inclination residuals are ignored.

@@ -33,7 +33,7 @@ const SAVE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(super) const MAX_HEARTBEAT_INTERVAL_MS: u64 = SAVE_TIMEOUT.as_millis() + 100;
 
 /// Loads the flash contents and the retained collection, then runs the state machine for ever.
-pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut RetainedSamples) -> ! {
+pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, retained: &mut RetainedSamples) -> ! {
     // The loaded data is dropped at the end of this block and takes no room in this task's memory afterwards.
     let mut compass = {
         let Loaded { stored, error } = poll_in_own_frame(pin!(store.load())).await;
@@ -41,7 +41,7 @@ pub async fn run<F: NorFlash>(links: &Links, mut store: Store<F>, kept: &mut Ret
             announce_unreadable(links, error);
         }
         links.set_initial_protocols(stored.remembered.detected_protocols);
-        Compass::new(AcceptancePolicy::DEFAULT, &stored, kept)
+        Compass::new(AcceptancePolicy::DEFAULT, &stored, retained)
     };
     if let Some(lost) = compass.last_outcome() {
         links.announce(lost);

@@ -31,19 +31,19 @@ pub async fn run(
     reset: ResetCause,
 ) -> ! {
     let session = Session::new(|out| report::greeting(out, &reset));
-    let mut talk = Terminal { links, session, reset };
+    let mut terminal = Terminal { links, session, reset };
     let mut bytes = [0; 32];
     let mut read = 0..0;
     // Each wait occurs once: every await point costs memory in this task and code in flash.
     loop {
-        flush_output(&mut talk.session, &mut tx).await;
+        flush_output(&mut terminal.session, &mut tx).await;
         if let Some(&byte) = read.next().and_then(|next| bytes.get(next)) {
-            let Some(command) = talk.byte(byte) else { continue };
+            let Some(command) = terminal.byte(byte) else { continue };
             let mut answer = execute_command(links, command).await;
             if shows_state(command) && answer.is_ok() {
                 answer = execute_command(links, Command::Status).await;
             }
-            talk.write_reply(command, &answer, &platform);
+            terminal.write_reply(command, &answer, &platform);
             continue;
         }
         match select3(links.restart.wait(), rx.read(&mut bytes), links.notices.receive()).await {
@@ -53,7 +53,7 @@ pub async fn run(
             }
             Either3::Second(Ok(number)) if number > 0 => read = 0..number,
             Either3::Second(_) => Timer::after(PAUSE).await,
-            Either3::Third(message) => talk.session.write_notice(|out| report::write_notice(out, &message)),
+            Either3::Third(message) => terminal.session.write_notice(|out| report::write_notice(out, &message)),
         }
     }
 }
@@ -75,7 +75,7 @@ impl Terminal<'_> {
     fn byte(&mut self, byte: u8) -> Option<Command> {
         match self.session.byte(byte)? {
             Err(error) => self.session.reply(|out| report::line_error(out, &error)),
-            Ok(Request::Help(of)) => self.session.reply(|out| help(out, of)),
+            Ok(Request::Help(help_topic)) => self.session.reply(|out| help(out, help_topic)),
             Ok(Request::Version) => self.session.reply(report::version),
             Ok(Request::Command(command)) => return Some(command),
         }
@@ -88,13 +88,13 @@ impl Terminal<'_> {
     }
 
     fn health(&self, platform: &impl Platform) -> Diagnostics {
-        let Estimate { attitude, heading, hard_iron_change: iron, current_a, .. } =
+        let Estimate { attitude, heading, hard_iron_change: change, current_a, .. } =
             self.links.estimates.try_get().unwrap_or(Estimate::EMPTY);
         Diagnostics {
             sensor: self.links.sensor.try_get().map(|found| found.identity),
             attitude,
             heading,
-            hard_iron_change: iron,
+            hard_iron_change: change,
             current_a,
             event_counts: self.links.counts(),
             reset_cause: self.reset.clone(),

@@ -18,21 +18,21 @@ pub async fn run(links: &Links) -> ! {
     let mut correction = subscribe(&links.correction);
     let estimates = links.estimates.sender();
     let mut instrument = Instrument::new(InstrumentConfig::new(FIRST_PERIOD_US));
-    let mut news = HardIronChangeReporter::NONE;
+    let mut change_report = HardIronChangeReporter::NONE;
     let mut silent_at = silence_from_now(&instrument);
     loop {
         // Reports before readings, so that a reading uses attitude of its own instant.
         let event =
             select4(sensor.changed(), links.reports.receive(), links.readings.receive(), Timer::at(silent_at)).await;
         increment(&links.heartbeats.instrument);
-        let has_told = matches!(event, Either4::Third(_) | Either4::Fourth(()));
+        let has_new_estimate = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => configure_sensor(&mut instrument, found),
             Either4::Second(report) => {
                 instrument.on_attitude(report.at, report.value);
                 // Polled on attitude reports: they are more frequent than currents, and readings are more urgent.
-                if let Some(told) = links.current.try_get() {
-                    instrument.on_current(told.at, told.value);
+                if let Some(current) = links.current.try_get() {
+                    instrument.on_current(current.at, current.value);
                 }
             }
             Either4::Third(reading) => {
@@ -49,7 +49,7 @@ pub async fn run(links: &Links) -> ! {
         }
         // Work that takes longer than a heading, such as a new correction, follows an estimate: the next reading is
         // then furthest away.
-        if has_told {
+        if has_new_estimate {
             // The executor first runs the task that was woken last. After one yield this task runs again; after two the
             // ports have run in between.
             yield_now().await;
@@ -61,8 +61,8 @@ pub async fn run(links: &Links) -> ! {
             if instrument.is_monitor_update_due() {
                 instrument.update_monitor();
             }
-            if let Some(iron) = news.update(instrument.hard_iron_change()) {
-                links.announce(&iron.map_or(Message::HardIronRestored, Message::HardIronChanged));
+            if let Some(change) = change_report.update(instrument.hard_iron_change()) {
+                links.announce(&change.map_or(Message::HardIronRestored, Message::HardIronChanged));
             }
         }
     }

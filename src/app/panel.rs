@@ -77,12 +77,13 @@ pub async fn run(links: &Links, mut panel: impl Panel) -> ! {
 /// Selects the pattern. A missing heading is a fault, unless only the calibration is missing. Missing attitude is a
 /// fault in an uncalibrated module that collects nothing.
 fn select_pattern(links: &Links) -> LampPattern {
-    let glance = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
-    let is_well = links.estimates.try_get().is_some_and(|estimate| match estimate.heading {
+    let indicator_state = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    let has_no_fault = links.estimates.try_get().is_some_and(|estimate| match estimate.heading {
         Ok(_) => true,
         Err(reason) => {
-            reason == NoHeading::Uncalibrated && (estimate.attitude.is_some() || glance != IndicatorState::Idle)
+            reason == NoHeading::Uncalibrated
+                && (estimate.attitude.is_some() || indicator_state != IndicatorState::Idle)
         }
     });
-    if is_well { LampPattern::Of(glance) } else { LampPattern::Fault }
+    if has_no_fault { LampPattern::Of(indicator_state) } else { LampPattern::Fault }
 }

@@ -39,7 +39,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
     let mut port = Port::new(chosen.protocol, *number.of(&links.port_protocols()), now());
     apply_settings(&mut port, &mut tx, Settings::DEFAULT.ports.port(number), chosen);
     let mut counted = PublishedCounts::default();
-    let mut silence = MessageSchedule::new();
+    let mut silence_check = MessageSchedule::new();
     let mut bytes = [0; 64];
     loop {
         let written = async {
@@ -70,7 +70,7 @@ pub async fn run(links: &Links, number: PortNumber, mut rx: impl Read, mut tx: i
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
                     _ => poll(links, &mut port, at, &settings),
                 }
-                if silence.is_due(at, SILENCE_CHECK_HZ) {
+                if silence_check.is_due(at, SILENCE_CHECK_HZ) {
                     links.update_port_state(number, port.active_protocol(at), port.is_armed(at));
                 }
                 counted.add_new_counts(&port, &links.counters);
@@ -100,7 +100,7 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, before: PortSettings, 
 #[inline(never)]
 fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     let Some(estimate) = links.estimates.try_get() else { return };
-    let glance = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
+    let indicator_state = links.indicator.try_get().unwrap_or(IndicatorState::Idle);
     // Only MAVLink reports the calibration, which rarely changes.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let is_new = |correction: &Correction| {
@@ -109,7 +109,7 @@ fn poll(links: &Links, port: &mut Port, now: Timestamp, settings: &Settings) {
     };
     let correction = links.correction.try_get_and(is_new);
     let calibration = correction.as_ref().and_then(|correction| correction.calibration.as_ref());
-    port.poll(&Snapshot { now, estimate: &estimate, settings, indicator: glance, calibration });
+    port.poll(&Snapshot { now, estimate: &estimate, settings, indicator: indicator_state, calibration });
 }
 
 fn receive_bytes(links: &Links, number: PortNumber, port: &mut Port, bytes: &[u8]) {
@@ -142,10 +142,11 @@ struct PublishedCounts([u32; 4]);
 
 impl PublishedCounts {
     fn add_new_counts(&mut self, port: &Port, counters: &Counters) {
-        let TransmitBuffer { messages: told, empty, lost, .. } = port.output;
-        let now = [told, empty, lost, port.rejected_frames()];
-        let of = [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
-        for ((counter, now), before) in of.into_iter().zip(now).zip(&mut self.0) {
+        let TransmitBuffer { messages: sent, empty, lost, .. } = port.output;
+        let now = [sent, empty, lost, port.rejected_frames()];
+        let totals =
+            [&counters.messages, &counters.messages_empty, &counters.write_errors, &counters.attitude_rejected];
+        for ((counter, now), before) in totals.into_iter().zip(now).zip(&mut self.0) {
             if now != *before {
                 counter.fetch_add(now.wrapping_sub(*before), Ordering::Relaxed);
                 *before = now;

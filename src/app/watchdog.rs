@@ -30,6 +30,6 @@ pub async fn run(links: &Links, mut watchdog: impl Watchdog) -> ! {
 
 /// Whether each task has sent a heartbeat; a port after the first is exempt until its first one.
 fn all_sent_heartbeats(before: &[u32; HEARTBEATS], now: &[u32; HEARTBEATS]) -> bool {
-    let does_not_run = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
-    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || does_not_run(i, *now))
+    let is_unused_port = |i: usize, beat: u32| i >= ALWAYS_THERE && beat == 0;
+    now.iter().zip(before).enumerate().all(|(i, (now, before))| now != before || is_unused_port(i, *now))
 }

@@ -142,8 +142,8 @@ mod tests {
         SimulatedSource { tilt_deg: ramp, is_pitch: false, rate_fraction: 0.0, field_fraction: 0.0 };
 
     /// Times of the first and last report classified as aligning, seconds.
-    fn aligning_period_s(said: SimulatedSource) -> Option<[f32; 2]> {
-        let SimulatedSource { tilt_deg, is_pitch, rate_fraction: by_rates, field_fraction: by_field } = said;
+    fn aligning_period_s(source: SimulatedSource) -> Option<[f32; 2]> {
+        let SimulatedSource { tilt_deg, is_pitch, rate_fraction: by_rates, field_fraction: by_field } = source;
         let mut aligning = AlignmentDetector::new();
         let mut found: Option<[f32; 2]> = None;
         for i in 0..1000_u16 {
@@ -173,9 +173,9 @@ mod tests {
     #[test]
     fn an_unexplained_tilt_change_is_alignment() {
         for is_pitch in [false, true] {
-            let said = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..STILL_RAMP });
-            assert_eq!(said(step::<290>), None);
-            let [from_s, to_s] = said(step::<320>).unwrap();
+            let period = |tilt_deg| aligning_period_s(SimulatedSource { tilt_deg, is_pitch, ..STILL_RAMP });
+            assert_eq!(period(step::<290>), None);
+            let [from_s, to_s] = period(step::<320>).unwrap();
             // Detected for a twentieth of a second, plus 5 s of hold time.
             assert!(from_s.abs() < 0.01 && (to_s - 5.0).abs() < 0.1, "{from_s} {to_s}");
         }
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn missing_data_is_not_alignment() {
         let tilted = |deg: f32| Attitude::from_deg(deg, 0.0);
-        let says = |step_us: u64, rate_rad_s: f32, has_field: bool| {
+        let is_detected = |step_us: u64, rate_rad_s: f32, has_field: bool| {
             let mut aligning = AlignmentDetector::new();
             if has_field {
                 aligning.update_field(Field::from_ut(20.0, 0.0, 43.0));
@@ -228,8 +228,10 @@ mod tests {
             };
             see(0, 0.0) || see(step_us, 30.0)
         };
-        assert!(says(20_000, 1e-4, true) && says(500_000, 1e-4, true));
-        assert!(!says(500_001, 1e-4, true) && !says(20_000, 0.0, true) && !says(20_000, 1e-4, false));
+        assert!(is_detected(20_000, 1e-4, true) && is_detected(500_000, 1e-4, true));
+        assert!(
+            !is_detected(500_001, 1e-4, true) && !is_detected(20_000, 0.0, true) && !is_detected(20_000, 1e-4, false)
+        );
     }
 
     #[test]

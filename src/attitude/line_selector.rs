@@ -29,13 +29,13 @@ impl LineSelector {
 
     /// Returns whether a report received at `now` on `line` is accepted; `has_rates`: its protocol has body rates.
     pub fn accept(&mut self, now: Timestamp, line: u8, has_rates: bool) -> bool {
-        let takes = self.0.is_none_or(|taken| {
-            taken.line == line || (has_rates && !taken.has_rates) || now.us_since(taken.at) > RELEASE_US
+        let is_accepted = self.0.is_none_or(|selected| {
+            selected.line == line || (has_rates && !selected.has_rates) || now.us_since(selected.at) > RELEASE_US
         });
-        if takes {
+        if is_accepted {
             self.0 = Some(SelectedLine { line, has_rates, at: now });
         }
-        takes
+        is_accepted
     }
 }
 

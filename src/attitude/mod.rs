@@ -280,11 +280,11 @@ impl AttitudeHistory {
     /// Reason to reject reports sent at `sent`, if any.
     fn rejection_reason(&self, sent: Timestamp) -> Option<AttitudeLookup> {
         let max_age_us = u64::from(self.config.max_extrapolation_us);
-        let is_of = |last: Option<Timestamp>| last.is_some_and(|last| sent.us_since(last) <= max_age_us);
-        if is_of(self.freeze_detector.frozen_at()) {
+        let is_recent = |last: Option<Timestamp>| last.is_some_and(|last| sent.us_since(last) <= max_age_us);
+        if is_recent(self.freeze_detector.frozen_at()) {
             Some(AttitudeLookup::Frozen)
         } else {
-            is_of(self.last_aligning_at).then_some(AttitudeLookup::Aligning)
+            is_recent(self.last_aligning_at).then_some(AttitudeLookup::Aligning)
         }
     }
 

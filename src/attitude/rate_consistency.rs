@@ -137,18 +137,18 @@ mod tests {
 
     /// Seconds until a contradiction is reported, of 100 s. 50 Hz reports of rolling into and out of 25 deg of bank,
     /// with 0.3 deg of noise, a scale error and a latency of the attitude, and a scale of the rates.
-    fn seconds_to_contradiction(told: f32, late_s: f32, rates: f32) -> Option<u32> {
+    fn seconds_to_contradiction(roll_scale: f32, late_s: f32, rates: f32) -> Option<u32> {
         let mut random = Random(1);
         let mut check = RateConsistency::EMPTY;
         let roll_rad = |t_s: f32| {
-            let of_leg_s = t_s.rem_euclid(20.0);
-            0.44 * ((of_leg_s - 8.0) / 2.0).clamp(0.0, 1.0) * ((20.0 - of_leg_s) / 2.0).clamp(0.0, 1.0)
+            let leg_time_s = t_s.rem_euclid(20.0);
+            0.44 * ((leg_time_s - 8.0) / 2.0).clamp(0.0, 1.0) * ((20.0 - leg_time_s) / 2.0).clamp(0.0, 1.0)
                 + 0.02 * (1.1 * t_s).sin()
         };
         (1..=5000).find_map(|i: u16| {
             let t_s = f32::from(i) * 0.02;
             let attitude = Attitude {
-                roll_rad: told * roll_rad(t_s - late_s) + 0.005 * random.normal(),
+                roll_rad: roll_scale * roll_rad(t_s - late_s) + 0.005 * random.normal(),
                 pitch_rad: 0.005 * random.normal(),
             };
             let p = (roll_rad(t_s - late_s + 0.01) - roll_rad(t_s - late_s - 0.01)) / 0.02;
@@ -166,8 +166,8 @@ mod tests {
     /// Scale errors and latency of the attitude, up to a factor of two of the rates.
     #[test]
     fn consistent_rates_are_accepted() {
-        for (told, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
-            assert_eq!(seconds_to_contradiction(told, late_s, 1.0), None, "{told} {late_s}");
+        for (roll_scale, late_s) in [(1.0, 0.0), (0.7, 0.0), (0.3, 0.0), (1.0, 0.5), (1.2, 0.1)] {
+            assert_eq!(seconds_to_contradiction(roll_scale, late_s, 1.0), None, "{roll_scale} {late_s}");
         }
         assert_eq!(seconds_to_contradiction(1.0, 0.0, 0.5), None);
         assert_eq!(seconds_to_contradiction(1.0, 0.0, 2.0), None);
@@ -183,7 +183,7 @@ mod tests {
 
     /// Feeds a triangular roll with these rates and this attitude amplitude per second.
     fn feed(check: &mut RateConsistency, from_s: u32, seconds: u32, per_gyro: f32, per_attitude: f32) -> bool {
-        let mut contradict = false;
+        let mut is_contradicted = false;
         for i in 10 * from_s..=10 * (from_s + seconds) {
             // Alternates between up and down every second.
             let up = (i / 10) % 2 == 0;
@@ -196,9 +196,9 @@ mod tests {
                 attitude: Attitude { roll_rad, pitch_rad: 0.0 },
                 rates_rad_s: [rate, 0.0, 1e-6],
             };
-            contradict = check.update(Timestamp::from_us(u64::from(i) * 100_000), &report);
+            is_contradicted = check.update(Timestamp::from_us(u64::from(i) * 100_000), &report);
         }
-        contradict
+        is_contradicted
     }
 
     /// Limit of 15 % either way.

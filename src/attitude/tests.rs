@@ -67,7 +67,7 @@ fn both_angles_are_interpolated() {
 
 /// A recording may hold attitude and field at the same instants only.
 #[test]
-fn the_instant_of_a_report_needs_no_other() {
+fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
     let mut track = single_report(Attitude::from_deg(12.0, -3.0), [0.0; 3]);
     assert!(matches!(track.attitude_at(at(1_000_000)), AttitudeLookup::Interpolated(_)));
     track.push(at(9_000_000 + LATENCY_US), rolling(0, 50.0, 0.0));
@@ -121,12 +121,12 @@ fn extrapolation_is_limited() {
 /// 250 ms.
 #[test]
 fn a_long_gap_is_not_interpolated() {
-    for (gap_us, bridged) in [(250_000, true), (250_001, false)] {
+    for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
         let mut track = single_report(Attitude::from_deg(10.0, 0.0), [0.0; 3]);
         track.push(at(1_000_000 + gap_us + LATENCY_US), rolling(0, 20.0, 0.0));
         match track.attitude_at(at(1_100_000)) {
-            AttitudeLookup::Interpolated(_) => assert!(bridged, "{gap_us} us"),
-            lookup => assert!(!bridged && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
+            AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
+            lookup => assert!(!is_interpolated && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
         }
     }
 }
@@ -154,7 +154,7 @@ fn a_report_that_is_not_newer_changes_nothing() {
 }
 
 #[test]
-fn jitter_of_the_line_is_taken_out() {
+fn jitter_of_arrival_times_is_removed() {
     let mut track = AttitudeHistory::new(CONFIG);
     for i in 0..200_u32 {
         let jitter_us = u64::from(i * 7919 % 15) * 1000;
@@ -162,8 +162,8 @@ fn jitter_of_the_line_is_taken_out() {
         track.push(at(sent_us + jitter_us), rolling(i * 20, i as f32 * 0.2, 0.0));
     }
     // At 10 deg/s a stamp error of 0.3 ms is 0.003 deg; arrival times would give up to 0.15 deg.
-    let asked = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
-    assert!((roll_deg(track.attitude_at(asked)) - 197.0 * 0.2).abs() < 0.003);
+    let lookup_time = at(1_000_000 + 197 * PERIOD_US - LATENCY_US);
+    assert!((roll_deg(track.attitude_at(lookup_time)) - 197.0 * 0.2).abs() < 0.003);
 }
 
 /// 400 ppm are 8 us per report. Without clock leak the error would be 16 ms after 2000 reports.
@@ -232,9 +232,9 @@ fn roll_is_interpolated_the_short_way_round() {
 #[test]
 fn no_report_panics() {
     let mut random = testkit::random::Random(1);
-    let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -1e9, 1e-30];
+    let extremes = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -1e9, 1e-30];
     let mut track = AttitudeHistory::new(CONFIG);
-    let mut pick = || odd[random.bits() as usize % odd.len()];
+    let mut pick = || extremes[random.bits() as usize % extremes.len()];
     for i in 0..500_u64 {
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
         let rates_rad_s = [pick(), pick(), pick()];
@@ -264,23 +264,23 @@ fn rolled_history(rolls_deg: &[f32]) -> (AttitudeHistory, u64) {
 /// 0.1 rad + 1 rad/s * 20 ms = 6.9 deg. A rejected report is replaced by extrapolation.
 #[test]
 fn a_distant_report_is_rejected() {
-    for (spike_deg, believed) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
+    for (spike_deg, is_accepted) in [(6.7, true), (7.1, false), (-6.7, true), (-7.1, false), (45.0, false)] {
         let (track, true_us) = rolled_history(&[0.0, 0.0, spike_deg]);
         let found_deg = roll_deg(track.attitude_at(at(true_us)));
-        let expected_deg = if believed { spike_deg } else { 0.0 };
+        let expected_deg = if is_accepted { spike_deg } else { 0.0 };
         assert!((found_deg - expected_deg).abs() < 1e-3, "{spike_deg}: {found_deg}");
-        assert_eq!(track.rejected(), RejectedReports { spikes: u32::from(!believed), ..RejectedReports::NONE });
+        assert_eq!(track.rejected(), RejectedReports { spikes: u32::from(!is_accepted), ..RejectedReports::NONE });
     }
 }
 
 /// 60 deg/s predict 1.2 deg in 20 ms; 6.9 deg around that are accepted.
 #[test]
 fn motion_predicted_by_rates_is_no_spike() {
-    for (to_deg, believed) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
+    for (to_deg, is_accepted) in [(1.2 + 6.7, true), (1.2 + 7.1, false), (1.2 - 6.7, true), (1.2 - 7.1, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
         track.push(at(1_000_000), rolling(0, 0.0, 60.0));
         track.push(at(1_000_000 + PERIOD_US), rolling(0, to_deg, 60.0));
-        assert_eq!(track.rejected().spikes, u32::from(!believed), "{to_deg}");
+        assert_eq!(track.rejected().spikes, u32::from(!is_accepted), "{to_deg}");
     }
 }
 
@@ -390,11 +390,11 @@ fn plausibility_state_is_per_sender() {
 /// 0.1 rad + 4 rad/s * 100 ms = 28.6 deg.
 #[test]
 fn without_rates_a_fast_roll_is_no_spike() {
-    for (to_deg, believed) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
+    for (to_deg, is_accepted) in [(28.0, true), (29.2, false), (-28.0, true), (-29.2, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
         track.push(at(1_000_000), rolling(0, 0.0, 0.0));
         track.push(at(1_100_000), rolling(0, to_deg, 0.0));
-        assert_eq!(track.rejected().spikes, u32::from(!believed), "{to_deg}");
+        assert_eq!(track.rejected().spikes, u32::from(!is_accepted), "{to_deg}");
     }
     // Rates about any axis imply a valid roll rate of zero.
     for rates_deg_s in [[MINIMAL_RATE_DEG_S, 0.0, 0.0], [0.0, -MINIMAL_RATE_DEG_S, 0.0], [0.0, 0.0, MINIMAL_RATE_DEG_S]]
@@ -446,11 +446,11 @@ fn the_gyro_heading_covers_the_range_of_the_attitude() {
 /// Limit of 2 s.
 #[test]
 fn integration_continues_over_a_short_gap() {
-    for (gap_us, goes_on) in [(2_000_000, true), (2_000_001, false)] {
+    for (gap_us, is_continued) in [(2_000_000, true), (2_000_001, false)] {
         let mut track = single_report(Attitude::default(), [0.0, 0.0, 10.0]);
         let run = track.gyro_heading_at(at(1_000_000)).unwrap().run;
         track.push(at(1_000_000 + gap_us + LATENCY_US), moving(0, Attitude::default(), [0.0, 0.0, 10.0]));
-        assert_eq!(track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run == run, goes_on, "{gap_us} us");
+        assert_eq!(track.gyro_heading_at(at(1_000_000 + gap_us)).unwrap().run == run, is_continued, "{gap_us} us");
     }
 }
 

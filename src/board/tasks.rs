@@ -76,8 +76,8 @@ async fn panel(links: &'static Links, panel: Panel) -> ! {
 }
 
 #[embassy_executor::task]
-async fn compass(links: &'static Links, store: Store<StoreFlash>, kept: &'static mut RetainedSamples) -> ! {
-    app::compass::run(links, store, kept).await
+async fn compass(links: &'static Links, store: Store<StoreFlash>, retained: &'static mut RetainedSamples) -> ! {
+    app::compass::run(links, store, retained).await
 }
 
 #[embassy_executor::task]

@@ -310,35 +310,44 @@ mod tests {
     use crate::time::WrappingMillis;
 
     #[test]
-    fn manoeuvres_have_words_and_banks() {
-        let said = |manoeuvre: Manoeuvre| {
+    fn each_manoeuvre_has_a_text_and_an_attitude() {
+        let text_and_banks = |manoeuvre: Manoeuvre| {
             let Attitude { roll_rad, pitch_rad } = manoeuvre.attitude();
             (manoeuvre.to_string(), [roll_rad, pitch_rad].map(|rad| rad.to_degrees().round() as i8))
         };
-        assert_eq!(said(Manoeuvre::Circle(Side::Left, 25)), ("a left circle at 25 deg of bank".into(), [-25, 0]));
-        assert_eq!(said(Manoeuvre::Circle(Side::Right, 40)), ("a right circle at 40 deg of bank".into(), [40, 0]));
-        assert_eq!(said(Manoeuvre::Level), ("a level circle, or straight legs at eight headings".into(), [0, 0]));
-        assert_eq!(said(Manoeuvre::YawTurn), ("turn once round, level".into(), [0, 0]));
+        assert_eq!(
+            text_and_banks(Manoeuvre::Circle(Side::Left, 25)),
+            ("a left circle at 25 deg of bank".into(), [-25, 0])
+        );
+        assert_eq!(
+            text_and_banks(Manoeuvre::Circle(Side::Right, 40)),
+            ("a right circle at 40 deg of bank".into(), [40, 0])
+        );
+        assert_eq!(
+            text_and_banks(Manoeuvre::Level),
+            ("a level circle, or straight legs at eight headings".into(), [0, 0])
+        );
+        assert_eq!(text_and_banks(Manoeuvre::YawTurn), ("turn once round, level".into(), [0, 0]));
         for (towards, quarter, words, deg) in [
             (TiltDirection::Left, HeadingQuadrant::East, "tilt to the left while heading east to south", [-15, 0]),
             (TiltDirection::Right, HeadingQuadrant::North, "tilt to the right while heading north to east", [15, 0]),
             (TiltDirection::Ahead, HeadingQuadrant::South, "tilt ahead while heading south to west", [0, -15]),
             (TiltDirection::Back, HeadingQuadrant::West, "tilt back while heading west to north", [0, 15]),
         ] {
-            assert_eq!(said(Manoeuvre::Tilt(towards, Some(quarter))), (words.into(), deg));
+            assert_eq!(text_and_banks(Manoeuvre::Tilt(towards, Some(quarter))), (words.into(), deg));
         }
         let all_round = Manoeuvre::Tilt(TiltDirection::Back, None);
-        assert_eq!(said(all_round), ("tilt back while turning all round".into(), [0, 15]));
+        assert_eq!(text_and_banks(all_round), ("tilt back while turning all round".into(), [0, 15]));
     }
 
     #[test]
     fn candidates_match_the_vehicle_motion() {
-        let tried = |moves| (0..).map_while(|number| Manoeuvre::candidate(number, moves)).collect::<Vec<_>>();
-        assert_eq!(tried(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
+        let candidates = |moves| (0..).map_while(|number| Manoeuvre::candidate(number, moves)).collect::<Vec<_>>();
+        assert_eq!(candidates(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
         for (moves, number, is_named) in
             [(VehicleMotion::TiltsOnKnownHeading, 17, true), (VehicleMotion::TiltsOnUnknownHeading, 5, false)]
         {
-            let others = tried(moves);
+            let others = candidates(moves);
             assert_eq!((others.len(), others[0]), (number, Manoeuvre::YawTurn));
             for (i, tilt) in others.iter().enumerate().skip(1) {
                 assert!(!others[..i].contains(tilt), "{others:?}");
@@ -349,7 +358,7 @@ mod tests {
 
     #[test]
     fn correlated_bank_and_turn_rate_indicate_banked_turns() {
-        let flown = |bank_deg: &dyn Fn(f32) -> f32, rate_deg_s: &dyn Fn(f32) -> f32| {
+        let follows_bank = |bank_deg: &dyn Fn(f32) -> f32, rate_deg_s: &dyn Fn(f32) -> f32| {
             let samples: Vec<Sample> = (0..100)
                 .map(|i: u8| {
                     let attitude = Attitude::from_deg(bank_deg(f32::from(i) * 0.1), 0.0);
@@ -359,12 +368,12 @@ mod tests {
                 .collect();
             banks_into_turns(Samples { unassigned: [&samples[..30], &[], &samples[30..]], ..Samples::default() })
         };
-        assert!(flown(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
-        assert!(!flown(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
-        assert!(!flown(&|t| 25.0 * t.sin(), &|_| 0.0));
+        assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * t.sin()));
+        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| -12.0 * t.sin()));
+        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|_| 0.0));
         // Correlation is the cosine of the phase difference: 1/2 at 60 deg.
-        assert!(flown(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
-        assert!(!flown(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 1.2).sin()));
+        assert!(follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 0.9).sin()));
+        assert!(!follows_bank(&|t| 25.0 * t.sin(), &|t| 12.0 * (t + 1.2).sin()));
         assert!(banks_into_turns(Samples::default()), "who was asked for turns");
     }
 
@@ -401,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn the_floor_is_reached_within_a_tenth() {
+    fn an_expected_error_within_10_percent_is_at_the_floor() {
         let is_at_floor = |expected_deg, floor_deg| {
             let advice = Advice {
                 weakest: Deviation::Constant,
@@ -419,11 +428,11 @@ mod tests {
 
     #[test]
     fn each_unobservable_quantity_is_reported() {
-        let said = |quantity| report_unobservable([quantity].into_iter());
+        let reported = |quantity| report_unobservable([quantity].into_iter());
         let nothing = UnobservableQuantities::default();
-        assert_eq!(said(PriorQuantity::SoftIron), UnobservableQuantities { soft_iron: true, ..nothing });
-        assert_eq!(said(PriorQuantity::Mounting), UnobservableQuantities { mounting: true, ..nothing });
-        assert_eq!(said(PriorQuantity::HardIron), UnobservableQuantities { hard_iron: true, ..nothing });
-        assert_eq!(said(PriorQuantity::Inclination), nothing);
+        assert_eq!(reported(PriorQuantity::SoftIron), UnobservableQuantities { soft_iron: true, ..nothing });
+        assert_eq!(reported(PriorQuantity::Mounting), UnobservableQuantities { mounting: true, ..nothing });
+        assert_eq!(reported(PriorQuantity::HardIron), UnobservableQuantities { hard_iron: true, ..nothing });
+        assert_eq!(reported(PriorQuantity::Inclination), nothing);
     }
 }

@@ -45,8 +45,10 @@ fn score_calibration(samples: Samples<'_>, knows_attitude: bool, calibration: &C
     let number = observations().count() as f32;
     let [total_ut, dip_rad] = [0, 1].map(|i| observations().map(|o| o[i]).sum::<f32>() / number);
     let squares: f32 = observations()
-        .map(|[total, dip]| [(total / total_ut - 1.0) / FIELD_STRENGTH_SCALE, (dip - dip_rad) * dip_weight])
-        .map(|[norm, dip]| norm * norm + dip * dip)
+        .map(|[total, inclination]| {
+            [(total / total_ut - 1.0) / FIELD_STRENGTH_SCALE, (inclination - dip_rad) * dip_weight]
+        })
+        .map(|[norm, inclination]| norm * norm + inclination * inclination)
         .sum();
     sqrt(squares / (2.0 * number))
 }
@@ -63,9 +65,10 @@ mod tests {
     fn samples(norm_scales: f32, dip_scales: f32) -> Vec<Sample> {
         (0..16_u8)
             .map(|i| {
-                let (norm, dip) = (if i % 2 == 0 { 1.0 } else { -1.0 }, if i % 4 < 2 { 1.0 } else { -1.0 });
+                let (norm, inclination_sign) =
+                    (if i % 2 == 0 { 1.0 } else { -1.0 }, if i % 4 < 2 { 1.0 } else { -1.0 });
                 let total_ut = 50.0 * (1.0 + norm * norm_scales * 0.004);
-                let inclination_rad = 1.0 + dip * dip_scales * 0.005;
+                let inclination_rad = 1.0 + inclination_sign * dip_scales * 0.005;
                 let field = Field::<Level>::earth(total_ut, inclination_rad, f32::from(i));
                 Sample {
                     field: Field::new(field.ut),
@@ -88,20 +91,20 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_of_scatter_in_both_is_a_score_of_one() {
-        for (norm, dip, expected) in
+    fn one_unit_of_norm_and_inclination_residual_scores_one() {
+        for (norm, inclination_scale, expected) in
             [(0.0, 0.0, 0.0), (1.0, 0.0, HALF), (0.0, 1.0, HALF), (1.0, 1.0, 1.0), (3.0, 4.0, 5.0 * HALF)]
         {
-            let found = scores(&samples(norm, dip), true).candidate;
-            assert!((found - expected).abs() < 2e-3, "{norm} {dip}: {found}");
+            let found = scores(&samples(norm, inclination_scale), true).candidate;
+            assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
 
     #[test]
     fn without_attitude_only_the_total_field_counts() {
-        for (norm, dip, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
-            let found = scores(&samples(norm, dip), false).candidate;
-            assert!((found - expected).abs() < 2e-3, "{norm} {dip}: {found}");
+        for (norm, inclination_scale, expected) in [(0.0, 3.0, 0.0), (1.0, 0.0, HALF), (1.0, 3.0, HALF)] {
+            let found = scores(&samples(norm, inclination_scale), false).candidate;
+            assert!((found - expected).abs() < 2e-3, "{norm} {inclination_scale}: {found}");
         }
     }
 
@@ -119,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn without_samples_nothing_is_better() {
+    fn without_held_back_samples_both_scores_are_nan() {
         let none = Calibration::uncalibrated(Orientation::NONE);
         let marks = [Mark { sample: samples(0.0, 0.0)[0], heading_rad: 0.0 }; 4];
         for nothing in [Samples::default(), Samples { marks: &marks, ..Samples::default() }] {

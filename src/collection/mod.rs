@@ -131,13 +131,13 @@ impl<'a> Collector<'a> {
     #[inline(never)]
     pub fn new(memory: &'a mut RetainedSamples) -> Self {
         let RetainedSamples { header, left, right, level, marks } = memory;
-        let [tag, serial, clock_ms, dataset @ .., news, _, _, _, _, _, _] = *header.words();
+        let [tag, serial, clock_ms, dataset @ .., distinct_count, _, _, _, _, _, _] = *header.words();
         let [.., a, b, c, d, e, f] = *header.words();
         let [course, procedure, flags, number_of_marks] = tag.to_le_bytes();
-        let [goes_on, stopped] = [CollectionState::Running, CollectionState::Stopped].map(|it| it as u8 == course);
+        let [is_running, stopped] = [CollectionState::Running, CollectionState::Stopped].map(|it| it as u8 == course);
         let mut collector = Self {
             header,
-            state: if goes_on { CollectionState::Running } else { CollectionState::Stopped },
+            state: if is_running { CollectionState::Running } else { CollectionState::Stopped },
             restored_context: None,
             has_changed: false,
             clock_offset_ms: clock_ms.wrapping_add(RESTART_GAP_MS),
@@ -147,14 +147,14 @@ impl<'a> Collector<'a> {
             marks: BorrowedBuffer::new(marks, number_of_marks.into()),
             has_turned: flags & FLAG_TURNED != 0,
             statistics: FlightStatistics::decode([a, b, c, d, e, f]),
-            distinct_samples: news,
+            distinct_samples: distinct_count,
         };
         let is_whole = collector.header.matches(collector.dataset.all_buffers(), collector.marks.as_slice());
         if is_whole {
             collector.restored_context =
                 Some(CollectionContext { is_automatic: flags & FLAG_AUTOMATIC != 0, calibration_serial: serial });
         }
-        if is_whole && (goes_on || stopped) {
+        if is_whole && (is_running || stopped) {
             collector.header.count_unexpected_restart();
         } else {
             collector.discard();
@@ -184,8 +184,8 @@ impl<'a> Collector<'a> {
 
     /// Updates the header and its checksum after changes. Call it before long operations.
     pub fn save(&mut self, context: CollectionContext) {
-        let CollectionContext { is_automatic: by_itself, calibration_serial: serial } = context;
-        let flags = if by_itself { FLAG_AUTOMATIC } else { 0 } | if self.has_turned { FLAG_TURNED } else { 0 };
+        let CollectionContext { is_automatic: automatic, calibration_serial: serial } = context;
+        let flags = if automatic { FLAG_AUTOMATIC } else { 0 } | if self.has_turned { FLAG_TURNED } else { 0 };
         let number_of_marks = self.marks.as_slice().len() as u8;
         let tag = u32::from_le_bytes([self.state as u8, self.procedure as u8, flags, number_of_marks]);
         let [before, serial_before, ..] = *self.header.words();

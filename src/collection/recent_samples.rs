@@ -47,9 +47,9 @@ impl RecentSamples {
         }
         let number = AVERAGED_SAMPLES as f32;
         let mean_ut = self.samples.iter().map(|s| s.field.ut).sum::<Vector3<f32>>() / number;
-        let steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).length() <= MAX_DEVIATION_UT);
+        let is_steady = self.samples.iter().all(|s| (s.field.ut - mean_ut).length() <= MAX_DEVIATION_UT);
         let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / number;
-        steady.then(|| Sample {
+        is_steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: Attitude { roll_rad: mean(|s| s.attitude.roll_rad), pitch_rad: mean(|s| s.attitude.pitch_rad) },
             rates: Rates::from_rad_s([
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_samples_are_needed() {
+    fn a_mean_at_rest_needs_eight_samples() {
         assert_eq!(recent([20.0; 7]).mean_at_rest(at(1700)), None);
         assert!(recent([20.0; 8]).mean_at_rest(at(1800)).is_some());
         assert_eq!(RecentSamples::new().mean_at_rest(at(0)), None);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_must_lie_within_seven_tenths_of_a_microtesla_of_their_mean() {
+    fn samples_at_rest_are_within_0_7_ut_of_their_mean() {
         let swaying = |ut: f32| recent([20.0 + ut, 20.0 - ut].repeat(4)).mean_at_rest(at(1800)).is_some();
         assert!(swaying(0.69) && swaying(-0.69));
         assert!(!swaying(0.71) && !swaying(-0.71));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_last_eight_count() {
+    fn the_mean_at_rest_uses_the_last_eight_samples() {
         let stopped = recent([50.0; 5].into_iter().chain([20.0; 8]));
         assert_eq!(stopped.mean_at_rest(at(2200)).map(|mean| mean.field.ut.x), Some(20.0));
     }

@@ -51,7 +51,7 @@ fn level_flight_counts_only_after_the_first_turn() {
 
 /// 8 deg lies within the hysteresis, which continues a turn but does not begin one.
 #[test]
-fn a_low_wing_is_neither_level_nor_a_turn() {
+fn a_bank_of_8_deg_is_neither_level_nor_a_turn() {
     let mut collector = started_collector(Procedure::Turns);
     hold_bank(&mut collector, 25.0, 0, 3);
     hold_bank(&mut collector, 0.0, 3, 4);
@@ -112,8 +112,8 @@ fn a_flight_and_a_level_drive_become_complete() {
     for sample in turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 130, 13.0)) {
         collector.push(sample);
     }
-    let flown = collector.progress();
-    assert!(flown.left.is_complete() && !flown.is_complete(), "{flown:?}");
+    let progress = collector.progress();
+    assert!(progress.left.is_complete() && !progress.is_complete(), "{progress:?}");
     turn_samples(25.0, 130, 190, 13.0).for_each(|sample| collector.push(sample));
     assert!(collector.progress().is_complete(), "{:?}", collector.progress());
     collector.begin(Procedure::Level);
@@ -134,7 +134,7 @@ fn there_is_room_for_thirty_six_marks() {
 }
 
 #[test]
-fn a_new_collection_forgets_the_last_one() {
+fn a_new_collection_discards_the_last_one() {
     let mut collector = started_collector(Procedure::Swing);
     collector.push(banked_sample(0.0, 0.0, 0));
     collector.add_mark(Mark { sample: circle_sample(0.0), heading_rad: 0.0 });

@@ -95,8 +95,8 @@ mod tests {
             .collect()
     }
 
-    fn count(said: &[Option<Side>], side: Side) -> usize {
-        said.iter().filter(|s| **s == Some(side)).count()
+    fn count(detected: &[Option<Side>], side: Side) -> usize {
+        detected.iter().filter(|s| **s == Some(side)).count()
     }
 
     fn is_detected(roll_deg: f32, pitch_deg: f32) -> bool {
@@ -115,9 +115,9 @@ mod tests {
     #[test]
     fn sustained_banks_are_turns_of_their_side() {
         // 30 s each way with 3 deg of bank wander; 2 s of each settle.
-        let said = detect_sides(|t| (if t < 30.0 { 25.0 } else { -25.0 }) + 3.0 * (t * 4.2).sin(), 3.0, 60);
-        assert_eq!(count(&said, Side::Right), 280);
-        assert_eq!(count(&said, Side::Left), 280);
+        let detected = detect_sides(|t| (if t < 30.0 { 25.0 } else { -25.0 }) + 3.0 * (t * 4.2).sin(), 3.0, 60);
+        assert_eq!(count(&detected, Side::Right), 280);
+        assert_eq!(count(&detected, Side::Left), 280);
     }
 
     #[test]
@@ -151,8 +151,8 @@ mod tests {
         assert_eq!(side_after_turn(100, 7.1, 0.0), Some(Side::Right));
         assert_eq!(side_after_turn(100, 6.9, 0.0), None);
         // Wander down to 9 deg does not end a turn.
-        let said = detect_sides(|t| 12.0 + 3.0 * (t * 4.2).sin(), 0.0, 32);
-        assert_eq!(count(&said, Side::Right), 300, "all but the 2 s of settling");
+        let detected = detect_sides(|t| 12.0 + 3.0 * (t * 4.2).sin(), 0.0, 32);
+        assert_eq!(count(&detected, Side::Right), 300, "all but the 2 s of settling");
     }
 
     #[test]

@@ -149,7 +149,7 @@ impl<'a> Compass<'a> {
     /// Creates the initial state from flash and from samples retained in RAM. Not inlined, to limit the stack.
     #[must_use]
     #[inline(never)]
-    pub fn new(policy: AcceptancePolicy, stored: &StoredValues, kept: &'a mut RetainedSamples) -> Self {
+    pub fn new(policy: AcceptancePolicy, stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
         let StoredValues { settings, generations, remembered } = *stored;
         let mut compass = Self {
             policy,
@@ -158,7 +158,7 @@ impl<'a> Compass<'a> {
             sensor: None,
             is_armed: None,
             here: LocalField::UNKNOWN,
-            collector: Collector::new(kept),
+            collector: Collector::new(retained),
             recent: RecentSamples::new(),
             activity: Activity::Idle,
             held: heapless::Vec::new(),
@@ -309,7 +309,7 @@ impl<'a> Compass<'a> {
             },
             Event::Advance => self.advance_solve(),
             Event::Saved(result) => self.on_saved(result),
-            Event::ProtocolsDetected(spoken, now) => self.save_persistent(spoken, now),
+            Event::ProtocolsDetected(detected, now) => self.save_persistent(detected, now),
         }
     }
 
@@ -386,13 +386,13 @@ impl<'a> Compass<'a> {
     }
 
     /// Starts a collection, or takes over an automatic one unless `forgets`.
-    fn start_by_command(&mut self, procedure: Procedure, forgets: bool) -> Result<(), Refusal> {
+    fn start_by_command(&mut self, procedure: Procedure, discards_previous: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
         match self.activity {
-            Activity::Collecting(Starter::User) if !forgets => {
+            Activity::Collecting(Starter::User) if !discards_previous => {
                 return Err(Refusal::Collecting { present: self.collector.procedure(), requested: procedure });
             }
-            Activity::Collecting(Starter::Module) if !forgets && procedure == self.collector.procedure() => {
+            Activity::Collecting(Starter::Module) if !discards_previous && procedure == self.collector.procedure() => {
                 self.activity = Activity::Collecting(Starter::User);
             }
             _ => self.start_collection(procedure, Starter::User),
@@ -418,9 +418,9 @@ impl<'a> Compass<'a> {
 
     /// Marks a heading with the mean sample of the last second.
     fn mark_heading(&mut self, heading_deg: f32, now: WrappingMillis) -> Result<Effect, Refusal> {
-        let swinging =
+        let is_swinging =
             matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Swing;
-        if !swinging {
+        if !is_swinging {
             return Err(Refusal::NotSwinging);
         }
         check_heading_range(heading_deg)?;
@@ -443,8 +443,8 @@ impl<'a> Compass<'a> {
         if let Some(heading_deg) = heading_deg {
             check_heading_range(heading_deg)?;
             let calibration = &self.active_record().ok_or(Refusal::NoCalibration)?.calibration;
-            let steady = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
-            let shown_rad = steady.attitude.level(calibration.corrected_body_field(&steady)).heading_rad();
+            let mean_sample = self.recent.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
+            let shown_rad = mean_sample.attitude.level(calibration.corrected_body_field(&mean_sample)).heading_rad();
             align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
             if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_sure {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });
@@ -458,8 +458,8 @@ impl<'a> Compass<'a> {
         Ok(self.request_save(PendingSave::Undo))
     }
 
-    fn request_save(&mut self, what: PendingSave) -> Effect {
-        self.saving = Some(what);
+    fn request_save(&mut self, pending: PendingSave) -> Effect {
+        self.saving = Some(pending);
         Effect::Save
     }
 

@@ -32,15 +32,15 @@ impl PersistentState {
     /// Detected protocols, once constant for long enough.
     fn settled_protocols(
         &mut self,
-        spoken: [ProtocolKind; PORT_COUNT],
+        detected: [ProtocolKind; PORT_COUNT],
         now: WrappingMillis,
     ) -> Option<[ProtocolKind; PORT_COUNT]> {
-        let (before, since) = *self.detected_since.get_or_insert((spoken, now));
-        if before != spoken {
-            self.detected_since = Some((spoken, now));
+        let (before, since) = *self.detected_since.get_or_insert((detected, now));
+        if before != detected {
+            self.detected_since = Some((detected, now));
             return None;
         }
-        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(spoken)
+        (now.ms_since(since) >= MIN_DETECTION_MS).then_some(detected)
     }
 }
 
@@ -49,14 +49,14 @@ impl Compass<'_> {
     pub(super) fn restore_collection(&mut self) {
         match self.collector.restored_context() {
             // A collection for another than the present calibration has ended in the present one.
-            Some(CollectionContext { is_automatic: by_itself, calibration_serial: serial })
+            Some(CollectionContext { is_automatic: was_automatic, calibration_serial: serial })
                 if serial == self.calibration_serial() =>
             {
                 match self.collector.state() {
                     CollectionState::Running => {
-                        let starter = if by_itself { Starter::Module } else { Starter::User };
+                        let starter = if was_automatic { Starter::Module } else { Starter::User };
                         self.activity = Activity::Collecting(starter);
-                        self.automatic.is_overridden = !by_itself;
+                        self.automatic.is_overridden = !was_automatic;
                     }
                     CollectionState::Stopped => self.automatic.is_overridden = true,
                     CollectionState::Inactive => {}
@@ -83,7 +83,7 @@ impl Compass<'_> {
     }
 
     /// Saves changed values while idle.
-    pub(super) fn save_persistent(&mut self, spoken: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
+    pub(super) fn save_persistent(&mut self, detected: [ProtocolKind; PORT_COUNT], now: WrappingMillis) -> Effect {
         let mut wanted = self.persistent.last_written;
         wanted.is_collecting = match self.collector.state() {
             CollectionState::Inactive => false,
@@ -91,7 +91,7 @@ impl Compass<'_> {
                 wanted.is_collecting || self.collector.is_loss_reportable()
             }
         };
-        if let Some(settled) = self.persistent.settled_protocols(spoken, now) {
+        if let Some(settled) = self.persistent.settled_protocols(detected, now) {
             for ((number, found), kind) in PortNumber::ALL.into_iter().zip(&mut wanted.detected_protocols).zip(settled)
             {
                 // Failed detection does not replace an earlier result, nor does a configured protocol.

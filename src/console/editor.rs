@@ -85,8 +85,8 @@ impl KeyDecoder {
 }
 
 const fn plain(byte: u8) -> Option<Key> {
-    const fn ctrl(letter: u8) -> u8 {
-        letter & 0x1F
+    const fn ctrl(key: u8) -> u8 {
+        key & 0x1F
     }
     const A: u8 = ctrl(b'A');
     const C: u8 = ctrl(b'C');
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_keys() {
+    fn byte_sequences_are_decoded_to_keys() {
         for (bytes, key) in [
             (&b" "[..], Key::Character(b' ')),
             (b"~", Key::Character(b'~')),
@@ -307,7 +307,7 @@ mod tests {
 
     /// An invalid byte ends a sequence and counts as a key, a line end in particular.
     #[test]
-    fn a_broken_sequence_swallows_nothing_else() {
+    fn a_broken_escape_sequence_drops_no_further_key() {
         let x = Key::Character(b'x');
         for (bytes, found) in [
             (&b"\x1bx"[..], &[x][..]),
@@ -420,20 +420,20 @@ mod tests {
     #[test]
     fn history_holds_three_long_lines() {
         let (mut editor, mut screen) = fresh();
-        for letter in b'a'..=b'z' {
-            typed(&mut editor, &mut screen, &[letter; LINE_CAPACITY]);
+        for character in b'a'..=b'z' {
+            typed(&mut editor, &mut screen, &[character; LINE_CAPACITY]);
             typed(&mut editor, &mut screen, b"\r");
         }
-        for letter in ["z", "y", "x", "x"] {
+        for character in ["z", "y", "x", "x"] {
             typed(&mut editor, &mut screen, b"\x1b[A");
-            assert_eq!(editor.line(), letter.repeat(LINE_CAPACITY));
+            assert_eq!(editor.line(), character.repeat(LINE_CAPACITY));
         }
     }
 
     /// Characters beyond the capacity are counted, so that deleting them makes the line valid again; they are never
     /// inserted.
     #[test]
-    fn what_does_not_fit_is_not_forgotten() {
+    fn characters_beyond_the_capacity_are_counted() {
         let (mut editor, mut screen) = fresh();
         typed(&mut editor, &mut screen, &[b'a'; LINE_CAPACITY]);
         assert!(!editor.is_too_long());
@@ -453,7 +453,7 @@ mod tests {
 
     /// Random bytes: the screen shows the line, the cursor stays within it, and only printable characters are stored.
     #[test]
-    fn no_bytes_stop_it() {
+    fn no_input_stops_the_editor() {
         let mut random = testkit::random::Random(3);
         let (mut editor, mut screen) = fresh();
         for _ in 0..3000 {

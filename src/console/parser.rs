@@ -47,7 +47,7 @@ impl Display for LineError {
             Self::UnknownCommand(None) => f.write_str("unknown command; help lists all"),
             Self::UnknownCommand(Some(first)) | Self::MissingWord(first) => {
                 write!(f, "after {first} expected ")?;
-                listed(f, &|number| ExpectedElement::Second(first).nth_word(number), " or ")
+                write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), " or ")
             }
             Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.name),
             Self::BadValue(slot) => write!(f, "expected {slot}"),
@@ -81,8 +81,8 @@ fn last_word(line: &str) -> (&str, &str) {
 
 fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
     let row = find([first, ""]).ok_or(LineError::UnknownCommand(None))?;
-    if let Some(means) = row.request {
-        return parse_arguments(row, means, words);
+    if let Some(to_request) = row.request {
+        return parse_arguments(row, to_request, words);
     }
     let [first, _] = row.words;
     let Some(second) = words.next() else {
@@ -92,7 +92,7 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
         return parse_help(second, words);
     }
     let row = find([first, second]).ok_or(LineError::UnknownCommand(Some(first)))?;
-    row.request.map_or(Err(LineError::UnknownCommand(None)), |means| parse_arguments(row, means, words))
+    row.request.map_or(Err(LineError::UnknownCommand(None)), |to_request| parse_arguments(row, to_request, words))
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
@@ -117,7 +117,7 @@ fn find(words: [&str; 2]) -> Option<&'static CommandSpec> {
 
 fn parse_arguments<'a>(
     row: &'static CommandSpec,
-    means: fn(&Arguments) -> Request,
+    to_request: fn(&Arguments) -> Request,
     mut words: impl Iterator<Item = &'a str>,
 ) -> Result<Request, LineError> {
     let mut given = Arguments([ArgumentValue::Absent; 2]);
@@ -141,12 +141,12 @@ fn parse_arguments<'a>(
             break;
         }
     }
-    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(means(&given)) }
+    if words.next().is_some() { Err(LineError::UnexpectedArgument(row)) } else { Ok(to_request(&given)) }
 }
 
-fn value_of(slot: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
-    let choice = (0..).map_while(|number| slot.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
-    match &slot.kind {
+fn value_of(argument: &ArgumentSpec, typed: &str) -> Option<ArgumentValue> {
+    let choice = (0..).map_while(|number| argument.nth_word(number)).position(|word| word.eq_ignore_ascii_case(typed));
+    match &argument.kind {
         ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => choice.map(ArgumentValue::Choice),
         ArgumentKind::Number { .. } if choice.is_some() => Some(ArgumentValue::Absent),
         ArgumentKind::Number { .. } => decimal::parse(typed).map(ArgumentValue::Number),
@@ -192,9 +192,9 @@ impl ExpectedElement {
     fn nth_word(self, number: usize) -> Option<&'static str> {
         match self {
             Self::First => all_words().filter(|[_, second]| second.is_empty()).map(|[first, _]| first).nth(number),
-            Self::Second(of) => {
-                let of_it = |[first, second]: &[&'static str; 2]| *first == of && !second.is_empty();
-                all_words().filter(of_it).map(|[_, second]| second).nth(number)
+            Self::Second(command) => {
+                let is_subcommand = |[first, second]: &[&'static str; 2]| *first == command && !second.is_empty();
+                all_words().filter(is_subcommand).map(|[_, second]| second).nth(number)
             }
             Self::Slot(slot) => slot.nth_word(number),
             Self::Nothing => None,
@@ -222,26 +222,26 @@ pub fn complete(line: &str, fits: &mut dyn FnMut(&'static str)) -> Completion {
     let mut rest: Option<&'static str> = None;
     let mut fit = 0;
     for word in (0..).map_while(|number| next.nth_word(number)) {
-        let Some(found) = beyond(word, typed) else { continue };
+        let Some(found) = completion_rest(word, typed) else { continue };
         fits(word);
         fit += 1;
-        rest = Some(rest.map_or(found, |rest| in_common(rest, found)));
+        rest = Some(rest.map_or(found, |rest| common_prefix(rest, found)));
     }
     Completion { rest: rest.unwrap_or_default(), fit }
 }
 
 /// Rest of a word after its typed beginning; none if the beginning differs.
-fn beyond(word: &'static str, typed: &str) -> Option<&'static str> {
+fn completion_rest(word: &'static str, typed: &str) -> Option<&'static str> {
     word.get(..typed.len()).filter(|start| start.eq_ignore_ascii_case(typed)).and_then(|_| word.get(typed.len()..))
 }
 
-fn in_common(one: &'static str, other: &str) -> &'static str {
-    let alike = one.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
-    one.get(..alike).unwrap_or_default()
+fn common_prefix(first: &'static str, other: &str) -> &'static str {
+    let length = first.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
+    first.get(..length).unwrap_or_default()
 }
 
 /// Writes a list of words with commas, and `last` before the final one.
-fn listed(f: &mut fmt::Formatter<'_>, word: &dyn Fn(usize) -> Option<&'static str>, last: &str) -> fmt::Result {
+fn write_list(f: &mut fmt::Formatter<'_>, word: &dyn Fn(usize) -> Option<&'static str>, last: &str) -> fmt::Result {
     let mut number = 0;
     while let Some(found) = word(number) {
         let is_last = word(number + 1).is_none();
@@ -288,7 +288,7 @@ impl Display for ArgumentSpec {
                 write!(f, "a whole number, {} to {} {unit}", range.start(), range.end())?;
             }
             ArgumentKind::Choice(_) | ArgumentKind::Confirmation(_) => {
-                return listed(f, &|number| self.nth_word(number), " or ");
+                return write_list(f, &|number| self.nth_word(number), " or ");
             }
         }
         self.nth_word(0).map_or(Ok(()), |word| write!(f, ", or {word}"))
@@ -300,21 +300,21 @@ impl Display for ArgumentSpec {
 /// # Errors
 ///
 /// Those of `out`.
-pub fn help(out: &mut dyn fmt::Write, of: Option<&'static CommandSpec>) -> fmt::Result {
-    let Some(of) = of else {
+pub fn help(out: &mut dyn fmt::Write, topic: Option<&'static CommandSpec>) -> fmt::Result {
+    let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
-        return below(out, ExpectedElement::First);
+        return write_subcommands(out, ExpectedElement::First);
     };
-    writeln!(out, "ok {}", Explained(of))?;
-    for slot in of.arguments {
-        writeln!(out, "{}: {slot}", slot.name)?;
+    writeln!(out, "ok {}", Explained(topic))?;
+    for argument in topic.arguments {
+        writeln!(out, "{}: {argument}", argument.name)?;
     }
-    let [first, second] = of.words;
-    if second.is_empty() { below(out, ExpectedElement::Second(first)) } else { Ok(()) }
+    let [first, second] = topic.words;
+    if second.is_empty() { write_subcommands(out, ExpectedElement::Second(first)) } else { Ok(()) }
 }
 
 /// Writes the help of each word allowed next.
-fn below(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Result {
+fn write_subcommands(out: &mut dyn fmt::Write, next: ExpectedElement) -> fmt::Result {
     for word in (0..).map_while(|number| next.nth_word(number)) {
         let words = if let ExpectedElement::Second(first) = next { [first, word] } else { [word, ""] };
         if let Some(row) = find(words) {
@@ -333,7 +333,7 @@ impl Display for Explained {
         let [first, second] = self.0.words;
         if self.0.request.is_none() && second.is_empty() && !is_help(first) {
             f.write_str(": ")?;
-            listed(f, &|number| ExpectedElement::Second(first).nth_word(number), ", ")?;
+            write_list(f, &|number| ExpectedElement::Second(first).nth_word(number), ", ")?;
         }
         Ok(())
     }
@@ -355,22 +355,22 @@ mod tests {
         }
     }
 
-    fn refused(line: &str) -> String {
+    fn rejection_text(line: &str) -> String {
         match parse(line) {
             Some(Err(error)) => format!("{}: {error}", error.code()),
             other => panic!("{line}: {other:?}"),
         }
     }
 
-    fn helped(line: &str) -> String {
-        let Some(Ok(Request::Help(of))) = parse(line) else { panic!("{line}") };
+    fn help_text(line: &str) -> String {
+        let Some(Ok(Request::Help(topic))) = parse(line) else { panic!("{line}") };
         let mut text = String::new();
-        help(&mut text, of).unwrap();
+        help(&mut text, topic).unwrap();
         text
     }
 
     #[test]
-    fn every_command_means_what_it_says() {
+    fn every_command_is_parsed() {
         let yaw90 = Orientation::from_name("yaw90").unwrap();
         let error = |bias_deg, bank_percent| SettingChange::AttitudeError(AttitudeError { bias_deg, bank_percent });
         let set = Command::Set;
@@ -432,14 +432,14 @@ mod tests {
         }
         for row in COMMANDS.iter().filter(|row| row.request.is_some()) {
             let words = row.words.join(" ");
-            let mut tried = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
-            assert!(tried.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
+            let mut tested_lines = examples.iter().map(|(line, _)| *line).chain(others.map(|(line, _)| line));
+            assert!(tested_lines.any(|line| line.to_ascii_lowercase().starts_with(words.trim_end())), "{words}");
         }
         assert!(parse("").is_none() && parse("   ").is_none());
     }
 
     #[test]
-    fn a_complaint_says_what_is_expected() {
+    fn an_error_names_the_expected_argument() {
         for (line, complaint) in [
             ("frobnicate", "unknown-command: unknown command; help lists all"),
             ("stream fast", "unknown-command: after stream expected on, off, rate or heading"),
@@ -479,11 +479,11 @@ mod tests {
             ("cal clear", "needs-word: this cannot be undone; type cal clear all"),
             ("cal clear everything", "needs-word: this cannot be undone; type cal clear all"),
         ] {
-            assert_eq!(refused(line), complaint, "{line}");
+            assert_eq!(rejection_text(line), complaint, "{line}");
         }
         assert_eq!(LineError::TooLong.to_string(), "a line holds 64 characters");
         assert_eq!(LineError::TooLong.code(), "line-too-long");
-        let mounts = refused("set mount sideways");
+        let mounts = rejection_text("set mount sideways");
         assert!(
             mounts.starts_with("bad-value: expected none, yaw90, ") && mounts.ends_with(" or roll90-yaw270"),
             "{mounts}"
@@ -492,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_is_told_to_its_digits() {
+    fn a_range_is_shown_with_all_its_digits() {
         let kind = ArgumentKind::Number { range: 0.25..=7.5, unit: "deg", or: None };
         let slot = ArgumentSpec { name: "DEG", kind, is_optional: false };
         assert_eq!(slot.to_string(), "a number, 0.25 to 7.5 deg");
@@ -500,27 +500,27 @@ mod tests {
 
     #[test]
     fn help_explains_everything_there_is() {
-        let all = helped("help");
+        let all = help_text("help");
         for row in COMMANDS {
             let words = row.words.join(" ");
-            let of_it = helped(&format!("help {words}"));
-            assert!(of_it.starts_with(&format!("ok {}", words.trim_end())), "{of_it}");
-            assert!(of_it.contains(row.help), "{of_it}");
+            let reply = help_text(&format!("help {words}"));
+            assert!(reply.starts_with(&format!("ok {}", words.trim_end())), "{reply}");
+            assert!(reply.contains(row.help), "{reply}");
             let [first, second] = row.words;
-            let group = if second.is_empty() { all.clone() } else { helped(&format!("help {first}")) };
+            let group = if second.is_empty() { all.clone() } else { help_text(&format!("help {first}")) };
             assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help)), "{row}: {group}");
         }
         assert_eq!(
-            helped("HELP Stream"),
+            help_text("HELP Stream"),
             "ok stream: heading sentences: on, off, rate, heading\n\
              stream on: send them\n\
              stream off: do not send them\n\
              stream rate HZ: sentences per second\n\
              stream heading KIND: heading sent: smoothed by the body rates, or raw for an autopilot with its own filter\n"
         );
-        let mounts = helped("help set mount");
+        let mounts = help_text("help set mount");
         assert!(Orientation::all().all(|mount| mounts.contains(mount.name())), "{mounts}");
-        assert!(helped("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
+        assert!(help_text("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
     }
 
     #[test]
@@ -563,15 +563,15 @@ mod tests {
             ("help stream heading r", "", 0),
             ("stream rate ", "", 0),
         ] {
-            let mut told = 0;
-            let found = complete(line, &mut |_| told += 1);
-            assert_eq!((found, told), (Completion { rest, fit }, fit), "{line:?}");
+            let mut offered = 0;
+            let found = complete(line, &mut |_| offered += 1);
+            assert_eq!((found, offered), (Completion { rest, fit }, fit), "{line:?}");
         }
     }
 
     /// Random lines: no panic, and each error is one line of printable characters.
     #[test]
-    fn no_line_stops_it() {
+    fn no_line_stops_the_parser() {
         let mut random = testkit::random::Random(5);
         let words: Vec<&str> = COMMANDS
             .iter()

@@ -139,7 +139,7 @@ mod tests {
     /// Largest change of declination within 0.02 deg, relative to the model's error `sqrt(0.26^2 + (5.417 uT / H)^2)`
     /// deg, over the Earth.
     #[test]
-    fn the_distance_limit_costs_little_declination() {
+    fn the_distance_limit_costs_under_a_quarter_sigma_of_declination() {
         let mut worst: f32 = 0.0;
         for row in 0..170_u8 {
             for column in 0..90_u8 {

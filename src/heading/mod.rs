@@ -149,8 +149,8 @@ pub fn compute_heading(
     let tilt = attitude.tilt();
     let level = tilt.level(calibration.apply(field));
     let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
-    let of_total = Vector3::new(x, y, z);
-    if exceeds_limits(config, calibration, &of_total) {
+    let normalised_field = Vector3::new(x, y, z);
+    if exceeds_limits(config, calibration, &normalised_field) {
         return Err(NoHeading::FieldDisturbed);
     }
     let variance = uncertainty.heading_variance(calibration, field, &tilt, level);

@@ -38,8 +38,8 @@ fn is_accepted(config: HeadingLimits, total_ut: f32, inclination_rad: f32, attit
     let field = measured(total_ut, inclination_rad, 0.5, attitude);
     match compute_heading(config, &ideal_calibration(), &HeadingUncertainty::NONE, field, attitude) {
         Ok(_) => true,
-        Err(why) => {
-            assert_eq!(why, NoHeading::FieldDisturbed);
+        Err(reason) => {
+            assert_eq!(reason, NoHeading::FieldDisturbed);
             false
         }
     }
@@ -49,7 +49,7 @@ const ATTITUDES_DEG: [(f32, f32); 3] = [(0.0, 0.0), (40.0, 5.0), (-30.0, -15.0)]
 
 /// Limit: 20 % of 50 uT.
 #[test]
-fn a_field_of_another_strength_is_not_believed() {
+fn a_field_strength_off_by_over_20_percent_is_rejected() {
     for (total_ut, expected) in [(50.0, true), (59.9, true), (60.1, false), (40.1, true), (39.9, false)] {
         for (roll_deg, pitch_deg) in ATTITUDES_DEG {
             let attitude = Attitude::from_deg(roll_deg, pitch_deg);
@@ -64,7 +64,7 @@ fn a_field_of_another_strength_is_not_believed() {
 
 /// Limit: 12 deg.
 #[test]
-fn a_field_of_another_inclination_is_not_believed() {
+fn a_field_inclination_off_by_over_12_deg_is_rejected() {
     for (off_deg, expected) in [(0.0, true), (11.9, true), (12.1, false), (-11.9, true), (-12.1, false)] {
         for (roll_deg, pitch_deg) in ATTITUDES_DEG {
             let attitude = Attitude::from_deg(roll_deg, pitch_deg);
@@ -77,19 +77,19 @@ fn a_field_of_another_inclination_is_not_believed() {
 }
 
 #[test]
-fn what_is_not_finite_is_disturbed() {
+fn a_non_finite_field_is_disturbed() {
     for (total_ut, inclination_rad) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (50.0, f32::NAN)] {
         assert!(!is_accepted(HeadingLimits::DEFAULT, total_ut, inclination_rad, Attitude::default()));
     }
-    let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let field = measured(50.0, 1.0, 0.5, Attitude::default());
     let found =
-        compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &HeadingUncertainty::NONE, field, nowhere);
+        compute_heading(HeadingLimits::DEFAULT, &ideal_calibration(), &HeadingUncertainty::NONE, field, non_finite);
     assert_eq!(found, Err(NoHeading::FieldDisturbed));
 }
 
 #[test]
-fn a_field_of_any_inclination_can_be_believed() {
+fn the_inclination_limit_can_be_disabled() {
     let config = HeadingLimits::DEFAULT.without_inclination_limit();
     for inclination_rad in [1.0, -1.0, 0.0, 1.5] {
         assert!(is_accepted(config, 50.0, inclination_rad, Attitude::default()), "{inclination_rad}");
@@ -101,7 +101,7 @@ fn a_field_of_any_inclination_can_be_believed() {
 
 /// A deviation limit above 1 has no lower bound.
 #[test]
-fn every_field_can_be_believed() {
+fn all_field_limits_can_be_disabled() {
     for (total_ut, inclination_rad) in [(5.0, 1.0), (500.0, 1.0), (50.0, -1.0), (50.0, 0.0)] {
         assert!(is_accepted(HeadingLimits::ANY_FIELD, total_ut, inclination_rad, Attitude::default()));
     }
@@ -112,7 +112,7 @@ fn every_field_can_be_believed() {
 
 /// A tilt error of 0.5 deg causes `tan(inclination)` times as much heading error.
 #[test]
-fn sigma_is_that_of_this_attitude_and_field() {
+fn sigma_depends_on_attitude_and_field() {
     let mut uncertainty = HeadingUncertainty::NONE;
     uncertainty.attitude_sigma_rad = 0.5_f32.to_radians();
     let field = measured(50.0, 1.0, 0.5, Attitude::default());
@@ -130,7 +130,7 @@ fn sigma_is_that_of_this_attitude_and_field() {
 }
 
 #[test]
-fn a_heading_turns_round_the_circle_with_its_sigma() {
+fn a_rotated_heading_wraps_and_keeps_its_sigma() {
     let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01, systematic_variance_rad2: 5e-5 };
     for (by_deg, to_deg) in [(20.0, 10.0), (-20.0, 330.0), (0.0, 350.0), (-355.0, 355.0)] {
         let turned = heading.rotated_by_deg(by_deg);
@@ -141,7 +141,7 @@ fn a_heading_turns_round_the_circle_with_its_sigma() {
 }
 
 #[test]
-fn every_want_of_a_heading_has_its_code() {
+fn every_reason_for_an_empty_heading_has_a_code() {
     let codes = [
         NoHeading::SensorSilent,
         NoHeading::SensorSaturated,

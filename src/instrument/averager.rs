@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_or_a_clock_that_went_back_starts_a_new_run() {
+    fn a_gap_or_a_backward_clock_step_starts_a_new_run() {
         let broken = [0, 12_500, 25_000, 37_500, 200_000, 100_000];
         assert!(samples(broken).is_empty());
         let later = samples(broken.into_iter().chain((1..=7).map(|i| 100_000 + i * PERIOD_US)));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_40_ms_is_averaged_over_and_a_longer_one_is_not() {
+    fn a_gap_of_up_to_40_ms_is_averaged_over() {
         let with_step =
             |step_us: u64| samples((0..8).map(|i| i * PERIOD_US + if i > 3 { step_us - PERIOD_US } else { 0 }));
         assert_eq!(with_step(40_000).len(), 1);

@@ -344,9 +344,9 @@ impl Instrument {
         let before = self.track.rejected().contradicting_rates;
         self.track.push(at, report);
         self.compass_field.update_attitude(at, report.attitude);
-        let is_doubted = self.track.rejected().contradicting_rates != before;
+        let is_contradicted = self.track.rejected().contradicting_rates != before;
         self.consecutive_rejected_rates =
-            if is_doubted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
+            if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_REJECTED_RATES {
             self.restart_monitor();
         }
@@ -358,7 +358,9 @@ impl Instrument {
     }
 
     fn current_a(&self, at: Timestamp) -> Option<f32> {
-        self.motor_current.filter(|&(told, _)| at.us_since(told) <= CURRENT_VALIDITY_US).map(|(_, amperes)| amperes)
+        self.motor_current
+            .filter(|&(reported_at, _)| at.us_since(reported_at) <= CURRENT_VALIDITY_US)
+            .map(|(_, amperes)| amperes)
     }
 
     /// Processes a reading taken at `at`. It may complete a sample.
@@ -454,9 +456,9 @@ impl Instrument {
         let turning =
             self.track.gyro_heading_at(self.attitude_lookup_time(at)).map(|turning| turning.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
-        let watched = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        self.monitor.update(&watched, at, &sample, turning);
-        self.monitored_calibration = Some(self.monitor.output().correct_calibration(&watched));
+        let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
+        self.monitor.update(&monitored, at, &sample, turning);
+        self.monitored_calibration = Some(self.monitor.output().correct_calibration(&monitored));
         self.monitored_at = at;
         self.compass_field.apply_adjustment(&self.correction, self.monitored_calibration.as_ref());
     }
@@ -533,8 +535,10 @@ impl Instrument {
 
     fn has_calibrated_strength(&self, field: Field<Sensor>) -> bool {
         let most = self.config.heading.max_strength_deviation;
-        let of_total = |calibration: &Calibration| calibration.apply(field).total_ut() / calibration.total_ut;
-        self.monitored_calibration.as_ref().is_some_and(|(calibration, _)| (of_total(calibration) - 1.0).abs() <= most)
+        let strength_ratio = |calibration: &Calibration| calibration.apply(field).total_ut() / calibration.total_ut;
+        self.monitored_calibration
+            .as_ref()
+            .is_some_and(|(calibration, _)| (strength_ratio(calibration) - 1.0).abs() <= most)
     }
 
     #[inline(never)]
@@ -545,23 +549,23 @@ impl Instrument {
         attitude: Result<Attitude, NoHeading>,
         turning: Option<&GyroHeading>,
     ) -> Result<Heading, NoHeading> {
-        let mut in_force = self.monitored_calibration.as_ref();
+        let mut active = self.monitored_calibration.as_ref();
         let mut adjustment = self.monitor.output();
         if self.config.heading.accepts_any_field() && adjustment.validity.is_err() {
             // Limits are disabled: ignore the monitor.
-            (in_force, adjustment) = (self.correction.calibration.as_ref(), &monitor::MonitorOutput::INITIAL);
+            (active, adjustment) = (self.correction.calibration.as_ref(), &monitor::MonitorOutput::INITIAL);
         }
-        let (calibration, uncertainty) = in_force.ok_or(NoHeading::Uncalibrated)?;
+        let (calibration, uncertainty) = active.ok_or(NoHeading::Uncalibrated)?;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
         let attitude = adjustment.correct_attitude(attitude?, &motion);
         let config = self.config.heading;
-        let believes_all = config.accepts_any_field();
+        let accepts_any_field = config.accepts_any_field();
         let config = if self.correction.has_valid_inclination { config } else { config.without_inclination_limit() };
         adjustment.validity?;
         let heading = heading::compute_heading(config, calibration, uncertainty, field, attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
-        if believes_all || adjustment.passes_reading_gate(self.monitor.config(), heading, turning) {
+        if accepts_any_field || adjustment.passes_reading_gate(self.monitor.config(), heading, turning) {
             Ok(heading.rotated_by_deg(self.correction.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)

@@ -165,8 +165,8 @@ mod tests {
                         assert!(age_us <= 590, "{age_us} us old, {actual_us} for {period_us} us");
                     }
                     // With a slow chip a fifth of the period is polled; the first measurement is polled from the start.
-                    let asked = chip.asked_at_us.borrow().len() as u64;
-                    assert!(asked <= 50 * (2 + actual_us / 5 / 590) + actual_us / 590, "{asked} for {actual_us}");
+                    let polls = chip.asked_at_us.borrow().len() as u64;
+                    assert!(polls <= 50 * (2 + actual_us / 5 / 590) + actual_us / 590, "{polls} for {actual_us}");
                 });
             }
         }
@@ -181,13 +181,13 @@ mod tests {
                 let mut polling = PollingSchedule::new(period_us);
                 polling.start_sleep();
                 chip.next(&mut polling).await.unwrap();
-                let looks = chip.asked_at_us.borrow().clone();
-                assert_eq!(looks[0], first_us + 90);
-                assert!(looks.windows(2).all(|pair| pair[1] - pair[0] == 590), "{looks:?}");
+                let poll_times_us = chip.asked_at_us.borrow().clone();
+                assert_eq!(poll_times_us[0], first_us + 90);
+                assert!(poll_times_us.windows(2).all(|pair| pair[1] - pair[0] == 590), "{poll_times_us:?}");
                 // The next sleep starts at the measurement.
                 let found_us = Instant::now().as_micros();
                 chip.next(&mut polling).await.unwrap();
-                assert_eq!(chip.asked_at_us.borrow()[looks.len()], found_us + first_us + 90);
+                assert_eq!(chip.asked_at_us.borrow()[poll_times_us.len()], found_us + first_us + 90);
             });
         }
     }
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_that_fails_is_reported_at_once() {
+    fn a_bus_failure_is_reported_at_once() {
         simulate(async {
             let mut polling = PollingSchedule::new(12_500);
             let answer =
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_register_that_does_not_hold_is_named() {
+    fn the_first_register_that_reads_back_differently_is_reported() {
         assert_eq!(check_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
         assert_eq!(
             check_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),

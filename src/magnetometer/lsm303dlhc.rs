@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn init_writes_what_the_data_sheet_asks_for() {
+    fn init_writes_the_configuration_of_the_data_sheet() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         let identity = block_on(driver.init());
         assert_eq!(identity, Ok(Identity { model: Model::Lsm303dlhc, address: 0x1E }));
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn another_chip_is_not_configured() {
+    fn a_chip_with_another_identity_is_not_configured() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         driver.chip.bus.values[0x0B] = 0x35;
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x35)));
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_control_register_that_does_not_hold_is_reported() {
+    fn a_control_register_that_reads_back_differently_is_reported() {
         let mut driver = Lsm303dlhc::new(registers(), Lsm303dlhcConfig::default());
         driver.chip.bus.broken = Some(0x01);
         assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
@@ -212,7 +212,7 @@ mod tests {
 
     /// Data sheet table 75: GN bits, counts per gauss of x and y, and of z.
     #[test]
-    fn every_range_has_its_bits_and_its_sensitivity() {
+    fn every_range_has_its_register_bits_and_sensitivity() {
         for (range, bits, xy, z) in [
             (Lsm303dlhcRange::Gauss1_3, 0x20, 1100_i16, 980_i16),
             (Lsm303dlhcRange::Gauss1_9, 0x40, 855, 760),

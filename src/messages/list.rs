@@ -39,9 +39,9 @@ impl Message {
             ),
             Self::Collecting(percent) => show("collecting", format_args!("{percent} %"), NO_ADVICE),
             Self::CollectionEnded => show("collection-ended", format_args!("no more samples"), NO_ADVICE),
-            Self::HardIronChanged(iron) => show(
+            Self::HardIronChanged(change) => show(
                 "iron-moved",
-                format_args!("{}", HardIronChangeText(iron)),
+                format_args!("{}", HardIronChangeText(change)),
                 format_args!("headings are corrected for it; fix what moved, or calibrate again"),
             ),
             Self::HardIronRestored => show("iron-back", format_args!("as calibrated again"), NO_ADVICE),
@@ -58,9 +58,9 @@ impl Refusal {
                 format_args!("land and disarm first"),
             ),
             Self::Busy => show("busy", format_args!("a solve is running"), format_args!("wait for it, or cal abort")),
-            Self::Collecting { present: by, requested: wanted } => show(
+            Self::Collecting { present: present_procedure, requested: wanted } => show(
                 "collecting",
-                format_args!("a collection of {} is in progress", by.name()),
+                format_args!("a collection of {} is in progress", present_procedure.name()),
                 format_args!("to discard it: cal start {} again", wanted.name()),
             ),
             Self::NotCollecting => show(

@@ -93,8 +93,8 @@ impl Refusal {
     /// Adds or replaces the cause, if it is known and applies to this refusal.
     #[must_use]
     pub fn with_cause(self, cause: Option<impl Into<RefusalCause>>) -> Self {
-        let can_be = |cause: &RefusalCause| self.is_curable_by_samples() || self.is_caused_by_arc(*cause);
-        let Some(cause) = cause.map(Into::into).filter(can_be) else { return self };
+        let is_possible_cause = |cause: &RefusalCause| self.is_curable_by_samples() || self.is_caused_by_arc(*cause);
+        let Some(cause) = cause.map(Into::into).filter(is_possible_cause) else { return self };
         let expected_rms_deg = match (cause, &self) {
             (RefusalCause::CollectionProblem(_), Self::Rejected(Rejection::NotAccurate { expected_rms_deg })) => {
                 Some(*expected_rms_deg)

@@ -67,42 +67,42 @@ fn refused_commands() -> Vec<Expected> {
 }
 
 fn known_causes() -> Vec<Expected> {
-    let lacking = |lack| Refusal::Solve(TOO_FEW).with_cause(Some(lack));
+    let refusal_for_lack = |lack| Refusal::Solve(TOO_FEW).with_cause(Some(lack));
     let lost = |loss| Refusal::NoSamples.with_cause(Some(loss));
     vec![
         (
-            lacking(CollectionProblem::SampleIntervalTooLong { interval_s: 1.04 }),
+            refusal_for_lack(CollectionProblem::SampleIntervalTooLong { interval_s: 1.04 }),
             "too-few-samples",
             "a sample comes every 1.0 s, too slow for turns; send field and attitude ten times a second",
         ),
         (
-            lacking(CollectionProblem::NoTilt { most_deg: 0.44 }),
+            refusal_for_lack(CollectionProblem::NoTilt { most_deg: 0.44 }),
             "too-few-samples",
             "the attitude tilts by 0.4 deg at most; tilt by 15 deg or more to both sides, or if that was flown, check \
              the unit of the attitude: radians for degrees?",
         ),
         (
-            lacking(CollectionProblem::InsufficientBank { most_deg: 6.3 }),
+            refusal_for_lack(CollectionProblem::InsufficientBank { most_deg: 6.3 }),
             "too-few-samples",
             "too little bank, 6.3 deg at most; fly turns at 15 deg of bank or more each way",
         ),
         (
-            lacking(CollectionProblem::OneSideOnly(Side::Left)),
+            refusal_for_lack(CollectionProblem::OneSideOnly(Side::Left)),
             "too-few-samples",
             "only left turns were flown; fly right turns, too",
         ),
         (
-            lacking(CollectionProblem::OneSideOnly(Side::Right)),
+            refusal_for_lack(CollectionProblem::OneSideOnly(Side::Right)),
             "too-few-samples",
             "only right turns were flown; fly left turns, too",
         ),
         (
-            lacking(CollectionProblem::ArcOnly { side: Side::Right, sectors: 5 }),
+            refusal_for_lack(CollectionProblem::ArcOnly { side: Side::Right, sectors: 5 }),
             "too-few-samples",
             "the right turns went through 5 of 12 sectors, too slow or too short; fly full circles",
         ),
         (
-            lacking(CollectionProblem::MissingManoeuvre(Manoeuvre::YawTurn)),
+            refusal_for_lack(CollectionProblem::MissingManoeuvre(Manoeuvre::YawTurn)),
             "too-few-samples",
             "missing: turn once round, level",
         ),
@@ -268,7 +268,7 @@ fn store_errors() -> Vec<Expected> {
 
 /// Every message except refusals, with severity and line.
 fn messages() -> Vec<(Message, Severity, &'static str)> {
-    let iron = HardIronChange { change_ut: Vector3::new(-4.9, 0.3, -1.7), sigma_ut: 0.44 };
+    let change = HardIronChange { change_ut: Vector3::new(-4.9, 0.3, -1.7), sigma_ut: 0.44 };
     let refusal = Refusal::Armed;
     vec![
         (
@@ -289,7 +289,7 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
         (Message::Collecting(40), Severity::Info, "collecting: 40 %"),
         (Message::CollectionEnded, Severity::Info, "collection-ended: no more samples"),
         (
-            Message::HardIronChanged(iron),
+            Message::HardIronChanged(change),
             Severity::Warning,
             "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings are \
              corrected for it; fix what moved, or calibrate again",
@@ -299,7 +299,7 @@ fn messages() -> Vec<(Message, Severity, &'static str)> {
 }
 
 #[test]
-fn every_refusal_has_its_code_and_says_what_to_do() {
+fn every_refusal_has_its_code_and_text() {
     for (refusal, code, text) in refusals() {
         assert_eq!((refusal.code(), refusal.to_string().as_str()), (code, text));
         let solved = Message::Solved(Err(refusal));
@@ -309,7 +309,7 @@ fn every_refusal_has_its_code_and_says_what_to_do() {
 }
 
 #[test]
-fn every_message_has_its_severity_and_its_line() {
+fn every_message_has_its_severity_and_text() {
     for (message, severity, line) in messages() {
         assert_eq!((message.severity(), message.to_string().as_str()), (severity, line));
         let text = line.split_once(": ").unwrap().1;
@@ -321,19 +321,19 @@ fn every_message_has_its_severity_and_its_line() {
 #[test]
 fn an_error_is_one_clause() {
     for (refusal, _, text) in refusals() {
-        let clause = match refusal {
+        let error_text = match refusal {
             Refusal::Solve(error) => error.to_string(),
             Refusal::Rejected(rejection) => rejection.to_string(),
             Refusal::Store(error) => error.to_string(),
             _ => continue,
         };
-        assert!(!clause.contains(';') && text.starts_with(&clause), "{clause}: {text}");
+        assert!(!error_text.contains(';') && text.starts_with(&error_text), "{error_text}: {text}");
     }
 }
 
 /// A STATUSTEXT of the module has 240 characters, including the prefix `autoswing: refused <code>: `.
 #[test]
-fn texts_are_short_enough_and_plain() {
+fn message_texts_are_ascii_and_at_most_200_characters() {
     let lines = refusals().map(|(refusal, ..)| Message::Solved(Err(refusal)).to_string());
     for line in lines.chain(messages().into_iter().map(|(message, ..)| message.to_string())) {
         assert!(line.len() <= 200 && line.is_ascii() && !line.ends_with([';', ' ', '.']), "{line}");
@@ -341,7 +341,7 @@ fn texts_are_short_enough_and_plain() {
 }
 
 #[test]
-fn the_direction_of_moved_iron_is_its_largest_axis() {
+fn the_direction_of_a_hard_iron_change_is_its_largest_axis() {
     for (change_ut, direction) in [
         ([3.0, 1.0, -1.0], "forward"),
         ([-3.0, 1.0, 1.0], "aft"),
@@ -356,17 +356,18 @@ fn the_direction_of_moved_iron_is_its_largest_axis() {
 }
 
 #[test]
-fn a_loss_of_readings_replaces_what_the_flight_lacked() {
+fn lost_readings_replace_other_causes_of_a_refusal() {
     let lack = CollectionProblem::OneSideOnly(Side::Left);
     let refused = Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.0 }).with_cause(Some(lack));
     let inaccurate = Refusal::Rejected(Rejection::NotAccurate { expected_rms_deg: 4.0 });
-    let [lost, lost_at_once] = [refused, inaccurate].map(|refusal| refusal.with_cause(Some(SampleLoss::Saturated(20))));
+    let [refused_with_loss, inaccurate_with_loss] =
+        [refused, inaccurate].map(|refusal| refusal.with_cause(Some(SampleLoss::Saturated(20))));
     let expected = Refusal::InsufficientSamples {
         code: "not-accurate",
         expected_rms_deg: None,
         cause: RefusalCause::SampleLoss(SampleLoss::Saturated(20)),
     };
-    assert_eq!((&lost, &lost_at_once), (&expected, &expected));
+    assert_eq!((&refused_with_loss, &inaccurate_with_loss), (&expected, &expected));
     assert_eq!(Refusal::Armed.with_cause(Some(SampleLoss::Saturated(20))), Refusal::Armed);
     assert_eq!(Refusal::NoSamples.with_cause(None::<SampleLoss>), Refusal::NoSamples);
 }

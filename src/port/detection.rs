@@ -76,20 +76,20 @@ impl Port {
     pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         // Until a frame is received, either protocol may be detected.
         let is_sure = self.detection.is_heard || self.chosen != ProtocolKind::Auto;
-        let spoken = if is_sure { self.active_protocol(at) } else { ProtocolKind::Auto };
-        let by_msp = if matches!(spoken, ProtocolKind::Auto | ProtocolKind::Msp) {
+        let active = if is_sure { self.active_protocol(at) } else { ProtocolKind::Auto };
+        let msp_message = if matches!(active, ProtocolKind::Auto | ProtocolKind::Msp) {
             self.msp.process_byte(at, byte)
         } else {
             None
         };
-        let by_mavlink = if spoken == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
-        if by_msp.is_some() {
+        let mavlink_message = if active == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
+        if msp_message.is_some() {
             self.detection.record_frame(ProtocolKind::Msp, at);
         }
-        if by_mavlink.is_some() {
+        if mavlink_message.is_some() {
             self.detection.record_frame(ProtocolKind::Mavlink, at);
         }
-        by_mavlink.or(by_msp)
+        mavlink_message.or(msp_message)
     }
 
     /// Whether the autopilot is armed, if it has reported that recently.
@@ -106,11 +106,11 @@ impl Port {
 
     /// Appends due messages to the output. During detection the port sends MSP requests: an MSP autopilot sends nothing
     /// without a request and searches for its compass while it starts; a MAVLink autopilot ignores them.
-    pub fn poll(&mut self, facts: &Snapshot<'_>) {
-        match self.active_protocol(facts.now) {
-            ProtocolKind::Mavlink => self.mavlink.poll(facts, &mut self.output),
-            ProtocolKind::Nmea => self.nmea.poll(facts, &mut self.output),
-            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(facts, &mut self.output),
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>) {
+        match self.active_protocol(snapshot.now) {
+            ProtocolKind::Mavlink => self.mavlink.poll(snapshot, &mut self.output),
+            ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.output),
+            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.output),
         }
     }
 
@@ -155,7 +155,7 @@ mod tests {
         Timestamp::from_us(ms * 1000)
     }
 
-    fn hear(port: &mut Port, ms: u64, bytes: &[u8]) {
+    fn receive(port: &mut Port, ms: u64, bytes: &[u8]) {
         for &byte in bytes {
             let _ = port.process_byte(at(ms), byte);
         }
@@ -164,9 +164,9 @@ mod tests {
     fn sent_bytes(port: &mut Port, ms: u64) -> Vec<u8> {
         let estimate = Estimate { at: at(ms), ..Estimate::EMPTY };
         port.poll(&facts(&estimate, &Settings::DEFAULT));
-        let said = port.output.pending().to_vec();
+        let bytes = port.output.pending().to_vec();
         port.output.consume(usize::MAX);
-        said
+        bytes
     }
 
     /// Both sides of ten seconds.
@@ -176,13 +176,13 @@ mod tests {
         {
             let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
             assert_eq!(port.active_protocol(at(0)), ProtocolKind::Auto);
-            hear(&mut port, 5, &frame[..frame.len() - 1]);
+            receive(&mut port, 5, &frame[..frame.len() - 1]);
             assert_eq!(port.active_protocol(at(5)), ProtocolKind::Auto, "half a frame is none");
-            hear(&mut port, 6, &frame[frame.len() - 1..]);
+            receive(&mut port, 6, &frame[frame.len() - 1..]);
             assert_eq!(port.active_protocol(at(6)), kind);
             assert_eq!(port.active_protocol(at(10_006)), kind);
             assert_eq!(port.active_protocol(at(10_007)), ProtocolKind::Auto);
-            hear(&mut port, 20_000, &frame);
+            receive(&mut port, 20_000, &frame);
             assert_eq!(port.active_protocol(at(20_000)), kind);
         }
     }
@@ -192,14 +192,14 @@ mod tests {
     fn a_detected_protocol_is_kept_while_it_is_received() {
         let (mavlink, msp) = (heartbeat_frame(), variant_frame(*b"INAV"));
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
-        hear(&mut port, 0, &mavlink);
+        receive(&mut port, 0, &mavlink);
         for ms in (0..20_000).step_by(1000) {
-            hear(&mut port, ms, &mavlink);
-            hear(&mut port, ms + 1, &msp);
+            receive(&mut port, ms, &mavlink);
+            receive(&mut port, ms + 1, &msp);
             assert_eq!(port.active_protocol(at(ms + 1)), ProtocolKind::Mavlink);
         }
         for ms in (20_000..30_001).step_by(1000) {
-            hear(&mut port, ms, &msp);
+            receive(&mut port, ms, &msp);
         }
         assert_eq!(port.active_protocol(at(30_001)), ProtocolKind::Msp);
     }
@@ -208,16 +208,16 @@ mod tests {
     /// frame of either protocol replaces it.
     #[test]
     fn detection_begins_with_the_protocol_before_the_restart() {
-        let remembering = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, at(100));
-        let mut port = remembering();
+        let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, at(100));
+        let mut port = port_with_previous();
         assert!(!sent_bytes(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
         assert_eq!(port.active_protocol(at(10_100)), ProtocolKind::Mavlink);
         assert_eq!(port.active_protocol(at(10_101)), ProtocolKind::Auto);
         assert!(sent_bytes(&mut port, 10_101).starts_with(b"$X<"));
         for (frame, kind) in [(heartbeat_frame(), ProtocolKind::Mavlink), (variant_frame(*b"INAV"), ProtocolKind::Msp)]
         {
-            let mut port = remembering();
-            hear(&mut port, 4000, &frame);
+            let mut port = port_with_previous();
+            receive(&mut port, 4000, &frame);
             assert_eq!(port.active_protocol(at(4000)), kind);
             assert_eq!(
                 (port.active_protocol(at(14_000)), port.active_protocol(at(14_001))),
@@ -225,9 +225,9 @@ mod tests {
             );
         }
         // After the first frame another protocol changes nothing.
-        let mut port = remembering();
-        hear(&mut port, 4000, &heartbeat_frame());
-        hear(&mut port, 4001, &variant_frame(*b"INAV"));
+        let mut port = port_with_previous();
+        receive(&mut port, 4000, &heartbeat_frame());
+        receive(&mut port, 4001, &variant_frame(*b"INAV"));
         assert_eq!(port.active_protocol(at(4001)), ProtocolKind::Mavlink);
         let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, at(0));
         assert_eq!(port.active_protocol(at(1)), ProtocolKind::Nmea);
@@ -238,7 +238,7 @@ mod tests {
     fn detection_sends_msp_requests() {
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, at(0));
         assert!(sent_bytes(&mut port, 0).starts_with(b"$X<"));
-        hear(&mut port, 1, &heartbeat_frame());
+        receive(&mut port, 1, &heartbeat_frame());
         assert!((1..2_000).step_by(12).all(|ms| !sent_bytes(&mut port, ms).starts_with(b"$X<")));
     }
 
@@ -246,8 +246,8 @@ mod tests {
     fn a_configured_protocol_is_never_replaced() {
         for kind in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
             let mut port = Port::new(kind, ProtocolKind::Auto, at(0));
-            hear(&mut port, 0, &heartbeat_frame());
-            hear(&mut port, 1, &variant_frame(*b"ARDU"));
+            receive(&mut port, 0, &heartbeat_frame());
+            receive(&mut port, 1, &variant_frame(*b"ARDU"));
             assert_eq!(port.active_protocol(at(2)), kind);
             port.set_protocol(ProtocolKind::Auto);
             assert_eq!(port.active_protocol(at(2)) == ProtocolKind::Msp, kind == ProtocolKind::Msp);
@@ -259,10 +259,10 @@ mod tests {
         let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, at(0));
         assert!(sent_bytes(&mut port, 0).starts_with(b"$HCHDM"));
         let frame = mavlink_frame(&ATTITUDE_DATA { roll: 0.1, ..ATTITUDE_DATA::default() });
-        let heard = frame.iter().find_map(|&byte| port.process_byte(at(1), byte));
+        let message = frame.iter().find_map(|&byte| port.process_byte(at(1), byte));
         assert!(
-            matches!(heard, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
-            "{heard:?}"
+            matches!(message, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
+            "{message:?}"
         );
     }
 }

@@ -102,8 +102,8 @@ impl TransmitBuffer {
         }
         for part in parts {
             let end = self.end + part.len();
-            if let Some(room) = self.bytes.get_mut(self.end..end) {
-                room.copy_from_slice(part);
+            if let Some(target) = self.bytes.get_mut(self.end..end) {
+                target.copy_from_slice(part);
                 self.end = end;
             }
         }
@@ -178,7 +178,7 @@ mod tests {
 
     /// Written bytes free their room also while others are pending.
     #[test]
-    fn room_that_was_left_is_used() {
+    fn room_of_sent_bytes_is_reused() {
         let mut out = TransmitBuffer::new();
         assert!(out.append(&[&[1; OUTPUT]]));
         out.consume(100);

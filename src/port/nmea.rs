@@ -21,8 +21,8 @@ impl Nmea {
     }
 
     /// Appends the due sentences.
-    pub fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
-        let Snapshot { estimate, settings, .. } = facts;
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let Snapshot { estimate, settings, .. } = snapshot;
         if !(settings.stream_on && self.pace.is_due(estimate.at, settings.stream_rate_hz)) {
             return;
         }
@@ -67,7 +67,7 @@ mod tests {
 
     /// Three without a declination.
     #[test]
-    fn four_sentences_tell_a_heading() {
+    fn a_heading_is_sent_in_four_sentences() {
         let estimate = Estimate { heading: Ok(RAW), ..Estimate::EMPTY };
         let settings = Settings { declination_deg: Some(-3.5), ..Settings::DEFAULT };
         let lines: Vec<String> = text(&estimate, &settings).split_inclusive("\r\n").map(str::to_owned).collect();
@@ -81,13 +81,13 @@ mod tests {
     }
 
     #[test]
-    fn without_a_heading_the_fields_are_empty_and_the_reason_is_told() {
+    fn an_empty_heading_is_sent_with_its_reason() {
         let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY };
         let text = text(&estimate, &Settings::DEFAULT);
         assert!(text.starts_with("$HCHDM,,M*07\r\n$HCHDG,,,,,*"), "{text}");
         assert!(text.contains("$PASWH,,,sensor-saturated,*"), "{text}");
-        let told = Settings { declination_deg: Some(1.0), ..Settings::DEFAULT };
-        assert!(self::text(&estimate, &told).contains("$HCHDT,,T*"));
+        let settings = Settings { declination_deg: Some(1.0), ..Settings::DEFAULT };
+        assert!(self::text(&estimate, &settings).contains("$HCHDT,,T*"));
     }
 
     /// Longest heading, variation, sigma, code and kind.
@@ -105,7 +105,7 @@ mod tests {
 
     /// All sentences contain the same heading.
     #[test]
-    fn the_smooth_heading_is_told_where_there_is_one_and_it_is_wanted() {
+    fn the_smoothed_heading_is_sent_if_available_and_selected() {
         let both = Estimate { heading: Ok(RAW), smoothed_heading: Some(SMOOTH), ..Estimate::EMPTY };
         let only_raw = Estimate { smoothed_heading: None, ..both };
         for (estimate, stream_heading, degrees, end) in [
@@ -124,7 +124,7 @@ mod tests {
 
     /// Ten seconds of readings 12.5 ms apart.
     #[test]
-    fn the_rate_is_the_one_that_was_set_and_off_is_off() {
+    fn sentences_are_sent_at_the_set_rate_or_not_at_all() {
         for (stream_on, stream_rate_hz, sentences) in [(true, 25, 250), (true, 10, 100), (false, 25, 0)] {
             let settings = Settings { stream_on, stream_rate_hz, ..Settings::DEFAULT };
             let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());

@@ -40,7 +40,7 @@ mod tests {
 
     /// Readings at 80, 155 and 200 Hz, which need not be multiples of the rate.
     #[test]
-    fn the_rate_is_kept_on_any_grid_of_readings() {
+    fn the_message_rate_is_kept_at_any_reading_rate() {
         for period_us in [12_500, 6_450, 5_000] {
             for rate_hz in [1, 5, 10, 33, 50] {
                 let count = in_a_second(period_us, rate_hz);
@@ -53,7 +53,7 @@ mod tests {
 
     /// One message after a pause of seconds.
     #[test]
-    fn a_pause_is_not_made_up_for() {
+    fn messages_missed_in_a_pause_are_not_sent_later() {
         let mut pace = MessageSchedule::new();
         assert!(pace.is_due(Timestamp::from_us(1_000_000), 10));
         assert!(pace.is_due(Timestamp::from_us(5_000_000), 10));
@@ -67,7 +67,7 @@ mod tests {
 
     /// A rate of zero, which the settings reject, means 1 Hz here.
     #[test]
-    fn no_rate_divides_by_zero() {
+    fn a_rate_of_zero_means_1_hz() {
         assert_eq!(in_a_second(12_500, 0), 1);
     }
 }

@@ -21,10 +21,10 @@ impl PortNumber {
     /// Selects the port's element of an array.
     #[must_use]
     pub const fn of<T>(self, each: &[T; PORT_COUNT]) -> &T {
-        let [one, two] = each;
+        let [first, second] = each;
         match self {
-            Self::One => one,
-            Self::Two => two,
+            Self::One => first,
+            Self::Two => second,
         }
     }
 }
@@ -138,10 +138,10 @@ impl PortsSettings {
 
     /// Mutable settings of a port.
     pub const fn port_mut(&mut self, number: PortNumber) -> &mut PortSettings {
-        let [one, two] = &mut self.0;
+        let [first, second] = &mut self.0;
         match number {
-            PortNumber::One => one,
-            PortNumber::Two => two,
+            PortNumber::One => first,
+            PortNumber::Two => second,
         }
     }
 }
@@ -167,8 +167,8 @@ mod tests {
         let mut ports = PortsSettings::DEFAULT;
         ports.port_mut(PortNumber::Two).protocol = ProtocolKind::Msp;
         ports.port_mut(PortNumber::One).baud = Baud::B57600;
-        let [one, two] = PortNumber::ALL.map(|number| ports.port(number));
-        assert_eq!(one, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
-        assert_eq!(two, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
+        let [first, second] = PortNumber::ALL.map(|number| ports.port(number));
+        assert_eq!(first, PortSettings { protocol: ProtocolKind::Auto, baud: Baud::B57600 });
+        assert_eq!(second, PortSettings { protocol: ProtocolKind::Msp, baud: Baud::B115200 });
     }
 }

@@ -8,7 +8,7 @@ const fn attitude_error(bias_deg: f32, bank_percent: f32) -> SettingChange {
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
-    for (error, of) in [
+    for (error, expected) in [
         (AttitudeError::DEFAULT, ConsiderSigmas::DEFAULT),
         (
             AttitudeError { bias_deg: 2.0, bank_percent: 5.0 },
@@ -16,8 +16,8 @@ fn attitude_errors_convert_to_the_solver_s_units() {
         ),
     ] {
         let ConsiderSigmas { bias_rad, bank_scale } = error.to_consider_sigmas();
-        assert!((bias_rad / of.bias_rad - 1.0).abs() < 0.003, "{error:?}");
-        assert!((bank_scale / of.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
+        assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{error:?}");
+        assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
     }
 }
 
@@ -134,7 +134,7 @@ fn a_port_s_setting_changes_that_port() {
 
 /// The alignment is computed from headings, so only loading checks its range.
 #[test]
-fn an_alignment_is_half_a_circle_either_way() {
+fn alignment_is_limited_to_180_deg() {
     for (align_deg, valid) in [(180.0, true), (-180.0, true), (180.1, false), (-180.1, false), (f32::NAN, false)] {
         assert_eq!(Settings { align_deg, ..Settings::DEFAULT }.is_valid(), valid, "{align_deg}");
     }

@@ -236,7 +236,7 @@ impl<F: NorFlash> Store<F> {
         let mut buffer = [0; ITEM_SIZE];
         let (item, crc) = page::encode(record, &mut buffer)?;
         for slot in 0..CALIBRATION_SLOTS {
-            if self.holds(u32::from(slot), item).await? {
+            if self.page_contains(u32::from(slot), item).await? {
                 return Ok(Some(SlotReference { slot, crc }));
             }
         }
@@ -262,7 +262,7 @@ impl<F: NorFlash> Store<F> {
     async fn program(&mut self, page: u32, item: &[u8]) -> Result<(), StoreError> {
         self.erase(page).await?;
         self.flash.write(self.start_of(page), item).await.map_err(|_| StoreError::Flash)?;
-        if self.holds(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
+        if self.page_contains(page, item).await? { Ok(()) } else { Err(StoreError::Verify) }
     }
 
     async fn erase(&mut self, page: u32) -> Result<(), StoreError> {
@@ -270,7 +270,7 @@ impl<F: NorFlash> Store<F> {
         self.flash.erase(start, start + Self::PAGE_SIZE).await.map_err(|_| StoreError::Flash)
     }
 
-    async fn holds(&mut self, page: u32, item: &[u8]) -> Result<bool, StoreError> {
+    async fn page_contains(&mut self, page: u32, item: &[u8]) -> Result<bool, StoreError> {
         let mut buffer = [0; ITEM_SIZE];
         let found = &mut buffer[..item.len()];
         self.flash.read(self.start_of(page), found).await.map_err(|_| StoreError::Flash)?;

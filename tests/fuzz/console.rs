@@ -89,7 +89,7 @@ const TYPED: &[&str] = &[
 ];
 
 /// Typed parts, and whether the output is sent after each.
-fn typed() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
+fn typed_parts() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
     let word = proptest::sample::select(TYPED).prop_map(|word| word.as_bytes().to_vec());
     let upper = proptest::sample::select(TYPED).prop_map(|word| word.to_ascii_uppercase().into_bytes());
     let noise = vec(any::<u8>(), 0..12);
@@ -98,13 +98,13 @@ fn typed() -> impl Strategy<Value = Vec<(Vec<u8>, bool)>> {
 }
 
 /// Feeds bytes to a session and returns the last request.
-fn give(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
+fn feed(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCaseError> {
     let mut last = None;
     for &byte in bytes {
         match session.byte(byte) {
             Some(Ok(request)) => {
-                if let Request::Help(of) = request {
-                    session.reply(|out| help(out, of));
+                if let Request::Help(help_topic) = request {
+                    session.reply(|out| help(out, help_topic));
                 } else {
                     session.reply(report::version);
                 }
@@ -125,18 +125,18 @@ fn give(session: &mut Session, bytes: &[u8]) -> Result<Option<Request>, TestCase
 /// Output consists of printable characters, line ends, backspaces and erase sequences. After two Ctrl-C, of which the
 /// first may end a key sequence, a command is understood.
 #[test]
-fn the_console_takes_whatever_is_typed() {
-    hold(typed(), |parts| -> Promise {
+fn the_console_accepts_any_input() {
+    hold(typed_parts(), |parts| -> Promise {
         let mut session = Session::new(report::version);
         for (part, is_sent) in &parts {
-            let _ = give(&mut session, part)?;
+            let _ = feed(&mut session, part)?;
             if *is_sent {
                 let strange = |byte: &&u8| !matches!(byte, b' '..=b'~' | b'\r' | b'\n' | 0x08 | 0x1B);
                 prop_assert_eq!(session.output().iter().find(strange), None);
                 session.sent();
             }
         }
-        let last = give(&mut session, b"\x03\x03version\r")?;
+        let last = feed(&mut session, b"\x03\x03version\r")?;
         prop_assert!(matches!(last, Some(Request::Version)), "{last:?}");
         Ok(())
     });

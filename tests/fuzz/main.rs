@@ -23,7 +23,7 @@ use std::fmt::Debug;
 use proptest::strategy::Strategy;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
-fn inputs() -> u32 {
+fn case_count() -> u32 {
     const BY_ITSELF: u32 = if cfg!(debug_assertions) { 10_000 } else { 1_000_000 };
     match std::env::var("AUTOSWING_FUZZ_INPUTS") {
         Ok(number) => number.parse().expect("AUTOSWING_FUZZ_INPUTS is a number of inputs"),
@@ -40,9 +40,9 @@ fn runner(cases: u32) -> TestRunner {
 }
 
 /// Checks a property for all inputs of a strategy.
-fn hold<S: Strategy<Value: Debug>>(kind: S, promise: impl Fn(S::Value) -> Promise) {
-    let mut runner = runner(inputs());
-    if let Err(failure) = runner.run(&kind, promise) {
+fn hold<S: Strategy<Value: Debug>>(kind: S, property: impl Fn(S::Value) -> Promise) {
+    let mut runner = runner(case_count());
+    if let Err(failure) = runner.run(&kind, property) {
         panic!("{failure}");
     }
 }

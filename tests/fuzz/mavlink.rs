@@ -55,17 +55,17 @@ fn framed(is_v2: bool, is_signed: bool, [system, component]: [u8; 2], id: u8, cl
 pub fn frame() -> impl Strategy<Value = Vec<u8>> {
     let message =
         prop_oneof![9 => proptest::sample::select(&MESSAGES[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
-    let off = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
+    let length_error = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
     let sender = proptest::sample::select(&[[1, 1], [1, 1], [2, 1], [1, 158], [255, 190]][..]);
-    (message, any::<[bool; 4]>(), sender, off, vec(any::<u8>(), 55)).prop_map(
-        |((id, _, longest), [is_v2, is_signed, is_small, is_cut], sender, off, mut payload)| {
+    (message, any::<[bool; 4]>(), sender, length_error, vec(any::<u8>(), 55)).prop_map(
+        |((id, _, longest), [is_v2, is_signed, is_small, is_cut], sender, length_error, mut payload)| {
             payload.truncate(longest);
             if is_small {
                 // Plausible angles and trailing zeros, which version 2 may truncate.
                 payload.iter_mut().skip(4).for_each(|byte| *byte = 0);
                 payload.truncate(if is_v2 && is_cut { 4 } else { longest });
             }
-            let claims = (payload.len() as u8).wrapping_add_signed(off);
+            let claims = (payload.len() as u8).wrapping_add_signed(length_error);
             framed(is_v2, is_signed, sender, id, claims, &payload)
         },
     )
@@ -142,10 +142,10 @@ impl stream::Intact<InboundMessage> for Intact {
             InboundMessage::Position(source, _) => (id, sender) == (33, source.number()),
             InboundMessage::Current(source, current) => {
                 let at = if id == 1 { 16 } else { 30 };
-                let told = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
+                let encoded_current = f32::from(i16::from_le_bytes([self.payload[at], self.payload[at + 1]])) * 0.01;
                 [1, 147].contains(&id)
                     && sender == source.number()
-                    && current.is_none_or(|amperes| amperes.to_bits() == told.to_bits())
+                    && current.is_none_or(|amperes| amperes.to_bits() == encoded_current.to_bits())
             }
             InboundMessage::Date(source, _) => (id, sender) == (2, source.number()),
             InboundMessage::Command(command) => {
@@ -168,7 +168,7 @@ fn good() -> Vec<u8> {
 }
 
 #[test]
-fn mavlink_is_believed_when_its_crc_is_right() {
+fn only_mavlink_frames_with_correct_crc_are_accepted() {
     hold(stream(), |pieces| -> Promise {
         let mut bytes = stream::bytes(&pieces);
         let wire = Wire::of(&mut bytes, &good(), LONGEST);

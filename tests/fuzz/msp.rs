@@ -37,10 +37,10 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
         [(FC_VARIANT, 4), (STATUS, 11), (RAW_GPS, 16), (RAW_GPS, 18), (ATTITUDE, 6), (ANALOG, 7), (RTC, 9), (RTC, 6)];
     let function = prop_oneof![9 => proptest::sample::select(functions.to_vec()), 1 => (any::<u16>(), 0..80_usize)];
     let direction = prop_oneof![8 => Just(b'>'), 1 => Just(b'!'), 1 => Just(b'<')];
-    let off = prop_oneof![6 => Just(0_i16), 1 => -8..8_i16, 1 => any::<i16>()];
+    let length_error = prop_oneof![6 => Just(0_i16), 1 => -8..8_i16, 1 => any::<i16>()];
     let name = proptest::sample::select(vec![*b"ARDU", *b"INAV", *b"BTFL", *b"NONE"]);
-    (function, direction, off, name, any::<bool>(), vec(any::<u8>(), 80)).prop_map(
-        |((function, length), direction, off, name, is_possible, mut payload)| {
+    (function, direction, length_error, name, any::<bool>(), vec(any::<u8>(), 80)).prop_map(
+        |((function, length), direction, length_error, name, is_possible, mut payload)| {
             payload.truncate(length);
             if is_possible && function == ATTITUDE {
                 payload.iter_mut().skip(1).step_by(2).for_each(|high| *high %= 3);
@@ -51,7 +51,7 @@ pub fn frame() -> impl Strategy<Value = Vec<u8>> {
             {
                 *begin = name;
             }
-            framed(direction, function, (payload.len() as u16).wrapping_add_signed(off), &payload)
+            framed(direction, function, (payload.len() as u16).wrapping_add_signed(length_error), &payload)
         },
     )
 }
@@ -127,7 +127,9 @@ impl stream::Intact<MspReply> for Intact<'_> {
                 MspReply::RawGps(_) => self.function == RAW_GPS,
                 MspReply::Current(amperes) => {
                     self.function == ANALOG
-                        && self.i16(5).is_some_and(|told| (f32::from(told) * 0.01).to_bits() == amperes.to_bits())
+                        && self.i16(5).is_some_and(|encoded_current| {
+                            (f32::from(encoded_current) * 0.01).to_bits() == amperes.to_bits()
+                        })
                 }
                 MspReply::Rtc(_) => self.function == RTC,
                 MspReply::Refused(_) => false,
@@ -140,7 +142,7 @@ fn good() -> Vec<u8> {
 }
 
 #[test]
-fn msp_is_believed_when_its_crc_is_right() {
+fn only_msp_frames_with_correct_crc_are_accepted() {
     hold(stream(), |pieces| -> Promise {
         let mut bytes = stream::bytes(&pieces);
         let wire = Wire::of(&mut bytes, &good(), LONGEST);

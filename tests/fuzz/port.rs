@@ -32,17 +32,17 @@ fn poll(port: &mut Port, now: Timestamp) -> usize {
     let compass = Some(Field::from_ut(20.0, 0.0, 40.0));
     let estimate = Estimate { at: now, compass_field: compass, ..Estimate::EMPTY };
     let settings = Settings { sends_vision_yaw: true, ..Settings::DEFAULT };
-    let facts = Snapshot {
+    let snapshot = Snapshot {
         now,
         estimate: &estimate,
         settings: &settings,
         indicator: IndicatorState::Collecting(7),
         calibration: None,
     };
-    port.poll(&facts);
-    let said = port.output.pending().len();
+    port.poll(&snapshot);
+    let sent_length = port.output.pending().len();
     port.output.consume(usize::MAX);
-    said
+    sent_length
 }
 
 fn is_intact(bytes: &[u8], roll_rad: f32, pitch_rad: f32) -> bool {
@@ -54,16 +54,16 @@ fn is_intact(bytes: &[u8], roll_rad: f32, pitch_rad: f32) -> bool {
 /// and two requests. After a silence the protocol is detected from the first frame after at most one longest frame, or
 /// after another silence if noise was mistaken for the other protocol.
 #[test]
-fn a_port_finds_who_speaks() {
+fn a_port_detects_the_protocol_of_its_peer() {
     hold((stream(), any::<bool>()), |(pieces, is_msp)| -> Promise {
         let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, Timestamp::START);
         let (mut now_us, mut bytes) = (0, Vec::new());
         for (ms, piece) in &pieces {
             for _ in 0..ms / 500 {
                 now_us += 500_000;
-                let said = poll(&mut port, Timestamp::from_us(now_us));
+                let sent_length = poll(&mut port, Timestamp::from_us(now_us));
                 let is_mavlink = port.active_protocol(Timestamp::from_us(now_us)) == ProtocolKind::Mavlink;
-                prop_assert!(said <= if is_mavlink { 384 } else { 20 + 2 * 9 }, "{said} bytes");
+                prop_assert!(sent_length <= if is_mavlink { 384 } else { 20 + 2 * 9 }, "{sent_length} bytes");
             }
             for byte in stream::bytes(std::slice::from_ref(piece)) {
                 bytes.push(byte);

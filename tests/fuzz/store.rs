@@ -87,7 +87,7 @@ fn replace(flash: &mut Flash, at: usize, bytes: &[u8]) {
 /// Loaded values are in range, loaded calibrations were stored, and later saves are loaded again. Only an item of
 /// another format is preserved; it needs a correct CRC, which damage produces once in four billion cases.
 #[test]
-fn arbitrary_flash_contents_are_handled() {
+fn arbitrary_flash_contents_load_valid_values_and_allow_saves() {
     hold((0..4_usize, damage()), |(times, damage)| -> Promise {
         let mut flash = SAVED[times].clone();
         for (at, bytes) in &damage {
@@ -128,7 +128,7 @@ fn items() -> impl Strategy<Value = Vec<(usize, Vec<u8>)>> {
 
 /// No panic, values in range, and a save succeeds.
 #[test]
-fn the_store_takes_any_fields() {
+fn the_store_handles_any_fields() {
     hold((0..4_usize, items()), |(times, items)| -> Promise {
         let mut flash = SAVED[times].clone();
         for (page, fields) in items {

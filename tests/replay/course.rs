@@ -35,7 +35,7 @@ fn legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightRecording {
 
 const ALL_ROUND_DEG: [f64; 6] = [10.0, 130.0, 250.0, 70.0, 190.0, 310.0];
 
-fn in_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
+fn config_with_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
     let mut world = WorldConfig::random(seed);
     (world.weather.wind_m_s, world.weather.wind_from_deg) = (wind_m_s, 250.0);
     world
@@ -45,16 +45,16 @@ fn in_wind(seed: u64, wind_m_s: f64) -> WorldConfig {
 /// at 1 Hz over MAVLink, hence limits of 1 deg for each heading and 0.3 deg for the mean of a leg. The recorded yaw is
 /// the truth.
 #[test]
-fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
+fn gps_course_gives_the_heading_of_straight_flight_in_any_wind() {
     for (seed, wind_m_s, write) in [
         (1, 0.0, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
         (1, 8.0, encode_dataflash),
         (2, 8.0, encode_tlog),
         (3, 10.0, encode_ulog),
     ] {
-        let mut world = in_wind(seed, wind_m_s);
+        let mut world = config_with_wind(seed, wind_m_s);
         world.weather.gust_m_s = 0.0;
-        let flight = read(&write(&late(legs(&world, &ALL_ROUND_DEG))));
+        let flight = read(&write(&with_delayed_velocity(legs(&world, &ALL_ROUND_DEG))));
         let course = GpsCourseHeading::from_flight(&flight).unwrap();
         let name = format!("{:?}, {wind_m_s} m/s: {}", flight.format, course.limits());
         assert!((course.wind_speed_m_s() - wind_m_s).abs() < 0.2, "{name}");
@@ -78,7 +78,7 @@ fn gps_course_is_the_heading_of_straight_flight_whatever_the_wind() {
 }
 
 /// Delays the GPS velocity by 0.3 s.
-fn late(mut recording: FlightRecording) -> FlightRecording {
+fn with_delayed_velocity(mut recording: FlightRecording) -> FlightRecording {
     let velocities: Vec<[f64; 2]> = recording.samples.iter().map(|instant| instant.velocity_m_s).collect();
     for (instant, velocity_m_s) in recording.samples.iter_mut().skip(3).zip(velocities) {
         instant.velocity_m_s = velocity_m_s;
@@ -89,9 +89,9 @@ fn late(mut recording: FlightRecording) -> FlightRecording {
 /// Gusts last 1.5 s, so sideslip averages to a sixth of its sigma over 100 s; the bound is three times that. Hard iron
 /// has one cycle of error a turn, as a wind estimated from headings would.
 #[test]
-fn an_error_against_gps_course_is_that_against_the_truth() {
+fn errors_against_gps_course_match_errors_against_the_truth() {
     for seed in 1..5 {
-        let flight = read(&encode_dataflash(&legs(&in_wind(seed, 7.0), &ALL_ROUND_DEG)));
+        let flight = read(&encode_dataflash(&legs(&config_with_wind(seed, 7.0), &ALL_ROUND_DEG)));
         let course = ReferenceHeading::best(&flight).unwrap();
         assert!(course.is_accuracy() && course.name() == "GPS course in straight flight", "{course:?}");
         let [by_course, mut by_truth] = [&course, &ReferenceHeading::AutopilotYaw]
@@ -109,8 +109,8 @@ fn an_error_against_gps_course_is_that_against_the_truth() {
 }
 
 #[test]
-fn gps_course_is_refused_where_it_tells_no_heading() {
-    let plane = legs(&in_wind(1, 5.0), &ALL_ROUND_DEG);
+fn gps_course_is_rejected_where_it_gives_no_heading() {
+    let plane = legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG);
     let changed = |change: &dyn Fn(&mut FlightSample, f64)| {
         let mut recording = plane.clone();
         let number = recording.samples.len() as f64;
@@ -123,9 +123,9 @@ fn gps_course_is_refused_where_it_tells_no_heading() {
         instant.velocity_m_s[0] += north;
         instant.velocity_m_s[1] += east;
     };
-    for (why, recording) in [
-        (GpsCourseRejection::FewDirections, legs(&in_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
-        (GpsCourseRejection::StrongWind, legs(&in_wind(1, 12.0), &ALL_ROUND_DEG)),
+    for (expected_rejection, recording) in [
+        (GpsCourseRejection::FewDirections, legs(&config_with_wind(1, 5.0), &[30.0, 210.0, 30.0, 210.0])),
+        (GpsCourseRejection::StrongWind, legs(&config_with_wind(1, 12.0), &ALL_ROUND_DEG)),
         (GpsCourseRejection::Copter, FlightRecording { is_copter: true, ..plane.clone() }),
         // The wind turns.
         (GpsCourseRejection::UncertainWind, changed(&|instant, part| add(instant, [6.0 * part, -6.0 * part]))),
@@ -133,8 +133,8 @@ fn gps_course_is_refused_where_it_tells_no_heading() {
         (
             GpsCourseRejection::NoCircle,
             changed(&|instant, part| {
-                let by = 1.0 + 0.5 * (part * 200.0).sin();
-                instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * by);
+                let factor = 1.0 + 0.5 * (part * 200.0).sin();
+                instant.velocity_m_s = instant.velocity_m_s.map(|axis| axis * factor);
             }),
         ),
         (
@@ -151,18 +151,18 @@ fn gps_course_is_refused_where_it_tells_no_heading() {
         ),
     ] {
         let flight = read(&encode_dataflash(&recording));
-        assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), why);
-        assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{why:?}");
+        assert_eq!(GpsCourseHeading::from_flight(&flight).unwrap_err(), expected_rejection);
+        assert_eq!(ReferenceHeading::best(&flight), Some(ReferenceHeading::AutopilotYaw), "{expected_rejection:?}");
         let notes = Note::all(&flight, &evaluate_flight(&flight, &ASKED));
-        let told = notes.iter().any(|note| note.to_string().contains(why.description()));
-        assert!(told, "{why:?}: {notes:?}");
+        let told = notes.iter().any(|note| note.to_string().contains(expected_rejection.description()));
+        assert!(told, "{expected_rejection:?}: {notes:?}");
     }
 }
 
 /// A rotorcraft not identified as such: it hovers and is pushed at a constant heading, faster than a slow aeroplane.
 #[test]
 fn a_copter_is_not_compared_with_its_course() {
-    let mut config = in_wind(1, 2.0);
+    let mut config = config_with_wind(1, 2.0);
     config.aircraft.kind = VehicleKind::Copter;
     let world = World::new(config);
     let mut source = world.attitude_source();
@@ -181,15 +181,18 @@ fn a_copter_is_not_compared_with_its_course() {
 }
 
 #[test]
-fn gps_course_is_told_with_its_limits() {
-    let flight = read(&encode_tlog(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
+fn gps_course_is_reported_with_its_accuracy() {
+    let flight = read(&encode_tlog(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
     let verdict = evaluate_flight(&flight, &ASKED);
     let told = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot).json();
     let reference = &told["reference"];
     assert_eq!(reference["is_accuracy"], true);
     assert!((reference["course"]["wind_m_s"].as_f64().unwrap() - 5.0).abs() < 0.2, "{reference}");
     let limits = reference["limits"].as_str().unwrap();
-    assert!(["no compass", "5.0 m/s from 250", "sideslip", "banked"].iter().all(|of| limits.contains(of)), "{limits}");
+    assert!(
+        ["no compass", "5.0 m/s from 250", "sideslip", "banked"].iter().all(|text| limits.contains(text)),
+        "{limits}"
+    );
     let described = include_str!("../../docs/your-flight.md");
     for field in reference["course"].as_object().unwrap().keys() {
         assert!(described.contains(&format!("`{field}`")), "{field}: docs/your-flight.md");
@@ -198,7 +201,7 @@ fn gps_course_is_told_with_its_limits() {
 
 #[test]
 fn references_are_ranked() {
-    let mut flight = read(&encode_dataflash(&legs(&in_wind(1, 5.0), &ALL_ROUND_DEG)));
+    let mut flight = read(&encode_dataflash(&legs(&config_with_wind(1, 5.0), &ALL_ROUND_DEG)));
     let best = |flight: &Flight| ReferenceHeading::best(flight).unwrap().name();
     let mut ranked = vec![best(&flight)];
     for row in flight.gps.rows_mut() {

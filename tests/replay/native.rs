@@ -37,12 +37,12 @@ const BAD: [(&str, f64); 16] = [
 ];
 
 /// Turns both ways, logged with bad parameters and a field latency.
-fn flown(world: &WorldConfig, age_s: f64) -> FlightRecording {
+fn record_flight(world: &WorldConfig, age_s: f64) -> FlightRecording {
     let parameters = BAD.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
     FlightRecording { parameters, ..record_turns(world, age_s) }
 }
 
-fn judged(bytes: &[u8]) -> (Flight, CompassEvaluation) {
+fn evaluate(bytes: &[u8]) -> (Flight, CompassEvaluation) {
     let flight = read(bytes);
     let mut verdict = evaluate_flight(&flight, &ASKED);
     (flight, verdict.compasses.remove(0))
@@ -51,7 +51,7 @@ fn judged(bytes: &[u8]) -> (Flight, CompassEvaluation) {
 /// The latency is found within 10 ms, or 2.5 standard deviations in a flight with little rolling. The limit of the
 /// heading error is due to attitude noise of 0.3 deg.
 #[test]
-fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
+fn a_native_log_gives_heading_and_field_latency() {
     let world = WorldConfig::random(3);
     let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
     for (age_s, write) in [
@@ -60,8 +60,8 @@ fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
         (0.02, encode_ulog),
         (0.0, encode_csv),
     ] {
-        let recording = flown(&world, age_s);
-        let (flight, compass) = judged(&write(&recording));
+        let recording = record_flight(&world, age_s);
+        let (flight, compass) = evaluate(&write(&recording));
         let name = flight.format.name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
@@ -79,7 +79,7 @@ fn a_native_log_gives_the_heading_and_the_age_of_its_field() {
 
 /// Disarmed rows near a steel hangar affect no calibrator. The second compass is evaluated alone when selected.
 #[test]
-fn what_is_not_flown_is_given_to_nobody() {
+fn disarmed_rows_are_used_by_no_calibrator() {
     let world = WorldConfig::table1(1);
     let mut recording = record_turns(&world, 0.0);
     for (i, instant) in recording.samples.iter_mut().enumerate() {
@@ -89,14 +89,14 @@ fn what_is_not_flown_is_given_to_nobody() {
         }
         instant.field_ut.push([1.0, 2.0, 3.0]);
     }
-    let (_, compass) = judged(&encode_csv(&recording));
+    let (_, compass) = evaluate(&encode_csv(&recording));
     assert!((compass.radius_ut.unwrap() - 48.0).abs() < 3.0, "{:?} uT", compass.radius_ut);
-    for by in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
+    for correction_source in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
         // A sphere fit leaves the soft iron's error.
         assert!(
-            compass.correction_from(by).unwrap().score.unwrap().rms_deg < 10.0,
-            "{by:?}: {:?}",
-            compass.correction_from(by)
+            compass.correction_from(correction_source).unwrap().score.unwrap().rms_deg < 10.0,
+            "{correction_source:?}: {:?}",
+            compass.correction_from(correction_source)
         );
     }
     let flight = read(&encode_dataflash(&recording));
@@ -106,21 +106,21 @@ fn what_is_not_flown_is_given_to_nobody() {
 
 /// The written file is parsed and applied by the autopilot's own formula.
 #[test]
-fn parameters_give_what_they_say_when_they_are_applied() {
+fn exported_parameters_give_the_predicted_heading_error() {
     for (seed, write, dialect) in [
         (3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>, ParameterFormat::ArduPilot),
         (5, encode_ulog, ParameterFormat::Px4),
         (7, encode_tlog, ParameterFormat::ArduPilot),
     ] {
-        let (flight, compass) = judged(&write(&flown(&WorldConfig::random(seed), 0.05)));
-        let handed = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
-        let score = score_of_file(&flight, &compass, &handed, dialect);
-        assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
+        let (flight, compass) = evaluate(&write(&record_flight(&WorldConfig::random(seed), 0.05)));
+        let export = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
+        let score = score_of_file(&flight, &compass, &export, dialect);
+        assert!((score.rms_deg - export.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {export:?}");
         let ours = compass.correction_from(CorrectionSource::Module).unwrap().score.unwrap();
-        let most = ours.rms_deg + handed.heading_loss_deg[0] + 0.05;
-        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", handed.heading_loss_deg);
+        let most = ours.rms_deg + export.heading_loss_deg[0] + 0.05;
+        assert!(score.rms_deg < most, "seed {seed}: {score:?}, {ours:?}, {:?}", export.heading_loss_deg);
         // Scaled to the given field strength.
-        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&handed.correction).norm()).collect();
+        let strengths: Vec<f64> = compass.rows.iter().map(|row| row.corrected(&export.correction).norm()).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len() as f64;
         assert!((mean - 50.0).abs() < 1.5, "seed {seed}: {mean}");
     }
@@ -129,22 +129,22 @@ fn parameters_give_what_they_say_when_they_are_applied() {
 /// ArduPilot rotates an internal compass with the board.
 #[test]
 fn an_internal_compass_is_given_no_orientation() {
-    let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
-    let mut handed = parameter_export::export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
-    handed.rotation = NumberedRotation::new(2.0).unwrap();
+    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random(3), 0.05)));
+    let mut export = parameter_export::export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
+    export.rotation = NumberedRotation::new(2.0).unwrap();
     for (external, line) in
         [(1.0, "\nCOMPASS_ORIENT,2\n"), (0.0, "\n# COMPASS_ORIENT: not used, because COMPASS_EXTERNAL is 0")]
     {
         flight.parameters.set(0.0, "COMPASS_EXTERNAL", external);
         let text =
-            parameter_export::format_parameter_file(&flight, std::slice::from_ref(&handed), ParameterFormat::ArduPilot);
+            parameter_export::format_parameter_file(&flight, std::slice::from_ref(&export), ParameterFormat::ArduPilot);
         assert!(text.contains(line), "{external}: {text}");
     }
 }
 
 /// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank.
 #[test]
-fn iron_by_current_is_found_and_handed_over() {
+fn motor_current_interference_is_estimated_and_exported() {
     for (seed, write, dialect) in [
         (3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>, ParameterFormat::ArduPilot),
         (5, encode_ulog, ParameterFormat::Px4),
@@ -153,14 +153,14 @@ fn iron_by_current_is_found_and_handed_over() {
     ] {
         let world = WorldConfig::random(seed).with_current_interference(8.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
-        let (flight, compass) = judged(&write(&flown(&world, 0.05)));
+        let (flight, compass) = evaluate(&write(&record_flight(&world, 0.05)));
         assert_eq!(compass.module.accepted, Ok(()), "seed {seed}");
-        let iron = compass.module.solution.as_ref().unwrap().calibration.motor_current;
-        for (found, added_ut) in iron.ut_per_a.iter().zip(world.current_interference_ut) {
-            let off = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
+        let interference = compass.module.solution.as_ref().unwrap().calibration.motor_current;
+        for (found, added_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
+            let estimate_error = f64::from(*found) - added_ut / CRUISE_CURRENT_A;
             assert!(
-                off.abs() < 4.0 * f64::from(iron.sigma_ut_per_a) + 0.01,
-                "seed {seed}: {iron:?} {:?}",
+                estimate_error.abs() < 4.0 * f64::from(interference.sigma_ut_per_a) + 0.01,
+                "seed {seed}: {interference:?} {:?}",
                 world.current_interference_ut
             );
         }
@@ -171,21 +171,21 @@ fn iron_by_current_is_found_and_handed_over() {
             "seed {seed}: {:?}",
             compass.rms_without_current_deg
         );
-        let handed = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
-        let score = score_of_file(&flight, &compass, &handed, dialect);
-        assert!((score.rms_deg - handed.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {handed:?}");
-        assert!(score.rms_deg < ours.rms_deg + handed.heading_loss_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
+        let export = parameter_export::export_correction(&flight, &compass, Some(50.0), dialect).unwrap();
+        let score = score_of_file(&flight, &compass, &export, dialect);
+        assert!((score.rms_deg - export.score.unwrap().rms_deg).abs() < 0.05, "seed {seed}: {score:?} {export:?}");
+        assert!(score.rms_deg < ours.rms_deg + export.heading_loss_deg[0] + 0.05, "seed {seed}: {score:?} {ours:?}");
         // Without current compensation the mean interference goes into the offsets, and its variation is lost.
         let inav = parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::Inav).unwrap();
         assert!(inav.warnings.iter().any(|words| words.contains("current")), "seed {seed}: {:?}", inav.warnings);
-        assert!(inav.heading_loss_deg[0] > handed.heading_loss_deg[0], "seed {seed}: {inav:?}");
+        assert!(inav.heading_loss_deg[0] > export.heading_loss_deg[0], "seed {seed}: {inav:?}");
         // 0.5 uT/A times 10 A in a bank is degrees of heading.
-        let is_told = inav.warnings.iter().any(|words| words.contains("costs"));
-        assert!(is_told && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
+        let is_warned = inav.warnings.iter().any(|words| words.contains("costs"));
+        assert!(is_warned && inav.heading_loss_deg[0] > 0.3, "seed {seed}: {inav:?}");
         // The file has whole numbers: 0.5 mG, and gains of 1/1024.
         let score = score_correction(
             &compass.rows,
-            &of_inav(&parameter_export::format_parameter_file(
+            &inav_correction(&parameter_export::format_parameter_file(
                 &flight,
                 std::slice::from_ref(&inav),
                 ParameterFormat::Inav,
@@ -197,12 +197,12 @@ fn iron_by_current_is_found_and_handed_over() {
 }
 
 /// Parses INAV's zeros and gains: `(raw - zero) 1024 / gain`, raw in milligauss.
-fn of_inav(text: &str) -> FieldCorrection {
-    let of = |name: &str, axis: &str| {
+fn inav_correction(text: &str) -> FieldCorrection {
+    let parameter = |name: &str, axis: &str| {
         let line = text.lines().find_map(|line| line.strip_prefix(&format!("set {name}_{axis} = "))).unwrap();
         line.parse::<f64>().unwrap()
     };
-    let each = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| of(name, axis)));
+    let each = |name: &str| Vector3::from(["x", "y", "z"].map(|axis| parameter(name, axis)));
     FieldCorrection::without_current(
         Matrix3::from_diagonal(&each("maggain").map(|gain| 1024.0 / gain)),
         each("magzero") * 0.1,
@@ -210,16 +210,16 @@ fn of_inav(text: &str) -> FieldCorrection {
 }
 
 #[test]
-fn offsets_that_are_not_taken_are_told() {
-    let (mut flight, compass) = judged(&encode_dataflash(&flown(&WorldConfig::random(3), 0.05)));
-    let handed =
+fn offsets_above_compass_offs_max_are_reported() {
+    let (mut flight, compass) = evaluate(&encode_dataflash(&record_flight(&WorldConfig::random(3), 0.05)));
+    let export =
         parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::ArduPilot).unwrap();
-    let largest_mg = handed.correction.hard_iron_ut.amax() * 10.0;
-    for (part, is_told) in [(0.95, true), (1.05, false)] {
+    let largest_mg = export.correction.hard_iron_ut.amax() * 10.0;
+    for (part, is_warned) in [(0.95, true), (1.05, false)] {
         flight.parameters.set(f64::MAX, "COMPASS_OFFS_MAX", largest_mg * part);
-        let handed =
+        let export =
             parameter_export::export_correction(&flight, &compass, Some(50.0), ParameterFormat::ArduPilot).unwrap();
-        assert_eq!(handed.warnings.iter().any(|words| words.contains("COMPASS_OFFS_MAX")), is_told, "{handed:?}");
+        assert_eq!(export.warnings.iter().any(|words| words.contains("COMPASS_OFFS_MAX")), is_warned, "{export:?}");
     }
 }
 
@@ -227,24 +227,24 @@ fn offsets_that_are_not_taken_are_told() {
 fn score_of_file(
     flight: &Flight,
     compass: &CompassEvaluation,
-    handed: &ExportedCorrection,
+    export: &ExportedCorrection,
     dialect: ParameterFormat,
 ) -> HeadingScore {
-    let text = parameter_export::format_parameter_file(flight, std::slice::from_ref(handed), dialect);
+    let text = parameter_export::format_parameter_file(flight, std::slice::from_ref(export), dialect);
     let loaded = parameter_export::parse_parameter_file(&text, &flight.parameters);
-    assert_eq!(handed.rotation.number(), 0, "mounted as the log says");
-    let iron = match dialect {
+    assert_eq!(export.rotation.number(), 0, "mounted as the log says");
+    let correction = match dialect {
         ParameterFormat::Px4 => FieldCorrection::from_px4(&loaded, compass.number),
         ParameterFormat::ArduPilot | ParameterFormat::Inav => FieldCorrection::from_ardupilot(&loaded, compass.number),
     };
-    score_correction(&compass.rows, &iron).unwrap()
+    score_correction(&compass.rows, &correction).unwrap()
 }
 
 #[test]
-fn units_that_cannot_be_are_told() {
+fn implausible_units_are_reported() {
     let world = WorldConfig::table1(1);
     // A place with about that world's field strength, 48 uT.
-    let text = encode_csv(&FlightRecording { place: Some([48.0, 11.3, 500.0]), ..flown(&world, 0.0) });
+    let text = encode_csv(&FlightRecording { place: Some([48.0, 11.3, 500.0]), ..record_flight(&world, 0.0) });
     let notes = |bytes: &[u8], unit: FieldUnit| {
         let mut source = bytes;
         let flight = log::read(&mut source, unit).unwrap();
@@ -267,14 +267,14 @@ fn units_that_cannot_be_are_told() {
             values.join(",") + "\n"
         })
         .collect();
-    let told = notes(radians.as_bytes(), FieldUnit::Milligauss);
-    assert!(told.contains("radians"), "{told}");
+    let notes_text = notes(radians.as_bytes(), FieldUnit::Milligauss);
+    assert!(notes_text.contains("radians"), "{notes_text}");
 }
 
 /// Pairs in reverse order, with duplicates.
 #[test]
-fn readings_in_pairs_and_out_of_order_are_rows() {
-    let text = String::from_utf8(encode_csv(&flown(&WorldConfig::random(3), 0.0))).unwrap();
+fn duplicate_and_unordered_readings_become_sorted_rows() {
+    let text = String::from_utf8(encode_csv(&record_flight(&WorldConfig::random(3), 0.0))).unwrap();
     let mut lines = text.lines();
     let header = lines.next().unwrap();
     let mut untidy = format!("{header}\n");
@@ -286,7 +286,7 @@ fn readings_in_pairs_and_out_of_order_are_rows() {
             writeln!(untidy, "{later:.3},{rest}\n{line}\n{line}").unwrap();
         }
     }
-    let (tidy, untidy) = (judged(text.as_bytes()).1, judged(untidy.as_bytes()).1);
+    let (tidy, untidy) = (evaluate(text.as_bytes()).1, evaluate(untidy.as_bytes()).1);
     assert!(untidy.rows.len().abs_diff(tidy.rows.len()) < 20, "{} {}", untidy.rows.len(), tidy.rows.len());
     assert_eq!(untidy.module.accepted, Ok(()));
     let [rms, before] = [&untidy, &tidy]
@@ -296,7 +296,7 @@ fn readings_in_pairs_and_out_of_order_are_rows() {
 
 /// The field model is valid on its own days only. If the world's inclination is 12 deg off, the model's is dropped.
 #[test]
-fn an_inclination_of_another_day_is_not_told() {
+fn the_model_inclination_is_used_only_on_days_of_its_validity() {
     for (inclination_deg, is_right) in [(64.0, true), (52.0, false)] {
         let mut world = WorldConfig::random(3);
         world.earth.inclination_deg = inclination_deg;
@@ -309,27 +309,27 @@ fn an_inclination_of_another_day_is_not_told() {
             assert!(*is == is_valid && (earth.inclination_deg - 64.0).abs() < 1.0, "{earth:?}");
             assert_eq!(verdict.compasses[0].module.accepted, Ok(()), "{inclination_deg} deg, {is_valid}");
         }
-        let [told, untold] =
+        let [configured, unconfigured] =
             [of_that_day, of_another].map(|verdict| verdict.compasses[0].all_rows.solution.unwrap().calibration);
-        assert_eq!(told != untold, is_right, "{inclination_deg}: {told:?}");
+        assert_eq!(configured != unconfigured, is_right, "{inclination_deg}: {configured:?}");
     }
 }
 
 /// Evaluates a flight whose hard iron steps by 8 uT at a time in seconds.
-fn moved(world: &WorldConfig, at_s: u64) -> CompassEvaluation {
+fn evaluate_hard_iron_step(world: &WorldConfig, at_s: u64) -> CompassEvaluation {
     let mut recording = record_turns(world, 0.0);
     for instant in recording.samples.iter_mut().filter(|instant| instant.time_us >= at_s * 1_000_000) {
         instant.field_ut[0][0] += 8.0;
     }
-    judged(&encode_csv(&recording)).1
+    evaluate(&encode_csv(&recording)).1
 }
 
 /// Limits: 0.3 uT with a sixth of the flight on one side, and 0.5 s. The first row is 2 s after the clock's start.
 #[test]
-fn the_whole_step_of_the_iron_is_found_whenever_it_is() {
+fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
     for world in [WorldConfig::table1(1), WorldConfig::random(3), WorldConfig::random(5)] {
         for at_s in [40, 120, 180] {
-            let change = moved(&world, at_s).hard_iron_step;
+            let change = evaluate_hard_iron_step(&world, at_s).hard_iron_step;
             let change = change.unwrap_or_else(|| panic!("{at_s} s, {} deg", world.earth.inclination_deg));
             let off_ut = Vector3::from(change.step_ut) - Vector3::new(8.0, 0.0, 0.0);
             assert!(off_ut.norm() < 0.3 && (change.at_s + 2.0 - at_s as f64).abs() < 0.5, "{at_s} s: {change:?}");
@@ -339,8 +339,8 @@ fn the_whole_step_of_the_iron_is_found_whenever_it_is() {
 
 /// After a change in the last circle only one turn to one side remains.
 #[test]
-fn the_part_before_a_change_is_told_first() {
-    let compass = moved(&WorldConfig::random(3), 180);
+fn expected_errors_before_and_after_a_step_are_in_time_order() {
+    let compass = evaluate_hard_iron_step(&WorldConfig::random(3), 180);
     let &[before, after] = compass.expected_rms_by_part_deg.as_slice() else {
         panic!("{:?}", compass.expected_rms_by_part_deg)
     };

@@ -64,26 +64,26 @@ fn recorded_with(world: &WorldConfig, circles: f64, iron_ut: impl Fn(f64) -> [f6
 
 /// Attitude noise of 0.3 deg and a bank-angle scale error of 1 % make up to 1 deg of heading at these inclinations.
 #[test]
-fn both_ways_of_choosing_rows_give_the_heading() {
+fn all_rows_and_turns_alone_give_the_heading() {
     for seed in 0..10 {
         let world = WorldConfig::random(seed);
         let rows = recorded(&world, 3.0);
         let noise_deg = 0.45 * world.earth.inclination_deg.to_radians().tan().abs();
         for options in [ALL, TURNS] {
-            let replayed = replay(&rows, &options);
-            assert_eq!(replayed.accepted, Ok(()), "seed {seed} {options:?}");
-            let score = replayed.score.unwrap();
+            let replay_result = replay(&rows, &options);
+            assert_eq!(replay_result.accepted, Ok(()), "seed {seed} {options:?}");
+            let score = replay_result.score.unwrap();
             assert!(score.rms_deg < 0.5 + noise_deg, "seed {seed} {options:?}: {score:?}");
             assert!(score.mean_deg.abs() < 0.5, "seed {seed} {options:?}: {score:?}");
             assert_eq!(score.rows, rows.len() - 100);
-            assert_eq!(replayed.headings.len(), rows.len());
+            assert_eq!(replay_result.headings.len(), rows.len());
         }
     }
 }
 
 /// The attitude noise of 0.3 deg is correlated over 0.5 s, so smoothing removes most of it.
 #[test]
-fn rates_make_the_heading_smooth() {
+fn body_rates_reduce_the_heading_error_by_smoothing() {
     let rms = |score: Option<HeadingScore>| score.unwrap().rms_deg;
     let mut ratios = Vec::new();
     for seed in 0..5 {
@@ -107,7 +107,7 @@ fn rates_make_the_heading_smooth() {
 
 /// `--fit-until` and `--inclination`.
 #[test]
-fn a_part_of_the_flight_is_enough_or_refused() {
+fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
     let early = replay(&rows, &ReplayOptions { fit_until_s: Some(25.0), ..TURNS });
     assert!(matches!(early.accepted, Err(ReplayRefusal::Solve(_))), "{:?}", early.accepted);
@@ -120,14 +120,14 @@ fn a_part_of_the_flight_is_enough_or_refused() {
 
 /// A straight leg and a third of a circle.
 #[test]
-fn little_is_refused_or_honest() {
+fn a_short_flight_is_refused_or_has_an_honest_expected_error() {
     for seed in 0..10 {
         let rows = recorded(&WorldConfig::random(seed), 0.0);
         for options in [ALL, TURNS] {
-            let replayed = replay(&rows, &options);
-            if replayed.accepted.is_ok() {
-                let expected_deg = f64::from(replayed.solution.unwrap().quality.expected_rms_deg);
-                let score = replayed.score.unwrap();
+            let replay_result = replay(&rows, &options);
+            if replay_result.accepted.is_ok() {
+                let expected_deg = f64::from(replay_result.solution.unwrap().quality.expected_rms_deg);
+                let score = replay_result.score.unwrap();
                 let error_deg = score.rms_deg.hypot(score.mean_deg);
                 assert!(error_deg < 1.0 + 3.0 * expected_deg, "seed {seed} {options:?}: {score:?}, {expected_deg}");
             }
@@ -145,15 +145,17 @@ fn a_steady_course_is_refused() {
 }
 
 #[test]
-fn a_refusal_tells_what_to_fly() {
-    let of = |seed| replay(&recorded(&WorldConfig::random(seed), 0.0), &ALL);
+fn a_refusal_names_the_missing_manoeuvre() {
+    let replay_of_seed = |seed| replay(&recorded(&WorldConfig::random(seed), 0.0), &ALL);
     let inaccurate: Vec<_> = (0..10)
-        .map(of)
-        .filter(|replayed| matches!(replayed.accepted, Err(ReplayRefusal::Rejected(Rejection::NotAccurate { .. }))))
+        .map(replay_of_seed)
+        .filter(|replay_result| {
+            matches!(replay_result.accepted, Err(ReplayRefusal::Rejected(Rejection::NotAccurate { .. })))
+        })
         .collect();
     assert!(!inaccurate.is_empty());
-    for replayed in inaccurate {
-        let words = replayed.refusal().unwrap().to_string();
+    for replay_result in inaccurate {
+        let words = replay_result.refusal().unwrap().to_string();
         assert!(words.starts_with("expected error ") && words.contains(" deg; missing: "), "{words}");
     }
 }
@@ -161,7 +163,7 @@ fn a_refusal_tells_what_to_fly() {
 /// Hard iron that steps between the sides or in a turn, or drifts: refused, or included in the expected error at the
 /// end.
 #[test]
-fn a_flight_of_two_airframes_is_refused_or_honest() {
+fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
     let mut refused = 0;
     for seed in 0..6 {
         let world = WorldConfig::random(seed);
@@ -171,8 +173,8 @@ fn a_flight_of_two_airframes_is_refused_or_honest() {
             ("drift", |t_s| [0.03 * t_s, 0.02 * t_s, -0.03 * t_s]),
         ] {
             let rows = recorded_with(&world, 3.0, iron_ut);
-            let replayed = replay(&rows, &TURNS);
-            match replayed.accepted {
+            let replay_result = replay(&rows, &TURNS);
+            match replay_result.accepted {
                 Err(
                     ReplayRefusal::Rejected(Rejection::IronChanged(_))
                     | ReplayRefusal::Solve(SolveError::HardIronChanged(_)),
@@ -181,7 +183,7 @@ fn a_flight_of_two_airframes_is_refused_or_honest() {
                 }
                 accepted => {
                     assert_eq!(accepted, Ok(()), "seed {seed} {name}");
-                    let solution = replayed.solution.unwrap();
+                    let solution = replay_result.solution.unwrap();
                     assert!(solution.hard_iron_change.is_some(), "seed {seed} {name}");
                     let mut at_the_end = world;
                     at_the_end.airframe.b_ut += Vector3::from(iron_ut(205.0));
@@ -215,7 +217,7 @@ fn a_wrong_inclination_is_named() {
 
 /// Radians instead of degrees, and a row rate of 1 Hz.
 #[test]
-fn what_is_wrong_with_a_recording_is_told() {
+fn wrong_units_and_slow_rows_are_reported() {
     let rows = recorded(&WorldConfig::table1(1), 3.0);
     let in_radians: Vec<ReplayRow> = rows
         .iter()
@@ -225,24 +227,25 @@ fn what_is_wrong_with_a_recording_is_told() {
             ReplayRow { attitude, ..row }
         })
         .collect();
-    let replayed = replay(&in_radians, &TURNS);
+    let replay_result = replay(&in_radians, &TURNS);
     assert!(
-        replayed.accepted.is_err() && matches!(replayed.missing, Some(CollectionProblem::NoTilt { .. })),
+        replay_result.accepted.is_err() && matches!(replay_result.missing, Some(CollectionProblem::NoTilt { .. })),
         "{:?}",
-        replayed.missing
+        replay_result.missing
     );
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
-    let replayed = replay(&slow, &TURNS);
+    let replay_result = replay(&slow, &TURNS);
     assert!(
-        replayed.accepted.is_err() && matches!(replayed.missing, Some(CollectionProblem::SampleIntervalTooLong { .. })),
+        replay_result.accepted.is_err()
+            && matches!(replay_result.missing, Some(CollectionProblem::SampleIntervalTooLong { .. })),
         "{:?}",
-        replayed.missing
+        replay_result.missing
     );
     assert_eq!(replay(&rows, &TURNS).missing, None);
 }
 
 #[test]
-fn iron_that_changed_is_found_with_its_time_size_and_axis() {
+fn a_hard_iron_step_is_found_with_time_size_and_axis() {
     let world = WorldConfig::table1(1);
     for (moved, axis) in [([8.0, 0.0, 0.0], 'x'), ([0.0, -6.0, 2.0], 'y'), ([0.0; 3], ' ')] {
         let rows = recorded_with(&world, 3.0, |t_s| if t_s < 110.0 { [0.0; 3] } else { moved });
@@ -260,7 +263,7 @@ fn iron_that_changed_is_found_with_its_time_size_and_axis() {
         }
         let change = change.unwrap();
         assert!((change.at_s - 110.0).abs() < 2.0, "{change:?}");
-        let off = (Vector3::from(change.step_ut) - Vector3::from(moved)).norm();
-        assert!(off < 2.0 && change.axis() == axis, "{change:?}");
+        let step_error_ut = (Vector3::from(change.step_ut) - Vector3::from(moved)).norm();
+        assert!(step_error_ut < 2.0 && change.axis() == axis, "{change:?}");
     }
 }

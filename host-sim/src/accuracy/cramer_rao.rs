@@ -39,25 +39,25 @@ pub fn rms_deg_for<'a>(trial: &Trial, instants: impl Iterator<Item = &'a TrueSam
 
 /// Fisher information of a sample about the common parameters.
 fn information(trial: &Trial, instant: &TrueSample) -> FisherInformation {
-    let (common, own) = equations(trial, instant);
-    let projected = own.tr_mul(&common);
+    let (common, nuisance_rows) = equations(trial, instant);
+    let projected = nuisance_rows.tr_mul(&common);
     // Regular except at a magnetic pole: attitude measurements determine roll and pitch, the field determines heading.
-    let nuisance = (own.tr_mul(&own)).try_inverse().unwrap_or_else(Matrix3::zeros);
+    let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
     common.tr_mul(&common) - projected.tr_mul(&(nuisance * projected))
 }
 
 /// Jacobian rows of the two combinations of measurements that are independent of the nuisance parameters.
 #[must_use]
 pub fn information_root(trial: &Trial, instant: &TrueSample) -> InformationRoot {
-    let (common, own) = equations(trial, instant);
-    let nuisance = (own.tr_mul(&own)).try_inverse().unwrap_or_else(Matrix3::zeros);
-    let untouched = SMatrix::<f64, 5, 5>::identity() - own * nuisance * own.transpose();
+    let (common, nuisance_rows) = equations(trial, instant);
+    let nuisance = (nuisance_rows.tr_mul(&nuisance_rows)).try_inverse().unwrap_or_else(Matrix3::zeros);
+    let untouched = SMatrix::<f64, 5, 5>::identity() - nuisance_rows * nuisance * nuisance_rows.transpose();
     // The projection has rank two: two eigenvalues are one, the others zero.
     let eigen = untouched.symmetric_eigen();
     let mut order = [0, 1, 2, 3, 4];
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let kept = SMatrix::<f64, 5, 2>::from_fn(|row, column| eigen.eigenvectors[(row, order[column])]);
-    kept.tr_mul(&common)
+    let dominant_directions = SMatrix::<f64, 5, 2>::from_fn(|row, column| eigen.eigenvectors[(row, order[column])]);
+    dominant_directions.tr_mul(&common)
 }
 
 /// Jacobians of a sample's measurements by common and nuisance parameters, in units of the measurement sigmas.
@@ -72,28 +72,30 @@ fn equations(trial: &Trial, instant: &TrueSample) -> (SMatrix<f64, 5, 13>, SMatr
         common[(i, 9 + i)] = 1.0;
     }
     // Central differences with a step of 1e-5 have an error of about 1e-10.
-    let by = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
-    let by_inclination = by(&|step| trial.a * euler.field(1.0, trial.inclination_rad + step));
+    let numerical_derivative = |change: &dyn Fn(f64) -> Vector3<f64>| (change(1e-5) - change(-1e-5)) / 2e-5;
+    let by_inclination = numerical_derivative(&|step| trial.a * euler.field(1.0, trial.inclination_rad + step));
     common.fixed_view_mut::<3, 1>(0, 12).copy_from(&by_inclination);
-    let mut own = SMatrix::<f64, 5, 3>::zeros();
+    let mut nuisance_rows = SMatrix::<f64, 5, 3>::zeros();
     for (column, derivative) in [
-        by(&|step| trial.a * trial.body_field(Euler { heading_rad: euler.heading_rad + step, ..euler })),
-        by(&|step| trial.a * trial.body_field(Euler { roll_rad: euler.roll_rad + step, ..euler })),
-        by(&|step| trial.a * trial.body_field(Euler { pitch_rad: euler.pitch_rad + step, ..euler })),
+        numerical_derivative(&|step| {
+            trial.a * trial.body_field(Euler { heading_rad: euler.heading_rad + step, ..euler })
+        }),
+        numerical_derivative(&|step| trial.a * trial.body_field(Euler { roll_rad: euler.roll_rad + step, ..euler })),
+        numerical_derivative(&|step| trial.a * trial.body_field(Euler { pitch_rad: euler.pitch_rad + step, ..euler })),
     ]
     .iter()
     .enumerate()
     {
-        own.fixed_view_mut::<3, 1>(0, column).copy_from(derivative);
+        nuisance_rows.fixed_view_mut::<3, 1>(0, column).copy_from(derivative);
     }
-    own[(3, 1)] = 1.0;
-    own[(4, 2)] = 1.0;
+    nuisance_rows[(3, 1)] = 1.0;
+    nuisance_rows[(4, 2)] = 1.0;
     let sigmas = [trial.sensor_sigma; 3].into_iter().chain([trial.attitude_sigma_rad(instant); 2]);
     for (row, sigma) in sigmas.enumerate() {
         common.row_mut(row).unscale_mut(sigma);
-        own.row_mut(row).unscale_mut(sigma);
+        nuisance_rows.row_mut(row).unscale_mut(sigma);
     }
-    (common, own)
+    (common, nuisance_rows)
 }
 
 /// Derivative of the indicated heading by the common parameters. The corrected field is `W (m - b)`, so errors `dA` and
@@ -121,7 +123,7 @@ mod tests {
     use crate::accuracy::trial::Ranges;
 
     #[test]
-    fn rows_are_the_root_of_the_information() {
+    fn information_root_squares_to_the_information() {
         for seed in 0..5 {
             let trial = Trial::draw(&Ranges::HARSH, seed);
             for instant in trial.true_samples().step_by(40) {
@@ -133,13 +135,13 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_that_is_pushed_about_is_known_less() {
+    fn disturbing_acceleration_raises_the_cramer_rao_bound() {
         let trial = Trial::draw(&Ranges::HARSH, 7);
-        let pushed: Vec<TrueSample> =
+        let turbulent: Vec<TrueSample> =
             trial.true_samples().map(|instant| TrueSample { disturbing_acceleration_m_s2: 5.0, ..*instant }).collect();
-        let [calm, pushed] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, pushed.iter()).unwrap()];
+        let [calm, turbulent] = [rms_deg(&trial).unwrap(), rms_deg_for(&trial, turbulent.iter()).unwrap()];
         // The acceleration adds 2 deg of tilt error to 0.2 to 1 deg of noise.
-        assert!(pushed > 1.5 * calm, "{pushed} {calm}");
+        assert!(turbulent > 1.5 * calm, "{turbulent} {calm}");
     }
 
     #[test]

@@ -54,7 +54,9 @@ pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
     let rows: Vec<InformationRoot> =
         instants.iter().map(|instant| cramer_rao::information_root(trial, instant)).collect();
     let mut covariance = prior();
-    let gain = |covariance: &FisherInformation, index: usize| added(covariance, &rows[index]).determinant().ln();
+    let gain = |covariance: &FisherInformation, index: usize| {
+        information_gain_matrix(covariance, &rows[index]).determinant().ln()
+    };
     let candidate = |index| Candidate { gain: gain(&covariance, index), index, evaluated_at: 0 };
     let mut candidates: BinaryHeap<Candidate> = (0..rows.len()).map(candidate).collect();
     let mut chosen = Vec::new();
@@ -65,7 +67,7 @@ pub fn select_samples(trial: &Trial, number: usize) -> Vec<TrueSample> {
             candidates.push(Candidate { gain: gain(&covariance, best.index), evaluated_at: chosen.len(), ..best });
             continue;
         }
-        covariance = with(&covariance, &rows[best.index]);
+        covariance = with_sample(&covariance, &rows[best.index]);
         chosen.push(*instants[best.index]);
     }
     chosen
@@ -88,15 +90,15 @@ fn prior() -> FisherInformation {
 }
 
 /// `1 + R C R^T`; its determinant is the factor by which the sample increases the determinant of the information.
-fn added(covariance: &FisherInformation, rows: &InformationRoot) -> Matrix2<f64> {
+fn information_gain_matrix(covariance: &FisherInformation, rows: &InformationRoot) -> Matrix2<f64> {
     Matrix2::identity() + rows * covariance * rows.transpose()
 }
 
 /// Covariance after adding a sample: `C - C R^T (1 + R C R^T)^-1 R C` (Woodbury identity).
-fn with(covariance: &FisherInformation, rows: &InformationRoot) -> FisherInformation {
+fn with_sample(covariance: &FisherInformation, rows: &InformationRoot) -> FisherInformation {
     let to_rows = rows * covariance;
     // Positive definite, so the inverse exists.
-    let inverse = added(covariance, rows).try_inverse().unwrap_or_else(Matrix2::zeros);
+    let inverse = information_gain_matrix(covariance, rows).try_inverse().unwrap_or_else(Matrix2::zeros);
     let less = covariance - to_rows.tr_mul(&(inverse * to_rows));
     (less + less.transpose()) / 2.0
 }
@@ -114,7 +116,7 @@ mod tests {
 
     /// Reference: evaluates every sample in every step and inverts the whole matrix.
     #[test]
-    fn the_lazy_choice_is_the_plain_one() {
+    fn lazy_selection_equals_exhaustive_selection() {
         let trial = trial(30);
         let rows: Vec<InformationRoot> =
             trial.true_samples().map(|instant| cramer_rao::information_root(&trial, instant)).collect();
@@ -122,10 +124,10 @@ mod tests {
         let mut left: Vec<usize> = (0..rows.len()).collect();
         let mut plain = Vec::new();
         for _ in 0..20 {
-            let with = |index: usize| information + rows[index].tr_mul(&rows[index]);
-            let determinant = |index: &usize| with(*index).determinant();
+            let with_sample = |index: usize| information + rows[index].tr_mul(&rows[index]);
+            let determinant = |index: &usize| with_sample(*index).determinant();
             let best = *left.iter().max_by(|a, b| determinant(a).total_cmp(&determinant(b))).unwrap();
-            information = with(best);
+            information = with_sample(best);
             left.retain(|&index| index != best);
             plain.push(trial.true_samples().nth(best).unwrap().time.as_ms());
         }
@@ -134,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn chosen_readings_say_more_than_thinned_ones() {
+    fn selected_samples_have_a_lower_bound_than_evenly_thinned_ones() {
         let flight =
             Flight { kind: VehicleKind::Copter, pattern: FlightPattern::Routine, minutes: 3.0 }.fly(&Ranges::HARSH, 3);
         let trial = trial(1).with_flight(flight, Envelope::Tilted);

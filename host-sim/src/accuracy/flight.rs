@@ -84,20 +84,20 @@ impl Flight {
                 let leg = if self.pattern == FlightPattern::Wandering {
                     random_leg(self.kind, &mut random)
                 } else {
-                    straight(&mut random)
+                    straight_leg(&mut random)
                 };
                 aircraft.autopilot_mut().fly(leg);
             }
             aircraft.step();
             if aircraft.state().time_us.is_multiple_of(SAMPLE_US) {
-                instants.push(instant(&aircraft));
+                instants.push(true_sample(&aircraft));
             }
         }
         instants
     }
 }
 
-fn instant(aircraft: &Aircraft) -> TrueSample {
+fn true_sample(aircraft: &Aircraft) -> TrueSample {
     let state = aircraft.state();
     TrueSample {
         euler: state.euler(),
@@ -135,7 +135,7 @@ fn mirrored(legs: &[Leg]) -> Vec<Leg> {
     legs.iter().rev().map(|&leg| mirror(leg)).collect()
 }
 
-fn straight(random: &mut Random) -> Leg {
+fn straight_leg(random: &mut Random) -> Leg {
     Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: random.uniform(20.0, 60.0) }
 }
 
@@ -167,26 +167,27 @@ pub(crate) fn random_leg(kind: VehicleKind, random: &mut Random) -> Leg {
 mod tests {
     use super::*;
 
-    fn flown(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
+    fn fly_pattern(kind: VehicleKind, pattern: FlightPattern, seed: u64) -> Vec<TrueSample> {
         Flight { kind, pattern, minutes: 3.0 }.fly(&Ranges::HARSH, seed)
     }
 
     #[test]
-    fn three_minutes_are_1800_instants_of_one_flight() {
+    fn a_flight_of_three_minutes_has_1800_samples() {
         for kind in [VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol] {
             for pattern in FlightPattern::ALL {
-                let instants = flown(kind, pattern, 4);
+                let instants = fly_pattern(kind, pattern, 4);
                 assert_eq!(instants.len(), 1800, "{kind:?} {pattern:?}");
                 assert!(instants.windows(2).all(|pair| pair[1].time.ms_since(pair[0].time) == 100));
-                let rates = |instants: &[TrueSample]| instants.iter().map(|instant| instant.rates).collect::<Vec<_>>();
-                assert_eq!(rates(&instants), rates(&flown(kind, pattern, 4)));
-                assert_ne!(rates(&instants), rates(&flown(kind, pattern, 5)));
+                let rates =
+                    |instants: &[TrueSample]| instants.iter().map(|true_sample| true_sample.rates).collect::<Vec<_>>();
+                assert_eq!(rates(&instants), rates(&fly_pattern(kind, pattern, 4)));
+                assert_ne!(rates(&instants), rates(&fly_pattern(kind, pattern, 5)));
             }
         }
     }
 
     #[test]
-    fn mirrored_is_the_other_way_round() {
+    fn a_mirrored_routine_reverses_order_and_sides() {
         let legs = Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0).legs();
         let back = mirrored(&legs);
         assert_eq!(back.len(), legs.len());
@@ -206,11 +207,11 @@ mod tests {
     #[test]
     fn the_routine_is_flown_within_the_flight() {
         for seed in [2, 5, 6] {
-            let flown =
+            let fly_pattern =
                 |pattern| Flight { kind: VehicleKind::Copter, pattern, minutes: 20.0 }.fly(&Ranges::HARSH, seed);
             for (instants, right, left) in [
-                (flown(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
-                (flown(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
+                (fly_pattern(FlightPattern::Routine), [3670, 3775], [3790, 3900]),
+                (fly_pattern(FlightPattern::Mirrored), [8115, 8220], [8240, 8350]),
             ] {
                 assert_eq!(instants.len(), 12_000);
                 let turned_deg = |[from, to]: [usize; 2]| {

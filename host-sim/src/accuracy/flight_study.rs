@@ -61,9 +61,9 @@ pub fn run(flight: Flight, plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> Flig
     let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let tried = FlightResult::evaluate(flight, seed, plan.draws);
+            let flight_result = FlightResult::evaluate(flight, seed, plan.draws);
             tick();
-            tried
+            flight_result
         })
         .collect();
     row(flight, &trials)
@@ -83,14 +83,15 @@ impl FlightResult {
     fn evaluate(flight: Flight, seed: u64, draws: u64) -> Option<Self> {
         let envelope = if flight.kind == VehicleKind::Plane { Envelope::Banked } else { Envelope::Tilted };
         let trial = Trial::draw(&Ranges::HARSH, seed).with_flight(flight.fly(&Ranges::HARSH, seed), envelope);
-        let kept: BTreeSet<u32> = retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NONE).0)
-            .samples()
-            .all()
-            .map(|sample| sample.time.as_ms())
-            .collect();
-        let kept_instants = trial.true_samples().filter(|instant| kept.contains(&instant.time.as_ms()));
-        let readings = kept.len();
-        let mut tried = Self {
+        let retained_times: BTreeSet<u32> =
+            retention::retain_samples(&trial.record_all(0, ConstantErrorSigmas::NONE).0)
+                .samples()
+                .all()
+                .map(|sample| sample.time.as_ms())
+                .collect();
+        let kept_instants = trial.true_samples().filter(|instant| retained_times.contains(&instant.time.as_ms()));
+        let readings = retained_times.len();
+        let mut flight_result = Self {
             readings,
             kept_bound_deg: cramer_rao::rms_deg_for(&trial, kept_instants)?,
             best_bound_deg: d_optimal::rms_deg(&trial, readings)?,
@@ -101,45 +102,50 @@ impl FlightResult {
         for draw in 0..draws {
             let recorded = retention::retain_samples(&trial.record_all(draw, ConstantErrorSigmas::NONE).0);
             let solution = solve(Method::MaximumLikelihood, recorded.samples(), ConsiderSigmas::DEFAULT).ok();
-            tried.counts.add(&trial, &recorded, solution.as_ref());
+            flight_result.counts.add(&trial, &recorded, solution.as_ref());
             if draw % COVERAGE_EVERY == 0 {
                 let record = |faults| {
                     let (samples, source) = trial.record_all(draw, faults);
                     (retention::retain_samples(&samples), source)
                 };
-                tried.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
-                tried.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
+                flight_result.normalised.extend(use_headings(&trial, ConsiderSigmas::ZERO, record));
+                flight_result.normalised_with_faults.extend(use_headings(&trial, ConsiderSigmas::DEFAULT, record));
             }
         }
-        Some(tried)
+        Some(flight_result)
     }
 }
 
 fn row(flight: Flight, trials: &[FlightResult]) -> FlightStudyRow {
-    let sum = |of: fn(&SolveCounts) -> u32| trials.iter().map(|tried| of(&tried.counts)).sum::<u32>();
+    let sum = |count_of: fn(&SolveCounts) -> u32| {
+        trials.iter().map(|flight_result| count_of(&flight_result.counts)).sum::<u32>()
+    };
     let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
-    let solved_ones = || trials.iter().filter(|tried| tried.counts.solved > 0);
-    let rms_deg = |part| quantile(solved_ones().map(|tried| tried.counts.rms_deg()), part).unwrap_or(f64::NAN);
-    let ratios = || solved_ones().map(|tried| tried.counts.rms_deg() / tried.best_bound_deg);
-    let kept_ratios = solved_ones().map(|tried| tried.counts.rms_deg() / tried.kept_bound_deg);
+    let solved_ones = || trials.iter().filter(|flight_result| flight_result.counts.solved > 0);
+    let rms_deg =
+        |part| quantile(solved_ones().map(|flight_result| flight_result.counts.rms_deg()), part).unwrap_or(f64::NAN);
+    let ratios = || solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.best_bound_deg);
+    let kept_ratios = solved_ones().map(|flight_result| flight_result.counts.rms_deg() / flight_result.kept_bound_deg);
     let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
     FlightStudyRow {
         aircraft: flight.kind.name(),
         pattern: flight.pattern,
         minutes: flight.minutes,
-        readings: median(trials.iter().map(|tried| tried.readings as f64)),
+        readings: median(trials.iter().map(|flight_result| flight_result.readings as f64)),
         converged_percent: percent(solved),
         accepted_percent: percent(sum(|c| c.accepted)),
         wrong: sum(|c| c.wrong),
         rms_median_deg: rms_deg(0.5),
         rms_worst_decile_deg: rms_deg(0.9),
         kept_ratio_median: median(kept_ratios),
-        choice_ratio_median: median(trials.iter().map(|tried| tried.kept_bound_deg / tried.best_bound_deg)),
-        best_bound_median_deg: median(trials.iter().map(|tried| tried.best_bound_deg)),
+        choice_ratio_median: median(
+            trials.iter().map(|flight_result| flight_result.kept_bound_deg / flight_result.best_bound_deg),
+        ),
+        best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
         best_ratio_median: median(ratios()),
         best_ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
-        coverage: coverage(&all_of(|tried| &tried.normalised)),
-        coverage_with_faults: coverage(&all_of(|tried| &tried.normalised_with_faults)),
+        coverage: coverage(&all_of(|flight_result| &flight_result.normalised)),
+        coverage_with_faults: coverage(&all_of(|flight_result| &flight_result.normalised_with_faults)),
     }
 }

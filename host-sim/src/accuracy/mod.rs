@@ -90,9 +90,9 @@ pub fn run(plan: AccuracyPlan, tick: &(dyn Fn() + Sync)) -> AccuracyResult {
     let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframes)
         .into_par_iter()
         .filter_map(|seed| {
-            let tried = AirframeResult::evaluate(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
+            let airframe_result = AirframeResult::evaluate(&Trial::draw(&Ranges::HARSH, seed), plan.draws);
             tick();
-            tried
+            airframe_result
         })
         .collect();
     let all_of =
@@ -143,7 +143,7 @@ impl SolveCounts {
 
 impl AirframeResult {
     fn evaluate(trial: &Trial, draws: u64) -> Option<Self> {
-        let mut tried = Self {
+        let mut airframe_result = Self {
             bound_deg: cramer_rao::rms_deg(trial)?,
             methods: [SolveCounts::default(); METHODS.len()],
             normalised: Vec::new(),
@@ -151,16 +151,16 @@ impl AirframeResult {
         };
         for draw in 0..draws {
             let (recorded, _) = trial.record(draw, ConstantErrorSigmas::NONE);
-            for (counts, method) in tried.methods.iter_mut().zip(METHODS) {
+            for (counts, method) in airframe_result.methods.iter_mut().zip(METHODS) {
                 counts.add(trial, &recorded, solve(method, recorded.samples(), ConsiderSigmas::DEFAULT).ok().as_ref());
             }
             if draw % COVERAGE_EVERY == 0 {
                 let headings = |consider| use_headings(trial, consider, |faults| trial.record(draw, faults));
-                tried.normalised.extend(headings(ConsiderSigmas::ZERO));
-                tried.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
+                airframe_result.normalised.extend(headings(ConsiderSigmas::ZERO));
+                airframe_result.normalised_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
             }
         }
-        Some(tried)
+        Some(airframe_result)
     }
 }
 
@@ -187,7 +187,7 @@ fn solve(method: Method, samples: Samples<'_>, consider: ConsiderSigmas) -> Resu
 
 fn summary(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
     let each = || trials.iter().map(|t| (t, &t.methods[index]));
-    let sum = |of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| of(counts)).sum::<u32>();
+    let sum = |count_of: fn(&SolveCounts) -> u32| each().map(|(_, counts)| count_of(counts)).sum::<u32>();
     let (solved, refused) = (sum(|c| c.solved), sum(|c| c.refused));
     let percent = |part: u32| 100.0 * f64::from(part) / f64::from((solved + refused).max(1));
     let solved_ones = || each().filter(|(_, counts)| counts.solved > 0);

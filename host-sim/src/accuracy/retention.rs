@@ -11,8 +11,8 @@ use super::trial::Recording;
 /// Retained samples of a flight. Trial solves update the collector's coefficients at the device's pace.
 #[must_use]
 pub fn retain_samples(samples: &[Sample]) -> Recording {
-    let mut kept = RetainedSamples::EMPTY;
-    let mut collector = Collector::new(&mut kept);
+    let mut retained = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut retained);
     collector.begin(Procedure::Flight);
     let mut pace = TrialSchedule::NONE;
     for &sample in samples {

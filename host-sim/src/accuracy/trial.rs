@@ -105,7 +105,7 @@ pub struct TrueSample {
 }
 
 impl TrueSample {
-    fn midway(&self, later: &Self) -> Self {
+    fn midpoint(&self, later: &Self) -> Self {
         let (from, to) = (self.euler, later.euler);
         Self {
             euler: Euler {
@@ -160,7 +160,7 @@ impl Envelope {
     pub fn attitudes(self) -> impl Iterator<Item = Euler> {
         let tilts = match self {
             Self::Banked => [-30.0, 0.0, 30.0].map(|bank_deg| [bank_deg, 0.0]).to_vec(),
-            Self::Tilted => std::iter::once([0.0; 2]).chain((0..8).map(tilted_to)).collect(),
+            Self::Tilted => std::iter::once([0.0; 2]).chain((0..8).map(tilt_toward)).collect(),
         };
         tilts.into_iter().flat_map(|[roll_deg, pitch_deg]| {
             (0..12).map(move |step| Euler::from_deg(roll_deg, pitch_deg, f64::from(step * 30)))
@@ -169,7 +169,7 @@ impl Envelope {
 }
 
 /// Roll and pitch of a tilt in one of eight directions, degrees.
-fn tilted_to(side: u8) -> [f64; 2] {
+fn tilt_toward(side: u8) -> [f64; 2] {
     let (sin, cos) = (f64::from(side) * std::f64::consts::FRAC_PI_4).sin_cos();
     [Envelope::TILT_DEG * sin, Envelope::TILT_DEG * cos]
 }
@@ -240,7 +240,7 @@ impl Trial {
             SamplesBySide::sample_turns(&self.left, &self.right, |instant| self.sample(instant, source, &mut random));
         // A separate random stream, so that held-back samples do not change the other random numbers.
         let mut fresh = Random::new(seed, Purpose::HeldBack);
-        let [left, right] = [midways(&self.left), midways(&self.right)];
+        let [left, right] = [midpoints(&self.left), midpoints(&self.right)];
         let held_back = SamplesBySide::sample_turns(&left, &right, |instant| self.sample(instant, source, &mut fresh));
         (Recording { fit, held_back }, PostFlightSource { source, random })
     }
@@ -281,12 +281,12 @@ impl Trial {
     fn sample(&self, instant: &TrueSample, source: ConstantAttitudeErrors, random: &mut Random) -> Sample {
         let euler = instant.euler;
         let sensed = self.a * self.body_field(euler) + self.b + random.normal_vector() * self.sensor_sigma;
-        let told = [
+        let reported_angles = [
             euler.roll_rad * (1.0 + source.bank_scale) + source.roll_bias_rad,
             euler.pitch_rad + source.pitch_bias_rad,
         ];
         let sigma_rad = self.attitude_sigma_rad(instant);
-        let [roll_rad, pitch_rad] = told.map(|angle| (angle + random.normal() * sigma_rad) as f32);
+        let [roll_rad, pitch_rad] = reported_angles.map(|angle| (angle + random.normal() * sigma_rad) as f32);
         Sample {
             field: Field::new((sensed * TOTAL_UT).cast()),
             attitude: Attitude { roll_rad, pitch_rad },
@@ -310,8 +310,8 @@ impl Trial {
     }
 }
 
-fn midways(instants: &[TrueSample]) -> Vec<TrueSample> {
-    instants.iter().zip(instants.iter().skip(1)).map(|(earlier, later)| earlier.midway(later)).collect()
+fn midpoints(instants: &[TrueSample]) -> Vec<TrueSample> {
+    instants.iter().zip(instants.iter().skip(1)).map(|(earlier, later)| earlier.midpoint(later)).collect()
 }
 
 /// Coordinated turns with random bank and pitch (correlation time 1.5 s), sampled every 0.5 s.
@@ -319,15 +319,16 @@ fn turn(ranges: &Ranges, bank_deg: f64, random: &mut Random) -> Vec<TrueSample> 
     const STEP_S: f64 = 0.5;
     let keep = (-STEP_S / 1.5_f64).exp();
     let fresh = (1.0 - keep * keep).sqrt() * ranges.random_attitude_deg;
-    let mut wander = [random.normal() * ranges.random_attitude_deg, random.normal() * ranges.random_attitude_deg];
+    let mut attitude_noise =
+        [random.normal() * ranges.random_attitude_deg, random.normal() * ranges.random_attitude_deg];
     let mut heading_rad = random.uniform(0.0, std::f64::consts::TAU);
     (0..ranges.samples)
         .map(|i| {
-            wander = wander.map(|w| keep * w + fresh * random.normal());
-            let roll_rad = (bank_deg + wander[0]).to_radians();
+            attitude_noise = attitude_noise.map(|w| keep * w + fresh * random.normal());
+            let roll_rad = (bank_deg + attitude_noise[0]).to_radians();
             // Coordinated turn at 22 m/s, as of a small UAV.
             heading_rad += STEP_S * 9.81 * roll_rad.tan() / 22.0;
-            let pitch_rad = (2.0 + wander[1]).to_radians();
+            let pitch_rad = (2.0 + attitude_noise[1]).to_radians();
             let (euler, time) = (Euler { roll_rad, pitch_rad, heading_rad }, WrappingMillis::new(i as u32 * 500));
             TrueSample { euler, disturbing_acceleration_m_s2: 0.0, rates: Rates::NONE, time }
         })
@@ -386,7 +387,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilt_is_the_same_to_all_sides() {
+    fn the_tilted_envelope_has_20_deg_of_tilt_to_eight_sides() {
         let mut directions = std::collections::BTreeSet::new();
         for euler in Envelope::Tilted.attitudes().skip(12) {
             let tilt_deg = (euler.roll_rad.cos() * euler.pitch_rad.cos()).acos().to_degrees();
@@ -401,7 +402,7 @@ mod tests {
     /// 2.6 m/s^2 cause 1.04 deg, added in quadrature to the noise of 0.2 to 1 deg; 2,000 samples determine sigma to 2
     /// %.
     #[test]
-    fn attitude_is_worse_while_it_is_pushed_about() {
+    fn attitude_noise_grows_with_disturbing_acceleration() {
         let instant = |push_m_s2| TrueSample {
             euler: Euler::from_deg(3.0, -4.0, 100.0),
             disturbing_acceleration_m_s2: push_m_s2,
@@ -423,7 +424,7 @@ mod tests {
     /// Held-back times are midpoints; the field differs from the mean of its neighbours by noise of 1 % of 50 uT and by
     /// half a second of turn (13 deg of heading at 45 deg of bank).
     #[test]
-    fn held_back_samples_are_of_the_same_flight_and_not_of_the_fit() {
+    fn held_back_samples_lie_between_those_of_the_fit() {
         for seed in 0..20 {
             let trial = Trial::draw(&Ranges::HARSH, seed);
             let (recorded, _) = trial.record(3, ConstantErrorSigmas::NONE);

@@ -109,7 +109,9 @@ fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
     let mut ratios =
         narrow_table(["flight", "rms/\nkept", "best", "rms/\nbest", "worst\n10 %", "1/2\nsigma, %", "with\nfaults, %"]);
     for row in rows {
-        let within = |of: Coverage| format!("{:.1}/{:.1}", of.one_sigma_percent, of.two_sigma_percent);
+        let within = |sigma_coverage: Coverage| {
+            format!("{:.1}/{:.1}", sigma_coverage.one_sigma_percent, sigma_coverage.two_sigma_percent)
+        };
         errors.add_row(
             [
                 name(row),

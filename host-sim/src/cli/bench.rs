@@ -52,8 +52,8 @@ pub fn speed(options: &Speed) -> Result<ExitCode, Failure> {
     let methods = [Method::MaximumLikelihood, Method::TwoPlane, Method::FourEllipse]
         .map(|method| (method.name(), median((0..RUNS).map(|_| time_ms(method, recorded.samples())))));
     let start = Instant::now();
-    let flown = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
-    let simulated_per_real = flown.duration_s / start.elapsed().as_secs_f64();
+    let mission_result = mission::fly(WorldConfig::table1(1), mission::TurnPlan::default(), &mut |_, _| {});
+    let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =
             methods.iter().map(|(name, ms)| ((*name).to_owned(), json!(ms))).collect();

@@ -26,32 +26,33 @@ use super::{Emulate, Failure, Fly, airframe_json, named_world};
 const DEFAULT_REPORT: &str = "report";
 
 pub fn run(options: &Fly) -> Result<ExitCode, Failure> {
-    let (flown, recording) = recorded(&mut Rig::new(world(options)?), options);
+    let (mission_result, recording) = fly_recorded(&mut Rig::new(world(options)?), options);
     write_log(options, recording.as_ref())?;
-    report_result(options, &flown)
+    report_result(options, &mission_result)
 }
 
 pub fn emulate(options: &Emulate) -> Result<ExitCode, Failure> {
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| Failure(format!("{}: {error}", error.code()));
     let interruption = TerminationSignals::install(SecondSignal::IsIgnored)?;
-    let flown = Emulator::start_until(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
-        let flown = recorded(&mut emulator, &options.fly);
-        emulator.take_failure().map_or(Ok(flown), Err)
-    });
+    let mission_result =
+        Emulator::start_until(interruption.stop(), &image, world(&options.fly)?).and_then(|mut emulator| {
+            let mission_result = fly_recorded(&mut emulator, &options.fly);
+            emulator.take_failure().map_or(Ok(mission_result), Err)
+        });
     if let Some(code) = interruption.exit_code() {
         return Ok(code);
     }
-    let (flown, recording) = flown.map_err(failed)?;
+    let (mission_result, recording) = mission_result.map_err(failed)?;
     write_log(&options.fly, recording.as_ref())?;
-    report_result(&options.fly, &flown)
+    report_result(&options.fly, &mission_result)
 }
 
 /// The world of the options. `--aircraft` names a kind of aircraft, or, for compatibility, an airframe.
 fn world(options: &Fly) -> Result<WorldConfig, Failure> {
     let named = |name: &str| named_world(name, options.seed);
     let world = match (VehicleKind::from_name(&options.aircraft), &options.airframe) {
-        (Some(kind), iron) => named(iron.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
+        (Some(kind), airframe_name) => named(airframe_name.as_deref().unwrap_or("table1"))?.with_vehicle_kind(kind),
         (None, None) => named(&options.aircraft)?,
         (None, Some(_)) => {
             let kinds = VehicleKind::ALL.map(VehicleKind::name).join(", ");
@@ -68,20 +69,20 @@ impl Fly {
     }
 }
 
-fn report_result(options: &Fly, flown: &MissionResult) -> Result<ExitCode, Failure> {
+fn report_result(options: &Fly, mission_result: &MissionResult) -> Result<ExitCode, Failure> {
     if options.json {
-        print::print_json(summary(flown))?;
+        print::print_json(summary(mission_result))?;
     } else {
-        print::print_text(&format_result(options, flown));
+        print::print_text(&format_result(options, mission_result));
     }
     let default = (!options.json).then(|| Path::new(DEFAULT_REPORT));
     if let Some(path) = options.report.as_deref().or(default) {
-        write_report(&report::report_mission(flown, &made(options)), path)?;
+        write_report(&report::report_mission(mission_result, &report_origin(options)), path)?;
     }
-    Ok(if flown.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if mission_result.result.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn made(options: &Fly) -> ReportOrigin {
+fn report_origin(options: &Fly) -> ReportOrigin {
     let setting = |name: &str, value: String| [name.to_owned(), value];
     let mut settings = vec![
         setting("aircraft", options.aircraft.clone()),
@@ -97,13 +98,13 @@ fn made(options: &Fly) -> ReportOrigin {
 }
 
 /// Flies, recording the flight if a log was requested.
-fn recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Option<FlightRecording>) {
+fn fly_recorded(module: &mut impl Module, options: &Fly) -> (MissionResult, Option<FlightRecording>) {
     if options.record.is_none() {
         return (fly(module, options), None);
     }
     let mut module = RecordingModule::new(module);
-    let flown = fly(&mut module, options);
-    (flown, Some(module.recording))
+    let mission_result = fly(&mut module, options);
+    (mission_result, Some(module.recording))
 }
 
 fn write_log(options: &Fly, recording: Option<&FlightRecording>) -> Result<(), Failure> {
@@ -117,7 +118,7 @@ fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
     const TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles: options.circles };
-    let flown = mission::fly_with(module, plan, &mut |stage, fraction| {
+    let mission_result = mission::fly_with(module, plan, &mut |stage, fraction| {
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {
             finish(current.take());
             let bar = ProgressBar::new(TICKS).with_message(stage.name());
@@ -131,7 +132,7 @@ fn fly(module: &mut impl Module, options: &Fly) -> MissionResult {
         }
     });
     finish(current);
-    flown
+    mission_result
 }
 
 fn finish(current: Option<(MissionStage, ProgressBar)>) {
@@ -140,10 +141,10 @@ fn finish(current: Option<(MissionStage, ProgressBar)>) {
     }
 }
 
-fn summary(flown: &MissionResult) -> Value {
-    let (before, after) = (flown.before.statistics(), flown.after.statistics());
-    let shown = flown.result.as_ref().ok();
-    let refusal = match &flown.result {
+fn summary(mission_result: &MissionResult) -> Value {
+    let (before, after) = (mission_result.before.statistics(), mission_result.after.statistics());
+    let shown = mission_result.result.as_ref().ok();
+    let refusal = match &mission_result.result {
         Err(SolveNotice::Refused { code, words }) => json!({ "code": code, "words": words }),
         Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
         Ok(_) => Value::Null,
@@ -157,23 +158,26 @@ fn summary(flown: &MissionResult) -> Value {
         "expected_rms_deg": shown.map(|s| s.expected_rms_deg),
         "before": before,
         "after": shown.map(|_| after),
-        "streamed": flown.streamed,
-        "duration_s": flown.duration_s,
-        "aircraft": flown.world.aircraft.kind.name(),
-        "airframe": airframe_json(&flown.world),
-        "seed": flown.world.seed,
+        "streamed": mission_result.streamed,
+        "duration_s": mission_result.duration_s,
+        "aircraft": mission_result.world.aircraft.kind.name(),
+        "airframe": airframe_json(&mission_result.world),
+        "seed": mission_result.world.seed,
     })
 }
 
-fn format_result(options: &Fly, flown: &MissionResult) -> String {
+fn format_result(options: &Fly, mission_result: &MissionResult) -> String {
     let mut text = String::new();
     if options.console {
-        let session = flown.transcript.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
+        let session = mission_result.transcript.replace("\r\n", "\n").replace("\r\u{1b}[2K", "");
         let _ = writeln!(text, "{session}\n");
     }
-    let _ =
-        writeln!(text, "Heading error in degrees, indicated less true\n{}", errors_table(&flown.before, &flown.after));
-    match &flown.result {
+    let _ = writeln!(
+        text,
+        "Heading error in degrees, indicated less true\n{}",
+        errors_table(&mission_result.before, &mission_result.after)
+    );
+    match &mission_result.result {
         Ok(shown) => {
             append_wrapped(
                 &mut text,
@@ -183,10 +187,10 @@ fn format_result(options: &Fly, flown: &MissionResult) -> String {
                     shown.method,
                     shown.expected_rms_deg,
                     shown.expected_worst_deg,
-                    words(&flown.after.statistics())
+                    words(&mission_result.after.statistics())
                 ),
             );
-            append_wrapped(&mut text, "", &format!("uncalibrated: {}", words(&flown.before.statistics())));
+            append_wrapped(&mut text, "", &format!("uncalibrated: {}", words(&mission_result.before.statistics())));
         }
         Err(SolveNotice::Refused { code, words }) => {
             append_wrapped(&mut text, "", &format!("the module refused: {code}: {words}"));
@@ -195,7 +199,7 @@ fn format_result(options: &Fly, flown: &MissionResult) -> String {
             append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {words}"));
         }
     }
-    if let Some(streamed) = &flown.streamed {
+    if let Some(streamed) = &mission_result.streamed {
         let OutputStatistics { headings, rms_deg, max_deg, within_percent: [one, two], .. } = streamed;
         append_wrapped(
             &mut text,
@@ -211,9 +215,13 @@ fn format_result(options: &Fly, flown: &MissionResult) -> String {
             &format!("within one and two of the sigmas sent with them: {one:.0} and {two:.0} %"),
         );
     }
-    let _ = writeln!(text, "{:.0} s of flight, seed {}", flown.duration_s, flown.world.seed);
+    let _ = writeln!(text, "{:.0} s of flight, seed {}", mission_result.duration_s, mission_result.world.seed);
     if options.draws_the_airframe() {
-        let _ = write!(text, "the airframe of this seed, as a file for --airframe:\n\n{}", flown.world.airframe_toml());
+        let _ = write!(
+            text,
+            "the airframe of this seed, as a file for --airframe:\n\n{}",
+            mission_result.world.airframe_toml()
+        );
     }
     text
 }
@@ -246,22 +254,25 @@ mod tests {
     use super::*;
     use crate::cli::Cli;
 
-    fn asked(arguments: &[&str]) -> Result<WorldConfig, String> {
+    fn world_of_arguments(arguments: &[&str]) -> Result<WorldConfig, String> {
         let cli = Cli::try_parse_from(std::iter::once("host-sim").chain(arguments.iter().copied()));
-        world(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(why)| why)
+        world(&cli.map_err(|error| error.to_string())?.fly).map_err(|Failure(message)| message)
     }
 
     #[test]
-    fn an_aircraft_is_a_kind_or_as_ever_the_iron_of_an_aeroplane() {
-        assert_eq!(asked(&[]), Ok(WorldConfig::table1(1)));
-        assert_eq!(asked(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
-        assert_eq!(asked(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
+    fn aircraft_option_accepts_vehicle_kinds_and_airframes() {
+        assert_eq!(world_of_arguments(&[]), Ok(WorldConfig::table1(1)));
+        assert_eq!(world_of_arguments(&["--aircraft", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
+        assert_eq!(world_of_arguments(&["--airframe", "random", "--seed", "7"]), Ok(WorldConfig::random(7)));
         for kind in VehicleKind::ALL {
-            assert_eq!(asked(&["--aircraft", kind.name()]), Ok(WorldConfig::table1(1).with_vehicle_kind(kind)));
-            let random = asked(&["--aircraft", kind.name(), "--airframe", "random", "--seed", "3"]);
+            assert_eq!(
+                world_of_arguments(&["--aircraft", kind.name()]),
+                Ok(WorldConfig::table1(1).with_vehicle_kind(kind))
+            );
+            let random = world_of_arguments(&["--aircraft", kind.name(), "--airframe", "random", "--seed", "3"]);
             assert_eq!(random, Ok(WorldConfig::random(3).with_vehicle_kind(kind)));
         }
-        let current = asked(&["--aircraft", "copter", "--current", "12"]);
+        let current = world_of_arguments(&["--aircraft", "copter", "--current", "12"]);
         assert_eq!(
             current,
             Ok(WorldConfig::table1(1).with_vehicle_kind(VehicleKind::Copter).with_current_interference(12.0))
@@ -269,16 +280,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_aircraft_is_told_with_what_there_is() {
-        let both = asked(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
+    fn an_unknown_aircraft_is_rejected_with_the_known_ones() {
+        let both = world_of_arguments(&["--aircraft", "random", "--airframe", "table1"]).unwrap_err();
         assert!(both.contains("plane, copter, vtol, rover, boat"), "{both}");
-        let none = asked(&["--aircraft", "zeppelin"]).unwrap_err();
+        let none = world_of_arguments(&["--aircraft", "zeppelin"]).unwrap_err();
         assert!(
             none.starts_with("airframe-unreadable: zeppelin: ")
                 && none.contains("`copter`")
                 && none.contains("`table1`"),
             "{none}"
         );
-        assert!(asked(&["--current", "-1"]).is_err() && asked(&["--current", "201"]).is_err());
+        assert!(
+            world_of_arguments(&["--current", "-1"]).is_err() && world_of_arguments(&["--current", "201"]).is_err()
+        );
     }
 }

@@ -13,7 +13,7 @@ pub fn run(options: &Integrity) -> Result<ExitCode, Failure> {
     let Integrity { heading, aircraft, source, flights, seed, .. } = *options;
     let applies = |case: &Case| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
-        list(&applies);
+        print_cases(&applies);
         return Ok(ExitCode::SUCCESS);
     }
     let cases = selected_cases(&options.cases, &applies, aircraft)?;
@@ -50,7 +50,7 @@ fn selected_cases(
     names.iter().map(find).collect()
 }
 
-fn list(applies: &dyn Fn(&Case) -> bool) {
+fn print_cases(applies: &dyn Fn(&Case) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
     for case in CASES.iter().filter(|case| applies(case)) {
         table.add_row([case.name, case.description]);

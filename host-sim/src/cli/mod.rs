@@ -334,8 +334,8 @@ fn airframe_json(world: &WorldConfig) -> Value {
 }
 
 /// Progress bar on the error output, if that is a terminal.
-fn progress(words: &str, of: u64) -> ProgressBar {
-    let bar = ProgressBar::new(of);
+fn progress(words: &str, total: u64) -> ProgressBar {
+    let bar = ProgressBar::new(total);
     if let Ok(style) = ProgressStyle::with_template(&format!("{words} {{bar:40}} {{pos}}/{{len}} {{eta}}")) {
         bar.set_style(style);
     }
@@ -352,8 +352,8 @@ fn waiting(words: &'static str) -> ProgressBar {
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let command = cli.command.unwrap_or(Command::Fly(cli.fly));
-    print::final_exit_code(carry_out(&command).unwrap_or_else(|Failure(why)| {
-        print::print_error(format_args!("host-sim: {why}"));
+    print::final_exit_code(carry_out(&command).unwrap_or_else(|Failure(message)| {
+        print::print_error(format_args!("host-sim: {message}"));
         ExitCode::from(2)
     }))
 }
@@ -417,14 +417,14 @@ mod tests {
 
     /// The last range `MIN to MAX` in a text.
     fn range(text: &str) -> Option<(String, String)> {
-        let is_of_a_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+        let is_number_char = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
         let (before, after) = text.rsplit_once(" to ")?;
-        let min = before.rsplit(|c| !is_of_a_number(c)).next()?;
-        let max = after.split(|c| !is_of_a_number(c)).next()?;
+        let min = before.rsplit(|c| !is_number_char(c)).next()?;
+        let max = after.split(|c| !is_number_char(c)).next()?;
         (!min.is_empty() && !max.is_empty()).then(|| (min.to_owned(), max.to_owned()))
     }
 
-    fn refused(name: &[String], option: &str, value: &str, takes_a_file: bool) -> Option<String> {
+    fn parse_error(name: &[String], option: &str, value: &str, takes_a_file: bool) -> Option<String> {
         let whole = format!("--{option}={value}");
         let file = takes_a_file.then(|| "log.csv".to_owned());
         let words = ["host-sim".to_owned()].into_iter().chain(name.iter().cloned()).chain([whole]).chain(file);
@@ -433,7 +433,7 @@ mod tests {
 
     /// The ends of the range in the help are accepted, values beyond are refused, and the error message has the same range.
     #[test]
-    fn every_number_has_its_range_in_the_help_and_in_the_refusal() {
+    fn every_number_has_its_range_in_help_and_error_message() {
         let numbers = ["N", "DEG", "UT", "MINUTES", "MS", "SECONDS", "PORT"];
         let mut seen = 0;
         for (name, command) in commands() {
@@ -451,11 +451,11 @@ mod tests {
                     end.parse::<i128>().map_or_else(|_| "-1".to_owned(), |end| (end + by).to_string())
                 };
                 for good in [&min, &max] {
-                    assert_eq!(refused(&name, long, good, takes_a_file), None, "{name:?} --{long} {good}");
+                    assert_eq!(parse_error(&name, long, good, takes_a_file), None, "{name:?} --{long} {good}");
                 }
                 for bad in [beyond(&min, -1), beyond(&max, 1), "x".to_owned(), "nan".to_owned(), String::new()] {
-                    let error =
-                        refused(&name, long, &bad, takes_a_file).unwrap_or_else(|| panic!("{name:?} --{long} {bad}"));
+                    let error = parse_error(&name, long, &bad, takes_a_file)
+                        .unwrap_or_else(|| panic!("{name:?} --{long} {bad}"));
                     assert!(error.contains(&format!(", {min} to {max}")), "{name:?} --{long} {bad}: {error}");
                 }
                 seen += 1;
@@ -466,16 +466,16 @@ mod tests {
 
     /// Existing files that the help names, by their path from the repository's root.
     #[test]
-    fn paths_in_the_help_are_those_of_the_repository() {
+    fn paths_in_the_help_exist_in_the_repository() {
         let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let mut seen = 0;
         for (_, mut command) in commands() {
             let help = command.render_long_help().to_string();
-            let is_of_a_path = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
-            for word in help.split(|c| !is_of_a_path(c)).map(|word| word.trim_end_matches('.')) {
-                let is_made = word.starts_with("target/");
+            let is_path_char = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
+            for word in help.split(|c| !is_path_char(c)).map(|word| word.trim_end_matches('.')) {
+                let is_generated = word.starts_with("target/");
                 let is_file = [".toml", ".csv", ".md", ".sh"].iter().any(|end| word.ends_with(end));
-                if word.contains('/') && !is_made && (is_file || word.starts_with("scripts/")) {
+                if word.contains('/') && !is_generated && (is_file || word.starts_with("scripts/")) {
                     assert!(root.join(word).is_file(), "{word}");
                     seen += 1;
                 }

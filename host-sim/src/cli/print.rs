@@ -99,8 +99,8 @@ fn round(value: &mut Value, decimals: i32) {
         Value::Array(values) => values.iter_mut().for_each(|value| round(value, decimals)),
         Value::Object(fields) => {
             for (name, value) in fields.iter_mut().filter(|(name, _)| *name != EXACT) {
-                let of_its_unit = DECIMALS.iter().find(|(end, _)| name.ends_with(end));
-                round(value, of_its_unit.map_or(decimals, |(_, decimals)| *decimals));
+                let unit_decimals = DECIMALS.iter().find(|(end, _)| name.ends_with(end));
+                round(value, unit_decimals.map_or(decimals, |(_, decimals)| *decimals));
             }
         }
         _ => {}
@@ -161,17 +161,17 @@ pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {
 pub fn append_wrapped(out: &mut String, indent: &str, words: &str) {
     let further = " ".repeat(indent.len() + 2);
     let mut line = indent.to_owned();
-    let mut is_begun = false;
+    let mut has_word = false;
     for word in words.split(' ') {
-        if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
+        if has_word && line.chars().count() + 1 + word.chars().count() > WIDTH {
             out.push_str(&line);
             out.push('\n');
             line.clone_from(&further);
-        } else if is_begun {
+        } else if has_word {
             line.push(' ');
         }
         line.push_str(word);
-        is_begun = true;
+        has_word = true;
     }
     out.push_str(&line);
     out.push('\n');
@@ -182,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_has_the_digits_of_its_unit() {
+    fn numbers_are_rounded_to_the_digits_of_their_unit() {
         let mut value = json!({
             "rms_deg": 0.123_456_789, "ratio": 1.000_55, "within_percent": [68.268_9, 95.0], "wrong": 3,
             "readings": 191.6, "mean_deg": -0.000_01,

@@ -88,8 +88,8 @@ fn settings(options: &Replay) -> Vec<[String; 2]> {
     settings
 }
 
-fn cannot_write(path: &Path, why: &std::io::Error) -> Failure {
-    Failure(format!("cannot write {}: {why}", path.display()))
+fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
+    Failure(format!("cannot write {}: {error}", path.display()))
 }
 
 fn verdict_text(name: &str, verdict: &Verdict<'_>) -> String {

@@ -15,12 +15,12 @@ pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
     let columns = |experiment| paper::method_errors(experiment).map_err(|error| Failure(error.to_string()));
     let noise_free = columns(Experiment::NOISE_FREE)?;
     let noisy = columns(Experiment::noisy(options.seed))?;
-    let published = published();
+    let published_errors = published_errors();
     if options.json {
         let value = json!({
             "noise_free": figures(&noise_free),
             "noisy": figures(&noisy),
-            "published": figures(&published),
+            "published": figures(&published_errors),
             "errors": { "noise_free": noise_free, "noisy": noisy },
             "seed": options.seed,
         });
@@ -30,17 +30,17 @@ pub fn run(options: &Table1) -> Result<ExitCode, Failure> {
         print::print_line(format_args!("tilt right / left\n{}", errors(&noise_free)));
         print::print_line("published; 12 samples a side without noise; 256 a side with a LIS3MDL's noise:");
         print::print_line("largest error, constant error, largest less the constant; deg");
-        print::print_line(summary(&published, &noise_free, &noisy));
+        print::print_line(summary(&published_errors, &noise_free, &noisy));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn published() -> [MethodErrors; 3] {
+fn published_errors() -> [MethodErrors; 3] {
     let rows = table1::published_rows();
-    let column = |name, of: fn(&PublishedRow) -> BankErrors| MethodErrors {
+    let column = |name, errors_of: fn(&PublishedRow) -> BankErrors| MethodErrors {
         name,
-        right_deg: rows.map(|row| of(&row).right_deg),
-        left_deg: rows.map(|row| of(&row).left_deg),
+        right_deg: rows.map(|row| errors_of(&row).right_deg),
+        left_deg: rows.map(|row| errors_of(&row).left_deg),
     };
     [
         column("before", |row| row.before),
@@ -59,30 +59,35 @@ fn errors(columns: &[MethodErrors]) -> Table {
     for row in 0..paper::HEADINGS {
         let cells = columns.iter().map(|column| {
             let BankErrors { right_deg, left_deg } = column.sides(row);
-            format!("{} / {}", plain(right_deg), plain(left_deg))
+            format!("{} / {}", format_two_decimals(right_deg), format_two_decimals(left_deg))
         });
         table.add_row(std::iter::once((row * 30).to_string()).chain(cells).map(right_aligned));
     }
     table
 }
 
-fn summary(published: &[MethodErrors], noise_free: &[MethodErrors], noisy: &[MethodErrors]) -> Table {
+fn summary(published_errors: &[MethodErrors], noise_free: &[MethodErrors], noisy: &[MethodErrors]) -> Table {
     let mut table = narrow_table(["", "published", "12 a side", "256 a side"]);
     for (exact, noisy) in noise_free.iter().zip(noisy) {
-        let printed = published.iter().find(|column| column.name == exact.name);
-        let cells = [printed, Some(exact), Some(noisy)].map(|column| column.map_or_else(String::new, three));
+        let printed = published_errors.iter().find(|column| column.name == exact.name);
+        let cells = [printed, Some(exact), Some(noisy)].map(|column| column.map_or_else(String::new, format_errors));
         table.add_row(std::iter::once(exact.name.replace("maximum", "max.")).chain(cells).map(right_aligned));
     }
     table
 }
 
-fn three(column: &MethodErrors) -> String {
+fn format_errors(column: &MethodErrors) -> String {
     let ErrorStatistics { max_deg, mean_deg, max_demeaned_deg, .. } = column.figures();
-    format!("{}  {}  {}", plain(max_deg), plain(mean_deg), plain(max_demeaned_deg))
+    format!(
+        "{}  {}  {}",
+        format_two_decimals(max_deg),
+        format_two_decimals(mean_deg),
+        format_two_decimals(max_demeaned_deg)
+    )
 }
 
 /// Two decimals, without a minus sign before zero.
-fn plain(value: f64) -> String {
+fn format_two_decimals(value: f64) -> String {
     let text = format!("{value:.2}");
     if text == "-0.00" { "0.00".to_owned() } else { text }
 }

@@ -74,10 +74,10 @@ pub fn count_budgets(emulator: &mut Emulator) -> Result<Vec<Budget>, EmulatorErr
     if let Some(error) = emulator.take_failure() {
         return Err(error);
     }
-    let of_image =
+    let image_budgets =
         COUNTED_WITHIN.iter().map(|&(name, of, limit)| Budget { name, of, limit, counted: value(&printed, name) });
     let (name, of, limit) = SAMPLE;
-    Ok(of_image.chain([Budget { name, of, limit, counted: sample }]).collect())
+    Ok(image_budgets.chain([Budget { name, of, limit, counted: sample }]).collect())
 }
 
 /// Instructions of the full sample path in a module calibrated by a compass swing.

@@ -21,24 +21,24 @@ const ARM: u16 = 40;
 /// The file is missing or has another type.
 pub fn check_image(path: &Path) -> Result<(), EmulatorError> {
     let no_image = |_| EmulatorError::NoImage(path.to_owned());
-    let other = |what| Err(EmulatorError::NotFirmware(path.to_owned(), what));
+    let not_firmware = |reason| Err(EmulatorError::NotFirmware(path.to_owned(), reason));
     if !path.is_file() {
         return Err(EmulatorError::NoImage(path.to_owned()));
     }
     let mut header = [0; HEADER];
     match File::open(path).map_err(no_image)?.read_exact(&mut header) {
-        Err(error) if error.kind() == ErrorKind::UnexpectedEof => return other("it is too short"),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => return not_firmware("it is too short"),
         read => read.map_err(no_image)?,
     }
     let [magic @ .., kind_0, kind_1, machine_0, machine_1] = header;
     if !magic.starts_with(&ELF_32_LITTLE[..4]) {
-        return other("it is no ELF file");
+        return not_firmware("it is no ELF file");
     }
     let is_arm = magic.starts_with(&ELF_32_LITTLE) && u16::from_le_bytes([machine_0, machine_1]) == ARM;
     match u16::from_le_bytes([kind_0, kind_1]) {
         EXECUTABLE if is_arm => Ok(()),
-        _ if is_arm => other("it is no executable"),
-        _ => other("it is for another processor than ARM"),
+        _ if is_arm => not_firmware("it is no executable"),
+        _ => not_firmware("it is for another processor than ARM"),
     }
 }
 
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn an_executable_for_arm_is_one_and_nothing_else_is() {
+    fn only_an_arm_executable_is_accepted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("image");
         let checked = |bytes: &[u8]| {
@@ -64,7 +64,7 @@ mod tests {
             check_image(&path).map_err(|error| error.to_string())
         };
         assert_eq!(checked(&header(&[])), Ok(()));
-        for (bytes, why) in [
+        for (bytes, reason) in [
             (vec![], "it is too short"),
             (header(&[])[..HEADER - 1].to_vec(), "it is too short"),
             (header(&[(0, b'#')]), "it is no ELF file"),
@@ -76,7 +76,7 @@ mod tests {
             (header(&[(16, 3)]), "it is no executable"),
         ] {
             let error = checked(&bytes).unwrap_err();
-            assert!(error.contains(&format!("is no firmware: {why}; scripts/build-firmware")), "{bytes:?}: {error}");
+            assert!(error.contains(&format!("is no firmware: {reason}; scripts/build-firmware")), "{bytes:?}: {error}");
             assert!(error.starts_with(path.to_str().unwrap()), "{error}");
         }
         assert_eq!(check_image(folder.path()).unwrap_err().code(), "no-image");

@@ -51,17 +51,17 @@ impl fmt::Display for EmulatorError {
             Self::NoImage(path) => {
                 write!(f, "no firmware at {}; build it: scripts/build-firmware", path.display())
             }
-            Self::NotFirmware(path, what) => {
+            Self::NotFirmware(path, detail) => {
                 write!(
                     f,
-                    "{} is no firmware: {what}; scripts/build-firmware makes target/firmware/*.elf",
+                    "{} is no firmware: {detail}; scripts/build-firmware makes target/firmware/*.elf",
                     path.display()
                 )
             }
             Self::Interrupted => f.write_str("interrupted"),
             Self::Ended(output) => write!(f, "{} has ended: {}", super::QEMU, output.trim()),
-            Self::Connection(what, error) => write!(f, "the emulator's {what}: {error}"),
-            Self::Protocol(said) => write!(f, "the emulator reported: {said}"),
+            Self::Connection(detail, error) => write!(f, "the emulator's {detail}: {error}"),
+            Self::Protocol(response) => write!(f, "the emulator reported: {response}"),
         }
     }
 }

@@ -125,14 +125,14 @@ impl Machine {
         let child = command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
         let mut qemu = Qemu { child, log, stop: Arc::clone(&stop) };
         let [console, autopilot, lockstep, instrument, qmp] = &sockets;
-        let console = not_waited_for(qemu.connect("console", console)?)?;
-        let autopilot = not_waited_for(qemu.connect("autopilot port", autopilot)?)?;
-        let instrument = not_waited_for(qemu.connect("instrument port", instrument)?)?;
+        let console = non_blocking(qemu.connect("console", console)?)?;
+        let autopilot = non_blocking(qemu.connect("autopilot port", autopilot)?)?;
+        let instrument = non_blocking(qemu.connect("instrument port", instrument)?)?;
         let lockstep = qemu.connect("lockstep", lockstep)?;
         lockstep.set_read_timeout(Some(PAUSE)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
         let mut qmp = Qmp::new(qemu.connect("machine protocol", qmp)?)?;
         // With an image for another machine QEMU may end before it answers.
-        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.why_ended(ENDING).unwrap_or(error))?;
+        qmp.execute(&[json!({ "execute": "cont" })]).map_err(|error| qemu.exit_error(ENDING).unwrap_or(error))?;
         Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop, _directory: directory })
     }
 
@@ -145,7 +145,7 @@ impl Machine {
             return Err(EmulatorError::Interrupted);
         }
         if let Err(error) = read {
-            return Err(self.qemu.why_ended(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
+            return Err(self.qemu.exit_error(ENDING).unwrap_or(EmulatorError::Connection("lockstep", error)));
         }
         let [kind, ticks @ ..] = bytes;
         let message = match kind {
@@ -174,8 +174,8 @@ impl Machine {
 
     /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
     pub fn resume(&mut self, go: &StepInput) -> Result<(), EmulatorError> {
-        let send = |stream: &mut UnixStream, bytes: &[u8], what| {
-            stream.write_all(bytes).map_err(|error| EmulatorError::Connection(what, error))
+        let send = |stream: &mut UnixStream, bytes: &[u8], socket_name| {
+            stream.write_all(bytes).map_err(|error| EmulatorError::Connection(socket_name, error))
         };
         let [console, autopilot, instrument] =
             [&go.console, &go.autopilot, &go.instrument].map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
@@ -189,9 +189,10 @@ impl Machine {
     /// Bytes written to console, autopilot port and instrument port since the last call.
     pub fn take_output(&mut self) -> Result<[Vec<u8>; 3], EmulatorError> {
         Ok([
-            available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
-            available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
-            available(&mut self.instrument).map_err(|error| EmulatorError::Connection("instrument port", error))?,
+            read_available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
+            read_available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
+            read_available(&mut self.instrument)
+                .map_err(|error| EmulatorError::Connection("instrument port", error))?,
         ])
     }
 
@@ -209,8 +210,8 @@ struct Qemu {
 
 impl Qemu {
     /// Connects as soon as the socket exists.
-    fn connect(&mut self, what: &'static str, socket: &Path) -> Result<UnixStream, EmulatorError> {
-        let failed = |error| EmulatorError::Connection(what, error);
+    fn connect(&mut self, socket_name: &'static str, socket: &Path) -> Result<UnixStream, EmulatorError> {
+        let failed = |error| EmulatorError::Connection(socket_name, error);
         let mut left = PATIENCE;
         loop {
             match UnixStream::connect(socket) {
@@ -221,7 +222,7 @@ impl Qemu {
                 Err(_) if self.stop.load(Ordering::SeqCst) => return Err(EmulatorError::Interrupted),
                 Err(error) if left.is_zero() => return Err(failed(error)),
                 Err(_) => {
-                    if let Some(ended) = self.why_ended(PAUSE) {
+                    if let Some(ended) = self.exit_error(PAUSE) {
                         return Err(ended);
                     }
                     left = left.saturating_sub(PAUSE);
@@ -231,7 +232,7 @@ impl Qemu {
     }
 
     /// QEMU's output, if it has ended or ends within this time.
-    fn why_ended(&mut self, within: Duration) -> Option<EmulatorError> {
+    fn exit_error(&mut self, within: Duration) -> Option<EmulatorError> {
         let mut left = within;
         while !matches!(self.child.try_wait(), Ok(Some(_))) {
             if left.is_zero() {
@@ -275,7 +276,7 @@ fn command(image: &Path, flash: &Path, [console, autopilot, lockstep, instrument
     command
 }
 
-fn not_waited_for(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
+fn non_blocking(stream: UnixStream) -> Result<UnixStream, EmulatorError> {
     stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
     Ok(stream)
 }
@@ -297,7 +298,7 @@ fn read_until(stream: &mut UnixStream, bytes: &mut [u8], stop: &AtomicBool) -> s
 }
 
 /// All available bytes; the lockstep connection detects the end of the process.
-fn available(stream: &mut UnixStream) -> std::io::Result<Vec<u8>> {
+fn read_available(stream: &mut UnixStream) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut buffer = [0; 4096];
     loop {

@@ -183,7 +183,7 @@ impl Emulator {
     fn step(&mut self) -> Result<(), EmulatorError> {
         let (message, ticks) = self.machine.wait_for_message()?;
         if message == MachineMessage::Started {
-            self.restarted();
+            self.on_restart();
             return Ok(());
         }
         self.catch_up(ticks / TICKS_PER_US);
@@ -197,7 +197,7 @@ impl Emulator {
                 return Ok(());
             }
             MachineMessage::Sensor => {
-                self.sample_path.looked(ticks);
+                self.sample_path.on_poll(ticks);
                 self.set_field()?;
             }
             // While the machine waits, no message is in transmission that a reset could truncate.
@@ -215,7 +215,7 @@ impl Emulator {
     }
 
     /// The machine restarted, which takes no time and clears the sensor's field.
-    fn restarted(&mut self) {
+    fn on_restart(&mut self) {
         self.since_us += self.machine_us;
         self.machine_us = 0;
         self.field_set_us = None;
@@ -282,7 +282,7 @@ struct SamplePath {
 }
 
 impl SamplePath {
-    fn looked(&mut self, ticks: u64) {
+    fn on_poll(&mut self, ticks: u64) {
         let again = self.began.is_some_and(|began| ticks - began < FIELD_AGE_US * TICKS_PER_US);
         if self.written || !again {
             self.began = Some(ticks);

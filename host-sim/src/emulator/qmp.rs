@@ -29,13 +29,13 @@ impl Qmp {
         let lines: Vec<String> = commands.iter().map(Value::to_string).collect();
         self.writer.write_all((lines.join("\n") + "\n").as_bytes()).map_err(failed)?;
         for _ in commands {
-            self.done()?;
+            self.wait_for_response()?;
         }
         Ok(())
     }
 
     /// Waits for the next answer; ignores events.
-    fn done(&mut self) -> Result<(), EmulatorError> {
+    fn wait_for_response(&mut self) -> Result<(), EmulatorError> {
         loop {
             let line = self.line()?;
             if line.get("return").is_some() {

@@ -154,8 +154,8 @@ pub struct RegisterUpset {
 
 impl SensorFault for RegisterUpset {
     fn upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
-        let happens = self.switch.is_on(at_us) && !self.has_occurred;
-        self.has_occurred |= happens;
-        happens.then_some((self.register, self.bits))
+        let occurs_now = self.switch.is_on(at_us) && !self.has_occurred;
+        self.has_occurred |= occurs_now;
+        occurs_now.then_some((self.register, self.bits))
     }
 }

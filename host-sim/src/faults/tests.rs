@@ -27,7 +27,7 @@ const BEFORE_US: u64 = 999_999;
 const WHILE_US: u64 = 2_000_000;
 
 #[test]
-fn a_switch_is_on_from_its_beginning_until_its_end() {
+fn a_switch_is_on_from_its_start_until_its_end() {
     let switch = Switch::off();
     assert!(!switch.is_on(0) && !switch.is_on(u64::MAX - 1));
     switch.set_active(1_000_000, 3_000_000);
@@ -78,7 +78,7 @@ fn read(fault: impl SensorFault + 'static, pointer: u8, length: usize) -> (Vec<u
 
 /// The output registers contain 0x2928, 0x2B2A, 0x2D2C.
 #[test]
-fn a_fault_of_the_sensor_changes_measurements_and_nothing_else() {
+fn a_sensor_fault_changes_output_registers_only() {
     let clipped = || axis_clipping(Switch::on(), 1, 0x0100);
     assert_eq!(read(clipped(), 0xA8, 6).0, [0x28, 0x29, 0x00, 0x01, 0x2C, 0x2D]);
     assert_eq!(read(clipped(), 0x28, 6).0, [0x28, 0x29, 0x2A, 0x2B, 0x2C, 0x2D], "without counting up");
@@ -98,7 +98,7 @@ fn an_upset_flips_the_bits_of_a_register_once() {
     assert_eq!((upset.upset(WHILE_US), upset.upset(WHILE_US)), (Some((0x21, 0x60)), None));
 }
 
-fn tampered(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16; 3] {
+fn apply_sensor_fault(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16; 3] {
     let mut counts = counts;
     fault.tamper(at_us, &mut counts);
     counts
@@ -107,28 +107,31 @@ fn tampered(fault: &mut impl SensorFault, at_us: u64, counts: [i16; 3]) -> [i16;
 #[test]
 fn a_stuck_axis_repeats_what_it_read_last() {
     let mut stuck = stuck_axes(switch(), [false, true, false]);
-    assert_eq!(tampered(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
-    assert_eq!(tampered(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
-    assert_eq!(tampered(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
-    assert_eq!(tampered(&mut stuck, 3_000_000, [7, 8, 9]), [7, 8, 9]);
+    assert_eq!(apply_sensor_fault(&mut stuck, BEFORE_US, [1, 2, 3]), [1, 2, 3]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [4, 5, 6]), [4, 2, 6]);
+    assert_eq!(apply_sensor_fault(&mut stuck, WHILE_US, [7, 8, 9]), [7, 2, 9]);
+    assert_eq!(apply_sensor_fault(&mut stuck, 3_000_000, [7, 8, 9]), [7, 8, 9]);
 }
 
 /// 10,000 measurements determine both statistics to a few per cent.
 #[test]
-fn noise_and_spikes_are_as_large_and_as_many_as_asked_for() {
+fn noise_and_spikes_have_the_configured_size_and_rate() {
     let (mut noisy, mut spiky) = (additional_noise(switch(), 100.0, 1), measurement_spikes(switch(), 0.01, 2000.0, 1));
-    assert_eq!(tampered(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
-    assert_eq!(tampered(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
+    assert_eq!(apply_sensor_fault(&mut noisy, BEFORE_US, [0; 3]), [0; 3]);
+    assert_eq!(apply_sensor_fault(&mut spiky, BEFORE_US, [0; 3]), [0; 3]);
     let squares: f64 =
-        (0..10_000).map(|_| f64::from(tampered(&mut noisy, WHILE_US, [0; 3])[2]).powi(2)).sum::<f64>() / 10_000.0;
+        (0..10_000).map(|_| f64::from(apply_sensor_fault(&mut noisy, WHILE_US, [0; 3])[2]).powi(2)).sum::<f64>()
+            / 10_000.0;
     assert!((squares.sqrt() - 100.0).abs() < 4.0, "{}", squares.sqrt());
-    let spikes: Vec<[i16; 3]> =
-        (0..10_000).map(|_| tampered(&mut spiky, WHILE_US, [0; 3])).filter(|counts| *counts != [0; 3]).collect();
+    let spikes: Vec<[i16; 3]> = (0..10_000)
+        .map(|_| apply_sensor_fault(&mut spiky, WHILE_US, [0; 3]))
+        .filter(|counts| *counts != [0; 3])
+        .collect();
     assert!((60..=140).contains(&spikes.len()), "{}", spikes.len());
     assert!(spikes.iter().all(|counts| counts.iter().map(|count| count.unsigned_abs()).sum::<u16>() == 2000));
 }
 
-fn told(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA {
+fn apply_attitude_fault(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA {
     let mut message =
         ATTITUDE_DATA { roll, pitch: 0.1, rollspeed: roll, time_boot_ms: (at_us / 1000) as u32, ..Default::default() };
     fault.tamper(at_us, &mut message);
@@ -136,25 +139,25 @@ fn told(fault: &mut impl AttitudeFault, at_us: u64, roll: f32) -> ATTITUDE_DATA 
 }
 
 #[test]
-fn a_frozen_source_repeats_everything_but_its_stamp() {
+fn a_frozen_source_repeats_everything_but_its_time() {
     let mut frozen = frozen_attitude(switch());
-    told(&mut frozen, BEFORE_US, 0.2);
-    let message = told(&mut frozen, WHILE_US, 0.5);
+    apply_attitude_fault(&mut frozen, BEFORE_US, 0.2);
+    let message = apply_attitude_fault(&mut frozen, WHILE_US, 0.5);
     assert_eq!((message.roll.to_bits(), message.rollspeed.to_bits()), (0.2_f32.to_bits(), 0.2_f32.to_bits()));
     assert_eq!(message.time_boot_ms, 2000);
-    assert_eq!(told(&mut frozen, 3_000_000, 0.5).roll.to_bits(), 0.5_f32.to_bits());
+    assert_eq!(apply_attitude_fault(&mut frozen, 3_000_000, 0.5).roll.to_bits(), 0.5_f32.to_bits());
 }
 
 #[test]
-fn faults_of_the_attitude_are_those_that_they_are_called() {
+fn each_attitude_fault_has_its_named_effect() {
     let roll = |fault: &mut dyn AttitudeFault, at_us| {
         let mut message = ATTITUDE_DATA { roll: 0.4, ..Default::default() };
         fault.tamper(at_us, &mut message);
         message.roll
     };
-    let mut lean = bank_scale_error(switch(), 0.7);
+    let mut bank_scale = bank_scale_error(switch(), 0.7);
     let mut bias = attitude_bias(switch(), [0.1, 0.2]);
-    for (fault, expected) in [(&mut lean as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
+    for (fault, expected) in [(&mut bank_scale as &mut dyn AttitudeFault, 0.28), (&mut bias, 0.5)] {
         assert!((roll(fault, BEFORE_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_US) - expected).abs() < 1e-6);
     }
     let late = AdditionalLatency { switch: switch(), latency_us: 200_000 };
@@ -162,13 +165,14 @@ fn faults_of_the_attitude_are_those_that_they_are_called() {
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
     assert!((coarse - 22.9).abs() < 1e-4, "0.4 rad are 22.918 deg: {coarse}");
     let mut spikes = attitude_spikes(switch(), 0.01, 1);
-    let wrong: Vec<f32> = (0..10_000).map(|_| told(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
+    let wrong: Vec<f32> =
+        (0..10_000).map(|_| apply_attitude_fault(&mut spikes, WHILE_US, 0.0).roll).filter(|r| *r != 0.0).collect();
     assert!((60..=140).contains(&wrong.len()), "{}", wrong.len());
     assert!(wrong.iter().all(|roll| (roll.abs().to_degrees() - 45.0).abs() < 1e-3));
 }
 
 #[test]
-fn faults_of_the_field_are_those_that_they_are_called() {
+fn each_field_fault_has_its_named_effect() {
     let ut = Vector3::new(3.0, 0.0, 4.0);
     let added = |fault: &dyn FieldFault, at_us| fault.added_ut(at_us).norm();
     let moved = hard_iron_change(switch(), ut);

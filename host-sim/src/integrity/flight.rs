@@ -77,7 +77,7 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     rig.type_line(&format!("stream heading {}", plan.heading.name()));
     rig.type_line(drawn.routine.command);
     if let Onset::Calibrating { after_s, until_s } = onset {
-        switch.set_active(later_us(rig.now_us(), after_s), later_us(rig.now_us(), until_s));
+        switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
     }
     let began_us = rig.now_us();
     let calibration = calibrate(&mut rig, &drawn.routine.legs());
@@ -89,25 +89,26 @@ pub fn fly(case: &Case, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
     let mut tally = HeadingStatistics::default();
     if calibrated.is_ok() {
         if let Onset::InUse { after_s, for_s } = onset {
-            let from_us = later_us(rig.now_us(), after_s);
-            switch.set_active(from_us, later_us(from_us, for_s));
+            let from_us = add_seconds_us(rig.now_us(), after_s);
+            switch.set_active(from_us, add_seconds_us(from_us, for_s));
         }
-        let counts_from_us = if let Onset::InUse { after_s, .. } = onset { later_us(rig.now_us(), after_s) } else { 0 };
-        listen(&mut rig, &drawn, seed, &mut |at_us, judged| {
+        let counts_from_us =
+            if let Onset::InUse { after_s, .. } = onset { add_seconds_us(rig.now_us(), after_s) } else { 0 };
+        listen(&mut rig, &drawn, seed, &mut |at_us, evaluated_sentence| {
             // A hard-iron change during calibration remains part of the airframe in use.
             let faulty = match onset {
                 Onset::Never => false,
                 Onset::Always | Onset::Calibrating { .. } => true,
                 Onset::InUse { .. } => switch.is_on(at_us),
             };
-            tally.add_sentence(at_us, SENTENCE_S, judged, at_us >= counts_from_us, faulty);
+            tally.add_sentence(at_us, SENTENCE_S, evaluated_sentence, at_us >= counts_from_us, faulty);
         });
     }
-    let iron = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
+    let hard_iron_error_of_case = (calibrated.is_ok() && case.changes_hard_iron).then(|| {
         let added_ut = fields.iter().map(|fault| fault.added_ut(rig.now_us())).sum();
         hard_iron_estimate_error(&mut rig, &world, added_ut)
     });
-    CaseFlightResult { calibrated, tally, hard_iron_error: iron }
+    CaseFlightResult { calibrated, tally, hard_iron_error: hard_iron_error_of_case }
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_ut`, chip axes.
@@ -123,7 +124,7 @@ fn hard_iron_estimate_error(rig: &mut Rig, world: &WorldConfig, added_ut: Vector
     HardIronEstimateError((told_ut - true_ut).norm() / true_ut.norm())
 }
 
-fn later_us(from_us: u64, by_s: f64) -> u64 {
+fn add_seconds_us(from_us: u64, by_s: f64) -> u64 {
     // The cast saturates, so infinity remains beyond all times.
     from_us.saturating_add((by_s * 1e6) as u64)
 }
@@ -135,7 +136,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
     }
     let mut session = String::new();
     let mut waited_s = 0.0;
-    let mut asked = false;
+    let mut is_solve_requested = false;
     let notice = loop {
         if let Some(notice) = transcript::notice(&session) {
             break notice;
@@ -148,9 +149,9 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
             continue;
         }
         waited_s += PIECE_S;
-        if waited_s > PATIENCE_S && !asked {
+        if waited_s > PATIENCE_S && !is_solve_requested {
             // If the module does not solve automatically, the pilot requests it.
-            asked = true;
+            is_solve_requested = true;
             waited_s = 0.0;
             let printed = rig.type_line("cal solve");
             if let Some(error) = transcript::parse_error(&printed) {
@@ -182,7 +183,7 @@ fn true_deg(calibration: &Calibration, world: &WorldConfig, added_ut: Vector3<f6
 }
 
 /// Optional time on the ground, then legs for the rest of use; evaluates every sentence.
-fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, judge: &mut dyn FnMut(u64, &EvaluatedSentence)) {
+fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence)) {
     let DrawnCase { ground_time_s: stands_s, use_s, next_legs, .. } = *drawn;
     let mut random = Random::new(seed, Purpose::Legs);
     if stands_s > 0.0 {
@@ -191,8 +192,8 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, judge: &mut dyn FnMut(u64
         let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
         rig.world.set_motion(PrescribedMotion { roll_deg, pitch_deg, heading_deg, ..PrescribedMotion::default() });
     }
-    let flies_us = later_us(rig.now_us(), stands_s);
-    let end_us = later_us(flies_us, use_s);
+    let flies_us = add_seconds_us(rig.now_us(), stands_s);
+    let end_us = add_seconds_us(flies_us, use_s);
     let kind = rig.world.config().aircraft.kind;
     for leg in use_legs::first_legs(kind, &mut random) {
         rig.world.fly(leg);
@@ -211,16 +212,16 @@ fn listen(rig: &mut Rig, drawn: &DrawnCase, seed: u64, judge: &mut dyn FnMut(u64
         if rig.run_for_s(PIECE_S) != ModuleRunEnd::Time {
             return;
         }
-        for timed in rig.instrument.receive_timed() {
-            if let Some(received) = reader.push(timed.at_us, timed.byte).filter(|r| r.kind == "PASWH") {
-                let true_deg = rig.world.true_state(timed.at_us).heading_deg();
-                judge(timed.at_us, &judged(received, true_deg));
+        for timed_byte in rig.instrument.receive_timed() {
+            if let Some(received) = reader.push(timed_byte.at_us, timed_byte.byte).filter(|r| r.kind == "PASWH") {
+                let true_deg = rig.world.true_state(timed_byte.at_us).heading_deg();
+                on_sentence(timed_byte.at_us, &evaluated_sentence(received, true_deg));
             }
         }
     }
 }
 
-fn judged(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
+fn evaluated_sentence(received: HeadingSentence, true_deg: f64) -> EvaluatedSentence {
     match (received.heading_deg, received.sigma_deg) {
         (Some(sent_deg), Some(sigma_deg)) => {
             let is_smooth = received.heading_kind.as_deref() == Some(HeadingKind::Smooth.name());

@@ -114,13 +114,13 @@ pub fn run(plan: IntegrityPlan, cases: &[&'static Case], flown: &(dyn Fn() + Syn
     let all: Vec<(usize, CaseFlightResult)> = flights
         .into_par_iter()
         .map(|(i, seed)| {
-            let one = (i, flight::fly(cases[i], seed, &plan));
+            let result = (i, flight::fly(cases[i], seed, &plan));
             flown();
-            one
+            result
         })
         .collect();
-    let of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
-    cases.iter().enumerate().map(|(i, case)| row(case.name, &of(i).collect::<Vec<_>>())).collect()
+    let results_of = |i: usize| all.iter().filter(move |(case, _)| *case == i).map(|(_, flown)| flown);
+    cases.iter().enumerate().map(|(i, case)| row(case.name, &results_of(i).collect::<Vec<_>>())).collect()
 }
 
 /// Total number of flights.
@@ -129,16 +129,16 @@ pub fn flights(plan: IntegrityPlan, cases: &[&'static Case]) -> u64 {
     cases.iter().map(|case| case.flights(plan.flights)).sum()
 }
 
-fn row(case: &'static str, flown: &[&CaseFlightResult]) -> IntegrityRow {
-    let calibrated = || flown.iter().filter_map(|one| one.calibrated.as_ref().ok());
+fn row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
+    let calibrated = || results.iter().filter_map(|one| one.calibrated.as_ref().ok());
     let ratios = || calibrated().map(AcceptedCalibration::ratio);
-    let iron_errors = flown.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
-    let percent_of_flights = |number: usize| 100.0 * number as f64 / flown.len().max(1) as f64;
-    let tally = flown.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
+    let iron_errors = results.iter().filter_map(|one| one.hard_iron_error.map(|HardIronEstimateError(error)| error));
+    let percent_of_flights = |number: usize| 100.0 * number as f64 / results.len().max(1) as f64;
+    let tally = results.iter().fold(HeadingStatistics::default(), |sum, one| sum.merged_with(&one.tally));
     let [one, two, three] = tally.within_percent();
     IntegrityRow {
         case,
-        flights: flown.len(),
+        flights: results.len(),
         accepted_percent: percent_of_flights(ratios().count()),
         wrong_percent: percent_of_flights(ratios().filter(|ratio| *ratio > 3.0).count()),
         ratio_median: quantile(ratios(), 0.5),
@@ -154,12 +154,12 @@ fn row(case: &'static str, flown: &[&CaseFlightResult]) -> IntegrityRow {
         empty_percent: tally.empty_percent(),
         alarms_per_hour: tally.alarms_per_hour(),
         iron_error_median_percent: quantile(iron_errors, 0.5).map(|error| 100.0 * error),
-        refused: counted(flown.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
+        refused: count_codes(results.iter().filter_map(|one| one.calibrated.as_ref().err().cloned())),
         empty: tally.empty.into_iter().collect(),
     }
 }
 
-fn counted(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {
+fn count_codes(codes: impl Iterator<Item = String>) -> Vec<(String, usize)> {
     let mut counts = std::collections::BTreeMap::new();
     for code in codes {
         *counts.entry(code).or_insert(0) += 1;

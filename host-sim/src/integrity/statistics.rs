@@ -47,8 +47,8 @@ pub struct HeadingStatistics {
 impl HeadingStatistics {
     /// Adds a sentence, `step_s` after the previous one. False alarms count while no fault is active, all else after
     /// the onset.
-    pub fn add_sentence(&mut self, at_us: u64, step_s: f64, judged: &EvaluatedSentence, counts: bool, faulty: bool) {
-        let empty = matches!(judged, EvaluatedSentence::Empty(_));
+    pub fn add_sentence(&mut self, at_us: u64, step_s: f64, sentence: &EvaluatedSentence, counts: bool, faulty: bool) {
+        let empty = matches!(sentence, EvaluatedSentence::Empty(_));
         if !faulty {
             self.faultless_s += step_s;
             self.alarms += u64::from(empty && !self.was_empty);
@@ -57,9 +57,9 @@ impl HeadingStatistics {
         if !counts {
             return;
         }
-        match judged {
-            EvaluatedSentence::Empty(why) => {
-                *self.empty.entry(why.clone()).or_insert(0) += 1;
+        match sentence {
+            EvaluatedSentence::Empty(reason) => {
+                *self.empty.entry(reason.clone()).or_insert(0) += 1;
                 self.bad_since_us = None;
             }
             EvaluatedSentence::Heading { error_deg, sigma_deg, is_smooth } => {
@@ -97,8 +97,8 @@ impl HeadingStatistics {
         }
         self.worst_deg = self.worst_deg.max(other.worst_deg);
         self.longest_bad_s = self.longest_bad_s.max(other.longest_bad_s);
-        for (why, number) in &other.empty {
-            *self.empty.entry(why.clone()).or_insert(0) += number;
+        for (reason, number) in &other.empty {
+            *self.empty.entry(reason.clone()).or_insert(0) += number;
         }
         self.alarms += other.alarms;
         self.faultless_s += other.faultless_s;
@@ -160,16 +160,16 @@ mod tests {
     }
 
     /// Sentences at 10 Hz after the onset.
-    fn tally(judged: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
+    fn tally(sentences: &[EvaluatedSentence], faulty: bool) -> HeadingStatistics {
         let mut tally = HeadingStatistics::default();
-        for (i, one) in (0..).zip(judged) {
-            tally.add_sentence(i * 100_000, 0.1, one, true, faulty);
+        for (i, sentence) in (0..).zip(sentences) {
+            tally.add_sentence(i * 100_000, 0.1, sentence, true, faulty);
         }
         tally
     }
 
     #[test]
-    fn bad_is_more_than_four_sigmas_and_five_degrees() {
+    fn a_bad_heading_is_off_by_over_four_sigmas_and_5_deg() {
         for (error_deg, sigma_deg, bad) in
             [(4.9, 0.1, false), (5.1, 0.1, true), (-5.1, 0.1, true), (7.9, 2.0, false), (8.1, 2.0, true)]
         {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn what_came_before_the_fault_is_not_counted() {
+    fn headings_before_the_fault_are_not_counted() {
         let mut tally = HeadingStatistics::default();
         tally.add_sentence(0, 0.1, &heading(90.0, 1.0), false, false);
         assert_eq!(tally.worst_deg.to_bits(), 0);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn flights_add_up() {
+    fn statistics_of_flights_are_merged() {
         let one = tally(&[heading(3.0, 2.0), heading(1.0, 2.0)], true);
         let other = tally(&[heading(-5.0, 2.0), empty(), heading(1.0, 2.0)], true);
         let both = one.merged_with(&other);

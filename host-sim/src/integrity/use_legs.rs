@@ -46,7 +46,7 @@ mod tests {
 
     /// The order of random draws of an aeroplane's flights must not change.
     #[test]
-    fn what_hovers_is_turned_and_pushed_and_an_aeroplane_turns() {
+    fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
         let mut random = Random::new(3, Purpose::Legs);
         assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(next_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));

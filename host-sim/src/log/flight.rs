@@ -210,7 +210,7 @@ impl Flight {
     #[must_use]
     pub fn is_armed(&self, t_s: f64) -> Option<bool> {
         let &(_, first) = self.armed.first()?;
-        let said = self.armed.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
-        Some(said.map_or(!first, |&(_, is)| is))
+        let latest = self.armed.iter().take_while(|&&(at_s, _)| at_s <= t_s).last();
+        Some(latest.map_or(!first, |&(_, is)| is))
     }
 }

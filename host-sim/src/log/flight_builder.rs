@@ -68,8 +68,11 @@ impl FlightBuilder {
             self.flight.counts.unhealthy += 1;
             return;
         }
-        let index =
-            self.field_rows.iter().position(|&(other, of, _)| (other, of) == (number, was)).unwrap_or_else(|| {
+        let index = self
+            .field_rows
+            .iter()
+            .position(|&(other, autopilot_correction, _)| (other, autopilot_correction) == (number, was))
+            .unwrap_or_else(|| {
                 self.field_rows.push((number, was, Series::new()));
                 self.field_rows.len() - 1
             });
@@ -154,11 +157,11 @@ impl FlightBuilder {
         flight.reference_heading.sort_and_dedup();
         flight.usable.sort_and_dedup();
         flight.counts.repeats += attitude_repeats as u64;
-        for (number, was, mut field) in densest(std::mem::take(&mut self.field_rows)) {
+        for (number, was, mut field) in select_densest(std::mem::take(&mut self.field_rows)) {
             flight.counts.repeats += field.sort_and_dedup() as u64;
-            let (iron, field) = undone(flight, number, was, field);
+            let (correction_in_log, field) = remove_correction(flight, number, was, field);
             let is_used = is_used(flight, number);
-            flight.compasses.push(Compass { number, field, correction: iron, is_used });
+            flight.compasses.push(Compass { number, field, correction: correction_in_log, is_used });
         }
         self.flight
     }
@@ -166,7 +169,7 @@ impl FlightBuilder {
 
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
 /// logs uncorrected fields at 1 Hz by default).
-fn densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
+fn select_densest(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
     let weight = |was: FieldProcessing, field: &Series<6>| {
         field.rows().len() * if matches!(was, FieldProcessing::Px4SensorRaw(_)) { 2 } else { 1 }
     };
@@ -180,7 +183,7 @@ fn is_attitude([roll_rad, pitch_rad, _]: [f32; 3]) -> bool {
 }
 
 /// Raw and corrected field of each row, and the autopilot's last correction.
-fn undone(
+fn remove_correction(
     flight: &Flight,
     number: u8,
     was: FieldProcessing,
@@ -208,13 +211,13 @@ fn undone(
             undo = at(row.t_s);
         }
         let [x, y, z, mx, my, mz] = row.values.map(f64::from);
-        let (logged, said) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
+        let (logged, logged_motor) = (Vector3::new(x, y, z), Vector3::new(mx, my, mz));
         let current_a = flight.current.interpolate_or_hold(row.t_s, 2.0).map_or(0.0, |[amperes]| f64::from(amperes));
         let (raw, corrected) = if let Some(turned) = mounting {
             let raw = turned * logged;
             (raw, undo.correction.apply(raw, current_a))
         } else {
-            let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { said };
+            let motor = if mx.is_nan() { undo.motor_ut(current_a) } else { logged_motor };
             (undo.raw_ut(logged, motor), logged)
         };
         row.values = [raw.x, raw.y, raw.z, corrected.x, corrected.y, corrected.z].map(|number| number as f32);
@@ -246,7 +249,7 @@ mod tests {
 
     /// A current sensor at rest may read slightly below zero.
     #[test]
-    fn a_current_is_not_negative() {
+    fn only_currents_from_0_to_10000_a_are_stored() {
         let mut recorder = FlightBuilder::new(LogFormat::TLog);
         for (i, amperes) in [-0.1, 0.0, 9_999.0, 10_001.0, f32::NAN].into_iter().enumerate() {
             recorder.push_current(i as f64, amperes);
@@ -257,7 +260,7 @@ mod tests {
 
     /// Motor-current compensation uses the last current for two seconds.
     #[test]
-    fn a_current_holds_for_two_seconds() {
+    fn motor_current_is_compensated_for_two_seconds() {
         let mut recorder = FlightBuilder::new(LogFormat::TLog);
         recorder.flight.autopilot = Autopilot::ArduPilot;
         for (name, value) in [("COMPASS_MOTCT", 2.0), ("COMPASS_MOT_X", 5.0)] {
@@ -275,7 +278,7 @@ mod tests {
 
     /// A field of 200 mT, compass 9, pitch beyond 90 deg and rates of 100 rad/s are invalid.
     #[test]
-    fn what_cannot_be_is_passed_over() {
+    fn implausible_values_are_skipped() {
         let mut recorder = FlightBuilder::new(LogFormat::TLog);
         for (number, ut) in [(1, 199_000.0), (1, 201_000.0), (1, f32::NAN), (1, 0.0), (0, 50.0), (8, 50.0), (9, 50.0)] {
             recorder.push_field(number, FieldProcessing::BodyRaw, 1.0, [ut, 0.0, 0.0], None);
@@ -291,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn the_motors_share_is_what_the_row_says() {
+    fn logged_motor_offsets_are_subtracted_per_row() {
         let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
         recorder.push_field(1, FieldProcessing::ArduPilot, 1.0, [20.0, 0.0, 40.0], Some([3.0, 0.0, -1.0]));
         let flight = recorder.finish();
@@ -302,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_that_nobody_corrected_has_no_correction() {
+    fn an_uncorrected_field_has_no_correction() {
         for (was, is_corrected) in [(FieldProcessing::BodyRaw, false), (FieldProcessing::ArduPilot, true)] {
             let mut recorder = FlightBuilder::new(LogFormat::TLog);
             recorder.set_parameter("COMPASS_OFS_X", 100.0);
@@ -318,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_that_changes_is_undone_from_then_on() {
+    fn a_changed_parameter_applies_from_its_time_on() {
         let mut recorder = FlightBuilder::new(LogFormat::DataFlash);
         recorder.set_parameter("COMPASS_OFS_X", 100.0);
         for (us, offset) in [(1_000_000, None), (2_000_000, Some(50.0)), (3_000_000, None), (4_000_000, Some(0.0))] {

@@ -71,13 +71,13 @@ pub enum LogError {
 impl fmt::Display for LogError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Io(why) => why.fmt(f),
+            Self::Io(error) => error.fmt(f),
             Self::Empty => f.write_str("the file is empty"),
             Self::UnknownFormat => f.write_str(
                 "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), or a table \
                  whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
-            Self::Csv(why) => why.fmt(f),
+            Self::Csv(error) => error.fmt(f),
             Self::NoField(format, 0) => write!(f, "{}: no magnetometer is logged", format.name()),
             Self::NoField(format, unhealthy) => write!(
                 f,
@@ -85,12 +85,12 @@ impl fmt::Display for LogError {
                 format.name()
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.name()),
-            Self::SystemNotFound(system, heard) if heard.is_empty() => {
+            Self::SystemNotFound(system, found) if found.is_empty() => {
                 write!(f, "no system {system}: no vehicle of the log has this number")
             }
-            Self::SystemNotFound(system, heard) => {
-                let heard: Vec<String> = heard.iter().map(u8::to_string).collect();
-                write!(f, "there is no vehicle of system {system}; there is {}", heard.join(", "))
+            Self::SystemNotFound(system, found) => {
+                let found: Vec<String> = found.iter().map(u8::to_string).collect();
+                write!(f, "there is no vehicle of system {system}; there is {}", found.join(", "))
             }
             Self::NoTime(format) => write!(
                 f,
@@ -104,8 +104,8 @@ impl fmt::Display for LogError {
 impl std::error::Error for LogError {}
 
 impl From<io::Error> for LogError {
-    fn from(why: io::Error) -> Self {
-        Self::Io(why)
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
     }
 }
 
@@ -139,7 +139,7 @@ pub fn read(source: &mut dyn Read, unit: FieldUnit) -> Result<Flight, LogError> 
 pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<Flight, LogError> {
     let mut head = Vec::new();
     (&mut *source).take(HEAD as u64).read_to_end(&mut head)?;
-    let format = recognised(&head)?;
+    let format = detect_format(&head)?;
     let mut source = io::Cursor::new(head).chain(source);
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
@@ -163,7 +163,7 @@ pub fn read_system(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -
     Ok(flight)
 }
 
-fn recognised(head: &[u8]) -> Result<LogFormat, LogError> {
+fn detect_format(head: &[u8]) -> Result<LogFormat, LogError> {
     let text = || head.split(|&byte| byte == b'\n').take(100);
     if head.is_empty() {
         Err(LogError::Empty)

@@ -32,8 +32,8 @@ impl ParameterHistory {
     #[must_use]
     pub fn at(&self, t_s: f64, name: &str) -> Option<f64> {
         let values = self.0.get(name)?;
-        let told = values.iter().take_while(|&&(from_s, _)| from_s <= t_s).last();
-        told.or_else(|| values.first()).map(|&(_, value)| value)
+        let latest = values.iter().take_while(|&&(from_s, _)| from_s <= t_s).last();
+        latest.or_else(|| values.first()).map(|&(_, value)| value)
     }
 
     /// The last value.
@@ -51,8 +51,9 @@ impl ParameterHistory {
     /// Times at which any parameter with a prefix changed, seconds, in order.
     #[must_use]
     pub fn change_times_s(&self, prefix: &str) -> Vec<f64> {
-        let of = self.0.iter().filter(|(name, _)| name.starts_with(prefix));
-        let mut times: Vec<f64> = of.flat_map(|(_, values)| values.iter().skip(1).map(|&(t_s, _)| t_s)).collect();
+        let histories = self.0.iter().filter(|(name, _)| name.starts_with(prefix));
+        let mut times: Vec<f64> =
+            histories.flat_map(|(_, values)| values.iter().skip(1).map(|&(t_s, _)| t_s)).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
         times
@@ -70,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_value_holds_before_it_was_told_and_a_change_from_its_time_on() {
+    fn the_first_value_applies_from_the_start_and_a_change_from_its_time() {
         let mut parameters = ParameterHistory::default();
         for (t_s, value) in [(5.0, 1.0), (6.0, 1.0), (10.0, 2.0)] {
             parameters.set(t_s, "COMPASS_OFS_X", value);

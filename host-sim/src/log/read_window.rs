@@ -59,8 +59,8 @@ impl<'a> ReadWindow<'a> {
                 break;
             }
             let bytes = &bytes[..end.unwrap_or(bytes.len())];
-            let (line, taken) = (String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned(), bytes.len() + 1);
-            self.consume(taken);
+            let (line, length) = (String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned(), bytes.len() + 1);
+            self.consume(length);
             return Ok(Some(line));
         }
         Ok(None)
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_end_with_what_ends_them_and_a_long_one_is_cut() {
+    fn lines_end_at_line_feeds_and_long_lines_are_cut() {
         let long = "x".repeat(MAX_PEEK + 10);
         let text = format!("a\r\n\n{}\n{long}\nlast", "b".repeat(5000));
         let bytes = text.into_bytes();
@@ -105,17 +105,17 @@ mod tests {
         let bytes: Vec<u8> = (0..1_000_000_u32).map(|i| (i % 251) as u8).collect();
         let mut source = ShortReads(&bytes, 0);
         let mut window = ReadWindow::new(&mut source);
-        let (mut taken, mut step) = (Vec::new(), 1);
+        let (mut consumed, mut step) = (Vec::new(), 1);
         loop {
             step = (step * 31 + 7) % 5_000 + 1;
             let part = window.peek(step).unwrap().to_vec();
             if part.is_empty() {
                 break;
             }
-            assert!(part.len() == step || taken.len() + part.len() == bytes.len());
+            assert!(part.len() == step || consumed.len() + part.len() == bytes.len());
             window.consume(part.len());
-            taken.extend(part);
+            consumed.extend(part);
         }
-        assert!(taken == bytes);
+        assert!(consumed == bytes);
     }
 }

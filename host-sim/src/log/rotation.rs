@@ -95,8 +95,8 @@ mod tests {
     /// ArduPilot's vector3.cpp: `ROTATION_YAW_90` makes (-y, x, z), `ROTATION_ROLL_180` (x, -y, -z),
     /// `ROTATION_PITCH_90` (z, y, -x), `ROTATION_YAW_270` (y, -x, z).
     #[test]
-    fn numbers_turn_as_the_autopilots_do() {
-        let of = |number: f64| NumberedRotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
+    fn rotation_numbers_match_the_autopilots() {
+        let rotated = |number: f64| NumberedRotation::new(number).unwrap().matrix() * Vector3::new(1.0, 2.0, 3.0);
         for (number, expected) in [
             (0.0, [1.0, 2.0, 3.0]),
             (2.0, [-2.0, 1.0, 3.0]),
@@ -105,7 +105,7 @@ mod tests {
             (39.0, [-2_f64.sqrt(), 2.0, 8_f64.sqrt()]),
             (6.0, [2.0, -1.0, 3.0]),
         ] {
-            assert!((of(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", of(number));
+            assert!((rotated(number) - Vector3::from(expected)).norm() < 1e-12, "{number}: {}", rotated(number));
         }
         assert!(
             NumberedRotation::new(41.0).is_none()

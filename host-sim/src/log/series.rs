@@ -71,10 +71,10 @@ impl<const N: usize> Series<N> {
             self.rows.retain(|row| is_in_retained_part(row.t_s, parts));
         }
         if self.rows.len() >= MAX_ROWS / 4 * 3 {
-            let mut kept = 0_u32;
+            let mut retained = 0_u32;
             self.rows.retain(|_| {
-                kept += 1;
-                kept.is_multiple_of(2)
+                retained += 1;
+                retained.is_multiple_of(2)
             });
             self.row_stride_log2 += 1;
         }
@@ -172,14 +172,14 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_sorted_and_an_instant_is_there_once_with_what_was_logged_first() {
+    fn rows_are_sorted_and_the_first_of_equal_times_is_kept() {
         let mut series = series_from(&[(1.0, 1.0), (3.0, 3.0), (2.0, 2.0), (3.0, 9.0)]);
         assert_eq!(series.sort_and_dedup(), 1);
         assert_eq!(series.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
     }
 
     #[test]
-    fn between_rows_numbers_lie_on_a_line_and_a_gap_has_none() {
+    fn rows_are_interpolated_linearly_except_across_gaps() {
         let series = series_from(&[(1.0, 10.0), (2.0, 20.0), (4.0, 40.0)]);
         assert_eq!(series.interpolate(1.25, 1.0), Some([12.5]));
         assert_eq!(series.interpolate(1.0, 1.0), Some([10.0]));
@@ -196,14 +196,14 @@ mod tests {
     }
 
     #[test]
-    fn angles_go_the_shorter_way() {
+    fn angles_are_interpolated_the_short_way_round() {
         let series = series_from(&[(0.0, 3.0), (1.0, -3.0)]);
         let [angle] = series.interpolate_angles(0.5, 1.0).unwrap();
         assert!((angle.abs() - std::f32::consts::PI).abs() < 1e-5, "{angle}");
     }
 
     #[test]
-    fn memory_is_bounded_and_what_is_kept_is_spread_evenly() {
+    fn memory_is_bounded_and_retained_rows_are_evenly_spaced() {
         let mut series = Series::new();
         let number = 3 * MAX_ROWS;
         for i in 0..number {
@@ -216,7 +216,7 @@ mod tests {
 
     /// Attitudes thinned by rows to 1 Hz could not be interpolated.
     #[test]
-    fn what_comes_ten_times_a_second_is_thinned_by_parts() {
+    fn rows_at_10_hz_are_thinned_by_whole_parts() {
         let mut series = Series::new();
         for i in 0..3 * MAX_ROWS {
             series.push(i as f64 * 0.1, [0.0]);

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn time_begins_with_the_first_stamp_and_disorder_of_a_moment_stays_where_it_is() {
+    fn time_starts_at_the_first_stamp_and_small_disorder_is_kept() {
         let (placed, line) = placed(&[100.0, 101.0, 100.5, 98.1, 130.0]);
         for (at_s, expected) in placed.iter().zip([0.0, 1.0, 0.5, -1.9, 30.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn one_stamp_of_nonsense_is_dropped_and_time_goes_on() {
+    fn a_single_implausible_stamp_is_dropped() {
         for wrong_s in [5.0, 1e6, 1e12] {
             let (placed, line) = placed(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_goes_on_ten_seconds_later() {
+    fn time_continues_ten_seconds_after_a_restart() {
         let (placed, line) = placed(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
         assert_eq!(line.restarts(), 1);
         assert_eq!(placed[3], None, "one stamp alone is no restart");
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_of_minutes_is_one() {
+    fn a_pause_of_minutes_is_kept_as_a_pause() {
         let (placed, line) = placed(&[100.0, 500.0, 500.1, 500.2]);
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 400.2).abs() < 1e-9, "{placed:?}");

@@ -30,12 +30,12 @@ const GAUSS_UT: f32 = 100.0;
 const WITHIN: usize = 4096;
 
 pub fn matches_header(head: &[u8]) -> bool {
-    clock_in(head).is_some()
+    find_clock_length(head).is_some()
 }
 
 /// Length of the clock before every frame, bytes; none without a valid frame. Two consecutive frames are required,
 /// since the end of the previous frame can look like a clock.
-fn clock_in(head: &[u8]) -> Option<usize> {
+fn find_clock_length(head: &[u8]) -> Option<usize> {
     let right = |at: usize, clock: usize| Frame::first(head.get(at..)?, clock).filter(|frame| frame.is_checksum_valid);
     let is_chain =
         |at: usize, clock: usize| right(at, clock).is_some_and(|one| right(at + one.total_len, clock).is_some());
@@ -53,14 +53,14 @@ fn clock_in(head: &[u8]) -> Option<usize> {
 pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);
-    let clock = clock_in(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
+    let clock = find_clock_length(window.peek(WITHIN + 2 * (CLOCK + MAX_FRAME))?).unwrap_or(CLOCK);
     loop {
         let bytes = window.peek(CLOCK + MAX_FRAME)?;
         if bytes.is_empty() {
             break;
         }
         let frame = Frame::first(bytes, clock);
-        let taken = if let Some(frame) = frame {
+        let length = if let Some(frame) = frame {
             if frame.is_checksum_valid {
                 log.take(&frame);
             }
@@ -69,7 +69,7 @@ pub fn read(source: &mut dyn Read, system: Option<u8>) -> io::Result<Flight> {
             log.builder.flight.counts.garbage += 1;
             1
         };
-        window.consume(taken);
+        window.consume(length);
     }
     Ok(log.finish())
 }
@@ -102,10 +102,10 @@ impl<'a> Frame<'a> {
         let [low, high] = *frame.get(end..end + CHECKSUM)? else { return None };
         let extra_crc = if id == SIMSTATE.0 { SIMSTATE.1 } else { MavMessage::extra_crc(id) };
         let is_right = calculate_crc(frame.get(1..end)?, extra_crc) == u16::from_le_bytes([low, high]);
-        let taken = clock + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
+        let frame_len = clock + end + CHECKSUM + if has_signature { SIGNATURE } else { 0 };
         // An unknown message, or one whose definition has changed, fails its checksum. If another frame follows, the
         // frame is skipped whole and its content ignored.
-        let is_followed = || bytes.get(taken + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
+        let is_followed = || bytes.get(frame_len + clock).is_none_or(|marker| matches!(marker, 0xFE | 0xFD));
         let received_us = received.first_chunk().map_or(0, |clock| u64::from_be_bytes(*clock));
         let payload = &frame[header..end];
         (is_right || is_followed()).then_some(Self {
@@ -115,7 +115,7 @@ impl<'a> Frame<'a> {
             id,
             is_checksum_valid: is_right,
             payload,
-            total_len: taken,
+            total_len: frame_len,
         })
     }
 }
@@ -123,7 +123,7 @@ impl<'a> Frame<'a> {
 const HEARTBEAT: u32 = 0;
 
 /// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
-fn autopilot_of(frame: &Frame<'_>) -> Option<u8> {
+fn autopilot_of_heartbeat(frame: &Frame<'_>) -> Option<u8> {
     const INVALID: u8 = 8;
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NO_VEHICLES: [u8; 5] = [6, 18, 26, 27, 30];
@@ -159,11 +159,11 @@ impl TlogReader {
 
     fn take(&mut self, frame: &Frame<'_>) {
         let [system, _] = frame.sender;
-        if self.autopilot.is_some_and(|own| own != frame.sender)
+        if self.autopilot.is_some_and(|selected| selected != frame.sender)
             || self.requested_system.is_some_and(|wanted| wanted != system)
         {
             self.builder.flight.counts.others += 1;
-            self.other(frame, autopilot_of(frame));
+            self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
             return;
         }
         if frame.id == HEARTBEAT {
@@ -175,7 +175,7 @@ impl TlogReader {
                 let bytes = [0, 1, 2, 3].map(|byte| frame.payload.get(at + byte).copied().unwrap_or(0));
                 f32::from_le_bytes(bytes)
             };
-            if let Some(t_s) = self.untimed(frame) {
+            if let Some(t_s) = self.time_by_receiver(frame) {
                 self.builder.push_truth(t_s, [float(0), float(4), float(8)]);
             }
         } else if let Ok(message) = MavMessage::parse(frame.version, frame.id, frame.payload) {
@@ -184,9 +184,9 @@ impl TlogReader {
     }
 
     /// Records another vehicle, or a second autopilot of the same system.
-    fn other(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
+    fn record_other_vehicle(&mut self, frame: &Frame<'_>, autopilot: Option<u8>) {
         let [system, component] = frame.sender;
-        let is_own = self.autopilot.is_some_and(|[own, _]| own == system);
+        let is_own = self.autopilot.is_some_and(|[selected_system, _]| selected_system == system);
         if autopilot.is_none() {
             return;
         }
@@ -206,7 +206,7 @@ impl TlogReader {
         const ROTORS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
         let byte = |at: usize| frame.payload.get(at).copied().unwrap_or(0);
         let mode = byte(6);
-        let Some(autopilot) = autopilot_of(frame) else { return };
+        let Some(autopilot) = autopilot_of_heartbeat(frame) else { return };
         if self.autopilot.is_none() {
             self.autopilot = Some(frame.sender);
             self.builder.flight.is_copter = ROTORS.contains(&byte(4));
@@ -216,22 +216,22 @@ impl TlogReader {
                 _ => Autopilot::Unknown,
             };
         }
-        if let Some(t_s) = self.untimed(frame) {
+        if let Some(t_s) = self.time_by_receiver(frame) {
             self.builder.push_armed(t_s, mode & ARMED != 0);
         }
     }
 
     fn finish(mut self) -> Flight {
-        let own = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
-        self.builder.flight.systems = own(0).chain(self.other_systems.iter().copied()).collect();
-        self.builder.flight.components = own(1).chain(self.other_components.iter().copied()).collect();
+        let id_part = |part: usize| self.autopilot.map(|sender| sender[part]).into_iter();
+        self.builder.flight.systems = id_part(0).chain(self.other_systems.iter().copied()).collect();
+        self.builder.flight.components = id_part(1).chain(self.other_components.iter().copied()).collect();
         self.builder.finish()
     }
 
     fn message(&mut self, frame: &Frame<'_>, message: &MavMessage) {
         match message {
             MavMessage::ATTITUDE(m) => {
-                if let Some(t_s) = self.timed(frame, u64::from(m.time_boot_ms) * 1000) {
+                if let Some(t_s) = self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000) {
                     self.builder.push_attitude(t_s, [m.roll, m.pitch, m.yaw]);
                     self.builder.push_rates(t_s, [m.rollspeed, m.pitchspeed, m.yawspeed]);
                 }
@@ -250,7 +250,7 @@ impl TlogReader {
             }
             MavMessage::HIGHRES_IMU(m) => {
                 if is_new(m.fields_updated.bits())
-                    && let Some(t_s) = self.timed(frame, m.time_usec)
+                    && let Some(t_s) = self.time_by_sender(frame, m.time_usec)
                 {
                     let field_ut = [m.xmag, m.ymag, m.zmag].map(|gauss| gauss * GAUSS_UT);
                     self.builder.push_field(1, self.logged(1), t_s, field_ut, None);
@@ -258,20 +258,20 @@ impl TlogReader {
             }
             MavMessage::GPS_RAW_INT(m) => {
                 if m.fix_type as u32 >= 3
-                    && let Some(t_s) = self.untimed(frame)
+                    && let Some(t_s) = self.time_by_receiver(frame)
                 {
                     self.builder.push_gps(t_s, gps(m));
                 }
             }
             MavMessage::SYS_STATUS(m) => {
                 if m.current_battery >= 0
-                    && let Some(t_s) = self.untimed(frame)
+                    && let Some(t_s) = self.time_by_receiver(frame)
                 {
                     self.builder.push_current(t_s, f32::from(m.current_battery) * 0.01);
                 }
             }
             MavMessage::SYSTEM_TIME(m) => {
-                self.timed(frame, u64::from(m.time_boot_ms) * 1000);
+                self.time_by_sender(frame, u64::from(m.time_boot_ms) * 1000);
                 self.builder.set_day_from_unix_s(m.time_unix_usec / 1_000_000);
             }
             MavMessage::PARAM_VALUE(m) => {
@@ -304,7 +304,7 @@ impl TlogReader {
         if field == [0; 3] {
             return;
         }
-        if let Some(t_s) = self.timed(frame, us) {
+        if let Some(t_s) = self.time_by_sender(frame, us) {
             let field_ut = field.map(|axis| f32::from(axis) * MILLIGAUSS_UT);
             self.builder.push_field(number, self.logged(number), t_s, field_ut, None);
         }
@@ -312,11 +312,11 @@ impl TlogReader {
 
     /// Flight time of a message with the sender's clock. Some senders put Unix time in the field; then the receiver's
     /// clock is used.
-    fn timed(&mut self, frame: &Frame<'_>, us: u64) -> Option<f64> {
+    fn time_by_sender(&mut self, frame: &Frame<'_>, us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
         if us == 0 || us > MAX_BOOT_US {
-            return self.untimed(frame);
+            return self.time_by_receiver(frame);
         }
         let t_s = self.builder.timeline.flight_time_s(us)?;
         self.last_clocks_us = Some((us, frame.received_us));
@@ -324,7 +324,7 @@ impl TlogReader {
     }
 
     /// Flight time of a message without the sender's clock.
-    fn untimed(&mut self, frame: &Frame<'_>) -> Option<f64> {
+    fn time_by_receiver(&mut self, frame: &Frame<'_>) -> Option<f64> {
         const MAX_US: u64 = 2_000_000;
         let (sent_us, received_us) = self.last_clocks_us?;
         let since_us = frame.received_us.saturating_sub(received_us).min(MAX_US);
@@ -367,22 +367,22 @@ mod tests {
 
     /// PX4's integer 2 arrives as the float with bits 02 00 00 00, a denormal; its -1 as NaN.
     #[test]
-    fn px4s_whole_parameters_are_sent_as_their_bytes() {
-        let of = |autopilot, param_type, param_value| {
+    fn px4s_integer_parameters_are_decoded_from_float_bits() {
+        let decode_parameter = |autopilot, param_type, param_value| {
             parameter_value(autopilot, &PARAM_VALUE_DATA { param_type, param_value, ..Default::default() })
         };
         let (whole, real) = (MavParamType::MAV_PARAM_TYPE_INT32, MavParamType::MAV_PARAM_TYPE_REAL32);
         for number in [2, -1, 396_809] {
-            let told = of(Autopilot::Px4, whole, f32::from_bits(i32::cast_unsigned(number)));
-            assert!((told - f64::from(number)).abs() < 1e-9, "{number}: {told}");
+            let decoded = decode_parameter(Autopilot::Px4, whole, f32::from_bits(i32::cast_unsigned(number)));
+            assert!((decoded - f64::from(number)).abs() < 1e-9, "{number}: {decoded}");
         }
-        assert!((of(Autopilot::Px4, real, 0.5) - 0.5).abs() < 1e-9);
-        assert!((of(Autopilot::ArduPilot, whole, 6.0) - 6.0).abs() < 1e-9);
+        assert!((decode_parameter(Autopilot::Px4, real, 0.5) - 0.5).abs() < 1e-9);
+        assert!((decode_parameter(Autopilot::ArduPilot, whole, 6.0) - 6.0).abs() < 1e-9);
     }
 
     /// A repeated field with a new acceleration would be dated too late.
     #[test]
-    fn a_field_that_is_not_new_is_not_read_again() {
+    fn a_repeated_field_is_not_read_again() {
         let [acceleration, field, nothing] = [7, 64 | 128 | 256, 0].map(is_new);
         assert!(!acceleration && field && nothing);
     }

@@ -16,8 +16,8 @@ pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> {
     let [x, y, z, k] = *solved(&matrix, &squares)?.as_slice() else { return None };
     let centre = Vector3::new(x, y, z);
     let radius = (k + centre.norm_squared()).sqrt() * scale;
-    let iron = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
-    radius.is_finite().then_some((iron, radius))
+    let correction = FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale);
+    radius.is_finite().then_some((correction, radius))
 }
 
 /// Fits an ellipsoid to fields in microtesla by linear least squares of the quadric `m A m + 2 b m = 1`; returns the
@@ -48,8 +48,8 @@ pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<(FieldCorrection, f64)> 
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
     let matrix = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
     let radius = matrix.determinant().powf(-1.0 / 3.0);
-    let iron = FieldCorrection::without_current(matrix * radius, mean + centre * scale);
-    Some((iron, radius * scale))
+    let correction = FieldCorrection::without_current(matrix * radius, mean + centre * scale);
+    Some((correction, radius * scale))
 }
 
 /// Fields about their mean in units of their RMS distance, the mean and that unit.
@@ -83,24 +83,27 @@ mod tests {
     #[test]
     fn a_sphere_is_found() {
         let centre = Vector3::new(10.0, -20.0, 300.0);
-        let (iron, radius) = fit_sphere(&fields(&Matrix3::identity(), centre)).unwrap();
-        assert!((iron.hard_iron_ut - centre).norm() < 1e-6 && (radius - 50.0).abs() < 1e-6, "{iron:?} {radius}");
+        let (correction, radius) = fit_sphere(&fields(&Matrix3::identity(), centre)).unwrap();
+        assert!(
+            (correction.hard_iron_ut - centre).norm() < 1e-6 && (radius - 50.0).abs() < 1e-6,
+            "{correction:?} {radius}"
+        );
     }
 
     #[test]
     fn an_ellipsoid_is_found_with_its_axes() {
         let soft = Matrix3::new(1.1, 0.05, -0.02, 0.05, 0.9, 0.03, -0.02, 0.03, 1.05);
         let centre = Vector3::new(-30.0, 5.0, 12.0);
-        let (iron, radius) = fit_ellipsoid(&fields(&soft, centre)).unwrap();
-        assert!((iron.hard_iron_ut - centre).norm() < 1e-6, "{iron:?}");
-        let product = iron.matrix * soft;
+        let (correction, radius) = fit_ellipsoid(&fields(&soft, centre)).unwrap();
+        assert!((correction.hard_iron_ut - centre).norm() < 1e-6, "{correction:?}");
+        let product = correction.matrix * soft;
         assert!((product / product[(0, 0)] - Matrix3::identity()).norm() < 1e-6, "{product}");
-        assert!((iron.matrix.determinant() - 1.0).abs() < 1e-9);
+        assert!((correction.matrix.determinant() - 1.0).abs() < 1e-9);
         assert!((radius - 50.0 * soft.determinant().powf(1.0 / 3.0)).abs() < 1e-6, "{radius}");
     }
 
     #[test]
-    fn too_little_and_what_is_no_ellipsoid_gives_none() {
+    fn too_few_or_degenerate_fields_give_no_fit() {
         assert!(fit_sphere(&fields(&Matrix3::identity(), Vector3::zeros())[..19]).is_none());
         assert!(fit_sphere(&vec![Vector3::new(1.0, 2.0, 3.0); 100]).is_none());
         let level: Vec<_> = (0..100).map(|i| Vector3::new(f64::from(i).cos(), f64::from(i).sin(), 2.0)).collect();

@@ -20,12 +20,12 @@ const SENSOR: Identity = Identity { model: Model::Lis3mdl, address: 0x1E };
 pub(super) fn collect_on_device<'a>(
     samples: &[Sample],
     options: &ReplayOptions,
-    kept: &'a mut RetainedSamples,
+    retained: &'a mut RetainedSamples,
 ) -> (Compass<'a>, Option<usize>) {
     let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
     let settings = Settings { inclination_deg, ..Settings::DEFAULT };
     let mut compass =
-        Compass::new(AcceptancePolicy::DEFAULT, &StoredValues { settings, ..StoredValues::default() }, kept);
+        Compass::new(AcceptancePolicy::DEFAULT, &StoredValues { settings, ..StoredValues::default() }, retained);
     compass.step(Event::SensorDetected(SENSOR, 1));
     if let Some((place, day)) = options.place_and_day {
         compass.step(Event::Position(place));
@@ -58,7 +58,7 @@ mod tests {
     /// Four minutes of small turns about north, insufficient for a calibration.
     fn samples() -> Vec<Sample> {
         let mut random = Random(3);
-        let of = |i: u16| {
+        let sample_at = |i: u16| {
             let t_s = f32::from(i) / 10.0;
             let attitude = Attitude::from_deg(15.0 * (0.31 * t_s).sin(), 6.0 * (0.47 * t_s).sin());
             let body = attitude.body(Field::earth(50.0, 1.1, 0.4 * (0.2 * t_s).sin())).ut;
@@ -69,7 +69,7 @@ mod tests {
             );
             Sample { field, attitude, rates: Rates::NONE, time: WrappingMillis::new(u32::from(i) * 100) }
         };
-        (0..2400).map(of).collect()
+        (0..2400).map(sample_at).collect()
     }
 
     fn sorted(samples: Samples<'_>) -> Vec<Sample> {
@@ -80,8 +80,8 @@ mod tests {
 
     /// Samples kept without results of trial solves.
     fn retained_without_trial_solves(samples: &[Sample]) -> Vec<Sample> {
-        let mut kept = RetainedSamples::EMPTY;
-        let mut collector = Collector::new(&mut kept);
+        let mut retained = RetainedSamples::EMPTY;
+        let mut collector = Collector::new(&mut retained);
         collector.begin(Procedure::Flight);
         for &sample in samples {
             collector.push(sample);
@@ -90,11 +90,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_collected_is_told_by_trial_solves() {
+    fn trial_solves_change_the_retained_samples() {
         let samples = samples();
         let options = ReplayOptions::with_selection(RowSelection::Flight);
-        let mut kept = RetainedSamples::EMPTY;
-        let (compass, ended) = collect_on_device(&samples, &options, &mut kept);
+        let mut retained = RetainedSamples::EMPTY;
+        let (compass, ended) = collect_on_device(&samples, &options, &mut retained);
         let collected = sorted(compass.collector().fit());
         assert_eq!(ended, None);
         assert_eq!(collected, sorted(retention::retain_samples(&samples).samples()));

@@ -127,27 +127,34 @@ pub struct FlightEvaluation {
 
 /// Evaluates a flight.
 #[must_use]
-pub fn evaluate_flight(flight: &Flight, asked: &EvaluationOptions) -> FlightEvaluation {
+pub fn evaluate_flight(flight: &Flight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
     let reference = ReferenceHeading::best(flight);
     let earth = earth(flight);
-    let compasses: Vec<&Compass> =
-        flight.compasses.iter().filter(|compass| asked.compass.is_none_or(|number| compass.number == number)).collect();
-    let told = |used_s: f64| FieldLatency { used_s, sigma_s: None };
+    let compasses: Vec<&Compass> = flight
+        .compasses
+        .iter()
+        .filter(|compass| evaluation_options.compass.is_none_or(|number| compass.number == number))
+        .collect();
+    let configured_latency = |used_s: f64| FieldLatency { used_s, sigma_s: None };
     let mut ages: Vec<FieldLatency> = compasses
         .par_iter()
-        .map(|compass| asked.age_s.map_or_else(|| field_latency::estimate_latency(flight, compass), told))
+        .map(|compass| {
+            evaluation_options
+                .age_s
+                .map_or_else(|| field_latency::estimate_latency(flight, compass), configured_latency)
+        })
         .collect();
     field_latency::fill_in_missing(&mut ages);
     let options = ReplayOptions {
-        selected: asked.selected,
-        inclination_deg: asked.inclination_deg,
+        selected: evaluation_options.selected,
+        inclination_deg: evaluation_options.inclination_deg,
         place_and_day: place(flight).zip(flight.day),
-        fit_until_s: asked.fit_until_s,
+        fit_until_s: evaluation_options.fit_until_s,
     };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(ages)
-        .map(|(compass, age)| judged(flight, compass, age, reference.as_ref(), &options))
+        .map(|(compass, age)| evaluate_compass(flight, compass, age, reference.as_ref(), &options))
         .collect();
     FlightEvaluation {
         compasses,
@@ -157,7 +164,7 @@ pub fn evaluate_flight(flight: &Flight, asked: &EvaluationOptions) -> FlightEval
     }
 }
 
-fn judged(
+fn evaluate_compass(
     flight: &Flight,
     compass: &Compass,
     age: FieldLatency,
@@ -174,8 +181,8 @@ fn judged(
     let without_current_deg = without_current_deg(&rows, flight, &module, options);
     let fields: Vec<Vector3<f64>> =
         rows.iter().filter(|row| row.usable).map(|row| row.field.ut.map(f64::from)).collect();
-    let of = |by, iron: Option<FieldCorrection>| ScoredCorrection {
-        source: by,
+    let scored = |correction_source, iron: Option<FieldCorrection>| ScoredCorrection {
+        source: correction_source,
         correction: iron,
         score: iron.and_then(|iron| score_correction(&rows, &iron)),
     };
@@ -184,13 +191,13 @@ fn judged(
         correction: compass.correction,
         score: score(&rows, |row| Some((heading_deg(row, row.logged.ut.map(f64::from)), f64::NAN))),
     };
-    let mut corrections = vec![of(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
+    let mut corrections = vec![scored(CorrectionSource::Uncorrected, Some(FieldCorrection::identity()))];
     corrections.extend(compass.correction.is_some().then_some(logged));
-    corrections.push(of(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
-    corrections.push(of(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
-    let solved = |by, replayed: &ReplayResult| ScoredCorrection {
-        source: by,
-        correction: ours(replayed),
+    corrections.push(scored(CorrectionSource::Sphere, baseline_fits::fit_sphere(&fields).map(|(iron, _)| iron)));
+    corrections.push(scored(CorrectionSource::Ellipsoid, baseline_fits::fit_ellipsoid(&fields).map(|(iron, _)| iron)));
+    let solved = |correction_source, replayed: &ReplayResult| ScoredCorrection {
+        source: correction_source,
+        correction: solved_correction(replayed),
         score: replayed.score,
     };
     corrections.push(solved(CorrectionSource::Module, &module));
@@ -199,8 +206,10 @@ fn judged(
     }
     let sphere = baseline_fits::fit_sphere(&fields);
     let radius_ut = sphere.map(|(_, radius_ut)| radius_ut).filter(|_| is_turned(&fields));
-    let about = ours(&all_rows).or_else(|| ours(&module)).or(sphere.map(|(iron, _)| iron));
-    let hard_iron_step = about.and_then(|about| hard_iron_step::find_step(&rows, &about));
+    let initial_correction =
+        solved_correction(&all_rows).or_else(|| solved_correction(&module)).or(sphere.map(|(iron, _)| iron));
+    let hard_iron_step =
+        initial_correction.and_then(|initial_correction| hard_iron_step::find_step(&rows, &initial_correction));
     let expected_rms_by_part_deg = hard_iron_step.as_ref().map_or_else(Vec::new, |change| {
         let [before, after]: [Vec<ReplayRow>; 2] =
             [true, false].map(|is| rows.iter().filter(|row| (row.t_s < change.at_s) == is).copied().collect());
@@ -247,12 +256,12 @@ fn without_current_deg(
     if !is_used {
         return None;
     }
-    let untold: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
-    Some(replay_with(&untold, Some(flight), options).score?.rms_deg)
+    let rows_without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
+    Some(replay_with(&rows_without_current, Some(flight), options).score?.rms_deg)
 }
 
-fn ours(replayed: &ReplayResult) -> Option<FieldCorrection> {
-    let calibration = replayed.solution.as_ref()?.calibration;
+fn solved_correction(replay_result: &ReplayResult) -> Option<FieldCorrection> {
+    let calibration = replay_result.solution.as_ref()?.calibration;
     let matrix = calibration.w_matrix().map(f64::from);
     let by_current_ut = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
     Some(FieldCorrection {
@@ -264,8 +273,8 @@ fn ours(replayed: &ReplayResult) -> Option<FieldCorrection> {
 
 /// Heading score of a correction.
 #[must_use]
-pub fn score_correction(rows: &[ReplayRow], iron: &FieldCorrection) -> Option<HeadingScore> {
-    score(rows, |row| Some((heading_deg(row, row.corrected(iron)), f64::NAN)))
+pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
+    score(rows, |row| Some((heading_deg(row, row.corrected(correction)), f64::NAN)))
 }
 
 fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
@@ -317,7 +326,7 @@ mod tests {
     use crate::log::LogFormat;
 
     /// A flight from the equator to 60 N.
-    fn northwards(day: Option<Date>) -> Flight {
+    fn flight_to_north(day: Option<Date>) -> Flight {
         let mut flight = Flight::new(LogFormat::Csv);
         flight.day = day;
         for i in 0..7_u8 {
@@ -327,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn the_earths_field_is_that_of_the_middle_of_the_flight() {
+    fn the_field_model_is_evaluated_at_the_middle_of_the_flight() {
         let day = |unix_s: u64| Date::from_unix_s(unix_s).unwrap();
         let place = Position::new(30.0, 11.3, 500.0).unwrap();
         let (of_2026, first) = (day(1_767_484_800), day(1_735_689_600));
@@ -335,7 +344,7 @@ mod tests {
             [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
         {
             let expected = EarthField::from_model(place, expected).unwrap();
-            let (found, is) = earth(&northwards(on)).unwrap();
+            let (found, is) = earth(&flight_to_north(on)).unwrap();
             assert_eq!(is, is_valid);
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
             assert_eq!(numbers(found), numbers(expected));

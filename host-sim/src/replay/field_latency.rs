@@ -80,7 +80,7 @@ mod tests {
 
     /// An estimate at a bound is no minimum.
     #[test]
-    fn an_age_is_believed_that_is_known_and_can_be() {
+    fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
         assert_eq!(accept_estimate(0.1, 0.019), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.019) }));
         for (age_s, sigma_s) in [(0.1, 0.021), (0.1, f64::NAN), (MIN_S, 0.001), (MAX_S, 0.001)] {
             assert_eq!(accept_estimate(age_s, sigma_s), None, "{age_s} {sigma_s}");
@@ -89,20 +89,20 @@ mod tests {
 
     /// Standard deviations of 1 and 3 ms: weights 9 to 1.
     #[test]
-    fn a_compass_that_does_not_show_its_age_has_that_of_the_others() {
-        let of = |used_s: f64, sigma_s: Option<f64>| FieldLatency { used_s, sigma_s };
-        let mut ages = [of(0.05, Some(0.001)), of(0.0, None), of(0.09, Some(0.003))];
+    fn a_compass_without_an_estimate_gets_the_mean_field_latency() {
+        let latency = |used_s: f64, sigma_s: Option<f64>| FieldLatency { used_s, sigma_s };
+        let mut ages = [latency(0.05, Some(0.001)), latency(0.0, None), latency(0.09, Some(0.003))];
         fill_in_missing(&mut ages);
         assert!((ages[1].used_s - (9.0 * 0.05 + 0.09) / 10.0).abs() < 1e-9 && ages[1].sigma_s.is_none(), "{ages:?}");
-        assert_eq!([ages[0], ages[2]], [of(0.05, Some(0.001)), of(0.09, Some(0.003))]);
-        let mut usual = [of(0.02, None); 2];
+        assert_eq!([ages[0], ages[2]], [latency(0.05, Some(0.001)), latency(0.09, Some(0.003))]);
+        let mut usual = [latency(0.02, None); 2];
         fill_in_missing(&mut usual);
-        assert_eq!(usual, [of(0.02, None); 2]);
+        assert_eq!(usual, [latency(0.02, None); 2]);
     }
 
     /// The first linearisation is off, so several iterations are needed.
     #[test]
-    fn an_age_far_from_the_usual_is_found() {
+    fn an_unusual_field_latency_of_0_25_s_is_estimated() {
         let recording = record_turns(&WorldConfig::table1(1), 0.25);
         let flight = log::read(&mut encode_ulog(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
         let age = estimate_latency(&flight, &flight.compasses[0]);

@@ -25,12 +25,12 @@ pub fn sensor_failure(flight: &Flight, compass: &CompassEvaluation) -> Option<No
 
 /// Intervals with a frozen field while the aircraft moves, seconds.
 pub(super) fn frozen_intervals_s(rows: &[ReplayRow]) -> Vec<[f64; 2]> {
-    rows.chunk_by(|one, other| one.field.ut == other.field.ut).filter_map(dead).collect()
+    rows.chunk_by(|previous, next| previous.field.ut == next.field.ut).filter_map(frozen_interval).collect()
 }
 
-fn dead(run: &[ReplayRow]) -> Option<[f64; 2]> {
-    let moves = |of: fn(&ReplayRow) -> f32| {
-        let angles = || run.iter().map(of);
+fn frozen_interval(run: &[ReplayRow]) -> Option<[f64; 2]> {
+    let moves = |angle_of: fn(&ReplayRow) -> f32| {
+        let angles = || run.iter().map(angle_of);
         angles().fold(f32::MIN, f32::max) - angles().fold(f32::MAX, f32::min) > MOVES_RAD
     };
     let [from_s, to_s] = [run.first()?.t_s, run.last()?.t_s];
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_that_stands_still_is_dead_if_it_moves_for_long() {
+    fn a_constant_field_during_10_s_of_motion_is_frozen() {
         for (seconds, roll_deg, pitch_deg, is_dead) in
             [(11, 4.0, 0.0, true), (11, 0.0, 4.0, true), (9, 20.0, 20.0, false), (60, 2.0, 2.0, false)]
         {

@@ -192,12 +192,12 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         is_inclination_configured: options.inclination_deg.is_some(),
     };
     let usable = fitted(rows, options, config);
-    let mut kept = RetainedSamples::EMPTY;
+    let mut retained = RetainedSamples::EMPTY;
     let ((result, fitted_s, lack), ended) = match options.selected {
         RowSelection::All => (from_all(&usable, &known), None),
         RowSelection::Turns => (from_turns(&usable, &known), None),
         RowSelection::Flight => {
-            let (compass, ended) = device_collection::collect_on_device(&usable, options, &mut kept);
+            let (compass, ended) = device_collection::collect_on_device(&usable, options, &mut retained);
             (from_collected(compass.collector(), &known), ended)
         }
     };
@@ -207,11 +207,12 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
         Err(error) => (None, Err(ReplayRefusal::Solve(error))),
     };
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
-    let of = |heading: fn(&HeadingRow) -> [f64; 2]| {
+    let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
         score(rows, |_| each.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
-    let (raw, smooth) = (of(|shown| [shown.heading_deg, shown.sigma_deg]), of(HeadingRow::sent_deg));
+    let (raw, smooth) =
+        (scored_headings(|shown| [shown.heading_deg, shown.sigma_deg]), scored_headings(HeadingRow::sent_deg));
     let samples = fitted_s.len();
     ReplayResult {
         solution,
@@ -308,8 +309,8 @@ fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 }
 
 fn from_turns(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
-    let mut kept = RetainedSamples::EMPTY;
-    let mut collector = Collector::new(&mut kept);
+    let mut retained = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut retained);
     collector.begin(Procedure::Turns);
     for &sample in samples {
         collector.push(sample);
@@ -367,13 +368,13 @@ struct SamplesByBank {
 impl SamplesByBank {
     fn from_samples(samples: &[Sample]) -> Self {
         let limit_rad = collection::LevelLimits::DEFAULT.level_roll_rad;
-        let of = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
+        let select_by_roll = |keep: &dyn Fn(f32) -> bool| -> Vec<Sample> {
             samples.iter().filter(|s| keep(s.attitude.roll_rad)).copied().collect()
         };
         Self {
-            left: of(&|roll_rad| roll_rad < -limit_rad),
-            right: of(&|roll_rad| roll_rad > limit_rad),
-            level: of(&|roll_rad| roll_rad.abs() <= limit_rad),
+            left: select_by_roll(&|roll_rad| roll_rad < -limit_rad),
+            right: select_by_roll(&|roll_rad| roll_rad > limit_rad),
+            level: select_by_roll(&|roll_rad| roll_rad.abs() <= limit_rad),
         }
     }
 
@@ -413,10 +414,10 @@ fn compute_headings(
         .map(|row| {
             let row = &ReplayRow { rates_rad_s: rates_of(row.rates_rad_s), ..*row };
             let from_s = std::mem::replace(&mut last_s, row.t_s);
-            for told in flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s)) {
-                let report = report(told.attitude, rates_of(told.rates_rad_s));
+            for logged in flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s)) {
+                let report = report(logged.attitude, rates_of(logged.rates_rad_s));
                 for instrument in [&mut device, &mut any] {
-                    instrument.on_attitude(instant(told.t_s, start_s), report);
+                    instrument.on_attitude(instant(logged.t_s, start_s), report);
                 }
             }
             // One instrument accepts any field strength; the other determines the status.

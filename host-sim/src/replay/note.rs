@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_doubtful_about_a_log_is_told() {
+    fn doubts_about_a_log_are_reported() {
         assert_eq!(notes_after(|_| {}), [""; 0]);
         assert_eq!(notes_after(|flight| flight.parameters.set(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
         let cases: [(Change, &str); 10] = [

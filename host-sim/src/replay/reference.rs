@@ -111,7 +111,7 @@ mod tests {
     use crate::log::LogFormat;
 
     /// A receiver at rest with these yaws, degrees, at 5 Hz.
-    fn yaws(yaws_deg: &[f32]) -> Flight {
+    fn flight_with_yaws(yaws_deg: &[f32]) -> Flight {
         let mut flight = Flight::new(LogFormat::DataFlash);
         for (i, yaw_deg) in yaws_deg.iter().enumerate() {
             flight.gps.push(i as f64 / 5.0, [48.0, 11.3, 500.0, 0.0, 0.0, *yaw_deg]);
@@ -121,9 +121,9 @@ mod tests {
 
     /// More than 20 valid yaws are required.
     #[test]
-    fn a_reference_is_one_that_is_told() {
-        assert_eq!(ReferenceHeading::best(&yaws(&[90.0; 20])), None);
-        assert_eq!(ReferenceHeading::best(&yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
+    fn a_reference_heading_needs_over_20_valid_yaws() {
+        assert_eq!(ReferenceHeading::best(&flight_with_yaws(&[90.0; 20])), None);
+        assert_eq!(ReferenceHeading::best(&flight_with_yaws(&[90.0; 21])), Some(ReferenceHeading::GpsYaw));
         for (yaw_rad, expected) in [(f32::NAN, None), (1.0, Some(ReferenceHeading::AutopilotYaw))] {
             let mut flight = Flight::new(LogFormat::Csv);
             flight.attitude.push(0.0, [0.1, 0.2, yaw_rad]);
@@ -134,7 +134,7 @@ mod tests {
     /// Interpolated across north, but not across a gap.
     #[test]
     fn the_yaw_of_two_antennas_is_interpolated() {
-        let mut flight = yaws(&[350.0, 10.0]);
+        let mut flight = flight_with_yaws(&[350.0, 10.0]);
         let north_deg = ReferenceHeading::GpsYaw.heading_deg(&flight, 0.1).unwrap();
         assert!((north_deg.rem_euclid(360.0) + 1.0) % 360.0 < 1.01, "{north_deg}");
         flight.gps.push(1.0, [48.0, 11.3, 500.0, 0.0, 0.0, 10.0]);

@@ -24,7 +24,8 @@ impl Axis {
         let (least, most) = if least.is_finite() && most.is_finite() { (least, most) } else { (0.0, 1.0) };
         let span = (most - least).max(least.abs() * 1e-6).max(1e-3);
         let step = round_step(span / lines);
-        Self { range: [(least / step).floor() * step, (most / step).ceil() * step], step, number_every: 1 }.with_room()
+        Self { range: [(least / step).floor() * step, (most / step).ceil() * step], step, number_every: 1 }
+            .rounded_to_step()
     }
 
     /// Symmetric axis of angles, degrees.
@@ -46,7 +47,7 @@ impl Axis {
         Self { range: [0.0, most], step, number_every: 1 }
     }
 
-    fn with_room(self) -> Self {
+    fn rounded_to_step(self) -> Self {
         let [from, to] = self.range;
         if to > from { self } else { Self { range: [from, from + self.step], ..self } }
     }
@@ -62,7 +63,7 @@ impl Axis {
         if self.step >= 1.0 { 0 } else { (-self.step.log10() - 1e-9).ceil() as usize }
     }
 
-    fn part(&self, value: f64) -> f64 {
+    fn fraction(&self, value: f64) -> f64 {
         (value - self.range[0]) / (self.range[1] - self.range[0])
     }
 }
@@ -85,17 +86,17 @@ pub struct PlotFrame {
 impl PlotFrame {
     /// Position of a point; none if outside or NaN.
     pub fn point(&self, x: f64, y: f64) -> Option<Point> {
-        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.part(value));
+        let inside = |axis: &Axis, value: f64| (-1e-9..=1.0 + 1e-9).contains(&axis.fraction(value));
         (inside(&self.x, x) && inside(&self.y, y)).then(|| [self.x_position(x), self.y_position(y)])
     }
 
     pub fn x_position(&self, x: f64) -> f64 {
-        self.origin[0] + self.x.part(x) * self.size[0]
+        self.origin[0] + self.x.fraction(x) * self.size[0]
     }
 
     /// Vertical position, clamped to the frame.
     pub fn y_position(&self, y: f64) -> f64 {
-        self.origin[1] + (1.0 - self.y.part(y).clamp(0.0, 1.0)) * self.size[1]
+        self.origin[1] + (1.0 - self.y.fraction(y).clamp(0.0, 1.0)) * self.size[1]
     }
 
     pub fn bottom(&self) -> f64 {
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_stand_where_people_look_for_them() {
+    fn grid_lines_are_at_round_numbers() {
         assert_eq!(lines(Axis::headings_deg(30)), (0..=12).map(|i| 30.0 * f64::from(i)).collect::<Vec<_>>());
         assert_eq!(lines(Axis::symmetric_deg(21.7)), [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0]);
         assert_eq!(lines(Axis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
@@ -174,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn every_line_has_its_number() {
+    fn every_grid_line_has_its_number() {
         let frame = PlotFrame {
             x: Axis::headings_deg(30),
             y: Axis::symmetric_deg(0.8),
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_inside_or_nowhere() {
+    fn points_outside_the_frame_are_not_drawn() {
         let frame = PlotFrame {
             x: Axis::headings_deg(30),
             y: Axis::symmetric_deg(1.0),
@@ -210,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_round_the_circle_is_closed_and_broken_where_it_jumps() {
+    fn a_heading_curve_is_closed_and_broken_at_jumps() {
         let errors = [Some(1.0), Some(2.0), None, Some(170.0), Some(-170.0), Some(f64::NAN)];
         let points = closed_heading_curve(&errors);
         let expected = [

@@ -143,10 +143,10 @@ pub const SECTOR_DEG: f64 = 15.0;
 const FEW: usize = 3;
 
 /// Circular means by heading over usable moments.
-pub fn means_by_heading(moments: &[ReportSample], of: impl Fn(&ReportSample) -> Option<f64>) -> Vec<Option<f64>> {
+pub fn means_by_heading(moments: &[ReportSample], quantity: impl Fn(&ReportSample) -> Option<f64>) -> Vec<Option<f64>> {
     let mut sums = [(0.0, 0.0, 0_usize); 24];
     for moment in moments.iter().filter(|moment| moment.is_usable) {
-        let (Some(heading_deg), Some(value)) = (moment.heading_deg, of(moment).filter(|value| value.is_finite()))
+        let (Some(heading_deg), Some(value)) = (moment.heading_deg, quantity(moment).filter(|value| value.is_finite()))
         else {
             continue;
         };
@@ -162,8 +162,8 @@ pub fn means_by_heading(moments: &[ReportSample], of: impl Fn(&ReportSample) -> 
 impl CompassReport {
     /// Subtracts the mean error of usable moments, separately before and after; returns both means.
     pub fn subtract_mean_errors(&mut self) -> [Option<f64>; 2] {
-        let usable = |of: fn(&ReportSample) -> Option<f64>| {
-            mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(of))
+        let usable = |quantity: fn(&ReportSample) -> Option<f64>| {
+            mean_angle_deg(self.samples.iter().filter(|moment| moment.is_usable).filter_map(quantity))
         };
         let means = [usable(|moment| moment.error_before_deg), usable(|moment| moment.error_deg)];
         for moment in &mut self.samples {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn sectors_have_their_heading_in_the_middle() {
+    fn heading_sectors_are_centred_on_their_heading() {
         let mut moments: Vec<ReportSample> = [353.0, 0.0, 7.0].map(|heading_deg| at(heading_deg, 2.0)).to_vec();
         moments.extend([8.0, 15.0, 22.0].map(|heading_deg| at(heading_deg, 5.0)));
         // Two values are too few for a mean; unusable moments and NaN are ignored.
@@ -217,13 +217,14 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_is_that_of_the_circle_and_of_what_counts() {
-        let mut swung = CompassReport { samples: vec![at(0.0, 179.0), at(0.0, -179.0)], ..CompassReport::default() };
-        swung.samples.push(ReportSample { is_usable: false, ..at(0.0, 0.0) });
-        let [before, after] = swung.subtract_mean_errors();
+    fn the_mean_error_is_circular_and_of_usable_samples() {
+        let mut compass_report =
+            CompassReport { samples: vec![at(0.0, 179.0), at(0.0, -179.0)], ..CompassReport::default() };
+        compass_report.samples.push(ReportSample { is_usable: false, ..at(0.0, 0.0) });
+        let [before, after] = compass_report.subtract_mean_errors();
         assert_eq!(before, None);
         assert!((after.unwrap().abs() - 180.0).abs() < 1e-9);
-        let errors: Vec<f64> = swung.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
+        let errors: Vec<f64> = compass_report.samples.iter().map(|moment| moment.error_deg.unwrap()).collect();
         assert!((errors[0] + 1.0).abs() < 1e-9 && (errors[1] - 1.0).abs() < 1e-9, "{errors:?}");
     }
 

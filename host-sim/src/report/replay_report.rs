@@ -44,7 +44,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log: &str, made: &ReportOrigin) -> R
         parameters: made.parameters.clone(),
         terminal_output: Some(["As the command prints it".to_owned(), made.terminal_output.clone()]),
         origin: lines
-            .map(|(what, value)| [what.to_owned(), value])
+            .map(|(label, value)| [label.to_owned(), value])
             .into_iter()
             .chain(made.settings.iter().cloned())
             .collect(),
@@ -74,23 +74,25 @@ fn figures(verdict: &FlightEvaluation) -> Vec<[String; 2]> {
     };
     let number_of = compass.number;
     let mut figures = Vec::new();
-    let mut add = |what: String, value: Option<f64>, decimals: usize, unit: &str| {
+    let mut add = |label: String, value: Option<f64>, decimals: usize, unit: &str| {
         if let Some(value) = value {
-            figures.push([what, format!("{} {unit}", format_number(value, decimals))]);
+            figures.push([label, format!("{} {unit}", format_number(value, decimals))]);
         }
     };
     add(format!("compass {number_of}: calibrated after"), compass.calibrated_s(), 0, "s");
     let solution = compass.module.solution.as_ref();
     add("expected error, RMS".to_owned(), solution.map(|s| f64::from(s.quality.expected_rms_deg)), 2, "deg");
     let word = compared(verdict).difference_name;
-    let of = |by: CorrectionSource| compass.correction_from(by)?.score.map(|score| score.rms_deg);
+    let rms_of = |correction_source: CorrectionSource| {
+        compass.correction_from(correction_source)?.score.map(|score| score.rms_deg)
+    };
     add(
         format!("{word} as logged, RMS"),
-        of(CorrectionSource::Autopilot).or(of(CorrectionSource::Uncorrected)),
+        rms_of(CorrectionSource::Autopilot).or(rms_of(CorrectionSource::Uncorrected)),
         2,
         "deg",
     );
-    add(format!("{word} with ours, RMS"), of(CorrectionSource::Module), 2, "deg");
+    add(format!("{word} with ours, RMS"), rms_of(CorrectionSource::Module), 2, "deg");
     figures
 }
 
@@ -100,15 +102,15 @@ fn swung(
     compass: &CompassEvaluation,
     facts: Vec<[String; 2]>,
 ) -> CompassReport {
-    let replayed = compass.displayed_result();
-    let solution = replayed.solution.as_ref();
+    let replay_result = compass.displayed_result();
+    let solution = replay_result.solution.as_ref();
     let has_reference = verdict.reference.is_some();
     let mut swung = CompassReport {
         name: format!("Compass {}", compass.number),
         accepted: compass.module.accepted.is_ok(),
         facts,
         sigma_description: "the mean sigma that the module sends with its headings",
-        samples: moments(flight, compass, replayed, has_reference),
+        samples: moments(flight, compass, replay_result, has_reference),
         marks: marks(compass),
         horizontal_ut: solution.map(|s| {
             let Calibration { total_ut, inclination_rad, .. } = s.calibration;
@@ -127,18 +129,20 @@ fn swung(
         ..CompassReport::default()
     };
     let [before, after] = swung.subtract_mean_errors();
-    for (what, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
+    for (label, mean) in [("mean as logged, subtracted", before), ("mean with ours, subtracted", after)] {
         if let Some(mean) = mean {
-            swung.facts.push([what.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
+            swung.facts.push([label.to_owned(), format!("{} deg, declination included", format_number(mean, 2))]);
         }
     }
     let line = |name: &str, of: fn(&ReportSample) -> Option<f64>| {
         let errors_deg = means_by_heading(&swung.samples, of);
         errors_deg.iter().any(Option::is_some).then(|| DeviationCurve { name: name.to_owned(), errors_deg })
     };
-    let ours = if replayed.accepted.is_ok() { "ours" } else { "ours, but refused" };
-    let (before, after) =
-        (line(logged_by(compass).name(), |moment| moment.error_before_deg), line(ours, |moment| moment.error_deg));
+    let ours = if replay_result.accepted.is_ok() { "ours" } else { "ours, but refused" };
+    let (before, after) = (
+        line(logged_correction_source(compass).name(), |moment| moment.error_before_deg),
+        line(ours, |moment| moment.error_deg),
+    );
     (swung.before, swung.after) = (before.into_iter().collect(), after.into_iter().collect());
     if solution.is_some() {
         let sigma = means_by_heading(&swung.samples, |moment| moment.sigma_deg);
@@ -148,7 +152,7 @@ fn swung(
 }
 
 /// Source of the logged field's correction.
-fn logged_by(compass: &CompassEvaluation) -> CorrectionSource {
+fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
     if compass.correction_from(CorrectionSource::Autopilot).is_some() {
         CorrectionSource::Autopilot
     } else {
@@ -172,30 +176,31 @@ fn marks(compass: &CompassEvaluation) -> Vec<EventMark> {
 fn moments(
     flight: &Flight,
     compass: &CompassEvaluation,
-    replayed: &ReplayResult,
+    replay_result: &ReplayResult,
     has_reference: bool,
 ) -> Vec<ReportSample> {
     let Some(first) = compass.rows.first() else { return Vec::new() };
     let places = LocalPositions::from_flight(flight);
-    let is_logged = logged_by(compass) == CorrectionSource::Autopilot;
+    let is_logged = logged_correction_source(compass) == CorrectionSource::Autopilot;
     let mut moments: Vec<ReportSample> = compass
         .rows
         .iter()
         .enumerate()
         .map(|(i, row)| {
-            let shown = replayed.headings.get(i);
-            let mut moment = moment(row, is_logged, replayed.solution.as_ref(), shown, has_reference);
+            let shown = replay_result.headings.get(i);
+            let mut moment = moment(row, is_logged, replay_result.solution.as_ref(), shown, has_reference);
             moment.at_s = row.t_s - first.t_s;
             moment.position_m = places.as_ref().and_then(|places| places.at(flight, row.t_s));
             moment
         })
         .collect();
-    for fitted_s in &replayed.fitted_s {
+    for fitted_s in &replay_result.fitted_s {
         // The nearest row, since samples are means and their clock has milliseconds.
         let after = moments.partition_point(|moment| moment.at_s < *fitted_s).min(moments.len() - 1);
         let near = [after.saturating_sub(1), after];
-        let off = |i: &usize| moments.get(*i).map_or(f64::INFINITY, |moment| (moment.at_s - fitted_s).abs());
-        let nearest = near.into_iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        let time_difference =
+            |i: &usize| moments.get(*i).map_or(f64::INFINITY, |moment| (moment.at_s - fitted_s).abs());
+        let nearest = near.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
         if let Some(moment) = nearest.and_then(|nearest| moments.get_mut(nearest)) {
             moment.is_fitted = true;
         }
@@ -301,30 +306,30 @@ mod tests {
 
     const REFUSED: Result<(), ReplayRefusal> = Err(ReplayRefusal::Solve(SolveError::NotConverged));
 
-    fn fact(report: &Report, what: &str) -> Option<String> {
-        report.compasses[0].facts.iter().find(|[name, _]| name == what).map(|[_, words]| words.clone())
+    fn fact(report: &Report, name_wanted: &str) -> Option<String> {
+        report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())
     }
 
     #[test]
-    fn what_was_refused_is_called_so() {
-        let taken = report(|_, _| {});
+    fn a_refused_calibration_is_labelled_as_refused() {
+        let automatic = report(|_, _| {});
         let refused = report(|_, verdict| verdict.compasses[0].module.accepted = REFUSED);
         for (report, line, mark, words) in [
-            (&taken, "ours", "would have calibrated", "would have calibrated itself after"),
+            (&automatic, "ours", "would have calibrated", "would have calibrated itself after"),
             (&refused, "ours, but refused", "would have solved", "would have been refused: not-converged"),
         ] {
             let compass = &report.compasses[0];
             assert_eq!((compass.after[0].name.as_str(), compass.marks[0].name.as_str()), (line, mark));
             assert!(fact(report, "verdict").unwrap().starts_with(words), "{:?}", compass.facts);
         }
-        assert!(taken.accepted && !refused.accepted);
-        let asked = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
-        assert!(asked.compasses[0].marks.is_empty());
-        assert_eq!(fact(&asked, "verdict").unwrap(), "would have calibrated by a command at the end");
+        assert!(automatic.accepted && !refused.accepted);
+        let on_request = report(|_, verdict| verdict.compasses[0].module.ended_s = None);
+        assert!(on_request.compasses[0].marks.is_empty());
+        assert_eq!(fact(&on_request, "verdict").unwrap(), "would have calibrated by a command at the end");
     }
 
     #[test]
-    fn marks_are_where_it_happened() {
+    fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         let report = report(|_, verdict| {
             let compass = &mut verdict.compasses[0];
             // 30 s of the log precede the first row.
@@ -339,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_model_of_another_year_is_told() {
+    fn a_field_model_of_another_year_is_reported() {
         for (is_valid, words) in [(true, "by the field model"), (false, "by the field model, of another year")] {
             let report = report(|_, verdict| {
                 let day = Date::from_unix_s(1_767_484_800).unwrap();
@@ -351,10 +356,11 @@ mod tests {
     }
 
     #[test]
-    fn before_is_what_the_autopilot_had() {
+    fn the_before_curve_is_the_autopilot_s_correction() {
         let logged = report(|_, _| {});
-        let raw =
-            report(|_, verdict| verdict.compasses[0].corrections.retain(|of| of.source != CorrectionSource::Autopilot));
+        let raw = report(|_, verdict| {
+            verdict.compasses[0].corrections.retain(|correction| correction.source != CorrectionSource::Autopilot);
+        });
         let rows = &FLOWN.1.compasses[0].rows;
         for (report, name, is_logged) in [(&logged, "as logged", true), (&raw, "raw", false)] {
             let compass = &report.compasses[0];
@@ -372,13 +378,18 @@ mod tests {
         assert!(figure(&logged, "as logged") != figure(&raw, "as logged"), "{:?}", raw.figures);
     }
 
-    fn figure(report: &Report, what: &str) -> String {
-        report.figures.iter().find(|[name, _]| name.contains(what)).map(|[_, value]| value.clone()).unwrap_or_default()
+    fn figure(report: &Report, name_part: &str) -> String {
+        report
+            .figures
+            .iter()
+            .find(|[name, _]| name.contains(name_part))
+            .map(|[_, value]| value.clone())
+            .unwrap_or_default()
     }
 
     #[test]
-    fn errors_are_called_what_they_are() {
-        let of = |reference: Option<ReferenceHeading>| {
+    fn differences_are_named_by_their_reference() {
+        let report_with_reference = |reference: Option<ReferenceHeading>| {
             report(|_, verdict| {
                 verdict.reference = reference.clone();
                 if verdict.reference.is_none() {
@@ -391,7 +402,7 @@ mod tests {
             (Some(ReferenceHeading::AutopilotYaw), "disagreement"),
             (None, "correction"),
         ] {
-            let report = of(reference.clone());
+            let report = report_with_reference(reference.clone());
             assert_eq!(report.reference.difference_name, word);
             assert!(!figure(&report, &format!("{word} as logged")).is_empty(), "{:?}", report.figures);
             let usable = || report.compasses[0].samples.iter().filter(|moment| moment.is_usable).skip(20);
@@ -403,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn whether_the_autopilot_uses_it_is_told() {
+    fn use_of_the_compass_by_the_autopilot_is_reported() {
         for (is_used, words) in
             [(Some(true), Some("uses it for its heading")), (Some(false), Some("does not use it")), (None, None)]
         {

@@ -9,11 +9,11 @@ pub fn verdict_section(report: &Report) -> String {
     let (class, sign, word) = if report.accepted { ("good", "✓", "Accepted") } else { ("bad", "✗", "Refused") };
     let mut html = vec![format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{word}.</b> {}.</p>\n",
-        escape_html(&capital(report.verdict.trim_end_matches('.')))
+        escape_html(&capitalised(report.verdict.trim_end_matches('.')))
     )];
     if !report.figures.is_empty() {
-        let rows = concat_map(&report.figures, |[what, value]| {
-            format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
+        let rows = concat_map(&report.figures, |[label, value]| {
+            format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
         });
         html.push(format!("<dl class=\"figures\">\n{rows}</dl>\n"));
     }
@@ -41,7 +41,7 @@ pub fn comparison_section(report: &Report) -> String {
     });
     let caption = format!(
         "{} of headings against {}, degrees RMS less mean",
-        capital(report.reference.difference_name),
+        capitalised(report.reference.difference_name),
         report.reference.reference_name
     );
     let table = table(&caption, "corrected by", &names, rows);
@@ -49,30 +49,33 @@ pub fn comparison_section(report: &Report) -> String {
     format!("{}{table}", picture.map_or_else(String::new, |picture| figure("methods", &picture)))
 }
 
-pub fn compass_section(id: &str, swung: &CompassReport, compared: &ReferenceInfo) -> String {
-    let facts = concat_map(&swung.facts, |[what, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
+pub fn compass_section(id: &str, compass_report: &CompassReport, compared: &ReferenceInfo) -> String {
+    let facts = concat_map(&compass_report.facts, |[label, value]| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
     });
     let mut html = vec![format!("<dl class=\"facts\">\n{facts}</dl>\n<div class=\"pair\">\n")];
-    if !swung.before.is_empty() {
-        html.push(figure(&format!("{id}-scale"), &deviation::common_scale_picture(swung, compared.difference_name)));
+    if !compass_report.before.is_empty() {
+        html.push(figure(
+            &format!("{id}-scale"),
+            &deviation::common_scale_picture(compass_report, compared.difference_name),
+        ));
     }
-    if let Some(picture) = deviation::enlarged_picture(swung, compared.difference_name) {
+    if let Some(picture) = deviation::enlarged_picture(compass_report, compared.difference_name) {
         html.push(figure(&format!("{id}-after"), &picture));
     }
     html.push("</div>\n".to_owned());
-    html.push(card(swung, compared));
-    html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(swung)));
+    html.push(deviation_card(compass_report, compared));
+    html.push(figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass_report)));
     let rest = [
-        ("time", residuals::residuals_picture(swung, compared.difference_name)),
-        ("field", field::field_picture(swung)),
+        ("time", residuals::residuals_picture(compass_report, compared.difference_name)),
+        ("field", field::field_picture(compass_report)),
     ];
     for (name, picture) in rest.into_iter().filter_map(|(name, picture)| Some((name, picture?))) {
         html.push(figure(&format!("{id}-{name}"), &picture));
     }
-    if let Some([x, y, z, b]) = swung.coefficients {
-        let row = |name: &str, of: [f64; 3], decimals| {
-            (name.to_owned(), of.iter().map(|number_of| format_number(*number_of, decimals)).collect())
+    if let Some([x, y, z, b]) = compass_report.coefficients {
+        let row = |name: &str, values_of_row: [f64; 3], decimals| {
+            (name.to_owned(), values_of_row.iter().map(|number_of| format_number(*number_of, decimals)).collect())
         };
         let rows = [row("W, x", x, 5), row("W, y", y, 5), row("W, z", z, 5), row("b, uT", b, 3)];
         html.push(table(
@@ -86,24 +89,24 @@ pub fn compass_section(id: &str, swung: &CompassReport, compared: &ReferenceInfo
 }
 
 /// Deviation card, as used with ships' compasses.
-fn card(swung: &CompassReport, compared: &ReferenceInfo) -> String {
-    let Some(first) = swung.before.first().or(swung.after.first()) else { return String::new() };
+fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> String {
+    let Some(first) = compass_report.before.first().or(compass_report.after.first()) else { return String::new() };
     let sectors = first.errors_deg.len();
     let step = 360 / sectors.max(1);
-    let has_sigma = swung.sigma_deg.len() == sectors;
+    let has_sigma = compass_report.sigma_deg.len() == sectors;
     let column = |when: &str, line: &DeviationCurve| format!("{when}: {}", line.name);
-    let mut columns: Vec<String> = swung.before.iter().map(|line| column("before", line)).collect();
-    columns.extend(swung.after.iter().map(|line| column("after", line)));
+    let mut columns: Vec<String> = compass_report.before.iter().map(|line| column("before", line)).collect();
+    columns.extend(compass_report.after.iter().map(|line| column("after", line)));
     if has_sigma {
         columns.push("sigma".to_owned());
     }
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let row = |i: usize| {
-        let lines = swung.before.iter().chain(&swung.after);
+        let lines = compass_report.before.iter().chain(&compass_report.after);
         let mut cells: Vec<String> =
             lines.map(|line| format_optional(line.errors_deg.get(i).copied().flatten(), 2)).collect();
         if has_sigma {
-            let sigma = format_optional(swung.sigma_deg.get(i).copied(), 2);
+            let sigma = format_optional(compass_report.sigma_deg.get(i).copied(), 2);
             cells.push(if sigma == "–" { sigma } else { format!("± {sigma}") });
         }
         (format!("{:03}", i * step), cells)
@@ -116,15 +119,15 @@ fn card(swung: &CompassReport, compared: &ReferenceInfo) -> String {
     format!(
         "<div class=\"card\">\n<h3>Deviation card: {}</h3>\n<p>{} by heading, degrees: indicated less {}. Take it off what the \
          compass shows.</p>\n<div class=\"halves\">{}</div></div>\n",
-        escape_html(&swung.name),
-        capital(compared.difference_name),
+        escape_html(&compass_report.name),
+        capitalised(compared.difference_name),
         escape_html(&compared.reference_name),
         concat_map(halves, |half| half)
     )
 }
 
-pub fn map_section(swung: &CompassReport) -> Option<String> {
-    map_of::map_picture(swung).map(|picture| figure("map-picture", &picture))
+pub fn map_section(compass_report: &CompassReport) -> Option<String> {
+    map_of::map_picture(compass_report).map(|picture| figure("map-picture", &picture))
 }
 
 pub fn parameters_section(name: &str, text: &str) -> String {
@@ -139,8 +142,8 @@ pub fn parameters_section(name: &str, text: &str) -> String {
 
 /// Command, version, log, settings and terminal output.
 pub fn origin_section(report: &Report) -> String {
-    let rows = concat_map(&report.origin, |[what, value]| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(what), escape_html(value))
+    let rows = concat_map(&report.origin, |[label, value]| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escape_html(label), escape_html(value))
     });
     let mut html = vec![format!("<dl class=\"facts\">\n{rows}</dl>\n")];
     if let Some([title, text]) = &report.terminal_output {
@@ -190,7 +193,7 @@ fn listing(id: &str, name: &str, text: &str) -> String {
     )
 }
 
-fn capital(words: &str) -> String {
+fn capitalised(words: &str) -> String {
     let mut letters = words.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + letters.as_str())
 }

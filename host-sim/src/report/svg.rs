@@ -143,9 +143,12 @@ pub fn style() -> String {
 }
 
 /// Coordinates rounded to 0.1; none if any is not finite.
-fn numbers<const N: usize>(of: [f64; N]) -> Option<[f64; N]> {
+fn numbers<const N: usize>(coordinates: [f64; N]) -> Option<[f64; N]> {
     // A value rounded to 0.1 prints with at most one decimal.
-    of.iter().all(|number| number.is_finite()).then(|| of.map(|number| (number * 10.0).round() / 10.0 + 0.0))
+    coordinates
+        .iter()
+        .all(|number| number.is_finite())
+        .then(|| coordinates.map(|number| (number * 10.0).round() / 10.0 + 0.0))
 }
 
 #[cfg(test)]
@@ -153,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_number_is_not_drawn() {
+    fn non_finite_numbers_are_not_drawn() {
         let mut svg = Svg::new(10.0, 10.0);
         svg.line("a", [0.0, f64::NAN], [1.0, 1.0]);
         svg.rect("a", [0.0, 0.0], [f64::INFINITY, 1.0]);
@@ -167,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_words() {
+    fn text_is_escaped_in_svg() {
         let mut svg = Svg::new(10.0, 10.0);
         svg.text("a", [0.0, 0.0], "<script>alert(1)</script>");
         for whole in [svg.to_inline("p", "<b>", "\"&"), svg.to_file("<b>", "\"&")] {

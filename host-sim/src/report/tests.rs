@@ -17,8 +17,8 @@ fn flown(plan: TurnPlan) -> MissionResult {
     fly(WorldConfig::table1(1), plan, &mut |_, _| {})
 }
 
-fn page_of(flown: &MissionResult) -> String {
-    page(&report_mission(flown, &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() }))
+fn page_of(mission: &MissionResult) -> String {
+    page(&report_mission(mission, &ReportOrigin { command: "host-sim fly".to_owned(), ..ReportOrigin::default() }))
 }
 
 fn assert_well_formed(html: &str) {
@@ -101,7 +101,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
 }
 
 #[test]
-fn a_refusal_is_reported_with_its_reason_and_without_an_after() {
+fn a_refusal_is_reported_with_its_reason_and_no_after_picture() {
     let html = page_of(&flown(TurnPlan { bank_deg: 25.0, circles: 0.05 }));
     assert_sound(&html);
     assert!(html.contains("too-few-samples") && html.contains("Refused"));
@@ -152,7 +152,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
 
 /// The first of two compasses is dead.
 #[test]
-fn what_is_shown_of_a_log_is_what_was_flown() {
+fn a_log_report_shows_the_flown_path_and_attitude() {
     let mut world = WorldConfig::table1(1);
     // The field model's value for the place.
     world.earth.inclination_deg = 64.0;
@@ -165,10 +165,13 @@ fn what_is_shown_of_a_log_is_what_was_flown() {
     let judged = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report = report_replay(&judged, "flight.bin", &ReportOrigin::default());
     assert!(report.accepted && report.figures[0][0].starts_with("compass 2"), "{:?}", report.figures);
-    assert_eq!(report.compasses.iter().map(|swung| swung.accepted).collect::<Vec<_>>(), [false, true]);
+    assert_eq!(
+        report.compasses.iter().map(|compass_report| compass_report.accepted).collect::<Vec<_>>(),
+        [false, true]
+    );
     let [_, alive] = verdict.compasses.as_slice() else { panic!("two compasses") };
-    for (figure, by) in [(2, CorrectionSource::Uncorrected), (3, CorrectionSource::Module)] {
-        let rms_deg = alive.correction_from(by).unwrap().score.unwrap().rms_deg;
+    for (figure, correction_source) in [(2, CorrectionSource::Uncorrected), (3, CorrectionSource::Module)] {
+        let rms_deg = alive.correction_from(correction_source).unwrap().score.unwrap().rms_deg;
         assert_eq!(report.figures[figure][1], format!("{rms_deg:.2} deg"), "{:?}", report.figures);
     }
     let moments = &report.compasses[1].samples;
@@ -197,7 +200,7 @@ fn what_is_shown_of_a_log_is_what_was_flown() {
 
 /// Text of a log is escaped; numbers that are not finite become dashes or are not drawn.
 #[test]
-fn a_hostile_log_brings_words_alone() {
+fn text_of_a_hostile_log_is_escaped() {
     const HOSTILE: &str = "</title><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u{1b}[2K\u{0}";
     let hostile = || HOSTILE.to_owned();
     let nan = Some(f64::NAN);
@@ -218,7 +221,7 @@ fn a_hostile_log_brings_words_alone() {
         is_heading_withheld: true,
     };
     let line = DeviationCurve { name: hostile(), errors_deg: vec![None, nan, Some(f64::INFINITY), Some(1.0)] };
-    let swung = CompassReport {
+    let compass_report = CompassReport {
         name: hostile(),
         accepted: true,
         facts: vec![[hostile(), hostile()]],
@@ -242,7 +245,7 @@ fn a_hostile_log_brings_words_alone() {
             compasses: vec![hostile()],
             rows: vec![(hostile(), vec![nan]), (hostile(), vec![Some(1.0)])],
         },
-        compasses: vec![swung],
+        compasses: vec![compass_report],
         parameters: Some([hostile(), hostile()]),
         terminal_output: Some([hostile(), hostile()]),
         origin: vec![[hostile(), hostile()]],
@@ -252,29 +255,29 @@ fn a_hostile_log_brings_words_alone() {
     // The text is present, but only escaped.
     assert!(html.contains("&lt;script&gt;alert(1)") && !html.contains("<img") && !html.contains("<script>alert"));
     assert_sound(&html.replace("src=x", ""));
-    let drawn = picture(&report);
-    assert!(!drawn.contains("NaN") && !drawn.contains("inf") && !drawn.contains("<script"), "{drawn}");
+    let svg_text = picture(&report);
+    assert!(!svg_text.contains("NaN") && !svg_text.contains("inf") && !svg_text.contains("<script"), "{svg_text}");
 }
 
 #[test]
-fn an_empty_report_is_a_page() {
+fn an_empty_report_gives_a_valid_page() {
     assert_sound(&page(&Report::default()));
     assert_sound(&page(&Report { compasses: vec![CompassReport::default()], ..Report::default() }));
     assert!(picture(&Report::default()).contains("</svg>"));
 }
 
 #[test]
-fn a_picture_of_its_own_has_its_background_and_both_schemes() {
-    let drawn = picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
-    assert!(drawn.starts_with("<svg xmlns=") && drawn.ends_with("</svg>\n"));
+fn a_standalone_picture_has_a_background_and_both_colour_schemes() {
+    let svg_text = picture(&report_mission(&flown(TurnPlan::default()), &ReportOrigin::default()));
+    assert!(svg_text.starts_with("<svg xmlns=") && svg_text.ends_with("</svg>\n"));
     for needed in ["class=\"paper\"", "prefers-color-scheme:dark", "deg before", "expected, 1 sigma"] {
-        assert!(drawn.contains(needed), "{needed}");
+        assert!(svg_text.contains(needed), "{needed}");
     }
-    assert!(drawn.len() < 30_000, "{}", drawn.len());
+    assert!(svg_text.len() < 30_000, "{}", svg_text.len());
 }
 
 #[test]
-fn a_page_goes_where_it_is_told() {
+fn a_report_is_written_to_the_given_path() {
     let folder = tempfile::tempdir().unwrap();
     let report = Report::default();
     let at = |name: &str| write(&report, &folder.path().join(name)).unwrap();

@@ -18,8 +18,8 @@ pub fn escape_html(text: &str) -> String {
     escaped
 }
 
-pub fn concat_map<T>(of: impl IntoIterator<Item = T>, make: impl FnMut(T) -> String) -> String {
-    of.into_iter().map(make).collect::<Vec<_>>().concat()
+pub fn concat_map<T>(items: impl IntoIterator<Item = T>, make: impl FnMut(T) -> String) -> String {
+    items.into_iter().map(make).collect::<Vec<_>>().concat()
 }
 
 #[cfg(test)]

@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_told_as_what_it_is() {
+    fn other_datagrams_are_malformed_or_out_of_range() {
         let malformed: [&[u8]; 7] = [b"", b"1 2", b"1 2 3 4", b"1,2,3", b"1 2 north", b"\xff\xfe\x00", &[b'9'; 2000]];
         for datagram in malformed {
             assert_eq!(parse_attitude(datagram), Err(DatagramError::Malformed), "{datagram:?}");

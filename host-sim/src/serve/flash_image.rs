@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_read_and_nothing_else_is_left() {
+    fn a_written_image_is_read_back_without_temporary_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flash.bin");
         assert_eq!(FlashImage::read(&path).unwrap(), None);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_flash_is_told_with_its_size() {
+    fn a_file_of_wrong_size_is_rejected_with_its_size() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flash.bin");
         for size in [0, 1, STORE_BYTES - 1, STORE_BYTES + 1] {

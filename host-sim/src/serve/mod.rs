@@ -166,13 +166,13 @@ impl ServedModule {
     ///
     /// [`DatagramError`] if the datagram is invalid; it is counted and otherwise ignored.
     pub fn follow_datagram(&mut self, datagram: &[u8]) -> Result<(), DatagramError> {
-        let told = parse_attitude(datagram);
+        let attitude_datagram = parse_attitude(datagram);
         let visits = self.visits.get_or_insert_default();
-        match told {
+        match attitude_datagram {
             Ok(Euler { .. }) => visits.accepted += 1,
             Err(_) => visits.rejected += 1,
         }
-        told.map(|attitude| self.rig.world.follow_attitude(attitude))
+        attitude_datagram.map(|attitude| self.rig.world.follow_attitude(attitude))
     }
 
     /// Counters of attitude datagrams; `None` without an external simulator.
@@ -206,13 +206,13 @@ impl ServedModule {
         let seconds = self.now_us() as f64 / 1e6;
         let flies = if self.visits.is_some() { "follows" } else { self.pilot.activity() };
         let source = if self.rig.world.sends_attitude() { "the simulator" } else { "who is attached" };
-        let told =
+        let sender_text =
             self.visits.map_or_else(String::new, |DatagramCounts { accepted: followed, rejected: malformed }| {
                 format!("; {followed} attitudes received, {malformed} malformed")
             });
         format!(
             "ok {seconds:.1} s, {flies}: roll {roll_deg:.1}, pitch {pitch_deg:.1}, magnetic heading {:.1} deg; attitude \
-             from {source}{told}",
+             from {source}{sender_text}",
             truth.heading_deg()
         )
     }

@@ -93,7 +93,7 @@ impl fmt::Display for PilotCommandError {
                 let orders = COMMANDS.map(|(order, _)| order).join(", ");
                 write!(f, "{} is no order; there are {orders}", printable(word))
             }
-            Self::Missing(what) => write!(f, "{what} is missing"),
+            Self::Missing(argument) => write!(f, "{argument} is missing"),
             Self::Unexpected(word) => write!(f, "{} is too much", printable(word)),
             Self::BadValue(expected) => write!(f, "expected {expected}"),
             Self::OutOfRange(range) => f.write_str(range),
@@ -111,7 +111,9 @@ fn printable(word: &str) -> String {
 }
 
 pub(super) fn help() -> String {
-    COMMANDS.iter().fold("ok orders:".to_owned(), |text, (order, does)| format!("{text}\n  {order:15}{does}"))
+    COMMANDS
+        .iter()
+        .fold("ok orders:".to_owned(), |text, (order, description)| format!("{text}\n  {order:15}{description}"))
 }
 
 impl FromStr for PilotCommand {
@@ -179,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn orders_are_words_and_numbers() {
+    fn pilot_commands_are_parsed_from_words_and_numbers() {
         for (line, order) in [
             ("turn 25 -360", PilotCommand::Turn { bank_deg: 25.0, change_deg: -360.0 }),
             ("  TURN  -10.5  90 ", PilotCommand::Turn { bank_deg: -10.5, change_deg: 90.0 }),
@@ -196,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_order_is_told_with_a_code() {
+    fn an_invalid_pilot_command_is_rejected_with_a_code() {
         for (line, code) in [
             ("", "unknown-order"),
             ("loop 3", "unknown-order"),
@@ -225,14 +227,14 @@ mod tests {
 
     /// Escape sequences in the error would affect the reader's terminal.
     #[test]
-    fn an_unknown_order_is_told_with_the_list_and_without_control_characters() {
+    fn an_unknown_command_error_lists_all_without_control_characters() {
         let error = format!("\u{1b}]0;x\u{7}{}", "y".repeat(10_000)).parse::<PilotCommand>().unwrap_err().to_string();
         assert!(error.chars().all(|c| !c.is_control()) && error.len() < 300, "{error}");
         assert!(COMMANDS.iter().all(|(order, _)| error.contains(order)), "{error}");
     }
 
     #[test]
-    fn every_order_of_the_list_is_one() {
+    fn every_listed_pilot_command_is_accepted() {
         for (order, _) in COMMANDS {
             let line = order.replace("BANK", "20").replace("DEG", "90").replace("NAME", "level");
             let line = line.replace(" S", " 5");

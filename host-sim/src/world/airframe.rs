@@ -130,7 +130,7 @@ mod tests {
     use crate::world::rotation::Euler;
 
     #[test]
-    fn random_airframes_stay_within_their_limits_and_use_them() {
+    fn random_airframes_cover_their_limits() {
         let mut largest = [0.0_f64; 3];
         for seed in 0..1000 {
             let earth = Earth::random(seed);

@@ -142,8 +142,8 @@ async fn msp(
         }
         {
             let mut device = device.borrow_mut();
-            for timed in uart.receive_timed() {
-                device.receive_byte(timed.at_us, timed.byte);
+            for timed_byte in uart.receive_timed() {
+                device.receive_byte(timed_byte.at_us, timed_byte.byte);
             }
             let bytes = device.send(now_us, &known);
             if world.sends_attitude() {

@@ -78,7 +78,7 @@ mod tests {
 
     /// 20,000 s are 13,000 correlation times of 1.5 s: sigma is accurate to 1 %, the integral to about 5 %.
     #[test]
-    fn both_have_the_standard_deviation_and_correlation_time_asked_for() {
+    fn both_processes_have_their_standard_deviation_and_correlation_time() {
         let random = || Random::new(1, Purpose::Bank);
         let mut rough = FirstOrder::new(2.0, 1.5, STEP_S, random());
         let mut smooth = SecondOrder::new(2.0, 1.5, STEP_S, random());

@@ -99,8 +99,8 @@ impl World {
     /// measured.
     #[must_use]
     pub fn reported_current_a(&self, now_us: u64) -> Option<f64> {
-        let tells = self.config().reports_current;
-        tells.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
+        let is_reported = self.config().reports_current;
+        is_reported.then(|| self.true_state(now_us.saturating_sub(CURRENT_AGE_US)).current_a())
     }
 
     /// Field in chip axes at a time between two seconds ago and now.
@@ -188,8 +188,8 @@ impl World {
     }
 
     /// Enables or disables reporting of the motor current.
-    pub fn set_reports_current(&self, tells: bool) {
-        self.up_to_now().config.reports_current = tells;
+    pub fn set_reports_current(&self, is_reported: bool) {
+        self.up_to_now().config.reports_current = is_reported;
     }
 
     /// Arms or disarms the autopilot, reported by the next heartbeat. Initially disarmed.
@@ -235,9 +235,9 @@ impl WorldState {
     }
 
     /// Field in chip axes; `elsewhere` replaces the configured Earth's field.
-    fn sensor_field(&mut self, at_us: u64, elsewhere: Option<Earth>) -> Field<Sensor> {
+    fn sensor_field(&mut self, at_us: u64, other_earth: Option<Earth>) -> Field<Sensor> {
         let truth = self.true_state(at_us);
-        let body_ut = elsewhere.unwrap_or(self.config.earth).body_field_ut(truth.euler());
+        let body_ut = other_earth.unwrap_or(self.config.earth).body_field_ut(truth.euler());
         let measured = self.config.airframe.measured_field(&body_ut);
         let current_ut = Vector3::from(self.config.current_interference_ut) * truth.relative_current;
         Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())

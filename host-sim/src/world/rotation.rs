@@ -78,15 +78,15 @@ mod tests {
     use super::*;
 
     #[track_caller]
-    fn is(found: Vector3<f64>, expected: [f64; 3]) {
+    fn assert_near(found: Vector3<f64>, expected: [f64; 3]) {
         assert!((found - Vector3::from(expected)).norm() < 1e-12, "{found:?} for {expected:?}");
     }
 
     #[test]
     fn a_field_points_north_and_with_positive_inclination_down() {
-        is(earth_field(50.0, 0.0), [50.0, 0.0, 0.0]);
-        is(earth_field(50.0, 90_f64.to_radians()), [0.0, 0.0, 50.0]);
-        is(earth_field(50.0, -30_f64.to_radians()), [50.0 * 0.75_f64.sqrt(), 0.0, -25.0]);
+        assert_near(earth_field(50.0, 0.0), [50.0, 0.0, 0.0]);
+        assert_near(earth_field(50.0, 90_f64.to_radians()), [0.0, 0.0, 50.0]);
+        assert_near(earth_field(50.0, -30_f64.to_radians()), [50.0 * 0.75_f64.sqrt(), 0.0, -25.0]);
     }
 
     /// Heading east, north is to the left; heading south, behind; heading west, to the right.
@@ -96,27 +96,27 @@ mod tests {
         for (heading_deg, expected) in
             [(0.0, [1.0, 0.0, 0.0]), (90.0, [0.0, -1.0, 0.0]), (180.0, [-1.0, 0.0, 0.0]), (270.0, [0.0, 1.0, 0.0])]
         {
-            is(Euler::from_deg(0.0, 0.0, heading_deg).body_from_earth() * north, expected);
+            assert_near(Euler::from_deg(0.0, 0.0, heading_deg).body_from_earth() * north, expected);
         }
-        is(Euler::from_deg(0.0, 0.0, 90.0).body_from_earth() * Vector3::new(0.0, 1.0, 0.0), [1.0, 0.0, 0.0]);
+        assert_near(Euler::from_deg(0.0, 0.0, 90.0).body_from_earth() * Vector3::new(0.0, 1.0, 0.0), [1.0, 0.0, 0.0]);
     }
 
     /// With the nose straight up, down is behind and the former forward direction is below.
     #[test]
     fn pitch_is_nose_up() {
         let up = Euler::from_deg(0.0, 90.0, 0.0).body_from_earth();
-        is(up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
-        is(up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
-        is(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
+        assert_near(up * Vector3::new(0.0, 0.0, 1.0), [-1.0, 0.0, 0.0]);
+        assert_near(up * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, 1.0]);
+        assert_near(up * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
     }
 
     /// With the right wing straight down, down is along the right wing and the former left direction is below.
     #[test]
     fn roll_is_right_wing_down() {
         let banked = Euler::from_deg(90.0, 0.0, 0.0).body_from_earth();
-        is(banked * Vector3::new(0.0, 0.0, 1.0), [0.0, 1.0, 0.0]);
-        is(banked * Vector3::new(0.0, 1.0, 0.0), [0.0, 0.0, -1.0]);
-        is(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
+        assert_near(banked * Vector3::new(0.0, 0.0, 1.0), [0.0, 1.0, 0.0]);
+        assert_near(banked * Vector3::new(0.0, 1.0, 0.0), [0.0, 0.0, -1.0]);
+        assert_near(banked * Vector3::new(1.0, 0.0, 0.0), [1.0, 0.0, 0.0]);
     }
 
     /// Heading east, the right wing points south. After pitching up by 90 deg, the body's down axis points east. After
@@ -124,9 +124,9 @@ mod tests {
     #[test]
     fn the_order_is_yaw_pitch_roll() {
         let earth_from_body = Euler::from_deg(90.0, 90.0, 90.0).body_from_earth().transpose();
-        is(earth_from_body * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, -1.0]);
-        is(earth_from_body * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
-        is(earth_from_body * Vector3::new(0.0, 0.0, 1.0), [1.0, 0.0, 0.0]);
+        assert_near(earth_from_body * Vector3::new(1.0, 0.0, 0.0), [0.0, 0.0, -1.0]);
+        assert_near(earth_from_body * Vector3::new(0.0, 1.0, 0.0), [0.0, 1.0, 0.0]);
+        assert_near(earth_from_body * Vector3::new(0.0, 0.0, 1.0), [1.0, 0.0, 0.0]);
     }
 
     #[test]
@@ -140,9 +140,9 @@ mod tests {
     /// right -40 sin 30 = -20, down 30. Banked: right -20 cos 30 + 30 sin 30 = -2.32, down 20 sin 30 + 30 cos 30 =
     /// 35.98.
     #[test]
-    fn a_field_in_a_bank_is_the_one_computed_by_hand() {
+    fn a_field_in_a_bank_equals_hand_calculation() {
         let field = Euler::from_deg(30.0, 0.0, 30.0).field(50.0, (30_f64 / 40.0).atan());
         let root = 3_f64.sqrt();
-        is(field, [20.0 * root, 15.0 - 10.0 * root, 10.0 + 15.0 * root]);
+        assert_near(field, [20.0 * root, 15.0 - 10.0 * root, 10.0 + 15.0 * root]);
     }
 }

@@ -119,7 +119,7 @@ mod tests {
 
     /// The abstract gives a largest error of 21.5 degrees, here over level flight and banks of 25 degrees.
     #[test]
-    fn its_largest_error_is_the_published_one() {
+    fn the_largest_error_is_the_published_one() {
         let airframe = Airframe::table1();
         let largest_deg = (0..12)
             .flat_map(|i| [0.0, 25.0, -25.0].map(|bank| error_before_deg(&airframe, 30.0 * f64::from(i), bank).abs()))

@@ -18,22 +18,22 @@ fn the_example_file_shows_the_defaults() {
 
 /// Tolerances: half of the last printed digit, and for the matrix also 0.005 deg of mounting.
 #[test]
-fn an_airframe_is_the_same_after_it_was_written_down() {
+fn an_airframe_round_trips_through_its_file() {
     for seed in 0..200 {
-        let drawn = WorldConfig::random(seed);
-        let text = drawn.airframe_toml();
+        let config = WorldConfig::random(seed);
+        let text = config.airframe_toml();
         let read = WorldConfig::from_toml(&text, seed).unwrap_or_else(|error| panic!("{seed}: {error}\n{text}"));
-        let off = (read.airframe.a - drawn.airframe.a).abs().max();
-        assert!(off < 0.000_5, "seed {seed}: {off}\n{text}");
-        let off_ut = (read.airframe.b_ut - drawn.airframe.b_ut).abs().max();
+        let max_difference = (read.airframe.a - config.airframe.a).abs().max();
+        assert!(max_difference < 0.000_5, "seed {seed}: {max_difference}\n{text}");
+        let off_ut = (read.airframe.b_ut - config.airframe.b_ut).abs().max();
         assert!(off_ut < 0.006, "seed {seed}: {off_ut}");
-        assert!((read.earth.total_ut - drawn.earth.total_ut).abs() < 0.006, "seed {seed}");
-        assert!((read.earth.inclination_deg - drawn.earth.inclination_deg).abs() < 0.006, "seed {seed}");
+        assert!((read.earth.total_ut - config.earth.total_ut).abs() < 0.006, "seed {seed}");
+        assert!((read.earth.inclination_deg - config.earth.inclination_deg).abs() < 0.006, "seed {seed}");
     }
 }
 
 #[test]
-fn a_file_says_what_flies() {
+fn a_world_file_selects_the_vehicle_kind() {
     let text = EXAMPLE
         .replace("kind = \"plane\"", "kind = \"copter\"")
         .replace("push_error_deg = 0.0", "push_error_deg = 1.5");
@@ -69,7 +69,7 @@ fn mistakes_in_a_file_are_named() {
 }
 
 #[test]
-fn the_flight_does_not_depend_on_who_looks() {
+fn the_flight_does_not_depend_on_queries() {
     let flight = |look_every_us: u64| {
         let mut simulation = Simulation::new();
         let world = World::new(WorldConfig::random(5));
@@ -89,7 +89,7 @@ fn the_flight_does_not_depend_on_who_looks() {
 }
 
 #[test]
-fn the_past_two_seconds_can_be_asked_for() {
+fn states_of_the_past_two_seconds_are_available() {
     let mut simulation = Simulation::new();
     let config = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
     let world = World::new(config);
@@ -104,7 +104,7 @@ fn the_past_two_seconds_can_be_asked_for() {
 }
 
 #[test]
-fn a_disturbance_adds_to_the_field_until_it_is_taken_away() {
+fn a_disturbance_adds_to_the_field_until_it_is_removed() {
     let _simulation = Simulation::new();
     let world = World::new(WorldConfig::table1(1));
     let clean = world.sensor_field(0);
@@ -117,7 +117,7 @@ fn a_disturbance_adds_to_the_field_until_it_is_taken_away() {
 
 /// In still hover the interference is the configured one; a tilt of 18 deg increases the current by a factor of 1.078.
 #[test]
-fn iron_by_current_follows_the_current_while_it_is_switched_on() {
+fn motor_current_interference_is_proportional_to_the_current() {
     let mut simulation = Simulation::new();
     let still = WorldConfig { weather: weather::Weather::still(), ..WorldConfig::table1(1) };
     let world = World::new(still.with_vehicle_kind(aircraft::VehicleKind::Copter));
@@ -134,9 +134,13 @@ fn iron_by_current_follows_the_current_while_it_is_switched_on() {
     simulation.run_until(4_900_000);
     assert!((added_ut([10.0, 0.0, 0.0]) - 10.78).abs() < 0.05);
     assert_eq!(WorldConfig::table1(1).current_interference_ut.map(f64::to_bits), [0; 3]);
-    let drawn = Vector3::from(WorldConfig::table1(1).with_current_interference(8.0).current_interference_ut);
-    assert!((drawn.norm() - 8.0).abs() < 1e-9);
-    assert_ne!(drawn, Vector3::from(WorldConfig::table1(2).with_current_interference(8.0).current_interference_ut));
+    let interference_ut_per_a =
+        Vector3::from(WorldConfig::table1(1).with_current_interference(8.0).current_interference_ut);
+    assert!((interference_ut_per_a.norm() - 8.0).abs() < 1e-9);
+    assert_ne!(
+        interference_ut_per_a,
+        Vector3::from(WorldConfig::table1(2).with_current_interference(8.0).current_interference_ut)
+    );
 }
 
 #[test]

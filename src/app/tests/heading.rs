@@ -23,107 +23,107 @@ fn correction() -> Correction {
 }
 
 fn with_instrument() -> TaskBench {
-    let mut bed = TaskBench::new();
-    bed.run("instrument", |links| async move { instrument::run(&links).await });
-    bed
+    let mut bench = TaskBench::new();
+    bench.run("instrument", |links| async move { instrument::run(&links).await });
+    bench
 }
 
 /// Sends a level reading with this heading.
-fn read(bed: &TaskBench, heading_rad: f32) {
+fn read(bench: &TaskBench, heading_rad: f32) {
     let field = Field::new(Attitude::default().body(Field::earth(50.0, 1.0, heading_rad)).ut);
-    bed.links.queue_or_count(&bed.links.readings, stamped(Reading { field, saturated: false, overrun: false }));
+    bench.links.queue_or_count(&bench.links.readings, stamped(Reading { field, saturated: false, overrun: false }));
 }
 
-fn report(bed: &TaskBench) {
+fn report(bench: &TaskBench) {
     let report = AttitudeReport {
         sender: SenderId::default(),
         sender_time: WrappingMillis::default(),
         attitude: Attitude::default(),
         rates_rad_s: [0.0; 3],
     };
-    bed.links.queue_or_count(&bed.links.reports, stamped(report));
+    bench.links.queue_or_count(&bench.links.reports, stamped(report));
 }
 
-fn estimate(bed: &TaskBench) -> Estimate {
-    bed.links.estimates.try_get().unwrap_or(Estimate::EMPTY)
+fn estimate(bench: &TaskBench) -> Estimate {
+    bench.links.estimates.try_get().unwrap_or(Estimate::EMPTY)
 }
 
 #[test]
-fn readings_become_estimates_and_a_correction_counts_behind_the_next_one() {
-    let mut bed = with_instrument();
-    bed.ms(20);
-    report(&bed);
-    read(&bed, 0.5);
-    bed.ms(1);
-    assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated));
-    assert_eq!(estimate(&bed).at, Timestamp::from_us(20_000));
-    publish(&bed.links.correction, correction());
-    bed.ms(10);
-    assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading before");
+fn readings_become_estimates_and_a_correction_applies_one_reading_later() {
+    let mut bench = with_instrument();
+    bench.ms(20);
+    report(&bench);
+    read(&bench, 0.5);
+    bench.ms(1);
+    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated));
+    assert_eq!(estimate(&bench).at, Timestamp::from_us(20_000));
+    publish(&bench.links.correction, correction());
+    bench.ms(10);
+    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading before");
     // Applying the correction first would delay this heading.
-    read(&bed, 0.5);
-    report(&bed);
-    bed.ms(10);
-    assert_eq!(estimate(&bed).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
+    read(&bench, 0.5);
+    report(&bench);
+    bench.ms(10);
+    assert_eq!(estimate(&bench).heading, Err(NoHeading::Uncalibrated), "of the reading that came first");
     // A report of the same instant is processed first, although it arrives later.
-    read(&bed, 0.5);
-    report(&bed);
-    bed.ms(1);
-    let heading = estimate(&bed).heading.unwrap();
+    read(&bench, 0.5);
+    report(&bench);
+    bench.ms(1);
+    let heading = estimate(&bench).heading.unwrap();
     assert!((heading.magnetic_rad - 0.5).abs() < 1e-3, "{heading:?}");
 }
 
 /// 100 ms after the last reading, and every 100 ms from then on, so that ports keep their rates.
 #[test]
-fn a_silent_sensor_is_told_to_the_ports() {
-    let mut bed = with_instrument();
-    let links = Rc::clone(&bed.links);
+fn a_silent_sensor_is_reported_to_the_ports() {
+    let mut bench = with_instrument();
+    let links = Rc::clone(&bench.links);
     let mut estimates = subscribe(&links.estimates);
-    bed.ms(50);
-    read(&bed, 0.5);
-    bed.ms(99);
+    bench.ms(50);
+    read(&bench, 0.5);
+    bench.ms(99);
     assert_eq!(estimates.try_changed().unwrap().heading, Err(NoHeading::Uncalibrated));
     assert!(estimates.try_changed().is_none());
     for silence_ms in [150, 250, 350] {
-        bed.ms(if silence_ms == 150 { 1 } else { 100 });
+        bench.ms(if silence_ms == 150 { 1 } else { 100 });
         let estimate = estimates.try_changed().unwrap();
         let expected = (Err(NoHeading::SensorSilent), Timestamp::from_us(silence_ms * 1000));
         assert_eq!((estimate.heading, estimate.at), expected);
     }
-    assert_eq!(bed.links.heartbeat_counts()[1], 4);
+    assert_eq!(bench.links.heartbeat_counts()[1], 4);
 }
 
 /// The silence limit and the samples follow the sensor's rate: at 50 ms, two readings make a sample.
 #[test]
 fn the_instrument_follows_the_sensor_that_was_found() {
-    let mut bed = with_instrument();
-    publish(&bed.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
-    bed.ms(20);
+    let mut bench = with_instrument();
+    publish(&bench.links.sensor, DetectedSensor { identity: SENSOR, period_us: 50_000, stuck_after: 7 });
+    bench.ms(20);
     for _ in 0..4 {
-        report(&bed);
-        read(&bed, 0.5);
-        bed.ms(50);
+        report(&bench);
+        read(&bench, 0.5);
+        bench.ms(50);
     }
-    report(&bed);
-    bed.ms(1);
-    assert_eq!(bed.links.samples.len(), 2);
-    let links = Rc::clone(&bed.links);
+    report(&bench);
+    bench.ms(1);
+    assert_eq!(bench.links.samples.len(), 2);
+    let links = Rc::clone(&bench.links);
     let mut estimates = subscribe(&links.estimates);
     let _ = estimates.try_changed();
-    bed.ms(300);
+    bench.ms(300);
     assert!(estimates.try_changed().is_none(), "0.35 s are not yet eight periods");
-    bed.ms(50);
+    bench.ms(50);
     assert_eq!(estimates.try_changed().unwrap().heading, Err(NoHeading::SensorSilent));
 }
 
 #[test]
 fn readings_without_attitude_are_counted() {
-    let mut bed = with_instrument();
+    let mut bench = with_instrument();
     for _ in 0..40 {
-        bed.ms(12);
-        read(&bed, 0.5);
-        bed.ms(1);
+        bench.ms(12);
+        read(&bench, 0.5);
+        bench.ms(1);
     }
     // Readings of the last 0.3 s still wait for attitude.
-    assert_eq!(bed.links.counts().unpaired, 40 - 24);
+    assert_eq!(bench.links.counts().unpaired, 40 - 24);
 }

@@ -41,21 +41,21 @@ impl Panel for Post {
 }
 
 fn with_panel() -> (TaskBench, Post) {
-    let (mut bed, post) = (TaskBench::new(), Post::default());
+    let (mut bench, post) = (TaskBench::new(), Post::default());
     let seen = post.clone();
-    bed.run("panel", |links| async move { panel::run(&links, seen).await });
-    (bed, post)
+    bench.run("panel", |links| async move { panel::run(&links, seen).await });
+    (bench, post)
 }
 
 /// Share of time with the lamp lit, percent, and changes a second, over two periods.
-fn shown(glance: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
-    let (mut bed, post) = with_panel();
-    if let Some(glance) = glance {
-        publish(&bed.links.indicator, glance);
-        publish(&bed.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
+fn shown(indicator_state: Option<IndicatorState>, heading: NoHeading, attitude: Option<Attitude>) -> (u64, u64) {
+    let (mut bench, post) = with_panel();
+    if let Some(indicator_state) = indicator_state {
+        publish(&bench.links.indicator, indicator_state);
+        publish(&bench.links.estimates, Estimate { attitude, heading: Err(heading), ..Estimate::EMPTY });
     }
     let begin = Instant::now().as_millis();
-    bed.ms(4_000);
+    bench.ms(4_000);
     let lamp = post.lamp.borrow();
     let ends = lamp.iter().skip(1).map(|&(at, _)| at).chain([begin + 4_000]);
     let lit: u64 = lamp.iter().zip(ends).filter(|((_, on), _)| *on).map(|(&(at, _), end)| end - at).sum();
@@ -64,32 +64,32 @@ fn shown(glance: Option<IndicatorState>, heading: NoHeading, attitude: Option<At
 
 /// Every state has its own pattern, and every pattern changes.
 #[test]
-fn the_lamp_tells_how_it_is() {
+fn each_indicator_state_has_its_own_lamp_pattern() {
     let flying = Some(Attitude::default());
-    let of = |glance| shown(Some(glance), NoHeading::Uncalibrated, flying);
+    let shown_uncalibrated = |indicator_state| shown(Some(indicator_state), NoHeading::Uncalibrated, flying);
     // Polling every 50 ms leaves the last period incomplete.
-    for (glance, lit) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
-        let (found, changes) = of(glance);
-        assert!(found.abs_diff(lit) <= 2 && changes == 1, "{glance:?} {found} {changes}");
+    for (indicator_state, lit) in [(IndicatorState::Idle, 5), (IndicatorState::Calibrated, 95)] {
+        let (found, changes) = shown_uncalibrated(indicator_state);
+        assert!(found.abs_diff(lit) <= 2 && changes == 1, "{indicator_state:?} {found} {changes}");
     }
     for (percent, lit) in [(0, 10), (10, 10), (40, 40), (90, 90), (100, 90)] {
-        let (found, changes) = of(IndicatorState::Collecting(percent));
+        let (found, changes) = shown_uncalibrated(IndicatorState::Collecting(percent));
         assert!(found.abs_diff(lit) <= 2, "{percent} {found}");
         assert_eq!(changes, 2);
     }
-    let (lit, changes) = of(IndicatorState::Refused);
+    let (lit, changes) = shown_uncalibrated(IndicatorState::Refused);
     assert!(lit.abs_diff(50) <= 2 && changes >= 9, "{lit} {changes}");
 }
 
 /// Nothing known yet, no sensor, no attitude, an implausible field. A tumble has no attitude and is no fault.
 #[test]
-fn what_takes_the_heading_away_is_trouble() {
+fn every_cause_of_a_missing_heading_shows_the_fault_pattern() {
     let flying = Some(Attitude::default());
-    let is_trouble = |glance, heading, attitude| shown(glance, heading, attitude).1 >= 9;
+    let is_trouble = |indicator_state, heading, attitude| shown(indicator_state, heading, attitude).1 >= 9;
     assert!(is_trouble(None, NoHeading::Uncalibrated, None));
     for heading in [NoHeading::SensorSilent, NoHeading::AttitudeFrozen, NoHeading::FieldDisturbed] {
-        for glance in [IndicatorState::Idle, IndicatorState::Collecting(50), IndicatorState::Calibrated] {
-            assert!(is_trouble(Some(glance), heading, flying), "{heading:?} {glance:?}");
+        for indicator_state in [IndicatorState::Idle, IndicatorState::Collecting(50), IndicatorState::Calibrated] {
+            assert!(is_trouble(Some(indicator_state), heading, flying), "{heading:?} {indicator_state:?}");
         }
     }
     assert!(is_trouble(Some(IndicatorState::Idle), NoHeading::Uncalibrated, None));
@@ -99,24 +99,24 @@ fn what_takes_the_heading_away_is_trouble() {
 
 /// Both sides of the limit; one start, however long the button is held.
 #[test]
-fn the_button_is_held_for_two_seconds() {
-    let (mut bed, post) = with_panel();
+fn the_button_acts_after_two_seconds() {
+    let (mut bench, post) = with_panel();
     let held = (CommandSource::Button, Command::CalStart(Procedure::Flight));
-    for (ms, asks) in [(1_900, false), (2_060, true), (10_000, true)] {
+    for (ms, is_pressed) in [(1_900, false), (2_060, true), (10_000, true)] {
         post.is_down.set(true);
-        bed.ms(ms);
-        assert_eq!(bed.links.commands.try_receive() == Ok(held), asks, "{ms}");
+        bench.ms(ms);
+        assert_eq!(bench.links.commands.try_receive() == Ok(held), is_pressed, "{ms}");
         post.is_down.set(false);
-        bed.ms(3_000);
-        assert!(bed.links.commands.try_receive().is_err(), "{ms}");
+        bench.ms(3_000);
+        assert!(bench.links.commands.try_receive().is_err(), "{ms}");
     }
 }
 
 /// The button's `cal start` has no reply; the console receives only the replies to its own commands.
 #[test]
 fn the_button_begins_a_collection() {
-    let (mut bed, post) = with_panel();
-    bed.run("compass", |links| async move {
+    let (mut bench, post) = with_panel();
+    bench.run("compass", |links| async move {
         Box::pin(compass::run(
             &links,
             Store::new(RamFlash::<2048>::new(8), 0..2048 * 8),
@@ -125,15 +125,15 @@ fn the_button_begins_a_collection() {
         .await;
     });
     publish(
-        &bed.links.sensor,
+        &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
-    bed.ms(10);
-    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Idle));
+    bench.ms(10);
+    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Idle));
     post.is_down.set(true);
-    bed.ms(2_100);
-    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Collecting(0)));
-    assert!(bed.links.replies.try_receive().is_err(), "nobody asked");
-    let reply = ask(&mut bed, Command::CalStop);
+    bench.ms(2_100);
+    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Collecting(0)));
+    assert!(bench.links.replies.try_receive().is_err(), "nobody asked");
+    let reply = ask(&mut bench, Command::CalStop);
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
 }

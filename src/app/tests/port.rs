@@ -27,39 +27,39 @@ fn frame_of(system_id: u32, data: &impl MessageData) -> Vec<u8> {
     raw.raw_bytes().to_vec()
 }
 
-fn with_port(bed: &mut TaskBench, number: PortNumber) -> (Line, Port) {
+fn spawn_port(bench: &mut TaskBench, number: PortNumber) -> (Line, Port) {
     let (line, port) = (Line::default(), Port::default());
     let (rx, tx) = (line.clone(), port.clone());
-    publish(&bed.links.settings, Settings::DEFAULT);
-    bed.run("port", move |links| async move { port::run(&links, number, rx, tx).await });
-    bed.ms(1);
+    publish(&bench.links.settings, Settings::DEFAULT);
+    bench.run("port", move |links| async move { port::run(&links, number, rx, tx).await });
+    bench.ms(1);
     (line, port)
 }
 
 fn with_line() -> (TaskBench, Line) {
-    let mut bed = TaskBench::new();
-    let (line, _) = with_port(&mut bed, PortNumber::One);
-    (bed, line)
+    let mut bench = TaskBench::new();
+    let (line, _) = spawn_port(&mut bench, PortNumber::One);
+    (bench, line)
 }
 
 fn with_sentences() -> (TaskBench, Port) {
-    let mut bed = TaskBench::new();
-    let (_, port) = with_port(&mut bed, PortNumber::Two);
-    (bed, port)
+    let mut bench = TaskBench::new();
+    let (_, port) = spawn_port(&mut bench, PortNumber::Two);
+    (bench, port)
 }
 
-fn rolls(bed: &TaskBench) -> Vec<f32> {
-    let reports = std::iter::from_fn(|| bed.links.reports.try_receive().ok());
+fn rolls(bench: &TaskBench) -> Vec<f32> {
+    let reports = std::iter::from_fn(|| bench.links.reports.try_receive().ok());
     reports.map(|report| report.value.attitude.roll_rad).collect()
 }
 
 /// Publishes estimates every 12.5 ms for this time.
-fn stream(bed: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
-    let until = bed.simulation.now_us() + ms * 1000;
-    while bed.simulation.now_us() < until {
-        let at = Timestamp::from_us(bed.simulation.now_us());
-        bed.links.estimates.sender().send(Estimate { at, heading, ..Estimate::EMPTY });
-        bed.simulation.run_for(12_500);
+fn stream(bench: &mut TaskBench, heading: Result<Heading, NoHeading>, ms: u64) {
+    let end_us = bench.simulation.now_us() + ms * 1000;
+    while bench.simulation.now_us() < end_us {
+        let at = Timestamp::from_us(bench.simulation.now_us());
+        bench.links.estimates.sender().send(Estimate { at, heading, ..Estimate::EMPTY });
+        bench.simulation.run_for(12_500);
     }
 }
 
@@ -68,52 +68,52 @@ const NORTH: Result<Heading, NoHeading> =
 
 #[test]
 fn reports_are_passed_on_with_their_arrival_and_counted() {
-    let (mut bed, line) = with_line();
-    bed.ms(4);
+    let (mut bench, line) = with_line();
+    bench.ms(4);
     let mut broken = frame(0.2);
     broken[15] ^= 1;
     line.put(&[frame(0.1), broken, frame(0.3)].concat());
-    bed.ms(1);
+    bench.ms(1);
     let reports: Vec<Timestamped<AttitudeReport>> =
-        std::iter::from_fn(|| bed.links.reports.try_receive().ok()).collect();
+        std::iter::from_fn(|| bench.links.reports.try_receive().ok()).collect();
     let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
     assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.at.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
-    stream(&mut bed, NORTH, 10);
-    let counts = bed.links.counts();
+    stream(&mut bench, NORTH, 10);
+    let counts = bench.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_rejected, counts.attitude_line_errors), (2, 1, 0));
 }
 
 /// Two aircraft on one line; only the second sends heartbeats of an autopilot.
 #[test]
-fn attitude_of_others_is_counted_and_not_passed_on() {
-    let (mut bed, line) = with_line();
+fn attitude_of_other_senders_is_counted_and_dropped() {
+    let (mut bench, line) = with_line();
     line.put(&frame(0.1));
-    bed.ms(1);
+    bench.ms(1);
     let theirs = ATTITUDE_DATA { roll: 0.2, ..Default::default() };
     let heartbeat =
         HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, ..HEARTBEAT_DATA::default() };
     line.put(&[frame_of(2, &theirs), frame_of(2, &heartbeat), frame(0.3), frame_of(2, &theirs)].concat());
-    bed.ms(1);
-    assert_eq!(rolls(&bed), [0.1, 0.2]);
-    let counts = bed.links.counts();
+    bench.ms(1);
+    assert_eq!(rolls(&bench), [0.1, 0.2]);
+    let counts = bench.links.counts();
     assert_eq!((counts.attitude_reports, counts.attitude_foreign, counts.attitude_rejected), (2, 2, 0));
 }
 
 /// Attitude on both ports, with rates on the second: the first is selected until the second delivers.
 #[test]
-fn attitude_of_one_port_is_taken_at_a_time() {
-    let mut bed = TaskBench::new();
-    let (one, _) = with_port(&mut bed, PortNumber::One);
-    let (two, _) = with_port(&mut bed, PortNumber::Two);
+fn attitude_is_used_from_one_port_at_a_time() {
+    let mut bench = TaskBench::new();
+    let (one, _) = spawn_port(&mut bench, PortNumber::One);
+    let (two, _) = spawn_port(&mut bench, PortNumber::Two);
     let with_rates = |roll| frame_of(1, &ATTITUDE_DATA { roll, rollspeed: 0.1, ..Default::default() });
     for (line, report) in [(&one, frame(0.1)), (&two, with_rates(0.2)), (&one, frame(0.3)), (&two, with_rates(0.4))] {
         line.put(&report);
-        bed.ms(1);
+        bench.ms(1);
     }
-    assert_eq!(rolls(&bed), [0.1, 0.2, 0.4]);
-    assert_eq!(bed.links.counts().attitude_foreign, 1);
+    assert_eq!(rolls(&bench), [0.1, 0.2, 0.4]);
+    assert_eq!(bench.links.counts().attitude_foreign, 1);
 }
 
 const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
@@ -124,150 +124,150 @@ fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
 
 /// Published at a change, and dropped ten seconds after the last heartbeat, also on a silent line.
 #[test]
-fn whether_the_autopilot_is_armed_is_told() {
-    let (mut bed, line) = with_line();
-    let links = Rc::clone(&bed.links);
+fn armed_state_is_published_on_change_and_expires_after_10_s() {
+    let (mut bench, line) = with_line();
+    let links = Rc::clone(&bench.links);
     let mut armed = subscribe(&links.armed);
     line.put(&heartbeat(ARMED));
-    bed.ms(1);
+    bench.ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
-    stream(&mut bed, NORTH, 9_900);
+    stream(&mut bench, NORTH, 9_900);
     assert_eq!(armed.try_changed(), None);
-    stream(&mut bed, NORTH, 200);
+    stream(&mut bench, NORTH, 200);
     assert_eq!(armed.try_changed(), Some(None));
     line.put(&heartbeat(ARMED));
-    bed.ms(1);
+    bench.ms(1);
     assert_eq!(armed.try_changed(), Some(Some(true)));
     line.put(&heartbeat(MavModeFlag::empty()));
-    bed.ms(1);
+    bench.ms(1);
     assert_eq!(armed.try_changed(), Some(Some(false)));
 }
 
 #[test]
-fn armed_is_what_any_port_s_autopilot_says() {
-    let mut bed = TaskBench::new();
-    let lines = PortNumber::ALL.map(|number| with_port(&mut bed, number).0);
-    let links = Rc::clone(&bed.links);
-    let mut told = |line: usize, base_mode| {
+fn armed_on_any_port_is_armed() {
+    let mut bench = TaskBench::new();
+    let lines = PortNumber::ALL.map(|number| spawn_port(&mut bench, number).0);
+    let links = Rc::clone(&bench.links);
+    let mut armed_after_heartbeat = |line: usize, base_mode| {
         lines[line].put(&heartbeat(base_mode));
-        bed.ms(1);
+        bench.ms(1);
         links.armed.try_get().flatten()
     };
-    assert_eq!(told(1, MavModeFlag::empty()), Some(false));
-    assert_eq!(told(0, ARMED), Some(true));
-    assert_eq!(told(1, MavModeFlag::empty()), Some(true));
-    assert_eq!(told(1, ARMED), Some(true));
-    assert_eq!(told(0, MavModeFlag::empty()), Some(true));
-    assert_eq!(told(1, MavModeFlag::empty()), Some(false));
+    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
+    assert_eq!(armed_after_heartbeat(0, ARMED), Some(true));
+    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(true));
+    assert_eq!(armed_after_heartbeat(1, ARMED), Some(true));
+    assert_eq!(armed_after_heartbeat(0, MavModeFlag::empty()), Some(true));
+    assert_eq!(armed_after_heartbeat(1, MavModeFlag::empty()), Some(false));
 }
 
 /// The task pauses for 0.2 ms after an error or the end of the line, and keeps sending.
 #[test]
-fn a_line_in_error_is_counted_and_gets_a_pause() {
-    let mut bed = TaskBench::new();
-    let (line, port) = with_port(&mut bed, PortNumber::Two);
+fn a_line_error_is_counted_and_followed_by_a_pause() {
+    let mut bench = TaskBench::new();
+    let (line, port) = spawn_port(&mut bench, PortNumber::Two);
     line.mood.set(DeviceBehaviour::Ends);
-    bed.ms(10);
-    let ended = bed.links.counts().attitude_line_errors;
+    bench.ms(10);
+    let ended = bench.links.counts().attitude_line_errors;
     assert!((45..=55).contains(&ended), "{ended}");
     line.mood.set(DeviceBehaviour::Fails);
-    bed.ms(10);
-    let errors = bed.links.counts().attitude_line_errors;
+    bench.ms(10);
+    let errors = bench.links.counts().attitude_line_errors;
     assert!((90..=110).contains(&errors), "{errors}");
-    stream(&mut bed, NORTH, 1_000);
+    stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text().matches("$HCHDM").count(), 11, "one of them at once");
     line.mood.set(DeviceBehaviour::Works);
     line.put(&frame(0.1));
-    bed.ms(1);
-    assert_eq!(bed.links.counts().attitude_reports, 1);
+    bench.ms(1);
+    assert_eq!(bench.links.counts().attitude_reports, 1);
 }
 
 #[test]
 fn a_port_writes_at_its_rate_and_counts() {
-    let (mut bed, port) = with_sentences();
-    stream(&mut bed, NORTH, 1_000);
+    let (mut bench, port) = with_sentences();
+    stream(&mut bench, NORTH, 1_000);
     let text = port.text();
     assert_eq!(text.matches("$HCHDM,000.0,M").count(), 10, "{text}");
     assert_eq!(text.matches("\r\n").count(), 30, "{text}");
-    let counts = bed.links.counts();
+    let counts = bench.links.counts();
     assert_eq!((counts.messages, counts.messages_empty, counts.write_errors), (10, 0, 0));
-    stream(&mut bed, Err(NoHeading::Uncalibrated), 1_000);
-    let counts = bed.links.counts();
+    stream(&mut bench, Err(NoHeading::Uncalibrated), 1_000);
+    let counts = bench.links.counts();
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.text().matches("$PASWH,,,uncalibrated").count(), 10);
-    assert_eq!(bed.links.heartbeat_counts(), [0, 0, 0, 0, 160], "one for each estimate");
+    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160], "one for each estimate");
 }
 
 #[test]
 fn a_port_follows_its_settings() {
-    let (mut bed, port) = with_sentences();
-    publish(&bed.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
-    stream(&mut bed, NORTH, 1_000);
+    let (mut bench, port) = with_sentences();
+    publish(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
+    stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text().matches("$HCHDM").count(), 40);
-    publish(&bed.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
-    stream(&mut bed, NORTH, 1_000);
+    publish(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
+    stream(&mut bench, NORTH, 1_000);
     assert_eq!(port.text(), "");
-    publish(&bed.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
-    stream(&mut bed, NORTH, 200);
+    publish(&bench.links.settings, Settings { declination_deg: Some(2.0), ..Settings::DEFAULT });
+    stream(&mut bench, NORTH, 200);
     assert!(port.text().contains("$HCHDG,000.0,,,2.0,E"));
-    assert_eq!(bed.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
+    assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
-    publish(&bed.links.settings, other);
-    stream(&mut bed, NORTH, 1_000);
+    publish(&bench.links.settings, other);
+    stream(&mut bench, NORTH, 1_000);
     assert!(!port.text().contains('$'));
-    assert_eq!(bed.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
+    assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
 }
 
 /// Sent as STATUSTEXT. Messages that arrive while another protocol is set are dropped.
 #[test]
-fn a_message_is_sent_where_people_read_it() {
-    let mut bed = TaskBench::new();
-    let (line, port) = with_port(&mut bed, PortNumber::Two);
-    let sent = |bed: &mut TaskBench, message: &Message| {
-        bed.links.announce(message);
+fn a_message_is_sent_as_mavlink_status_text() {
+    let mut bench = TaskBench::new();
+    let (line, port) = spawn_port(&mut bench, PortNumber::Two);
+    let sent = |bench: &mut TaskBench, message: &Message| {
+        bench.links.announce(message);
         line.put(&heartbeat(MavModeFlag::empty()));
-        stream(bed, NORTH, 500);
+        stream(bench, NORTH, 500);
         let bytes = port.written.take();
         move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
     };
-    assert!(!sent(&mut bed, &Message::HardIronRestored)("autoswing"), "sentences");
+    assert!(!sent(&mut bench, &Message::HardIronRestored)("autoswing"), "sentences");
     let other =
         Settings::DEFAULT.with_setting(SettingChange::Protocol(PortNumber::Two, ProtocolKind::Mavlink)).unwrap();
-    publish(&bed.links.settings, other);
-    let text = sent(&mut bed, &Message::Collecting(40));
+    publish(&bench.links.settings, other);
+    let text = sent(&mut bench, &Message::Collecting(40));
     assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
 }
 
 /// Each port has its own baud rate, which is set once for each change.
 #[test]
-fn a_port_is_as_fast_as_it_is_set() {
-    let mut bed = TaskBench::new();
-    let ports = PortNumber::ALL.map(|number| with_port(&mut bed, number).1);
+fn each_port_uses_its_configured_baud_rate() {
+    let mut bench = TaskBench::new();
+    let ports = PortNumber::ALL.map(|number| spawn_port(&mut bench, number).1);
     let bauds = || [ports[0].bauds.take(), ports[1].bauds.take()];
-    stream(&mut bed, NORTH, 100);
+    stream(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![]]);
     let settings = Settings::DEFAULT.with_setting(SettingChange::Baud(PortNumber::Two, Baud::B460800)).unwrap();
-    publish(&bed.links.settings, settings);
-    stream(&mut bed, NORTH, 100);
-    publish(&bed.links.settings, Settings { stream_on: false, ..settings });
-    stream(&mut bed, NORTH, 100);
+    publish(&bench.links.settings, settings);
+    stream(&mut bench, NORTH, 100);
+    publish(&bench.links.settings, Settings { stream_on: false, ..settings });
+    stream(&mut bench, NORTH, 100);
     assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
 }
 
 /// A port that fails, and one that accepts no bytes: errors are counted, and later messages are up to date.
 #[test]
-fn a_broken_port_is_counted_and_goes_on() {
-    let (mut bed, port) = with_sentences();
+fn errors_of_a_failing_port_are_counted_and_the_port_recovers() {
+    let (mut bench, port) = with_sentences();
     port.mood.set(DeviceBehaviour::Fails);
-    stream(&mut bed, NORTH, 1_000);
-    assert_eq!((bed.links.counts().messages, bed.links.counts().write_errors), (10, 10));
+    stream(&mut bench, NORTH, 1_000);
+    assert_eq!((bench.links.counts().messages, bench.links.counts().write_errors), (10, 10));
     port.mood.set(DeviceBehaviour::Hangs);
-    stream(&mut bed, NORTH, 1_000);
-    let errors = bed.links.counts().write_errors - 10;
+    stream(&mut bench, NORTH, 1_000);
+    let errors = bench.links.counts().write_errors - 10;
     assert!((5..=8).contains(&errors), "four or five are buffered: {errors}");
     port.mood.set(DeviceBehaviour::Works);
-    stream(&mut bed, NORTH, 1_000);
+    stream(&mut bench, NORTH, 1_000);
     let sentences = port.text().matches("$HCHDM").count();
     assert!((10..=15).contains(&sentences), "{sentences}");
 }

@@ -34,60 +34,60 @@ fn store(flash: Flash) -> Store<Flash> {
 }
 
 pub(super) fn with_compass(flash: Flash) -> TaskBench {
-    let mut bed = TaskBench::new();
-    bed.run("compass", |links| async move {
+    let mut bench = TaskBench::new();
+    bench.run("compass", |links| async move {
         Box::pin(compass::run(&links, store(flash), &mut RetainedSamples::EMPTY.clone())).await;
     });
-    bed.ms(1);
-    bed
+    bench.ms(1);
+    bench
 }
 
-pub(super) fn ask(bed: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
-    bed.links.commands.try_send((CommandSource::Console, command)).unwrap();
-    bed.ms(1);
-    bed.links.replies.try_receive().expect("an answer")
+pub(super) fn ask(bench: &mut TaskBench, command: Command) -> Result<Reply, Refusal> {
+    bench.links.commands.try_send((CommandSource::Console, command)).unwrap();
+    bench.ms(1);
+    bench.links.replies.try_receive().expect("an answer")
 }
 
 #[test]
 fn settings_are_written_published_and_counted() {
-    let mut bed = with_compass(Flash::new(PAGES));
-    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
-    let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
+    let mut bench = with_compass(Flash::new(PAGES));
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    let reply = ask(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
-    assert_eq!(bed.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
-    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (1, 0));
+    assert_eq!(bench.links.settings.try_get(), Some(Settings { stream_rate_hz: 20, ..Settings::DEFAULT }));
+    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (1, 0));
 }
 
 /// Position and date may come from different ports; entered values have priority, and nothing is stored.
 #[test]
-fn place_and_day_put_settings_in_force() {
+fn position_and_date_apply_the_field_model() {
     let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
     let field = EarthField::from_model(place, day).unwrap();
-    let mut bed = with_compass(Flash::new(PAGES));
-    publish(&bed.links.date, day);
-    bed.ms(1);
-    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
-    publish(&bed.links.position, place);
-    bed.ms(1);
+    let mut bench = with_compass(Flash::new(PAGES));
+    publish(&bench.links.date, day);
+    bench.ms(1);
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    publish(&bench.links.position, place);
+    bench.ms(1);
     let inclination_deg = Some(field.inclination_deg);
     let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
-    assert_eq!(bed.links.settings.try_get(), Some(by_model));
-    assert!(ask(&mut bed, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
-    assert_eq!(bed.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
-    assert_eq!(bed.links.counts().saves, 1);
+    assert_eq!(bench.links.settings.try_get(), Some(by_model));
+    assert!(ask(&mut bench, Command::Set(SettingChange::Declination(Some(3.0)))).is_ok());
+    assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
+    assert_eq!(bench.links.counts().saves, 1);
 }
 
 #[test]
-fn a_failed_save_is_told_and_counted() {
+fn a_failed_save_is_reported_and_counted() {
     let mut flash = Flash::new(PAGES);
     flash.unreadable = Some((0..2048 * PAGES, usize::MAX));
-    let mut bed = with_compass(flash);
-    assert_eq!(bed.links.counts().store_errors, 1, "of the load, once");
-    assert_eq!(bed.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
-    let reply = ask(&mut bed, Command::Set(SettingChange::StreamRateHz(20)));
+    let mut bench = with_compass(flash);
+    assert_eq!(bench.links.counts().store_errors, 1, "of the load, once");
+    assert_eq!(bench.links.notices.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
+    let reply = ask(&mut bench, Command::Set(SettingChange::StreamRateHz(20)));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
-    assert_eq!(bed.links.settings.try_get(), Some(Settings::DEFAULT));
-    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 2));
+    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
+    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (0, 2));
 }
 
 /// An erase that never completes: the command is refused after half a second, and the next ones are executed. A save of
@@ -96,87 +96,87 @@ fn a_failed_save_is_told_and_counted() {
 fn a_save_that_never_completes_is_given_up_and_reported() {
     let mut flash = Flash::new(PAGES);
     flash.silent_fault = Some(SilentFault::Hangs);
-    let mut bed = with_compass(flash);
-    bed.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
-    bed.ms(499);
-    assert!(bed.links.replies.try_receive().is_err());
-    bed.ms(1);
-    let reply = bed.links.replies.try_receive();
+    let mut bench = with_compass(flash);
+    bench.links.commands.try_send((CommandSource::Console, Command::CalClear)).unwrap();
+    bench.ms(499);
+    assert!(bench.links.replies.try_receive().is_err());
+    bench.ms(1);
+    let reply = bench.links.replies.try_receive();
     assert!(matches!(reply, Ok(Err(Refusal::Store(StoreError::Timeout)))), "{reply:?}");
-    assert_eq!((bed.links.counts().saves, bed.links.counts().store_errors), (0, 1));
-    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
-    bed.links.update_port_state(PortNumber::One, ProtocolKind::Mavlink, None);
+    assert_eq!((bench.links.counts().saves, bench.links.counts().store_errors), (0, 1));
+    assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
+    bench.links.update_port_state(PortNumber::One, ProtocolKind::Mavlink, None);
     for is_armed in [true, false] {
-        publish(&bed.links.armed, Some(is_armed));
-        bed.ms(5_500);
+        publish(&bench.links.armed, Some(is_armed));
+        bench.ms(5_500);
     }
     let message = Ok(Message::StoreFailed(StoreError::Timeout));
-    assert_eq!(bed.links.notices.try_receive(), message);
-    assert_eq!(bed.links.port(PortNumber::One).messages.try_receive(), message);
-    assert_eq!(bed.links.counts().store_errors, 2);
-    assert!(matches!(ask(&mut bed, Command::Status), Ok(Reply::Report(_))));
+    assert_eq!(bench.links.notices.try_receive(), message);
+    assert_eq!(bench.links.port(PortNumber::One).messages.try_receive(), message);
+    assert_eq!(bench.links.counts().store_errors, 2);
+    assert!(matches!(ask(&mut bench, Command::Status), Ok(Reply::Report(_))));
 }
 
 /// Readings lost before the collection do not count.
 #[test]
-fn readings_that_were_lost_since_the_start_explain_a_refusal() {
-    let mut bed = with_compass(Flash::new(PAGES));
+fn readings_lost_during_the_collection_are_the_cause_of_a_refusal() {
+    let mut bench = with_compass(Flash::new(PAGES));
     publish(
-        &bed.links.sensor,
+        &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
-    bed.ms(1);
-    let lose = |bed: &TaskBench, saturated| {
-        bed.links.counters.readings.fetch_add(1000, Ordering::Relaxed);
-        bed.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
+    bench.ms(1);
+    let record_losses = |bench: &TaskBench, saturated| {
+        bench.links.counters.readings.fetch_add(1000, Ordering::Relaxed);
+        bench.links.counters.saturated.fetch_add(saturated, Ordering::Relaxed);
     };
-    lose(&bed, 500);
-    bed.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
-    bed.ms(1);
-    lose(&bed, 200);
+    record_losses(&bench, 500);
+    bench.links.commands.try_send((CommandSource::Button, Command::CalStart(Procedure::Flight))).unwrap();
+    bench.ms(1);
+    record_losses(&bench, 200);
     let cause = RefusalCause::SampleLoss(SampleLoss::Saturated(20));
-    let refused = ask(&mut bed, Command::CalSolve(None)).unwrap_err();
+    let refused = ask(&mut bench, Command::CalSolve(None)).unwrap_err();
     assert_eq!(refused, Refusal::InsufficientSamples { code: "no-samples", expected_rms_deg: None, cause });
-    assert!(matches!(ask(&mut bed, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
+    assert!(matches!(ask(&mut bench, Command::CalUndo), Err(Refusal::NoPreviousCalibration)));
 }
 
 /// From sensor detection and samples of turns to a correction, without `cal solve`.
 #[test]
 fn samples_become_a_correction() {
-    let mut bed = with_compass(Flash::new(PAGES));
-    assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
+    let mut bench = with_compass(Flash::new(PAGES));
+    assert!(matches!(ask(&mut bench, Command::CalStart(Procedure::Turns)), Err(Refusal::NoSensor)));
     publish(
-        &bed.links.sensor,
+        &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
-    bed.ms(1);
-    assert!(matches!(ask(&mut bed, Command::CalStart(Procedure::Turns)), Ok(Reply::Done(ModuleState::Collecting))));
+    bench.ms(1);
+    assert!(matches!(ask(&mut bench, Command::CalStart(Procedure::Turns)), Ok(Reply::Done(ModuleState::Collecting))));
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
     let recorded = Flight { samples: 190, ..Flight::TYPICAL }.fly(&airframe, &mut Random(1));
     for (i, sample) in recorded.left.iter().chain(&recorded.right).enumerate() {
         let time = WrappingMillis::new(i as u32 * 500);
-        bed.links.queue_or_count(&bed.links.samples, Sample { time, ..*sample });
-        bed.ms(1);
+        bench.links.queue_or_count(&bench.links.samples, Sample { time, ..*sample });
+        bench.ms(1);
     }
-    assert!(matches!(bed.links.notices.try_receive(), Ok(Message::Solved(Ok(_)))));
-    let correction = bed.links.correction.try_get().unwrap();
+    assert!(matches!(bench.links.notices.try_receive(), Ok(Message::Solved(Ok(_)))));
+    let correction = bench.links.correction.try_get().unwrap();
     let (calibration, uncertainty) = correction.calibration.unwrap();
     assert_eq!(correction.sample_attitude, SampleAttitude::Interpolated);
     // Noise of a reading at 100 Hz: sqrt(10) times that of a sample, 0.12 uT of about 50 uT.
     let reading_ut = uncertainty.sensor_sigma * calibration.total_ut;
     assert!((0.25..0.55).contains(&reading_ut), "{reading_ut}");
-    assert_eq!(bed.links.counts().saves, 2, "that there is a collection, and its calibration");
-    assert_eq!(bed.links.indicator.try_get(), Some(IndicatorState::Calibrated));
+    assert_eq!(bench.links.counts().saves, 2, "that there is a collection, and its calibration");
+    assert_eq!(bench.links.indicator.try_get(), Some(IndicatorState::Calibrated));
     for number in PortNumber::ALL {
-        assert!(matches!(bed.links.port(number).messages.try_receive(), Ok(Message::Solved(Ok(_)))), "{number:?}");
+        assert!(matches!(bench.links.port(number).messages.try_receive(), Ok(Message::Solved(Ok(_)))), "{number:?}");
     }
     // The console is answered between the steps of a solve.
-    assert!(matches!(ask(&mut bed, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
-    bed.ms(100);
+    assert!(matches!(ask(&mut bench, Command::CalSolve(None)), Ok(Reply::Done(ModuleState::Solving))));
+    bench.ms(100);
     // Commands during the solve use the armed state reported meanwhile.
     let replies: Rc<RefCell<Vec<Result<Reply, Refusal>>>> = Rc::default();
     let answered = Rc::clone(&replies);
-    bed.run("person", |links| async move {
+    bench.run("person", |links| async move {
         for command in [Command::CalSolve(None), Command::Restart, Command::CalUndo] {
             publish(&links.armed, Some(command == Command::CalUndo));
             links.commands.send((CommandSource::Console, command)).await;
@@ -184,7 +184,7 @@ fn samples_become_a_correction() {
             answered.borrow_mut().push(reply);
         }
     });
-    bed.ms(1);
+    bench.ms(1);
     let replies = replies.borrow();
     let [Ok(Reply::Done(ModuleState::Solving)), Ok(Reply::Done(ModuleState::Solving)), Err(Refusal::Armed)] =
         &replies[..]
@@ -196,49 +196,49 @@ fn samples_become_a_correction() {
 /// A sample with every step of the executor: more than the queue holds arrive during a trial solve.
 #[test]
 fn no_sample_is_dropped_during_a_trial_solve() {
-    let mut bed = with_compass(Flash::new(PAGES));
+    let mut bench = with_compass(Flash::new(PAGES));
     publish(
-        &bed.links.sensor,
+        &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
-    bed.ms(1);
-    assert!(ask(&mut bed, Command::CalStart(Procedure::Flight)).is_ok());
+    bench.ms(1);
+    assert!(ask(&mut bench, Command::CalStart(Procedure::Flight)).is_ok());
     let airframe = Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0]);
     let flown = multirotor_samples(&airframe, 0.3, &mut Random(1));
-    bed.run("instrument", |links| async move {
+    bench.run("instrument", |links| async move {
         for (i, sample) in (0..75).zip(flown) {
             links.queue_or_count(&links.samples, Sample { time: WrappingMillis::new(i * 250), ..sample });
             yield_now().await;
         }
     });
-    bed.ms(1);
-    let Ok(Reply::Report(report)) = ask(&mut bed, Command::Status) else { panic!("no report") };
+    bench.ms(1);
+    let Ok(Reply::Report(report)) = ask(&mut bench, Command::Status) else { panic!("no report") };
     assert!(report.last_trial.is_some());
     assert_eq!(report.progress.left.samples + report.progress.left.held_back, 75);
-    assert_eq!(bed.links.counts().samples_dropped, 0);
+    assert_eq!(bench.links.counts().samples_dropped, 0);
 }
 
 #[test]
-fn the_state_machine_hears_that_the_autopilot_is_armed() {
-    let mut bed = with_compass(Flash::new(PAGES));
-    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
-    publish(&bed.links.armed, Some(true));
-    assert!(matches!(ask(&mut bed, Command::Restart), Err(Refusal::Armed)));
-    publish(&bed.links.armed, Some(false));
-    assert!(matches!(ask(&mut bed, Command::Restart), Ok(Reply::Done(_))));
+fn restart_is_refused_while_the_autopilot_is_armed() {
+    let mut bench = with_compass(Flash::new(PAGES));
+    assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
+    publish(&bench.links.armed, Some(true));
+    assert!(matches!(ask(&mut bench, Command::Restart), Err(Refusal::Armed)));
+    publish(&bench.links.armed, Some(false));
+    assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
 }
 
 /// The state machine decides for every source, and tells the console to restart the module.
 #[test]
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
-    let mut bed = with_compass(Flash::new(PAGES));
+    let mut bench = with_compass(Flash::new(PAGES));
     for (is_armed, result) in [(true, Err(Refusal::Armed)), (false, Ok(()))] {
-        publish(&bed.links.armed, Some(is_armed));
-        bed.links.commands.try_send((CommandSource::Port(PortNumber::Two), Command::Restart)).unwrap();
-        bed.ms(1);
-        assert_eq!(bed.links.restart.signaled(), result.is_ok());
-        assert_eq!(bed.links.port(PortNumber::Two).answers.try_take(), Some((Command::Restart, result)));
-        assert!(bed.links.port(PortNumber::One).answers.try_take().is_none());
+        publish(&bench.links.armed, Some(is_armed));
+        bench.links.commands.try_send((CommandSource::Port(PortNumber::Two), Command::Restart)).unwrap();
+        bench.ms(1);
+        assert_eq!(bench.links.restart.signaled(), result.is_ok());
+        assert_eq!(bench.links.port(PortNumber::Two).answers.try_take(), Some((Command::Restart, result)));
+        assert!(bench.links.port(PortNumber::One).answers.try_take().is_none());
     }
 }
 
@@ -257,27 +257,27 @@ impl Platform for Board {
 
 /// Console task with its greeting removed from the output.
 fn with_console() -> (TaskBench, Line, Port, Board) {
-    let mut bed = with_compass(Flash::new(PAGES));
+    let mut bench = with_compass(Flash::new(PAGES));
     let (line, port, board) = (Line::default(), Port::default(), Board::default());
     let (rx, tx, platform) = (line.clone(), port.clone(), board.clone());
-    bed.run("console", |links| async move {
+    bench.run("console", |links| async move {
         console::run(&links, rx, tx, platform, ResetCause::Watchdog).await;
     });
-    bed.ms(1);
+    bench.ms(1);
     assert!(port.text().contains("started by watchdog"));
-    (bed, line, port, board)
+    (bench, line, port, board)
 }
 
-fn type_line(bed: &mut TaskBench, line: &Line, port: &Port, text: &str) -> String {
+fn type_line(bench: &mut TaskBench, line: &Line, port: &Port, text: &str) -> String {
     line.put(text.as_bytes());
     line.put(b"\r");
-    bed.ms(5);
+    bench.ms(5);
     port.text()
 }
 
 #[test]
 fn every_kind_of_request_is_answered() {
-    let (mut bed, line, port, _) = with_console();
+    let (mut bench, line, port, _) = with_console();
     for (text, answer) in [
         ("version", "ok autoswing "),
         ("status", "ok uncalibrated"),
@@ -290,7 +290,7 @@ fn every_kind_of_request_is_answered() {
         ("help set accuracy", "ok set accuracy DEG: "),
         ("nonsense", "error unknown-command: "),
     ] {
-        let reply = type_line(&mut bed, &line, &port, text);
+        let reply = type_line(&mut bench, &line, &port, text);
         assert!(reply.contains(&format!("\r\n{answer}")), "{text}: {reply}");
         assert!(reply.ends_with("> "), "{text}: {reply}");
     }
@@ -298,20 +298,20 @@ fn every_kind_of_request_is_answered() {
 
 #[test]
 fn status_shows_the_module_s_health() {
-    let (mut bed, line, port, _) = with_console();
-    let status = type_line(&mut bed, &line, &port, "status");
+    let (mut bench, line, port, _) = with_console();
+    let status = type_line(&mut bench, &line, &port, "status");
     for expected in ["sensor: not found", "attitude: none", "heading: none, sensor-silent", "started by watchdog"] {
         assert!(status.contains(expected), "{expected}: {status}");
     }
     publish(
-        &bed.links.sensor,
+        &bench.links.sensor,
         DetectedSensor { identity: SENSOR, period_us: Chip::PERIOD_US, stuck_after: Chip::STUCK_AFTER },
     );
     let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
     let attitude = Some(Attitude::from_deg(12.0, -3.0));
-    bed.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
-    bed.ms(12_000);
-    let status = type_line(&mut bed, &line, &port, "status");
+    bench.links.estimates.sender().send(Estimate { heading, attitude, ..Estimate::EMPTY });
+    bench.ms(12_000);
+    let status = type_line(&mut bench, &line, &port, "status");
     for expected in [
         "sensor: LIS3MDL at 1e",
         "attitude: roll 12.0 deg, pitch -3.0 deg",
@@ -326,74 +326,74 @@ fn status_shows_the_module_s_health() {
 /// The reply has 50 ms to leave the port.
 #[test]
 fn a_reboot_is_announced_first() {
-    let (mut bed, line, port, board) = with_console();
-    assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
-    bed.ms(40);
+    let (mut bench, line, port, board) = with_console();
+    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
+    bench.ms(40);
     assert_eq!(board.0.get(), 0);
-    bed.ms(10);
+    bench.ms(10);
     assert_eq!(board.0.get(), 1);
 }
 
 /// The heading is needed in flight.
 #[test]
 fn an_armed_module_does_not_reboot() {
-    let (mut bed, line, port, board) = with_console();
-    publish(&bed.links.armed, Some(true));
-    let reply = type_line(&mut bed, &line, &port, "reboot");
+    let (mut bench, line, port, board) = with_console();
+    publish(&bench.links.armed, Some(true));
+    let reply = type_line(&mut bench, &line, &port, "reboot");
     assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
-    bed.ms(1_000);
+    bench.ms(1_000);
     assert_eq!(board.0.get(), 0);
-    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: yes\r\n"));
-    publish(&bed.links.armed, Some(false));
-    assert!(type_line(&mut bed, &line, &port, "status").contains("\r\narmed: no\r\n"));
-    assert!(type_line(&mut bed, &line, &port, "reboot").contains("ok restarting"));
-    bed.ms(50);
+    assert!(type_line(&mut bench, &line, &port, "status").contains("\r\narmed: yes\r\n"));
+    publish(&bench.links.armed, Some(false));
+    assert!(type_line(&mut bench, &line, &port, "status").contains("\r\narmed: no\r\n"));
+    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
+    bench.ms(50);
     assert_eq!(board.0.get(), 1);
 }
 
 #[test]
-fn a_note_comes_unasked() {
-    let (mut bed, line, port, _) = with_console();
+fn a_message_is_shown_and_the_partly_typed_line_restored() {
+    let (mut bench, line, port, _) = with_console();
     line.put(b"versio");
-    bed.ms(1);
+    bench.ms(1);
     assert_eq!(port.text(), "versio");
-    bed.links.announce(&Message::StoreFailed(StoreError::Corrupt));
-    bed.ms(1);
+    bench.links.announce(&Message::StoreFailed(StoreError::Corrupt));
+    bench.ms(1);
     let text = port.text();
     assert!(text.contains("note refused store-corrupt: "), "{text:?}");
     // The partly typed line is still shown.
     assert!(text.ends_with("\r\n\r\x1b[2K> versio"), "{text:?}");
-    assert!(type_line(&mut bed, &line, &port, "n").contains("ok autoswing"));
+    assert!(type_line(&mut bench, &line, &port, "n").contains("ok autoswing"));
 }
 
 #[test]
-fn of_too_many_messages_the_newest_stay() {
-    let bed = TaskBench::new();
+fn the_oldest_message_is_dropped_from_a_full_queue() {
+    let bench = TaskBench::new();
     for percent in 0..5 {
-        bed.links.announce(&Message::Collecting(percent));
+        bench.links.announce(&Message::Collecting(percent));
     }
-    let waiting: Vec<_> = std::iter::from_fn(|| bed.links.notices.try_receive().ok()).collect();
+    let waiting: Vec<_> = std::iter::from_fn(|| bench.links.notices.try_receive().ok()).collect();
     assert_eq!(waiting, [2, 3, 4].map(Message::Collecting));
 }
 
 /// Line errors, and a terminal that accepts no bytes.
 #[test]
-fn broken_wires_do_not_stop_the_console() {
-    let (mut bed, line, port, _) = with_console();
+fn line_errors_do_not_stop_the_console() {
+    let (mut bench, line, port, _) = with_console();
     for mood in [DeviceBehaviour::Fails, DeviceBehaviour::Ends] {
         line.mood.set(mood);
         let before = line.reads.get();
-        bed.ms(10);
+        bench.ms(10);
         let reads = line.reads.get() - before;
         assert!((40..=60).contains(&reads), "{mood:?} {reads}: a pause of 0.2 ms after each");
     }
     line.mood.set(DeviceBehaviour::Works);
     port.mood.set(DeviceBehaviour::Hangs);
-    assert_eq!(type_line(&mut bed, &line, &port, "version"), "");
+    assert_eq!(type_line(&mut bench, &line, &port, "version"), "");
     // Each character has a write timeout of half a second.
-    bed.ms(8_000);
+    bench.ms(8_000);
     port.mood.set(DeviceBehaviour::Works);
-    bed.ms(1_000);
+    bench.ms(1_000);
     let _ = port.text();
-    assert!(type_line(&mut bed, &line, &port, "version").contains("ok autoswing"));
+    assert!(type_line(&mut bench, &line, &port, "version").contains("ok autoswing"));
 }

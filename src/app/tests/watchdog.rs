@@ -18,9 +18,9 @@ use crate::settings::PortNumber;
 use crate::store::StoreError;
 
 #[derive(Clone, Default)]
-struct Dog(Rc<Cell<u32>>);
+struct FakeWatchdog(Rc<Cell<u32>>);
 
-impl Watchdog for Dog {
+impl Watchdog for FakeWatchdog {
     fn feed(&mut self) {
         self.0.set(self.0.get() + 1);
     }
@@ -33,11 +33,11 @@ fn all(links: &Links) -> [&AtomicU32; HEARTBEATS] {
 }
 
 /// Tasks with heartbeats, one of which may stop after a second.
-fn with_silent(silent: Option<usize>) -> (TaskBench, Dog) {
-    let (mut bed, dog) = (TaskBench::new(), Dog::default());
-    let fed = dog.clone();
-    bed.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
-    bed.run("tasks", |links: Rc<Links>| async move {
+fn with_silent(silent: Option<usize>) -> (TaskBench, FakeWatchdog) {
+    let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
+    let fed = watchdog_timer.clone();
+    bench.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
+    bench.run("tasks", |links: Rc<Links>| async move {
         for ms in (0..).step_by(100) {
             for (i, beat) in all(&links).into_iter().enumerate() {
                 if silent != Some(i) || ms < 1000 {
@@ -47,59 +47,59 @@ fn with_silent(silent: Option<usize>) -> (TaskBench, Dog) {
             Timer::after_millis(100).await;
         }
     });
-    (bed, dog)
+    (bench, watchdog_timer)
 }
 
 /// Every 0.7 s.
 #[test]
-fn it_is_fed_while_all_live() {
-    let (mut bed, dog) = with_silent(None);
-    bed.ms(7_050);
-    assert_eq!(dog.0.get(), 10);
+fn the_watchdog_is_fed_while_all_tasks_run() {
+    let (mut bench, watchdog_timer) = with_silent(None);
+    bench.ms(7_050);
+    assert_eq!(watchdog_timer.0.get(), 10);
 }
 
 #[test]
-fn it_starves_when_any_one_falls_silent() {
+fn the_watchdog_is_not_fed_after_any_task_stops() {
     for silent in 0..HEARTBEATS {
-        let (mut bed, dog) = with_silent(Some(silent));
-        bed.ms(1_450);
-        let fed = dog.0.get();
+        let (mut bench, watchdog_timer) = with_silent(Some(silent));
+        bench.ms(1_450);
+        let fed = watchdog_timer.0.get();
         assert_eq!(fed, 2, "task {silent}");
-        bed.ms(10_000);
-        assert_eq!(dog.0.get(), fed, "task {silent}");
+        bench.ms(10_000);
+        assert_eq!(watchdog_timer.0.get(), fed, "task {silent}");
     }
 }
 
 /// The first port has to run; a second one need not exist.
 #[test]
-fn ports_that_do_not_run_are_not_waited_for() {
-    for (living, fed) in [(ALWAYS_THERE, 10), (ALWAYS_THERE - 1, 0)] {
-        let (mut bed, dog) = (TaskBench::new(), Dog::default());
-        let kept = dog.clone();
-        bed.run("watchdog", |links| async move { watchdog::run(&links, kept).await });
-        bed.run("tasks", move |links: Rc<Links>| async move {
+fn the_watchdog_does_not_wait_for_ports_that_never_ran() {
+    for (counted_tasks, fed) in [(ALWAYS_THERE, 10), (ALWAYS_THERE - 1, 0)] {
+        let (mut bench, watchdog_timer) = (TaskBench::new(), FakeWatchdog::default());
+        let watchdog_clone = watchdog_timer.clone();
+        bench.run("watchdog", |links| async move { watchdog::run(&links, watchdog_clone).await });
+        bench.run("tasks", move |links: Rc<Links>| async move {
             loop {
-                all(&links).into_iter().take(living).for_each(increment);
+                all(&links).into_iter().take(counted_tasks).for_each(increment);
                 Timer::after_millis(100).await;
             }
         });
-        bed.ms(7_050);
-        assert_eq!(dog.0.get(), fed, "{living} tasks");
+        bench.ms(7_050);
+        assert_eq!(watchdog_timer.0.get(), fed, "{counted_tasks} tasks");
     }
 }
 
 /// Boards configure their watchdog by this value.
 #[test]
-fn the_longest_time_between_feeds_is_two_looks() {
+fn the_longest_feed_interval_is_1_4_s() {
     assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);
 }
 
 /// Five heartbeats a second.
 #[test]
 fn an_idle_state_machine_shows_that_it_runs() {
-    let mut bed = with_compass(Flash::new(PAGES));
-    bed.ms(998);
-    assert_eq!(bed.links.heartbeat_counts(), [0, 0, 5, 0, 0]);
+    let mut bench = with_compass(Flash::new(PAGES));
+    bench.ms(998);
+    assert_eq!(bench.links.heartbeat_counts(), [0, 0, 5, 0, 0]);
 }
 
 /// The state machine gives a save up before the watchdog would reset the module.
@@ -107,22 +107,22 @@ fn an_idle_state_machine_shows_that_it_runs() {
 fn saves_that_never_complete_cause_no_reset() {
     let mut flash = Flash::new(PAGES);
     flash.silent_fault = Some(SilentFault::Hangs);
-    let (mut bed, dog) = (with_compass(flash), Dog::default());
-    let fed = dog.clone();
-    bed.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
-    bed.run("other tasks", |links: Rc<Links>| async move {
+    let (mut bench, watchdog_timer) = (with_compass(flash), FakeWatchdog::default());
+    let fed = watchdog_timer.clone();
+    bench.run("watchdog", |links| async move { watchdog::run(&links, fed).await });
+    bench.run("other tasks", |links: Rc<Links>| async move {
         loop {
             all(&links).into_iter().enumerate().filter(|(i, _)| *i != 2).for_each(|(_, beat)| increment(beat));
             Timer::after_millis(100).await;
         }
     });
-    bed.run("person", |links: Rc<Links>| async move {
+    bench.run("person", |links: Rc<Links>| async move {
         loop {
             links.commands.send((CommandSource::Console, Command::CalClear)).await;
             assert!(matches!(links.replies.receive().await, Err(Refusal::Store(StoreError::Timeout))));
         }
     });
-    bed.ms(7_050);
-    assert_eq!(dog.0.get(), 10);
-    assert!(bed.links.counts().store_errors >= 13);
+    bench.ms(7_050);
+    assert_eq!(watchdog_timer.0.get(), 10);
+    assert!(bench.links.counts().store_errors >= 13);
 }

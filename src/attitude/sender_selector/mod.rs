@@ -62,8 +62,8 @@ impl SenderEntry {
 
     /// Retention rank: senders of recent attitude first, regardless of heartbeats, then by last message.
     fn retention_rank(&self, now: Timestamp) -> (bool, Timestamp) {
-        let heard = self.heartbeat.map(|(at, _)| at).max(self.attitude_at).unwrap_or_default();
-        (self.attitude_at.is_some_and(|at| is_unexpired(at, now)), heard)
+        let last_received_at = self.heartbeat.map(|(at, _)| at).max(self.attitude_at).unwrap_or_default();
+        (self.attitude_at.is_some_and(|at| is_unexpired(at, now)), last_received_at)
     }
 }
 
@@ -112,9 +112,9 @@ impl SenderSelector {
         if let Some(known) = self.entry_or_insert(now, source) {
             known.attitude_at = Some(now);
         }
-        let holder = self.selected.filter(|chosen| is_unexpired(chosen.attitude_at, now));
-        let next = match holder {
-            Some(holder) => (holder.source == source).then_some(holder),
+        let current_sender = self.selected.filter(|chosen| is_unexpired(chosen.attitude_at, now));
+        let next = match current_sender {
+            Some(current_sender) => (current_sender.source == source).then_some(current_sender),
             None => self.try_select(now, source),
         };
         if let Some(next) = next {
@@ -133,17 +133,27 @@ impl SenderSelector {
     #[must_use]
     pub fn autopilot_to_query(&self, now: Timestamp) -> Option<SenderId> {
         let chosen = self.selected.filter(|chosen| chosen.is_autopilot).map(|chosen| chosen.source);
-        let heard = || self.entries.iter().filter_map(|known| known.heartbeat(now)).find(|heard| heard.is_autopilot);
-        chosen.or_else(|| heard().map(|heartbeat| heartbeat.sender))
+        let autopilot_heartbeat = || {
+            self.entries
+                .iter()
+                .filter_map(|known| known.heartbeat(now))
+                .find(|autopilot_heartbeat| autopilot_heartbeat.is_autopilot)
+        };
+        chosen.or_else(|| autopilot_heartbeat().map(|heartbeat| heartbeat.sender))
     }
 
     /// Selection of this sender, if permitted.
     fn try_select(&self, now: Timestamp, source: SenderId) -> Option<SelectedSender> {
-        let own = self.heartbeat(now, source);
+        let heartbeat_of_source = self.heartbeat(now, source);
         let autopilots =
             || self.entries.iter().filter_map(|known| known.heartbeat(now)).any(|other| other.is_autopilot);
-        let may = own.map_or_else(|| !autopilots(), |own| own.is_autopilot);
-        may.then_some(SelectedSender { source, attitude_at: now, is_autopilot: own.is_some() })
+        let is_selectable =
+            heartbeat_of_source.map_or_else(|| !autopilots(), |heartbeat_of_source| heartbeat_of_source.is_autopilot);
+        is_selectable.then_some(SelectedSender {
+            source,
+            attitude_at: now,
+            is_autopilot: heartbeat_of_source.is_some(),
+        })
     }
 
     fn heartbeat(&self, now: Timestamp, source: SenderId) -> Option<Heartbeat> {

@@ -137,8 +137,8 @@ fn budgets(turns: &mut Turns, collector: &mut Collector<'_>, out: &mut Results) 
         }
     });
     let to_pose = instructions(|| {
-        let own = Address { system: 1, component: 158 };
-        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(own, 0)));
+        let own_address = Address { system: 1, component: 158 };
+        drop(black_box(OutboundMessage::pose_estimate(black_box(&POSE)).frame(own_address, 0)));
     });
     let to_compass = instructions(|| {
         black_box(msp::compass(0, black_box(123_456), black_box(Field::from_ut(20.0, -5.1, 44.2))));

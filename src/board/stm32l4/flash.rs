@@ -60,8 +60,8 @@ impl StoreFlash {
 
     /// Converts an offset in the store to one in the flash and checks the range.
     fn locate(&self, offset: u32, size: usize) -> Result<u32, FlashError> {
-        let room = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
-        if size as u64 > u64::from(room) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
+        let available_bytes = self.region().end.checked_sub(offset).ok_or(FlashError::Bounds)?;
+        if size as u64 > u64::from(available_bytes) { Err(FlashError::Bounds) } else { Ok(self.pages.start + offset) }
     }
 
     /// Volatile read, because the compiler does not know of flash writes.

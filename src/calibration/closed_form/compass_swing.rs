@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn an_inclination_between_those_tried_is_found_to_half_a_step() {
+    fn an_inclination_between_the_candidates_is_found_to_8_deg() {
         for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
             let found = solve(&marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
             let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn level_ground_shows_the_horizontal_part() {
+    fn level_marks_determine_only_the_horizontal_response() {
         let found = solve(&marks(60.0, 0.0), &Matrix3::identity(), Some(60.0_f32.to_radians())).unwrap();
         let horizontal = (found.a_ut / 25.0 - a()).fixed_view::<2, 2>(0, 0).norm();
         assert!(horizontal < 1e-3, "{horizontal}");
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_that_do_not_follow_the_headings_determine_nothing() {
+    fn fields_unrelated_to_the_headings_are_rejected() {
         let scaled = |h0_ut: f32| -> Vec<Mark> {
             let mark = |i: u8| {
                 let heading_rad = f32::from(i) / 12.0 * TAU;

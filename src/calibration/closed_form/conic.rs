@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hyperbola_is_rejected_with_its_turn() {
+    fn a_hyperbola_is_rejected_with_the_side_of_its_turn() {
         let hyperbola =
             samples(|phase| Vector3::new((phase / 3.0 - 1.0).cosh(), 2.0 * (phase / 3.0 - 1.0).sinh(), 0.0) * 20.0);
         for side in [Side::Left, Side::Right] {

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_leg_across_a_border_is_one_heading_and_a_circle_is_twelve() {
+    fn a_leg_counts_as_one_heading_and_a_circle_as_twelve() {
         assert_eq!(count_headings_of(&[]), 0);
         assert_eq!(count_headings_of(&[7.0]), 1);
         assert_eq!(count_headings_of(&[13.0, 17.0]), 1, "across a border");

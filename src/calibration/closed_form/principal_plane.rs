@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn the_normal_is_that_of_the_least_scatter() {
+    fn the_plane_normal_is_the_axis_of_least_scatter() {
         let axes = [Vector3::new(0.6, 0.8, 0.0), Vector3::new(-0.64, 0.48, 0.6), Vector3::new(0.48, -0.36, 0.8)];
         for lengths in [[30.0, 15.0, 10.0], [10.0, 30.0, 15.0], [20.0, 0.0, 20.0], [5.0, 400.0, 5e-3]] {
             let fields: Vec<_> =
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_that_are_no_numbers_have_no_plane() {
+    fn non_finite_fields_have_no_plane() {
         let fields = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
         assert!(through(&fields, &Matrix3::identity()).is_none());
         assert!(PrincipalPlane::fit(&Samples::default(), &Matrix3::identity()).is_none());

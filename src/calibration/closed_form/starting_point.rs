@@ -203,7 +203,7 @@ mod tests {
 
     /// The ridge selects the sphere with the least hard iron through the circle.
     #[test]
-    fn a_single_circle_is_taken_for_one_without_hard_iron_along_its_axis() {
+    fn a_single_circle_gives_no_hard_iron_along_its_axis() {
         let level = circles(&[0.0], Vector3::new(5.0, -3.0, 0.0));
         let start = sphere_start(Samples { level: &level, ..Samples::default() }, &Matrix3::identity()).unwrap();
         let b_ut = start.b * start.unit_ut;

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn banks_less_than_ten_degrees_apart_are_one_plane() {
+    fn banks_less_than_9_8_deg_apart_are_one_plane() {
         let bank = |roll_deg| MeanBank::from_samples(&[sample(roll_deg, 0.0, 0)]);
         for left_deg in [-4.9, 0.0, 20.0] {
             let to = |right_deg| bank(left_deg).sine_of_difference(bank(right_deg));
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn heading_goes_up_to_the_right_and_down_to_the_left() {
+    fn heading_progress_is_positive_along_the_turn_of_either_side() {
         let up = [(0, 1.0), (500, 1.5), (1000, 2.75)];
         assert!((progress(Side::Right, &up) - 1.75).abs() < 1e-6);
         assert!((progress(Side::Left, &up) + 1.75).abs() < 1e-6);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn headings_run_with_the_gyro_or_against_it() {
+    fn heading_progress_has_the_sign_of_the_gyro_rate() {
         let circle = Some(TAU);
         for (deg_s, expected) in [(20.0, circle), (-20.0, circle.map(|rad| -rad)), (15.0, circle), (0.0, None)] {
             let found = progress_with_gyro_rate(deg_s, 500, 18);

@@ -112,13 +112,13 @@ mod tests {
     }
 
     #[test]
-    fn both_turns_count_for_the_axis_that_they_share() {
+    fn the_common_axis_is_the_mean_of_both_turns() {
         let found = solved(&circle(-25.0, -25.0, 20.0), &circle(25.0, 25.0, 24.0)).unwrap();
         assert!((found.a_ut.column(0) - Vector3::new(22.0, 0.0, 0.0)).norm() < 1e-3, "{}", found.a_ut);
     }
 
     #[test]
-    fn turns_in_one_plane_have_no_direction_in_common() {
+    fn turns_in_one_plane_are_rejected() {
         let refused = solved(&circle(10.0, -25.0, 20.0), &circle(10.0, 25.0, 20.0)).map(|_| ());
         assert_eq!(refused, Err(SolveError::SamePlane));
         assert!(solved(&circle(9.0, -25.0, 20.0), &circle(11.0, 25.0, 20.0)).is_ok());

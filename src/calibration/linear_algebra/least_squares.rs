@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tiny_first_pivot_costs_no_digits() {
+    fn a_tiny_first_pivot_costs_no_precision() {
         let truth = Vector3::new(2.0, -3.0, 0.5);
         for tiny in [1e-15, 1e-8, 1e-4, 0.1] {
             let rows = [[tiny, 1.0, 0.2], [1.0, 0.5, -0.4], [0.7, 1.0, 0.9]].map(Vector3::from);

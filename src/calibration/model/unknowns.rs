@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_index_is_of_one_unknown() {
+    fn every_unknown_has_its_own_index() {
         let mut indices: Vec<usize> = (0..3).flat_map(|i| (0..3).map(move |j| w_index(i, j))).collect();
         indices.extend((0..3).map(d_index));
         indices.push(INCLINATION_INDEX);

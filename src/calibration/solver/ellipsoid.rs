@@ -49,7 +49,7 @@ mod tests {
     use crate::time::WrappingMillis;
 
     #[test]
-    fn there_are_twenty_four_directions() {
+    fn every_field_direction_falls_into_one_of_24_sectors() {
         let mut seen = [false; 24];
         for (axis, [u, v]) in
             (0..3).flat_map(|axis| [[0.5, 0.6], [-0.5, 0.6], [0.5, -0.6], [-0.5, -0.6]].map(|uv| (axis, uv)))

@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn correlated_errors_are_worth_less() {
+    fn correlated_residuals_inflate_the_variance() {
         for (products, squares, excess) in [
             (0.0, 0.0, 0.0),
             (-5.0, 10.0, 0.0),
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_those_of_a_part() {
+    fn lag_products_pair_samples_of_the_same_part() {
         let mut correlation = Autocorrelation::default();
         for (part, residuals) in [(0, [1.0, -2.0]), (1, [3.0, 1.0]), (0, [2.0, 0.5]), (2, [9.0, 9.0]), (1, [-1.0, 2.0])]
         {

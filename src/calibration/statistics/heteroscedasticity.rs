@@ -58,7 +58,7 @@ mod tests {
 
     /// Half of the samples level, half tilted with twice the residual: 4 over the mean of 1 and 4.
     #[test]
-    fn tilted_dips_count_by_their_tilt() {
+    fn inclination_residuals_are_weighted_by_squared_tilt() {
         assert!((ratio(&[(0.0, 1.0), (20.0, -2.0)]) - 4.0 / 2.5).abs() < 1e-5);
         // Weighted by squared tilt: (16 * 4 + 1 * 1) / 17 over the mean of 4, 1 and 1.
         assert!((ratio(&[(20.0, 2.0), (5.0, 1.0), (0.0, 1.0)]) - (65.0 / 17.0) / 2.0).abs() < 1e-4);

@@ -59,7 +59,7 @@ mod tests {
     /// Clipped white noise, linear trend, sine with a period of 30 samples, mixture. Tolerance 10 %: three sigmas of
     /// 2,000 samples.
     #[test]
-    fn the_white_part_is_found() {
+    fn the_white_noise_fraction_is_estimated_to_10_percent() {
         let mut random = Random(4);
         let all = white_fraction_of(2000, 400, |_| random.normal().clamp(-2.0, 2.0));
         assert!((0.9..1.1).contains(&all), "{all}");
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn only_neighbours_are_compared() {
+    fn only_successive_residuals_of_a_part_are_compared() {
         let mut roughness = WhiteNoiseFraction::default();
         for (part, ms, residual) in [(0, 0, 1.0), (1, 100, -1.0), (0, 400, 1.0), (1, 500, -1.0), (0, 800, 1.5)] {
             roughness.add(part, WrappingMillis::new(ms), residual);

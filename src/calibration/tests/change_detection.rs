@@ -63,11 +63,11 @@ fn a_moved_payload_is_detected() {
             let beta_ut = vector(&mut random, 1.0).normalize() * size_ut;
             let Ok(solution) = solved(&with_iron_step(&recorded, beta_ut, at_ms)) else { continue };
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
-            let Some(doubt) = solution.hard_iron_change else { continue };
-            assert!(doubt.added_error_deg > 0.0 && doubt.expected_without_deg > 0.0);
-            let total = doubt.added_error_deg.hypot(doubt.expected_without_deg);
-            assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{doubt:?}");
-            let DetectedHardIronChange { size_ut: ut, time_course: course, duration_s: of_s } = doubt.violation;
+            let Some(finding) = solution.hard_iron_change else { continue };
+            assert!(finding.added_error_deg > 0.0 && finding.expected_without_deg > 0.0);
+            let total = finding.added_error_deg.hypot(finding.expected_without_deg);
+            assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{finding:?}");
+            let DetectedHardIronChange { size_ut: ut, time_course: course, duration_s: of_s } = finding.violation;
             assert_eq!(of_s, 149);
             sizes.push(ut / size_ut);
             if let HardIronTimeCourse::Step { after_s } = course {
@@ -111,15 +111,17 @@ fn every_method_of_turns_detects_a_change() {
             sample.time = WrappingMillis::new(sample.time.as_ms().wrapping_add(offset));
         }
         for method in [Method::MaximumLikelihood, Method::TwoPlane] {
-            let iron = solve(method, moved.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
-            let HardIronTimeCourse::Step { after_s } = iron.violation.time_course else { panic!("{iron:?}") };
-            assert!((55..=65).contains(&after_s), "{method:?}: {iron:?}");
+            let change_finding = solve(method, moved.turns(), &NO_PRIOR).unwrap().hard_iron_change.unwrap();
+            let HardIronTimeCourse::Step { after_s } = change_finding.violation.time_course else {
+                panic!("{change_finding:?}")
+            };
+            assert!((55..=65).contains(&after_s), "{method:?}: {change_finding:?}");
         }
     }
 }
 
 #[test]
-fn samples_of_one_instant_show_no_change() {
+fn samples_with_equal_times_show_no_hard_iron_change() {
     let (_, recorded) = seeded_flight(4, Flight::TYPICAL);
     let mut moved = with_iron_step(&recorded, Vector3::new(2.0, 0.0, 2.0), 60_000);
     for sample in moved.left.iter_mut().chain(&mut moved.right) {
@@ -149,7 +151,7 @@ fn a_change_beyond_any_fit_is_reported() {
 
 /// An attitude error in the last 5 s changes the inclination, but not the norm.
 #[test]
-fn an_attitude_error_at_the_end_is_not_an_iron_change() {
+fn an_attitude_error_at_the_end_is_not_a_hard_iron_change() {
     for seed in 0..20 {
         let (_, mut recorded) = seeded_flight(seed, Flight::TYPICAL);
         for sample in recorded.right.iter_mut().skip(140) {
@@ -163,21 +165,21 @@ fn an_attitude_error_at_the_end_is_not_an_iron_change() {
 /// 10 % bank scale error: the actual error is at most twice the expected one; without the test it was five times.
 #[test]
 fn a_bank_scale_error_is_in_the_expected_error() {
-    for (bank_scale, told) in [(-0.1, 0.9), (0.1, 1.1)] {
+    for (bank_scale, expected_ratio) in [(-0.1, 0.9), (0.1, 1.1)] {
         let (mut ratios, mut reads) = (Vec::new(), Vec::new());
         for seed in 0..30 {
             let (airframe, recorded) = seeded_flight(seed, Flight { bank_scale, ..Flight::TYPICAL });
             let solution = solved(&recorded).unwrap();
             ratios.push(error_deg(&airframe, &solution) / solution.quality.expected_rms_deg);
             assert_eq!(solution.hard_iron_change, None, "seed {seed}");
-            let Some(doubt) = solution.bank_scale_error else { continue };
-            let total = doubt.added_error_deg.hypot(doubt.expected_without_deg);
-            assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{doubt:?}");
-            assert!(doubt.violation.significance_sigmas > 1.7, "{doubt:?}");
-            reads.push(doubt.violation.read_ratio);
+            let Some(finding) = solution.bank_scale_error else { continue };
+            let total = finding.added_error_deg.hypot(finding.expected_without_deg);
+            assert!((total / solution.quality.expected_rms_deg - 1.0).abs() < 1e-3, "{finding:?}");
+            assert!(finding.violation.significance_sigmas > 1.7, "{finding:?}");
+            reads.push(finding.violation.read_ratio);
         }
         assert!(ratios.iter().filter(|&&ratio| ratio > 2.0).count() <= 2, "{bank_scale}: {ratios:?}");
-        assert!(reads.len() >= 28 && (mean(&reads) - told).abs() < 0.02, "{bank_scale}: {reads:?}");
+        assert!(reads.len() >= 28 && (mean(&reads) - expected_ratio).abs() < 0.02, "{bank_scale}: {reads:?}");
     }
 }
 

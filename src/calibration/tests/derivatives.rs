@@ -27,20 +27,20 @@ pub(crate) fn derivative(function: impl Fn(f32) -> f32) -> f32 {
 }
 
 #[track_caller]
-pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, what: &str) {
+pub(crate) fn assert_derivative(written: f32, function: impl Fn(f32) -> f32, label: &str) {
     let numerical = derivative(function);
-    assert!((written - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()), "{what}: {written}, not {numerical}");
+    assert!((written - numerical).abs() <= TOLERANCE * (1.0 + numerical.abs()), "{label}: {written}, not {numerical}");
 }
 
 #[track_caller]
-fn assert_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, what: &str) {
+fn assert_row(row: &Vector13, at: &Vector13, function: impl Fn(&Vector13) -> f32, label: &str) {
     for i in 0..UNKNOWNS {
         let moved = |step: f32| {
             let mut unknowns = *at;
             unknowns[i] += step;
             function(&unknowns)
         };
-        assert_derivative(row[i], moved, &format!("{what} by unknown {i}"));
+        assert_derivative(row[i], moved, &format!("{label} by unknown {i}"));
     }
 }
 
@@ -191,14 +191,19 @@ fn equation_rows() {
         // A tenth of the step keeps residuals below the Huber limit.
         let slightly = |u: &Vector13| at + (u - at) * 0.1;
         for refined in [false, true] {
-            let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
-            let row = of(&at).norm.row.as_vector();
-            assert_row(&row, &at, |u| of(&slightly(u)).norm.residual * 10.0, "equation of the norm");
-            let row = of(&at).inclination.unwrap().row.as_vector();
-            assert_row(&row, &at, |u| of(&slightly(u)).inclination.unwrap().residual * 10.0, "equation of the dip");
+            let equations_at = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), refined);
+            let row = equations_at(&at).norm.row.as_vector();
+            assert_row(&row, &at, |u| equations_at(&slightly(u)).norm.residual * 10.0, "equation of the norm");
+            let row = equations_at(&at).inclination.unwrap().row.as_vector();
+            assert_row(
+                &row,
+                &at,
+                |u| equations_at(&slightly(u)).inclination.unwrap().residual * 10.0,
+                "equation of the dip",
+            );
         }
-        let of = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading.unwrap();
-        assert_row(&of(&at).row.as_vector(), &at, |u| of(u).residual, "equation of the heading");
+        let equations_at = |u: &Vector13| equations(&case, u, Some(here.heading_rad()), false).heading.unwrap();
+        assert_row(&equations_at(&at).row.as_vector(), &at, |u| equations_at(u).residual, "equation of the heading");
     }
 }
 
@@ -215,14 +220,19 @@ fn inclination_is_decorrelated_from_the_norm() {
         let [roll, pitch] = here.inclination_by_attitude(&case.attitude.tilt());
         let left = (dip_by_x - norm_by_x * slope).norm_squared() * 0.01_f32.powi(2)
             + tilt_variance * (roll * roll + pitch * pitch);
-        let dip = equations.inclination.unwrap();
+        let inclination_equation = equations.inclination.unwrap();
         let expected = here.inclination_row().as_vector() - here.norm_row().as_vector() * slope;
-        assert!((dip.row.as_vector() - expected).norm() < 1e-4 * expected.norm());
+        assert!((inclination_equation.row.as_vector() - expected).norm() < 1e-4 * expected.norm());
         let norm_variance = norm_by_x.norm_squared() * 0.01_f32.powi(2);
         assert!((equations.norm.weight * norm_variance - 1.0).abs() < 1e-4);
         let sigma = left.sqrt();
-        let huber = (ModelConfig::DEFAULT.huber_sigmas * sigma / dip.residual.abs()).min(1.0);
-        assert!((dip.weight * left / huber - 1.0).abs() < 1e-3, "{} {}", dip.weight * left, huber);
+        let huber = (ModelConfig::DEFAULT.huber_sigmas * sigma / inclination_equation.residual.abs()).min(1.0);
+        assert!(
+            (inclination_equation.weight * left / huber - 1.0).abs() < 1e-3,
+            "{} {}",
+            inclination_equation.weight * left,
+            huber
+        );
     }
 }
 
@@ -246,8 +256,13 @@ fn priors(likelihood: &Likelihood, unknowns: &Vector13) -> Vec<(PriorQuantity, V
 fn prior_rows() {
     for case in cases(Case::random) {
         for likelihood in [likelihood(None), likelihood(Some(0.9))] {
-            for (i, (of, row, ..)) in priors(&likelihood, &case.unknowns).into_iter().enumerate() {
-                assert_row(&row, &case.unknowns, |u| priors(&likelihood, u)[i].2, &format!("prior {i} of {of:?}"));
+            for (i, (quantity, row, ..)) in priors(&likelihood, &case.unknowns).into_iter().enumerate() {
+                assert_row(
+                    &row,
+                    &case.unknowns,
+                    |u| priors(&likelihood, u)[i].2,
+                    &format!("prior {i} of {quantity:?}"),
+                );
             }
         }
     }
@@ -261,8 +276,8 @@ fn each_prior_constrains_its_own_quantity() {
     let straight = ModelParameters { w: Matrix3::identity(), d: likelihood.mean_field, inclination_rad: 0.9 };
     let sizes = |parameters: &ModelParameters| {
         let mut sizes = [0.0_f32; PriorQuantity::COUNT];
-        for (of, _, residual, _) in priors(&likelihood, &parameters.unknowns().unwrap()) {
-            sizes[of as usize] = sizes[of as usize].hypot(residual);
+        for (quantity, _, residual, _) in priors(&likelihood, &parameters.unknowns().unwrap()) {
+            sizes[quantity as usize] = sizes[quantity as usize].hypot(residual);
         }
         sizes
     };

@@ -57,9 +57,9 @@ fn solve_with_consider_states(recorded: &RecordedTurns, bias_rad: f32, bank_scal
     solver.run(recorded.turns()).unwrap()
 }
 
-fn heading_difference_deg(airframe: &Airframe, one: &Calibration, other: &Calibration) -> f32 {
+fn heading_difference_deg(airframe: &Airframe, first: &Calibration, other: &Calibration) -> f32 {
     let banks_deg = [-30.0, 0.0, 30.0];
-    let errors = airframe.errors_at_deg(one, &banks_deg).into_iter().zip(airframe.errors_at_deg(other, &banks_deg));
+    let errors = airframe.errors_at_deg(first, &banks_deg).into_iter().zip(airframe.errors_at_deg(other, &banks_deg));
     rms(&errors.map(|(a, b)| wrap_pi((a - b).to_radians()).to_degrees()).collect::<Vec<_>>())
 }
 
@@ -137,7 +137,7 @@ fn autocorrelated_attitude_errors_raise_the_expected_error() {
 fn the_ellipsoid_ignores_attitude() {
     let mut random = Random(17);
     let airframe = Airframe::random(&mut random, 0.2, 1.0, 0.0, [60.0, 60.0]);
-    let mut tumbled = |is_said: bool| -> Vec<Sample> {
+    let mut tumbled = |has_attitude: bool| -> Vec<Sample> {
         let mut turns = Random(18);
         (0..160)
             .map(|_| {
@@ -146,15 +146,15 @@ fn the_ellipsoid_ignores_attitude() {
                 let heading_rad = turns.uniform(0.0, core::f32::consts::TAU);
                 let measured =
                     crate::calibration::tests::synthetic::sample(&airframe, attitude, heading_rad, 0.0, &mut random);
-                Sample { attitude: Attitude::from_deg(if is_said { 40.0 } else { 0.0 }, 0.0), ..measured }
+                Sample { attitude: Attitude::from_deg(if has_attitude { 40.0 } else { 0.0 }, 0.0), ..measured }
             })
             .collect()
     };
-    let [silent, lying] = [false, true].map(|is_said| {
-        let samples = tumbled(is_said);
+    let [without_attitude, wrong] = [false, true].map(|has_attitude| {
+        let samples = tumbled(has_attitude);
         solve(Method::Ellipsoid, Samples { left: &samples, ..Samples::default() }, &NO_PRIOR).unwrap()
     });
-    let [a, b] = [silent, lying].map(|solution| solution.calibration);
+    let [a, b] = [without_attitude, wrong].map(|solution| solution.calibration);
     assert_eq!((a.w, a.b_ut), (b.w, b.b_ut));
 }
 

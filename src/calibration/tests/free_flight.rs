@@ -11,8 +11,8 @@ use crate::time::WrappingMillis;
 use nalgebra::{Matrix3, Vector3};
 
 fn split_buffers(samples: &[Sample]) -> [Vec<Sample>; 2] {
-    let piece = |odd: usize| samples.iter().skip(odd).step_by(2).copied().collect();
-    [piece(0), piece(1)]
+    let half = |parity: usize| samples.iter().skip(parity).step_by(2).copied().collect();
+    [half(0), half(1)]
 }
 
 fn solved(samples: &[Sample], prior: &Prior) -> Result<crate::calibration::assessment::Solution, SolveError> {
@@ -43,16 +43,16 @@ fn turns_without_a_side_give_the_same_solution() {
         let mut random = Random(8100 + seed);
         let airframe = harsh_airframe(&mut random);
         let turns = Flight { attitude_bias_deg: 0.0, bank_scale: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
-        let by_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
+        let from_turns = solve(Method::MaximumLikelihood, turns.turns(), &NO_PRIOR).unwrap();
         let any = Samples { unassigned: [&turns.left, &turns.right, &[]], ..Samples::default() };
-        let by_any = solve(Method::MaximumLikelihood, any, &NO_PRIOR).unwrap();
+        let from_unassigned = solve(Method::MaximumLikelihood, any, &NO_PRIOR).unwrap();
         let apart: Vec<f32> = airframe
-            .errors_deg(&by_turns.calibration)
+            .errors_deg(&from_turns.calibration)
             .iter()
-            .zip(airframe.errors_deg(&by_any.calibration))
+            .zip(airframe.errors_deg(&from_unassigned.calibration))
             .map(|(turns, any)| turns - any)
             .collect();
-        assert!(max_abs(&apart) < 0.1 * by_turns.quality.expected_rms_deg.max(0.2), "seed {seed}: {apart:?}");
+        assert!(max_abs(&apart) < 0.1 * from_turns.quality.expected_rms_deg.max(0.2), "seed {seed}: {apart:?}");
     }
 }
 
@@ -62,13 +62,13 @@ fn the_error_floor_remains_with_more_samples() {
     for seed in 0..5 {
         let mut random = Random(8150 + seed);
         let airframe = harsh_airframe(&mut random);
-        let mut flown = |times: usize| {
+        let mut expected_error_of_samples = |times: usize| {
             let mut samples: Vec<Sample> =
                 (0..times).flat_map(|_| multirotor_samples(&airframe, 0.6, &mut random)).collect();
             samples.iter_mut().zip(0..).for_each(|(sample, i)| sample.time = WrappingMillis::new(250 * i));
             solved(&samples, &NO_PRIOR).unwrap().advice.unwrap()
         };
-        let (once, often) = (flown(1), flown(12));
+        let (once, often) = (expected_error_of_samples(1), expected_error_of_samples(12));
         let square = |deg: f32| deg * deg;
         let lasting = square(once.floor_deg);
         let predicted_deg = (lasting + (square(once.expected_deg) - lasting) / 12.0).sqrt();
@@ -190,8 +190,8 @@ fn straight_flight_has_an_honest_expected_error() {
                 let truth = Attitude::from_deg(roll_deg * (t / 1.7).sin(), 2.0 + pitch_deg * (t / 2.3).cos());
                 let heading_rad = ahead_rad + (heading_deg * (t / 13.0).sin()).to_radians();
                 let measured = sample(&airframe, truth, heading_rad, 0.2, &mut random);
-                let mut off = || (random.normal() * 0.2).to_radians();
-                let [roll_off, pitch_off] = core::array::from_fn(|_| off());
+                let mut attitude_error_rad = || (random.normal() * 0.2).to_radians();
+                let [roll_off, pitch_off] = core::array::from_fn(|_| attitude_error_rad());
                 let attitude = Attitude { roll_rad: truth.roll_rad + roll_off, pitch_rad: truth.pitch_rad + pitch_off };
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })

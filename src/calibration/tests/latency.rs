@@ -49,11 +49,11 @@ fn fly(airframe: &Airframe, wander_deg: f32, late_s: f32, random: &mut Random) -
             let t_s = i as f32 * 0.4;
             let heading_rad = wrap_pi(bank_deg.signum() * 13_f32.to_radians() * t_s);
             noise = noise.map(|n| 0.45 * n + 0.893 * 0.3_f32.to_radians() * random.normal());
-            let (said, rates) = attitude(t_s - late_s);
+            let (reported, rates) = attitude(t_s - late_s);
             let measured =
                 crate::calibration::tests::synthetic::sample(airframe, attitude(t_s).0, heading_rad, 0.12, random);
             *sample = Sample {
-                attitude: Attitude { roll_rad: said.roll_rad + noise[0], pitch_rad: said.pitch_rad + noise[1] },
+                attitude: Attitude { roll_rad: reported.roll_rad + noise[0], pitch_rad: reported.pitch_rad + noise[1] },
                 rates,
                 ..Sample { time: sample.time, ..measured }
             };
@@ -175,8 +175,12 @@ fn elimination_equals_a_joint_solution_of_fourteen_unknowns() {
             joint.add(&norm.row.as_vector().push(0.0), [-norm.residual], norm.weight);
             let attitude = sample.latency_compensated_attitude(used_s);
             let by_latency = ATTITUDE_ERRORS[LATENCY].inclination_derivative(&equations, attitude, sample.rates);
-            let dip = equations.inclination.unwrap();
-            joint.add(&dip.row.as_vector().push(by_latency), [-dip.residual], dip.weight);
+            let inclination_equation = equations.inclination.unwrap();
+            joint.add(
+                &inclination_equation.row.as_vector().push(by_latency),
+                [-inclination_equation.residual],
+                inclination_equation.weight,
+            );
         }
         let expected = joint.solve().unwrap();
         let mut information = Information::new(&LinearisedProblem::linearise(&likelihood, samples, &unknowns));

@@ -220,10 +220,11 @@ fn the_cost_sums_all_equations_and_priors() {
         let mut clipped = [0.0, 0.0];
         likelihood.for_each_sample_equations(samples, &ModelParameters::new(&unknowns), &mut |equations| {
             cost += equations.norm.loss;
-            cost += equations.inclination.as_ref().map_or(0.0, |dip| dip.loss);
+            cost += equations.inclination.as_ref().map_or(0.0, |inclination_equation| inclination_equation.loss);
             cost += equations.heading.as_ref().map_or(0.0, |heading| heading.loss);
             clipped[0] += equations.norm.clipped_square;
-            clipped[1] += equations.inclination.as_ref().map_or(0.0, |dip| dip.clipped_square);
+            clipped[1] +=
+                equations.inclination.as_ref().map_or(0.0, |inclination_equation| inclination_equation.clipped_square);
         });
         assert!((system.cost / cost - 1.0).abs() < 1e-4, "{} {cost}", system.cost);
         assert!((system.clipped_squares[0] / clipped[0] - 1.0).abs() < 1e-4);
@@ -243,11 +244,11 @@ fn damping_shortens_a_step() {
     let system = LinearisedProblem::linearise(&likelihood, samples, &parameters.unknowns().unwrap());
     assert!((system.cost - 2.0).abs() < 1e-3, "{}", system.cost);
     for (damping, share) in [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)] {
-        let (change, promised) = system.damped_step(damping).unwrap();
+        let (change, predicted_decrease) = system.damped_step(damping).unwrap();
         let inclination_rad = change[crate::calibration::model::INCLINATION_INDEX];
         assert!((inclination_rad / (-0.035 * share) - 1.0).abs() < 1e-3, "{damping}: {inclination_rad}");
         // Predicted decrease: half of step times gradient.
-        assert!((promised / (2.0 * share) - 1.0).abs() < 1e-3, "{damping}: {promised}");
+        assert!((predicted_decrease / (2.0 * share) - 1.0).abs() < 1e-3, "{damping}: {predicted_decrease}");
     }
     assert!((system.step_to_maximum().unwrap() - system.damped_step(0.0).unwrap().0).norm() < 1e-6);
 }

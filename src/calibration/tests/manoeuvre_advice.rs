@@ -65,8 +65,8 @@ fn one_side_advises_a_turn_to_the_other() {
         let advice = solution.advice.unwrap();
         assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "seed {seed}: {advice:?}");
         // A circle does not reduce a bank-angle scale error, which one flight seems to have by chance.
-        let promised = if solution.bank_scale_error.is_some() { 0.9 } else { 0.5 };
-        assert!(advice.expected_after_deg < promised * advice.expected_deg, "seed {seed}: {advice:?}");
+        let max_ratio = if solution.bank_scale_error.is_some() { 0.9 } else { 0.5 };
+        assert!(advice.expected_after_deg < max_ratio * advice.expected_deg, "seed {seed}: {advice:?}");
         suspected += usize::from(solution.bank_scale_error.is_some());
     }
     assert!(suspected <= 2, "{suspected}");
@@ -82,9 +82,9 @@ fn the_predicted_gain_is_reached() {
         let before = advice(Samples { right: &[], ..turns.turns() });
         let Manoeuvre::Circle(Side::Right, bank_deg) = before.manoeuvre else { panic!("{before:?}") };
         // A circle at 25 deg takes 27 s, 54 samples; the prediction counts 24.
-        let flown =
+        let advised_turn =
             Flight { bank_deg: f32::from(bank_deg), samples: 54, ..Flight::TYPICAL }.fly(&airframe, &mut random);
-        let after = solution(Samples { right: &flown.right, ..turns.turns() }).quality.expected_rms_deg;
+        let after = solution(Samples { right: &advised_turn.right, ..turns.turns() }).quality.expected_rms_deg;
         assert!(after < 1.33 * before.expected_after_deg, "seed {seed}: {after} deg, promised {before:?}");
     }
 }

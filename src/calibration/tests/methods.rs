@@ -19,10 +19,10 @@ use crate::time::WrappingMillis;
 /// Turn at constant bank and zero pitch without noise, as the paper assumes.
 fn circle(airframe: &Airframe, bank_deg: f32, samples: u16) -> Vec<Sample> {
     let attitude = Attitude::from_deg(bank_deg, 0.0);
-    let sense = if bank_deg < 0.0 { -1.0 } else { 1.0 };
+    let turn_sign = if bank_deg < 0.0 { -1.0 } else { 1.0 };
     (0..samples)
         .map(|i| {
-            let heading_rad = sense * f32::from(i) / f32::from(samples) * TAU;
+            let heading_rad = turn_sign * f32::from(i) / f32::from(samples) * TAU;
             let sample = sample(airframe, attitude, heading_rad, 0.0, &mut Random(0));
             Sample { time: WrappingMillis::new(u32::from(i) * 400), ..sample }
         })
@@ -219,7 +219,7 @@ fn turns_do_not_determine_an_ellipsoid() {
 /// and local geology), it removes two thirds of the banked error of 5.5 deg.
 #[test]
 fn a_configured_inclination_improves_a_level_swing_when_banked() {
-    let (mut free, mut told) = (Vec::new(), Vec::new());
+    let (mut free, mut configured) = (Vec::new(), Vec::new());
     for seed in 0..50_u8 {
         let mut random = Random(5000 + u64::from(seed));
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
@@ -238,14 +238,14 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
         };
         let off_rad = f32::to_radians(if seed % 2 == 0 { 0.3 } else { -0.3 });
         free.push(error(None));
-        told.push(error(Some(airframe.inclination_rad + off_rad)));
+        configured.push(error(Some(airframe.inclination_rad + off_rad)));
     }
-    assert!(rms(&told) < 0.4 * rms(&free), "{} {}", rms(&told), rms(&free));
+    assert!(rms(&configured) < 0.4 * rms(&free), "{} {}", rms(&configured), rms(&free));
 }
 
 #[test]
 fn a_wrong_configured_inclination_does_little_harm() {
-    let mut told = Vec::new();
+    let mut configured = Vec::new();
     let mut free = Vec::new();
     let mut near = Vec::new();
     let mut wrong = Vec::new();
@@ -259,12 +259,12 @@ fn a_wrong_configured_inclination_does_little_harm() {
             rms(&airframe.errors_deg(&solution.calibration))
         };
         free.push(error(None));
-        told.push(error(Some(airframe.inclination_rad)));
+        configured.push(error(Some(airframe.inclination_rad)));
         near.push(error(Some(airframe.inclination_rad + 0.005_2)));
         wrong.push(error(Some(airframe.inclination_rad + 0.035)));
     }
     assert!(rms(&near) <= 1.02 * rms(&free), "{} {}", rms(&near), rms(&free));
-    assert!(rms(&told) <= 1.02 * rms(&free), "{} {}", rms(&told), rms(&free));
+    assert!(rms(&configured) <= 1.02 * rms(&free), "{} {}", rms(&configured), rms(&free));
     assert!(rms(&wrong) < 1.5 * rms(&free), "{} {}", rms(&wrong), rms(&free));
 }
 

@@ -93,7 +93,7 @@ fn every_start_converges() {
 }
 
 #[test]
-fn accuracy_and_expected_error() {
+fn expected_error_matches_the_actual_error_of_100_flights() {
     let mut actual = Vec::new();
     let mut constant = Vec::new();
     let mut ratios = Vec::new();
@@ -183,7 +183,7 @@ fn unsolvable_samples_are_rejected_with_a_reason() {
 }
 
 #[test]
-fn verification_prefers_the_truth() {
+fn verification_scores_the_true_calibration_best() {
     let mut random = Random(21);
     let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [60.0, 60.0]);
     let held_back = Flight::TYPICAL.fly(&airframe, &mut random);

@@ -73,11 +73,11 @@ fn results_of_flights(size_ut_per_a: f32, currents: CurrentProfile) -> FlightRes
         let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
         let k = vector(&mut random, 1.0).normalize() * size_ut_per_a;
         let solution = solved(&fly(&airframe, k, currents, &mut random)).unwrap();
-        let iron = solution.calibration.motor_current;
-        if iron.is_applied() {
+        let interference = solution.calibration.motor_current;
+        if interference.is_applied() {
             shown.used += 1;
-            let off = Vector3::from(iron.ut_per_a) - k;
-            shown.normalised_errors.extend(off.iter().map(|axis| axis / iron.sigma_ut_per_a));
+            let estimate_error = Vector3::from(interference.ut_per_a) - k;
+            shown.normalised_errors.extend(estimate_error.iter().map(|axis| axis / interference.sigma_ut_per_a));
         }
         shown.errors_deg.push(rms(&errors_deg(&airframe, k, &solution)));
         shown.expected_deg.push(solution.quality.expected_rms_deg);
@@ -151,8 +151,9 @@ fn without_current_there_is_no_estimate() {
         let rates = |i: usize, s: &Sample| if i.is_multiple_of(every) { s.rates.with_current(None) } else { s.rates };
         samples.iter().enumerate().map(|(i, s)| Sample { rates: rates(i, s), ..*s }).collect()
     };
-    let of = |every: usize| RecordedTurns { left: strip(&recorded.left, every), right: strip(&recorded.right, every) };
-    let [none, few, many] = [1, 3, 5].map(|every| solved(&of(every)).unwrap());
+    let with_every_nth_current =
+        |every: usize| RecordedTurns { left: strip(&recorded.left, every), right: strip(&recorded.right, every) };
+    let [none, few, many] = [1, 3, 5].map(|every| solved(&with_every_nth_current(every)).unwrap());
     assert_eq!(
         (none.calibration.motor_current, few.calibration.motor_current),
         (MotorCurrentInterference::NONE, MotorCurrentInterference::NONE)
@@ -248,8 +249,8 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
         information.accumulate_samples(&likelihood, samples, &unknowns, None);
         let found = information.estimate_motor_current(&likelihood).unwrap();
         let step = found.k - likelihood.motor_current_per_ampere();
-        let of_k = expected.fixed_rows::<3>(13).into_owned();
-        assert!((step - of_k).norm() < 0.01 * found.max_sigma(), "{step} {of_k}");
+        let interference_part = expected.fixed_rows::<3>(13).into_owned();
+        assert!((step - interference_part).norm() < 0.01 * found.max_sigma(), "{step} {interference_part}");
         let follow = information.step_for_motor_current(&step).unwrap();
         let change = information.system.step_to_maximum().unwrap() + follow;
         let others = expected.fixed_rows::<13>(0).into_owned();
@@ -265,7 +266,7 @@ fn elimination_equals_a_joint_solution_of_sixteen_unknowns() {
 
 /// Iterates while significant, certain and not converged.
 #[test]
-fn it_is_used_while_certain_and_significant() {
+fn interference_is_used_while_certain_and_significant() {
     let zero = Vector3::zeros();
     let found = |x: f32, sigma: f32, significance| InterferenceEstimate {
         k: Vector3::new(x, 0.0, 0.0),
@@ -295,7 +296,7 @@ fn it_is_used_while_certain_and_significant() {
 }
 
 #[test]
-fn roots_are_those_of_the_covariance() {
+fn covariance_factors_multiply_to_the_covariance() {
     let a = Matrix3::new(1.0, 0.2, -0.3, 0.0, 0.7, 0.1, 0.5, 0.0, 0.4);
     let found =
         InterferenceEstimate { k: Vector3::new(1.0, 2.0, 3.0), covariance: a * a.transpose(), significance: [17.0; 2] };
@@ -304,15 +305,15 @@ fn roots_are_those_of_the_covariance() {
     let sum: Matrix3<f32> = roots.iter().take(3).map(|root| root * root.transpose()).sum();
     assert!((sum - found.covariance).norm() < 1e-5, "{sum}");
     assert_eq!(roots[3], Vector3::new(0.5, 0.0, 0.0));
-    let by_chance = InterferenceEstimate { significance: [99.0, 16.0], ..found.clone() };
-    assert_eq!(by_chance.covariance_factors(&used)[3], Vector3::zeros());
+    let insignificant = InterferenceEstimate { significance: [99.0, 16.0], ..found.clone() };
+    assert_eq!(insignificant.covariance_factors(&used)[3], Vector3::zeros());
     let nothing = InterferenceEstimate { covariance: Matrix3::zeros(), ..found }.covariance_factors(&used);
     assert!(nothing.iter().take(3).all(|root| *root == Vector3::zeros()));
 }
 
 /// For another mounting only rounding differs, by at most a tenth of sigma.
 #[test]
-fn it_is_estimated_in_sensor_axes() {
+fn interference_is_estimated_in_sensor_axes() {
     let (_, _, recorded) = one_flight(5);
     let straight = solved(&recorded).unwrap().calibration.motor_current;
     let mount = Orientation::from_name("roll90-yaw90").unwrap();
@@ -323,8 +324,11 @@ fn it_is_estimated_in_sensor_axes() {
     let turned = RecordedTurns { left: turned(&recorded.left), right: turned(&recorded.right) };
     let solution = solve(Method::MaximumLikelihood, turned.turns(), &Prior { mount, ..NO_PRIOR }).unwrap();
     let current = solution.calibration.motor_current;
-    let off = rotation * Vector3::from(current.ut_per_a) - Vector3::from(straight.ut_per_a);
-    assert!(straight.is_applied() && off.norm() < 0.1 * straight.sigma_ut_per_a, "{current:?} {straight:?}");
+    let rotation_difference = rotation * Vector3::from(current.ut_per_a) - Vector3::from(straight.ut_per_a);
+    assert!(
+        straight.is_applied() && rotation_difference.norm() < 0.1 * straight.sigma_ut_per_a,
+        "{current:?} {straight:?}"
+    );
     assert!((current.sigma_ut_per_a / straight.sigma_ut_per_a - 1.0).abs() < 0.02, "{current:?} {straight:?}");
 }
 
@@ -333,10 +337,10 @@ fn it_is_estimated_in_sensor_axes() {
 fn current_statistics_are_those_of_the_samples() {
     let (_, _, mut recorded) = one_flight(4);
     let all: Vec<f32> = recorded.turns().all().filter_map(|s| s.rates.current_a()).collect();
-    let iron = MotorCurrentInterference::from_samples(recorded.turns());
-    assert!((iron.mean_current_a - mean(&all)).abs() < 1e-3);
+    let interference = MotorCurrentInterference::from_samples(recorded.turns());
+    assert!((interference.mean_current_a - mean(&all)).abs() < 1e-3);
     let rest: Vec<f32> = all.iter().map(|a| a - mean(&all)).collect();
-    assert!((iron.current_sigma_a - rms(&rest)).abs() < 1e-3 && !iron.is_applied());
+    assert!((interference.current_sigma_a - rms(&rest)).abs() < 1e-3 && !interference.is_applied());
     let number = recorded.left.len() + recorded.right.len();
     for (unknown, is_known) in [(number / 4, true), (number / 4 + 1, false), (number, false)] {
         for sample in recorded.left.iter_mut().chain(&mut recorded.right).take(unknown) {

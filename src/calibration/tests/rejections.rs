@@ -28,9 +28,9 @@ fn too_few_samples_reports_the_part() {
     let missing = |part, have, need| Some(SolveError::TooFewSamples { part, have, need });
     let RecordedTurns { left, right } = &recorded;
     for method in [Method::TwoPlane, Method::FourEllipse] {
-        let of = |left, right| solve_error(method, Samples { left, right, ..Samples::default() });
-        assert_eq!(of(&left[..11], right), missing(SamplePart::Turns(Side::Left), 11, 12));
-        assert_eq!(of(left, &right[..11]), missing(SamplePart::Turns(Side::Right), 11, 12));
+        let error_of = |left, right| solve_error(method, Samples { left, right, ..Samples::default() });
+        assert_eq!(error_of(&left[..11], right), missing(SamplePart::Turns(Side::Left), 11, 12));
+        assert_eq!(error_of(left, &right[..11]), missing(SamplePart::Turns(Side::Right), 11, 12));
     }
     let thin = Samples { left: &left[..5], right: &right[..6], ..Samples::default() };
     assert_eq!(solve_error(Method::MaximumLikelihood, thin), missing(SamplePart::All, 11, 12));
@@ -145,10 +145,10 @@ fn headings_against_the_bank_are_reversed_turns() {
     let level = circles(0.0, RATE_RAD);
     for (rate_rad, expected) in [(RATE_RAD, None), (-RATE_RAD, Some(SolveError::TurnsReversed))] {
         let (left, right) = (circles(-25.0, -rate_rad), circles(25.0, rate_rad));
-        let of =
+        let error_of =
             |method, left, right| solve_error(method, Samples { left, right, level: &level, ..Samples::default() });
-        assert_eq!(of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
-        assert_eq!(of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
+        assert_eq!(error_of(Method::MaximumLikelihood, &left, &[]), expected, "left {rate_rad}");
+        assert_eq!(error_of(Method::MaximumLikelihood, &[], &right), expected, "right {rate_rad}");
         let both = solve_error(Method::FourEllipse, Samples { left: &left, right: &right, ..Samples::default() });
         assert_eq!(both, expected, "both {rate_rad}");
         // With both sides, a sensor mounted upside down explains the samples as well.

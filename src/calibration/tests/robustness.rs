@@ -45,7 +45,7 @@ fn for_each_sample(recorded: &mut RecordedTurns, change: impl FnMut(&mut Sample)
 
 /// Attitude errors of 10 deg for 3 s, four times per side.
 #[test]
-fn gusts() {
+fn gusts_cause_no_wrong_calibration() {
     let tally = run_with_fault(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
             for gust in 0..4 {
@@ -62,7 +62,7 @@ fn gusts() {
 
 /// Up to 15 uT for 5 s, once per side.
 #[test]
-fn a_power_line() {
+fn a_power_line_causes_no_wrong_calibration() {
     let tally = run_with_fault(|recorded, random| {
         for side in [&mut recorded.left, &mut recorded.right] {
             let disturbance = vector(random, 1.0).normalize() * 15.0;
@@ -76,7 +76,7 @@ fn a_power_line() {
 
 /// Steps of 0.5 uT every 20 s.
 #[test]
-fn motor_current_steps() {
+fn motor_current_steps_cause_no_wrong_calibration() {
     let tally = run_with_fault(|recorded, random| {
         let step = vector(random, 1.0).normalize() * 0.5;
         let mut seconds = 0.0;
@@ -92,7 +92,7 @@ fn motor_current_steps() {
 
 /// An axis clipped at 75 % of its range.
 #[test]
-fn a_saturated_axis() {
+fn a_saturated_axis_is_rejected() {
     let tally = run_with_fault(|recorded, _| {
         let all = recorded.left.iter().chain(&recorded.right);
         let top = all.map(|s| s.field.ut.x).fold(f32::MIN, f32::max);

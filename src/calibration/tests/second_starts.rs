@@ -94,15 +94,15 @@ fn the_first_failure_is_reported() {
 /// A flight with a large expected error is solved from both starts; the better fit is used.
 #[test]
 fn a_second_start_keeps_the_better_fit() {
-    let mut doubtful = 0;
+    let mut poor_fits = 0;
     for seed in 0..40 {
         let flight = Flight { samples: 14, attitude_noise_deg: 0.8, bank_deg: 15.0, ..Flight::TYPICAL };
         let (airframe, recorded) = flight_at_inclination(seed, flight, 60.0);
         let Ok(solution) = solve(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR) else { continue };
         let expected_deg = solution.quality.expected_rms_deg;
-        doubtful += usize::from(expected_deg > 3.0);
+        poor_fits += usize::from(expected_deg > 3.0);
         let error_deg = rms(&airframe.errors_deg(&solution.calibration));
         assert!(error_deg < 3.5 * expected_deg, "seed {seed}: {error_deg} {expected_deg}");
     }
-    assert!(doubtful >= 5, "{doubtful}");
+    assert!(poor_fits >= 5, "{poor_fits}");
 }

@@ -197,13 +197,13 @@ impl Flight {
     fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: Attitude) -> Vec<Sample> {
         const STEP_S: f32 = 0.5;
         let sign = if side == Side::Left { -1.0 } else { 1.0 };
-        let mut wander = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
+        let mut attitude_noise = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
         let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
         let mut heading_rad = random.uniform(0.0, TAU);
         (0..self.samples)
             .map(|i| {
-                let roll_deg = sign * self.bank_deg + wander[0].next(random);
-                let pitch_deg = 2.0 + wander[1].next(random);
+                let roll_deg = sign * self.bank_deg + attitude_noise[0].next(random);
+                let pitch_deg = 2.0 + attitude_noise[1].next(random);
                 let truth = Attitude::from_deg(roll_deg, pitch_deg);
                 heading_rad += STEP_S * 9.81 * truth.roll_rad.tan() / 22.0;
                 let error_deg = noise.each_mut().map(|n| n.next(random));

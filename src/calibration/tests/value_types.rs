@@ -18,7 +18,7 @@ fn sample(x_ut: f32) -> Sample {
 
 /// 1,024 samples of a flight are kept in RAM.
 #[test]
-fn samples_are_small() {
+fn a_sample_takes_28_bytes() {
     assert_eq!((size_of::<Sample>(), size_of::<Mark>()), (28, 32));
 }
 
@@ -38,7 +38,7 @@ fn attitude_is_extrapolated_with_its_rates() {
 }
 
 #[test]
-fn samples_come_part_by_part_and_marks_only_when_all_are_asked_for() {
+fn iter_omits_marks_and_all_includes_them() {
     let (left, right, level) = ([sample(1.0), sample(2.0)], [sample(3.0)], [sample(4.0), sample(5.0)]);
     let marks = [Mark { sample: sample(6.0), heading_rad: 0.0 }];
     let samples = Samples { left: &left, right: &right, level: &level, marks: &marks, ..Samples::default() };
@@ -106,7 +106,7 @@ fn a_nonfinite_coefficient_is_detected() {
 }
 
 #[test]
-fn names_are_stable() {
+fn names_of_sides_axes_parts_and_methods_are_stable() {
     assert_eq!([Side::Left, Side::Right].map(Side::name), ["left", "right"]);
     assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::name), ["x", "y", "z"]);
     let parts = [

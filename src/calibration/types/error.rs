@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_sample_too_few_is_too_few() {
+    fn a_part_one_sample_short_is_rejected() {
         assert_eq!(SolveError::require(SamplePart::Level, 8, 8), Ok(()));
         let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
         assert_eq!(SolveError::require(SamplePart::Level, 7, 8), Err(missing));

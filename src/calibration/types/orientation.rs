@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_read_back() {
+    fn orientation_names_round_trip() {
         for orientation in Orientation::all() {
             assert_eq!(Orientation::from_name(orientation.name()), Some(orientation));
         }
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_past_the_end_are_not_valid() {
+    fn orientation_numbers_from_24_on_are_invalid() {
         assert_eq!(Orientation::all().filter(|o| o.is_valid()).count(), 24);
         assert!(!Orientation(24).is_valid() && !Orientation(255).is_valid());
         assert_eq!(Orientation(255).name(), "roll90-yaw270");

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_fast_saturates_and_what_is_no_number_is_none() {
+    fn fast_rates_saturate_and_nan_rates_are_missing() {
         for fast in [40.0, f32::INFINITY] {
             let [roll, pitch, heading] = of([fast, -fast, fast]);
             assert!((roll - 2.54).abs() < 1e-4 && (pitch + 2.54).abs() < 1e-4 && (heading - 1.55).abs() < 1e-4);

@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_of_no_side_are_one_part() {
+    fn unassigned_samples_are_merged_as_one_part() {
         let [level, first, second, third] = [&[4][..], &[2, 9], &[3, 7], &[1]].map(at);
         let samples = Samples { level: &level, unassigned: [&first, &second, &third], ..Samples::default() };
         let order: Vec<_> = TimeOrdered::new(samples).map(|(part, sample)| (part, sample.time.as_ms())).collect();

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn expected_error_equals_that_of_wrong_calibrations() {
+    fn expected_error_equals_the_error_of_perturbed_calibrations() {
         for (envelope, banks_deg) in [(Envelope::Banked, &[-30.0, 0.0, 30.0][..]), (Envelope::Level, &[0.0])] {
             let beta_z = expected_of(&[(beta_index(2), 0.01), (w_index(0, 2), 0.01)], envelope);
             let mut change = Matrix3::zeros();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_have_names_and_words() {
+    fn each_deviation_part_has_a_name_and_a_text() {
         let all = Deviation::ALL.map(|part| (part.name(), part.to_string()));
         assert_eq!(all.each_ref().map(|(name, _)| *name), ["constant", "semicircular", "quadrantal", "heeling"]);
         let words = ["at all headings", "one period", "two periods", "in turns"];

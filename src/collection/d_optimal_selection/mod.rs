@@ -69,11 +69,11 @@ impl Linearisation {
 
     /// Coefficients of a trial solve, with the residuals of its quality.
     fn from_trial(calibration: &Calibration, quality: &Quality) -> Self {
-        let of_reading = quality.norm_residual / quality.inclination_residual_deg.to_radians();
+        let norm_noise_ratio = quality.norm_residual / quality.inclination_residual_deg.to_radians();
         // `min` maps NaN, if both residuals are zero, to 1.
         Self {
             calibration: *calibration,
-            sensor_noise_share: (of_reading * of_reading).min(1.0),
+            sensor_noise_share: (norm_noise_ratio * norm_noise_ratio).min(1.0),
             new_sample_factor: 0.9,
             is_from_trial: true,
         }
@@ -140,9 +140,10 @@ impl DOptimalSelection {
     /// a full evaluation.
     pub fn may_exceed_weakest(&self, sample: &Sample) -> bool {
         // Leverage after inclusion in the set.
-        let worth: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
+        let leverage_sum: f32 = self.leverages(sample).into_iter().map(|leverage| leverage / (1.0 + leverage)).sum();
         // NaN is left to the full evaluation, as is every sample without coefficients.
-        worth.is_nan() || self.linearisation.new_sample_factor * worth >= NEW_SAMPLE_THRESHOLD * self.min_leverage
+        leverage_sum.is_nan()
+            || self.linearisation.new_sample_factor * leverage_sum >= NEW_SAMPLE_THRESHOLD * self.min_leverage
     }
 
     fn leverages(&self, sample: &Sample) -> [f32; 2] {
@@ -160,9 +161,9 @@ impl DOptimalSelection {
         }
         let mut squares = InformationMatrix::zero();
         for sample in samples.all() {
-            let [strength, dip] = self.linearisation.jacobian_rows(sample);
+            let [strength, inclination_row] = self.linearisation.jacobian_rows(sample);
             // Equal weights: either the sensor or the attitude may be the more accurate.
-            squares.add_row_pair([&strength, &dip], [1.0; 2]);
+            squares.add_row_pair([&strength, &inclination_row], [1.0; 2]);
         }
         let mut information = squares.upper_triangle();
         for (i, row) in information.iter_mut().enumerate() {
@@ -170,9 +171,9 @@ impl DOptimalSelection {
         }
         self.information = LeastSquares::from_normal_equations(information, [[0.0]; _]);
         let certain = core::iter::once(self.linearisation.new_sample_factor).chain(core::iter::repeat(1.0));
-        let worth = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
-        let worths = samples.all().zip(certain).map(worth).enumerate();
-        let (place, least) = worths.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let leverage_of = |(sample, certain)| certain * self.leverages(sample).iter().sum::<f32>();
+        let leverages = samples.all().zip(certain).map(leverage_of).enumerate();
+        let (place, least) = leverages.min_by(|a, b| a.1.total_cmp(&b.1))?;
         self.min_leverage = least;
         Some(place)
     }

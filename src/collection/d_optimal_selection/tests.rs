@@ -9,19 +9,19 @@ use super::super::test_samples::sample;
 use super::*;
 use crate::frames::{Attitude, Field, Level};
 
-fn sample_at(heading_rad: f32, roll_deg: f32, pitch_deg: f32, iron: &Matrix3<f32>) -> Sample {
+fn sample_at(heading_rad: f32, roll_deg: f32, pitch_deg: f32, soft_iron: &Matrix3<f32>) -> Sample {
     let attitude = Attitude::from_deg(roll_deg, pitch_deg);
     let body = attitude.body(Field::<Level>::earth(50.0, 1.1, heading_rad)).ut;
-    let field = iron * body + Vector3::new(60.0, -45.0, 80.0);
+    let field = soft_iron * body + Vector3::new(60.0, -45.0, 80.0);
     Sample { attitude, ..sample(field.into(), 0) }
 }
 
-fn random_samples(iron: &Matrix3<f32>) -> Vec<Sample> {
+fn random_samples(soft_iron: &Matrix3<f32>) -> Vec<Sample> {
     let mut random = Random(3);
     (0..60)
         .map(|_| {
             let heading_rad = random.uniform(0.0, TAU);
-            sample_at(heading_rad, random.uniform(-20.0, 20.0), random.uniform(-20.0, 20.0), iron)
+            sample_at(heading_rad, random.uniform(-20.0, 20.0), random.uniform(-20.0, 20.0), soft_iron)
         })
         .collect()
 }
@@ -59,15 +59,15 @@ fn unique_samples_are_retained() {
 #[test]
 fn soft_iron_hardly_changes_the_selection() {
     let bent = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);
-    let kept = [Matrix3::identity(), bent].map(|iron| {
-        let mut samples: Vec<(usize, Sample)> = random_samples(&iron).into_iter().enumerate().collect();
+    let selections = [Matrix3::identity(), bent].map(|soft_iron| {
+        let mut samples: Vec<(usize, Sample)> = random_samples(&soft_iron).into_iter().enumerate().collect();
         while samples.len() > 20 {
-            let bare: Vec<Sample> = samples.iter().map(|&(_, sample)| sample).collect();
-            samples.remove(weakest_of(&bare).unwrap());
+            let plain_samples: Vec<Sample> = samples.iter().map(|&(_, sample)| sample).collect();
+            samples.remove(weakest_of(&plain_samples).unwrap());
         }
         samples.into_iter().map(|(number, _)| number).collect::<Vec<_>>()
     });
-    let both = kept[0].iter().filter(|number| kept[1].contains(number)).count();
+    let both = selections[0].iter().filter(|number| selections[1].contains(number)).count();
     // Chance would give 7.
     assert!(both >= 12, "{both} of 20");
 }
@@ -90,11 +90,11 @@ fn attitude_changes_the_leverage_and_norm_noise_does_not() {
     let stronger = |s: &Sample| Sample { field: Field::new(centre_ut + (s.field.ut - centre_ut) * 1.02), ..*s };
     let mut both: Vec<(bool, Sample)> = samples.iter().flat_map(|s| [(false, *s), (true, stronger(s))]).collect();
     while both.len() > 60 {
-        let bare: Vec<Sample> = both.iter().map(|&(_, sample)| sample).collect();
-        both.remove(weakest_of(&bare).unwrap());
+        let plain_samples: Vec<Sample> = both.iter().map(|&(_, sample)| sample).collect();
+        both.remove(weakest_of(&plain_samples).unwrap());
     }
-    let kept = both.iter().filter(|(is_stronger, _)| *is_stronger).count();
-    assert!((22..=38).contains(&kept), "{kept} of 60");
+    let stronger_count = both.iter().filter(|(is_stronger, _)| *is_stronger).count();
+    assert!((22..=38).contains(&stronger_count), "{stronger_count} of 60");
 }
 
 /// Among equivalent samples the new one is removed. 10 % more tilt raises its leverage by a fifth, within the
@@ -105,10 +105,10 @@ fn a_new_sample_must_exceed_the_margin() {
     let others =
         ring(10.0).chain(ring(-10.0)).map(|(heading, roll)| sample_at(heading, roll, 0.0, &Matrix3::identity()));
     let others: Vec<Sample> = others.collect();
-    for (roll_deg, goes) in [(10.0, true), (10.6, true), (20.0, false)] {
+    for (roll_deg, is_replaced) in [(10.0, true), (10.6, true), (20.0, false)] {
         let new = sample_at(0.05, roll_deg, 0.0, &Matrix3::identity());
         let samples: Vec<Sample> = core::iter::once(new).chain(others.iter().copied()).collect();
-        assert_eq!(weakest_of(&samples) == Some(0), goes, "{roll_deg}");
+        assert_eq!(weakest_of(&samples) == Some(0), is_replaced, "{roll_deg}");
     }
 }
 
@@ -119,16 +119,16 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
     assert!(known.may_exceed_weakest(&samples[0]));
     known.find_weakest(Samples { left: &samples, ..Samples::default() }).unwrap();
     let mut random = Random(5);
-    let mut said = [0; 2];
+    let mut decisions = [0; 2];
     for _ in 0..200 {
         let tilt_deg = random.uniform(0.0, 14.0);
         let sample = sample_at(random.uniform(0.0, TAU), tilt_deg, -tilt_deg, &Matrix3::identity());
         let all = [&[sample], &samples[..]].concat();
         let gains = weakest_of(&all) != Some(0);
-        said[usize::from(gains)] += 1;
+        decisions[usize::from(gains)] += 1;
         assert!(!gains || known.may_exceed_weakest(&sample), "{tilt_deg}");
     }
-    assert!(said.iter().all(|&times| times > 20), "{said:?}");
+    assert!(decisions.iter().all(|&times| times > 20), "{decisions:?}");
     let inside = sample_at(0.3, 0.0, 0.0, &Matrix3::identity());
     assert!(!known.may_exceed_weakest(&inside));
     assert_eq!(weakest_of(&[&[inside], &samples[..]].concat()), Some(0));
@@ -137,8 +137,8 @@ fn the_quick_test_accepts_what_the_full_evaluation_accepts() {
 }
 
 /// Coefficients of a trial solve for soft iron `iron`: its inverse, normalised to determinant 1.
-fn trial_linearisation(iron: &Matrix3<f32>, of_reading: f32) -> Linearisation {
-    let w = iron.try_inverse().unwrap();
+fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share_of_trial: f32) -> Linearisation {
+    let w = soft_iron.try_inverse().unwrap();
     let w = w / w.determinant().cbrt();
     let calibration = Calibration {
         w: core::array::from_fn(|i| core::array::from_fn(|j| w[(i, j)])),
@@ -146,7 +146,12 @@ fn trial_linearisation(iron: &Matrix3<f32>, of_reading: f32) -> Linearisation {
         inclination_rad: 1.1,
         ..Linearisation::NONE.calibration
     };
-    Linearisation { calibration, sensor_noise_share: of_reading, new_sample_factor: 0.9, is_from_trial: true }
+    Linearisation {
+        calibration,
+        sensor_noise_share: sensor_noise_share_of_trial,
+        new_sample_factor: 0.9,
+        is_from_trial: true,
+    }
 }
 
 /// Noise of 1 % of the field or 0.6 deg of attitude changes the inclination row to second order only, if the
@@ -157,7 +162,7 @@ fn noise_does_not_change_the_inclination_row() {
     const NOISE: f32 = 0.01;
     let bent = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);
     let centre_ut = Vector3::new(60.0, -45.0, 80.0);
-    let by_sphere = Linearisation::from_centre(centre_ut);
+    let from_sphere = Linearisation::from_centre(centre_ut);
     let change = |view: &Linearisation, noisy: &dyn Fn(&Sample) -> Sample| {
         random_samples(&bent)
             .iter()
@@ -168,7 +173,7 @@ fn noise_does_not_change_the_inclination_row() {
             .fold(0.0, f32::max)
     };
     for size in [NOISE, -NOISE] {
-        let of_reading = |sample: &Sample| {
+        let with_reading_noise = |sample: &Sample| {
             // Perturbation of the corrected field, across it towards the vertical.
             let body = bent.try_inverse().unwrap() * (sample.field.ut - centre_ut);
             let down = sample.attitude.tilt().down();
@@ -176,7 +181,7 @@ fn noise_does_not_change_the_inclination_row() {
             let field = Field::new(sample.field.ut + bent * towards_down * (50.0 * size));
             Sample { field, ..*sample }
         };
-        let of_attitude = |sample: &Sample| {
+        let with_attitude_noise = |sample: &Sample| {
             let body = bent.try_inverse().unwrap() * (sample.field.ut - centre_ut);
             let [by_roll, by_pitch] = FieldPrediction::new(body, &body, &sample.attitude.tilt())
                 .inclination_by_attitude(&sample.attitude.tilt());
@@ -185,10 +190,10 @@ fn noise_does_not_change_the_inclination_row() {
             Sample { attitude, ..*sample }
         };
         // First order is `NOISE`; the rows rotate with it and grow with inclination.
-        assert!(change(&trial_linearisation(&bent, 1.0), &of_reading) < 0.1 * NOISE);
-        assert!(change(&trial_linearisation(&bent, 0.0), &of_attitude) < 0.1 * NOISE);
-        assert!(change(&trial_linearisation(&bent, 0.0), &of_reading) > 0.5 * NOISE);
-        assert!(change(&by_sphere, &of_attitude) > 0.1 * NOISE);
+        assert!(change(&trial_linearisation(&bent, 1.0), &with_reading_noise) < 0.1 * NOISE);
+        assert!(change(&trial_linearisation(&bent, 0.0), &with_attitude_noise) < 0.1 * NOISE);
+        assert!(change(&trial_linearisation(&bent, 0.0), &with_reading_noise) > 0.5 * NOISE);
+        assert!(change(&from_sphere, &with_attitude_noise) > 0.1 * NOISE);
     }
 }
 

@@ -69,9 +69,9 @@ impl<'a> Dataset<'a> {
         level: &'a mut PartMemory<LEVEL_FIT_CAPACITY, LEVEL_HELD_BACK_CAPACITY>,
         words: DatasetWords,
     ) -> Self {
-        let [of_left @ .., right_lengths, right_counts, level_lengths, level_counts, apart] = words;
+        let [left_words @ .., right_lengths, right_counts, level_lengths, level_counts, apart] = words;
         Self {
-            left: PartSamples::new(&mut left.fit, &mut left.held_back, of_left),
+            left: PartSamples::new(&mut left.fit, &mut left.held_back, left_words),
             right: PartSamples::new(&mut right.fit, &mut right.held_back, [right_lengths, right_counts]),
             level: PartSamples::new(&mut level.fit, &mut level.held_back, [level_lengths, level_counts]),
             min_distance_ut: f32::from_bits(apart),
@@ -135,7 +135,7 @@ impl<'a> Dataset<'a> {
     fn replace_weakest(&mut self, sample: Sample) {
         // The left-turn part counts free-flight samples for the hold-back cycle.
         let purpose = self.left.assign_use(&PartConfig::TURNS, &sample);
-        if self.buffers(purpose).into_iter().any(|piece| piece.push(sample)) {
+        if self.buffers(purpose).into_iter().any(|buffer| buffer.push(sample)) {
             self.right.count_sample();
             return;
         }
@@ -149,14 +149,14 @@ impl<'a> Dataset<'a> {
         };
         let lengths = any.map(<[_]>::len);
         let samples = Samples { left: core::slice::from_ref(&sample), unassigned: any, ..Samples::default() };
-        let mut of_verification = known.for_other_set();
-        let known = if purpose == SampleUse::Fit { known } else { &mut of_verification };
+        let mut verification_terms = known.for_other_set();
+        let known = if purpose == SampleUse::Fit { known } else { &mut verification_terms };
         let weakest = known.find_weakest(samples);
         let Some(mut place) = weakest.and_then(|place| place.checked_sub(1)) else { return };
         self.right.count_sample();
-        for (piece, length) in self.buffers(purpose).into_iter().zip(lengths) {
+        for (buffer, length) in self.buffers(purpose).into_iter().zip(lengths) {
             if place < length {
-                return piece.remove_and_push(place, sample);
+                return buffer.remove_and_push(place, sample);
             }
             place -= length;
         }
@@ -169,9 +169,9 @@ impl<'a> Dataset<'a> {
     /// Whether a sample is finite and differs from the last stored one. A parked aircraft adds no information, and may
     /// be near the iron of a hangar.
     fn is_new_measurement(&self, sample: &Sample) -> bool {
-        let kept =
+        let buffers_with_sample =
             [self.free_flight_fit(), self.free_flight_held_back()].into_iter().flat_map(|samples| samples.unassigned);
-        let last = kept.filter_map(<[_]>::last).min_by_key(|last| sample.time.ms_since(last.time));
+        let last = buffers_with_sample.filter_map(<[_]>::last).min_by_key(|last| sample.time.ms_since(last.time));
         let Attitude { roll_rad, pitch_rad } = sample.attitude;
         let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|c| c.is_finite());
         is_measurement && last.is_none_or(|last| is_distinct(last, sample))

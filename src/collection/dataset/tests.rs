@@ -25,7 +25,7 @@ fn coverage(samples: impl Iterator<Item = Sample>) -> Coverage {
 }
 
 #[test]
-fn three_circles_fill_a_side_in_spite_of_the_hard_iron() {
+fn three_circles_complete_a_side_in_spite_of_hard_iron() {
     // 28 s per circle. Half a circle is 6 of 12 sectors, plus a partial one at each end.
     let half = coverage(turn_samples(25.0, 0, 14, 13.0));
     assert!((6..=8).contains(&half.sectors), "{half:?}");
@@ -57,7 +57,7 @@ fn a_constant_heading_gives_no_coverage() {
 }
 
 #[test]
-fn a_full_buffer_makes_room_for_headings_it_lacks() {
+fn a_full_buffer_stores_samples_of_missing_headings() {
     // Ten minutes back and forth over a third of the circle, then one full circle.
     let third = (0..12).flat_map(|i| turn_samples(25.0, i * 50, i * 50 + 9, 13.0));
     let later = turn_samples(25.0, 700, 728, 13.0);
@@ -69,7 +69,7 @@ fn a_full_buffer_makes_room_for_headings_it_lacks() {
 }
 
 #[test]
-fn held_back_samples_are_apart_from_those_of_the_fit_and_as_well_spread() {
+fn held_back_samples_differ_from_the_fit_and_cover_every_sector() {
     let dataset = collect(turn_samples(25.0, 0, 120, 13.0));
     let (fit, held) = (dataset.fit().right, dataset.held_back().right);
     assert!(held.iter().all(|h| fit.iter().all(|f| f.time != h.time)));
@@ -80,7 +80,7 @@ fn held_back_samples_are_apart_from_those_of_the_fit_and_as_well_spread() {
 }
 
 #[test]
-fn a_complete_part_has_the_held_back_samples_it_promises() {
+fn a_complete_level_part_has_15_held_back_samples() {
     assert_eq!(MIN_HELD_BACK_WHEN_COMPLETE, 15, "a third of the 48 of level flight, less the last one");
     let mut dataset = empty_dataset();
     for sample in turn_samples(0.0, 0, 84, 13.0).take_while(|s| s.time.as_ms() < 84_000) {
@@ -129,7 +129,7 @@ fn stored_on_line(dataset: &mut Dataset, number: u32, step_ut: f32) -> usize {
 }
 
 #[test]
-fn samples_of_all_attitudes_are_five_microtesla_apart() {
+fn tumbled_samples_are_at_least_5_ut_apart() {
     let mut dataset = empty_dataset();
     assert_eq!(stored_on_line(&mut dataset, 20, 5.1), 20);
     assert_eq!(stored_on_line(&mut dataset, 20, 5.0), 20, "at the very distance");
@@ -140,7 +140,7 @@ fn samples_of_all_attitudes_are_five_microtesla_apart() {
 
 /// The 253rd sample exceeds both buffers: the distance grows from 5 to 6.5 uT and thins steps of 5.1 uT.
 #[test]
-fn a_full_buffer_of_all_attitudes_is_thinned_and_forgetting_brings_the_distance_back() {
+fn a_full_tumble_buffer_is_thinned_and_clearing_resets_the_distance() {
     let mut dataset = empty_dataset();
     let both = FIT_CAPACITY + HELD_BACK_CAPACITY;
     assert_eq!(stored_on_line(&mut dataset, both as u32, 5.1), both);
@@ -152,23 +152,23 @@ fn a_full_buffer_of_all_attitudes_is_thinned_and_forgetting_brings_the_distance_
         (expected_after_thinning() + 1, HELD_BACK_CAPACITY)
     );
     // The new distance applies to both buffers until the dataset is cleared.
-    let kept = dataset.fit().left.len();
+    let stored_count = dataset.fit().left.len();
     let last_ut = dataset.fit().left.last().unwrap().field.ut.x;
     dataset.push_tumbled(sample([last_ut + 6.4, 0.0, 0.0], 1_000_000));
-    assert_eq!(dataset.fit().left.len(), kept);
+    assert_eq!(dataset.fit().left.len(), stored_count);
     dataset.push_tumbled(sample([last_ut + 6.6, 0.0, 0.0], 1_000_000));
-    assert_eq!(dataset.fit().left.len(), kept + 1);
+    assert_eq!(dataset.fit().left.len(), stored_count + 1);
     assert_eq!(stored_on_line(&mut dataset, 20, 5.1), 20);
 }
 
 fn expected_after_thinning() -> usize {
     let is_held_back = |i: usize| i % 4 == 3 && i / 4 < HELD_BACK_CAPACITY;
     let fit = (0..FIT_CAPACITY + HELD_BACK_CAPACITY).filter(|i| !is_held_back(*i)).map(|i| i as f64 * 5.1);
-    fit.fold((0, f64::NEG_INFINITY), |(kept, last), x| if x - last >= 6.5 { (kept + 1, x) } else { (kept, last) }).0
+    fit.fold((0, f64::NEG_INFINITY), |(count, last), x| if x - last >= 6.5 { (count + 1, x) } else { (count, last) }).0
 }
 
 #[test]
-fn samples_of_all_attitudes_are_counted_against_sixty_six() {
+fn a_tumble_is_complete_at_66_fit_samples() {
     let mut dataset = empty_dataset();
     for (number, percent) in [(44, 50), (86, 98), (87, 100), (200, 100)] {
         // Three of four are for the fit: 33, 65, 66, 150.
@@ -255,8 +255,8 @@ fn informative_samples_replace_uninformative_ones() {
         let banked = samples.unassigned.into_iter().flatten().filter(|s| s.attitude.roll_rad.abs() > 0.3).count();
         assert_eq!(free_flight_times(samples).len(), capacity);
         // Of 400 banked samples, one in four is held back.
-        let flown = if capacity == ALL_FIT { 300 } else { 100 };
-        assert!(banked * 10 >= flown * 8 || banked * 10 >= capacity * 7, "{banked} of {flown}");
+        let samples_offered = if capacity == ALL_FIT { 300 } else { 100 };
+        assert!(banked * 10 >= samples_offered * 8 || banked * 10 >= capacity * 7, "{banked} of {samples_offered}");
         for piece in samples.unassigned {
             assert!(piece.is_sorted_by_key(|sample| sample.time.as_ms()));
         }

@@ -199,9 +199,9 @@ impl FlightStatistics {
             (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
             (true, true) => {}
         }
-        [(Side::Left, progress.left), (Side::Right, progress.right)].into_iter().find_map(|(side, kept)| {
-            let is_arc = kept.samples >= arc_samples && kept.sectors <= arc_sectors;
-            is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: kept.sectors })
+        [(Side::Left, progress.left), (Side::Right, progress.right)].into_iter().find_map(|(side, side_progress)| {
+            let is_arc = side_progress.samples >= arc_samples && side_progress.sectors <= arc_sectors;
+            is_arc.then_some(CollectionProblem::ArcOnly { side, sectors: side_progress.sectors })
         })
     }
 }

@@ -22,20 +22,20 @@ fn stored_at_interval(spacing_ms: u32, number: u32) -> usize {
 }
 
 #[test]
-fn samples_are_taken_every_four_tenths_of_a_second() {
+fn turn_samples_are_stored_at_most_every_0_4_s() {
     assert_eq!(stored_at_interval(400, 40), 40);
     assert_eq!(stored_at_interval(399, 40), 20, "every other one");
     assert_eq!(stored_at_interval(100, 40), 10, "every fourth one");
 }
 
 #[test]
-fn tumbled_samples_are_taken_every_four_tenths_of_a_second() {
-    for (spacing_ms, kept) in [(400, 20), (399, 10)] {
+fn tumbled_samples_are_stored_at_most_every_0_4_s() {
+    for (spacing_ms, expected) in [(400, 20), (399, 10)] {
         let mut part = empty_part(100, 100);
         for i in 0..20 {
             part.push_by_distance(&PartConfig::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * spacing_ms));
         }
-        assert_eq!(part.fit().len() + part.held_back().len(), kept);
+        assert_eq!(part.fit().len() + part.held_back().len(), expected);
     }
 }
 
@@ -76,7 +76,7 @@ fn sector_from_time(sample: &Sample) -> usize {
 }
 
 #[test]
-fn a_full_buffer_gives_up_the_oldest_of_the_most_crowded_sector() {
+fn a_full_buffer_replaces_the_oldest_sample_of_the_fullest_sector() {
     let mut samples = crowded_buffer();
     insert_balanced(&mut samples, sample([0.0; 3], 1100), sector_from_time);
     assert_eq!(times(&samples), [100, 302, 500, 303, 700, 1100]);
@@ -85,7 +85,7 @@ fn a_full_buffer_gives_up_the_oldest_of_the_most_crowded_sector() {
 }
 
 #[test]
-fn a_full_buffer_takes_no_more_of_its_most_crowded_sector() {
+fn a_full_buffer_rejects_samples_of_its_fullest_sector() {
     let mut samples = crowded_buffer();
     insert_balanced(&mut samples, sample([0.0; 3], 399), sector_from_time);
     assert_eq!(samples.as_slice(), crowded_buffer().as_slice());
@@ -102,7 +102,7 @@ fn a_buffer_with_room_accepts_all() {
 
 /// 8 samples in each of 12 sectors and 132 in all.
 #[test]
-fn a_turn_is_complete_with_every_sector_filled_and_enough_in_all() {
+fn a_turn_is_complete_with_8_samples_per_sector_and_132_in_all() {
     let turns = |counts: &[u16; SECTORS], samples| percent_of_turn(&PartConfig::TURNS, counts, samples);
     let mut counts = [8; SECTORS];
     assert_eq!(turns(&counts, 132), 100);
@@ -138,7 +138,7 @@ fn circle_coverage(radius_ut: f32, fit: u16) -> Coverage {
 }
 
 #[test]
-fn headings_are_resolved_on_a_circle_of_four_microtesla_with_ten_samples() {
+fn sectors_need_a_circle_of_4_ut_and_ten_samples() {
     let sectors = |coverage: Coverage| (coverage.sectors > 0, coverage.percent > 0);
     assert_eq!(sectors(circle_coverage(4.1, 60)), (true, true));
     assert_eq!(sectors(circle_coverage(3.9, 60)), (false, false));
@@ -153,8 +153,8 @@ fn headings_are_resolved_on_a_circle_of_four_microtesla_with_ten_samples() {
 }
 
 #[test]
-fn the_circle_is_that_of_both_buffers() {
-    let offer = |hold_back_every: u16| {
+fn the_circle_is_fitted_to_fit_and_held_back_samples() {
+    let fill = |hold_back_every: u16| {
         let config = PartConfig { hold_back_cycle: hold_back_every, ..PartConfig::TURNS };
         let mut part = empty_part(12, 12);
         for i in 0..36_u32 {
@@ -163,7 +163,7 @@ fn the_circle_is_that_of_both_buffers() {
         }
         part
     };
-    let (all_fit, all_held_back) = (offer(1000), offer(1));
+    let (all_fit, all_held_back) = (fill(1000), fill(1));
     assert!(all_fit.coverage().sectors >= 11, "{:?}", all_fit.coverage());
     for samples in [all_fit.fit(), all_held_back.held_back()] {
         assert_eq!(samples.len(), 12);
@@ -186,7 +186,7 @@ fn sectors_with_a_sample_are_counted() {
 }
 
 #[test]
-fn complete_is_a_hundred_percent() {
+fn a_part_is_complete_at_100_percent() {
     assert!(Coverage { percent: 100, ..Coverage::NONE }.is_complete());
     assert!(!Coverage { percent: 99, ..Coverage::NONE }.is_complete());
 }
@@ -209,14 +209,14 @@ fn a_complete_part_stays_complete() {
 }
 
 #[test]
-fn thinning_leaves_the_first_of_each_crowd() {
+fn thinning_keeps_the_first_of_close_samples() {
     let mut samples = buffer(8, [0.0, 1.0, 2.0, 3.0, 2.5, 10.0].map(|x| sample([x, 0.0, 0.0], 0)));
     remove_close_samples(&mut samples, 2.0);
     assert_eq!(samples.as_slice().iter().map(|s| s.field.ut.x).collect::<Vec<_>>(), [0.0, 2.0, 10.0]);
 }
 
 #[test]
-fn a_full_held_back_buffer_of_all_attitudes_leaves_the_sample_to_the_fit() {
+fn a_full_held_back_buffer_passes_tumbled_samples_to_the_fit() {
     let mut part = empty_part(12, 1);
     for i in 0..8 {
         part.push_by_distance(&PartConfig::TURNS, &mut 5.0, sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
@@ -225,7 +225,7 @@ fn a_full_held_back_buffer_of_all_attitudes_leaves_the_sample_to_the_fit() {
 }
 
 #[test]
-fn a_part_can_be_filled_by_what_its_buffer_holds() {
+fn buffer_capacity_must_suffice_for_a_complete_part() {
     let config = PartConfig { target: 48, sector_samples: 4, min_samples: 10, ..PartConfig::TURNS };
     assert!(config.fits_capacity(48) && !config.fits_capacity(47), "either target");
     assert!(!PartConfig { target: 49, ..config }.fits_capacity(48));

@@ -14,8 +14,8 @@ fn flight() -> impl Iterator<Item = Sample> {
     legs.into_iter().flat_map(|(roll_deg, from_s, to_s, rate)| turn_samples(roll_deg, from_s, to_s, rate))
 }
 
-fn collect(kept: &mut RetainedSamples, procedure: Procedure, samples: impl Iterator<Item = Sample>) {
-    let mut collector = Collector::new(kept);
+fn collect(retained: &mut RetainedSamples, procedure: Procedure, samples: impl Iterator<Item = Sample>) {
+    let mut collector = Collector::new(retained);
     collector.begin(procedure);
     for sample in samples {
         collector.push(sample);
@@ -49,8 +49,8 @@ fn observable_state(
 #[test]
 fn samples_survive_a_restart() {
     for procedure in Procedure::ALL {
-        let kept = empty_memory();
-        collect(kept, procedure, flight());
+        let retained = empty_memory();
+        collect(retained, procedure, flight());
         let mut uninterrupted = empty_memory().clone();
         let mut before = Collector::new(&mut uninterrupted);
         before.begin(procedure);
@@ -58,7 +58,7 @@ fn samples_survive_a_restart() {
         if procedure == Procedure::Swing {
             before.add_mark(Mark { sample: circle_sample(30.0), heading_rad: 0.5 });
         }
-        let after = Collector::new(kept);
+        let after = Collector::new(retained);
         let ((progress, fit, held_back, ..), then) = (observable_state(&after), observable_state(&before));
         assert_eq!(
             (after.restored_context(), after.state()),
@@ -80,9 +80,9 @@ fn samples_survive_a_restart() {
 fn a_collection_continues_after_a_restart() {
     let samples: Vec<Sample> = turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 180, 13.0)).collect();
     for cut in (50..samples.len()).step_by(97) {
-        let kept = empty_memory();
-        collect(kept, Procedure::Turns, samples[..cut].iter().copied());
-        let mut collector = Collector::new(kept);
+        let retained = empty_memory();
+        collect(retained, Procedure::Turns, samples[..cut].iter().copied());
+        let mut collector = Collector::new(retained);
         let anew = samples[cut].time;
         for &sample in &samples[cut..] {
             let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
@@ -99,22 +99,22 @@ fn a_collection_continues_after_a_restart() {
 
 #[test]
 fn state_and_context_are_stored() {
-    let kept = empty_memory();
-    collect(kept, Procedure::Flight, flight());
-    let mut collector = Collector::new(kept);
-    let by_itself = CollectionContext { is_automatic: true, calibration_serial: 8 };
-    collector.save(by_itself);
-    let mut collector = Collector::new(kept);
-    assert_eq!((collector.restored_context(), collector.state()), (Some(by_itself), CollectionState::Running));
+    let retained = empty_memory();
+    collect(retained, Procedure::Flight, flight());
+    let mut collector = Collector::new(retained);
+    let automatic = CollectionContext { is_automatic: true, calibration_serial: 8 };
+    collector.save(automatic);
+    let mut collector = Collector::new(retained);
+    assert_eq!((collector.restored_context(), collector.state()), (Some(automatic), CollectionState::Running));
     collector.set_state(CollectionState::Stopped);
     collector.save(MANUAL);
-    let mut collector = Collector::new(kept);
+    let mut collector = Collector::new(retained);
     assert_eq!((collector.restored_context(), collector.state()), (Some(MANUAL), CollectionState::Stopped));
     assert!(collector.is_loss_reportable() && collector.fit().all().next().is_some());
     collector.set_state(CollectionState::Inactive);
     collector.save(MANUAL);
     assert!(collector.fit().all().next().is_some(), "they stay for another solve");
-    let collector = Collector::new(kept);
+    let collector = Collector::new(retained);
     assert_eq!(
         (collector.restored_context(), collector.state()),
         (Some(CollectionContext::default()), CollectionState::Inactive)
@@ -125,8 +125,8 @@ fn state_and_context_are_stored() {
 /// Threshold: ten fit samples.
 #[test]
 fn losing_few_samples_is_not_reported() {
-    let kept = empty_memory();
-    let mut collector = Collector::new(kept);
+    let retained = empty_memory();
+    let mut collector = Collector::new(retained);
     collector.begin(Procedure::Tumble);
     for i in 0..14_u32 {
         collector.push(sample([i as f32 * 10.0, 0.0, 0.0], i * 400));
@@ -135,9 +135,9 @@ fn losing_few_samples_is_not_reported() {
     }
 }
 
-fn memory_words(kept: &RetainedSamples) -> Vec<u32> {
+fn memory_words(retained: &RetainedSamples) -> Vec<u32> {
     let mut words = Vec::new();
-    kept.clone().transform_words(|word| {
+    retained.clone().transform_words(|word| {
         words.push(word);
         word
     });
@@ -145,9 +145,9 @@ fn memory_words(kept: &RetainedSamples) -> Vec<u32> {
 }
 
 fn memory_from_words(words: &[u32]) -> RetainedSamples {
-    let (mut kept, mut next) = (RetainedSamples::EMPTY, words.iter());
-    kept.transform_words(|_| *next.next().expect("as many"));
-    kept
+    let (mut retained, mut next) = (RetainedSamples::EMPTY, words.iter());
+    retained.transform_words(|_| *next.next().expect("as many"));
+    retained
 }
 
 /// A reset during a change writes any subset of the changed words. Memory is then valid with the old or the new
@@ -155,23 +155,23 @@ fn memory_from_words(words: &[u32]) -> RetainedSamples {
 #[test]
 fn an_interrupted_change_is_atomic() {
     let mut random = Random(1);
-    let found = |kept: &RetainedSamples| {
-        let mut kept = kept.clone();
-        let collector = Collector::new(&mut kept);
+    let found = |retained: &RetainedSamples| {
+        let mut retained = retained.clone();
+        let collector = Collector::new(&mut retained);
         collector.restored_context().map(|_| (copy_all(collector.fit()), copy_all(collector.held_back())))
     };
-    let kept = empty_memory();
+    let retained = empty_memory();
     let mut before: Option<RetainedSamples> = None;
     let [mut whole, mut nothing] = [0; 2];
-    let mut flown: Vec<Sample> = Vec::new();
+    let mut offered: Vec<Sample> = Vec::new();
     for (i, sample) in flight().chain(flight()).enumerate() {
-        flown.push(Sample { time: WrappingMillis::new(i as u32 * 100), ..sample });
+        offered.push(Sample { time: WrappingMillis::new(i as u32 * 100), ..sample });
         if i % 61 < 59 {
             continue;
         }
-        *kept = RetainedSamples::EMPTY;
-        collect(kept, Procedure::Flight, flown.iter().copied());
-        let now = kept.clone();
+        *retained = RetainedSamples::EMPTY;
+        collect(retained, Procedure::Flight, offered.iter().copied());
+        let now = retained.clone();
         if let Some(before) = before.filter(|_| i % 61 == 60) {
             let (old, new) = (memory_words(&before), memory_words(&now));
             let changed: Vec<usize> = (0..old.len()).filter(|&at| old[at] != new[at]).collect();
@@ -196,10 +196,10 @@ fn an_interrupted_change_is_atomic() {
 /// Except in unused memory.
 #[test]
 fn a_flipped_bit_invalidates_the_memory() {
-    let kept = empty_memory();
-    collect(kept, Procedure::Turns, flight());
-    let good = memory_words(kept);
-    let mut collector = Collector::new(kept);
+    let retained = empty_memory();
+    collect(retained, Procedure::Turns, flight());
+    let good = memory_words(retained);
+    let mut collector = Collector::new(retained);
     let then = observable_state(&collector);
     collector.reset_restart_count();
     let mut random = Random(2);
@@ -233,9 +233,9 @@ fn a_flipped_bit_invalidates_the_memory() {
 #[test]
 fn random_memory_is_rejected_and_usable() {
     for (seed, mask) in (0..400).zip([u32::MAX, 0x1F_001F, 0xFF, 0].into_iter().cycle()) {
-        let (mut random, kept) = (Random(seed), empty_memory());
-        kept.transform_words(|_| random.bits() as u32 & mask);
-        let mut collector = Collector::new(kept);
+        let (mut random, retained) = (Random(seed), empty_memory());
+        retained.transform_words(|_| random.bits() as u32 & mask);
+        let mut collector = Collector::new(retained);
         assert_eq!((collector.restored_context(), collector.state()), (None, CollectionState::Inactive));
         assert_eq!(collector.progress(), CollectionProgress::default());
         collector.begin(Procedure::Flight);
@@ -246,15 +246,16 @@ fn random_memory_is_rejected_and_usable() {
 
 #[test]
 fn memory_of_other_firmware_is_rejected() {
-    let kept = empty_memory();
-    collect(kept, Procedure::Turns, flight());
-    let seal = |kept: &mut RetainedSamples, firmware: u32| {
-        let mut copy = kept.clone();
+    let retained = empty_memory();
+    collect(retained, Procedure::Turns, flight());
+    let seal = |retained: &mut RetainedSamples, firmware: u32| {
+        let mut copy = retained.clone();
         let collector = Collector::new(&mut copy);
-        kept.header.checksum = compute_checksum(firmware, &kept.header.words, collector.dataset.all_buffers(), &[]);
+        retained.header.checksum =
+            compute_checksum(firmware, &retained.header.words, collector.dataset.all_buffers(), &[]);
     };
-    seal(kept, FIRMWARE_SEED ^ 1);
-    assert_eq!(Collector::new(&mut kept.clone()).restored_context(), None);
+    seal(retained, FIRMWARE_SEED ^ 1);
+    assert_eq!(Collector::new(&mut retained.clone()).restored_context(), None);
     let mut same = empty_memory().clone();
     collect(&mut same, Procedure::Turns, flight());
     seal(&mut same, FIRMWARE_SEED);
@@ -264,34 +265,34 @@ fn memory_of_other_firmware_is_rejected() {
 /// Discarded at the fourth unexpected restart; a requested restart or a completed solve resets the count.
 #[test]
 fn a_collection_is_discarded_after_repeated_restarts() {
-    let kept = empty_memory();
-    collect(kept, Procedure::Turns, flight());
+    let retained = empty_memory();
+    collect(retained, Procedure::Turns, flight());
     for _ in 0..3 {
-        Collector::new(kept).reset_restart_count();
-        assert_eq!(Collector::new(kept).restored_context(), Some(MANUAL));
+        Collector::new(retained).reset_restart_count();
+        assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL));
     }
     for found in [Some(MANUAL), Some(MANUAL), None, Some(CollectionContext::default())] {
-        assert_eq!(Collector::new(kept).restored_context(), found);
+        assert_eq!(Collector::new(retained).restored_context(), found);
     }
-    collect(kept, Procedure::Turns, flight());
-    assert_eq!(Collector::new(kept).restored_context(), Some(MANUAL), "another begins anew");
+    collect(retained, Procedure::Turns, flight());
+    assert_eq!(Collector::new(retained).restored_context(), Some(MANUAL), "another begins anew");
 }
 
 /// Only checksum and restart count change.
 #[test]
-fn an_unused_sample_does_not_change_the_memory() {
-    let kept = empty_memory();
-    collect(kept, Procedure::Turns, flight());
-    let mut collector = Collector::new(kept);
+fn a_sample_that_is_not_stored_does_not_change_the_memory() {
+    let retained = empty_memory();
+    collect(retained, Procedure::Turns, flight());
+    let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     collector.push(banked_sample(8.0, 0.0, 1000));
     collector.save(MANUAL);
-    let before = memory_words(kept);
-    let mut collector = Collector::new(kept);
+    let before = memory_words(retained);
+    let mut collector = Collector::new(retained);
     collector.reset_restart_count();
     for i in 0..10 {
         collector.push(banked_sample(8.0, 0.0, 2000 + i * 100));
         collector.save(MANUAL);
     }
-    assert_eq!(memory_words(kept)[2..], before[2..], "neither level nor turned");
+    assert_eq!(memory_words(retained)[2..], before[2..], "neither level nor turned");
 }

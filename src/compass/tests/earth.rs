@@ -19,18 +19,18 @@ fn naples() -> Position {
 }
 
 impl TestBed {
-    fn is_at(&mut self, place: Position) {
+    fn set_place(&mut self, place: Position) {
         assert!(matches!(self.compass.step(Event::Position(place)), Effect::None));
         assert!(matches!(self.compass.step(Event::Date(today())), Effect::None));
     }
 
-    fn in_force(&self) -> (Option<f32>, Option<f32>) {
+    fn active_field(&self) -> (Option<f32>, Option<f32>) {
         let Settings { declination_deg, inclination_deg, .. } = self.compass.effective_settings();
         (declination_deg, inclination_deg)
     }
 
     /// Estimated inclination after few turns, degrees.
-    fn found_deg(&mut self) -> f32 {
+    fn solved_inclination_deg(&mut self) -> f32 {
         self.calibrate(&few_turns(&airframe(), 1)).unwrap();
         self.compass.active_record().unwrap().calibration.inclination_rad.to_degrees()
     }
@@ -38,42 +38,42 @@ impl TestBed {
 
 /// Each setting overrides the model, and only settings are saved.
 #[test]
-fn what_was_entered_wins_over_the_model() {
-    let mut bed = TestBed::new();
-    assert_eq!((bed.in_force(), bed.compass.model_field_strength_ut()), ((None, None), None));
-    bed.is_at(dresden());
+fn configured_declination_and_inclination_override_the_model() {
+    let mut bench = TestBed::new();
+    assert_eq!((bench.active_field(), bench.compass.model_field_strength_ut()), ((None, None), None));
+    bench.set_place(dresden());
     let field = EarthField::from_model(dresden(), today()).unwrap();
     let (declination_deg, inclination_deg) = (field.declination_deg, Some(field.inclination_deg));
     assert!(declination_deg.is_some());
     assert_eq!(
-        (bed.in_force(), bed.compass.model_field_strength_ut()),
+        (bench.active_field(), bench.compass.model_field_strength_ut()),
         ((declination_deg, inclination_deg), Some(field.total_ut))
     );
-    assert_eq!(bed.compass.settings(), &Settings::DEFAULT);
-    let report = bed.report();
+    assert_eq!(bench.compass.settings(), &Settings::DEFAULT);
+    let report = bench.report();
     assert_eq!((report.settings, report.local_field.field()), (Settings::DEFAULT, Some(&field)));
-    bed.saved(Command::Set(SettingChange::Declination(Some(-3.5)))).unwrap();
-    assert_eq!(bed.in_force(), (Some(-3.5), inclination_deg));
-    bed.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
-    assert_eq!(bed.in_force(), (Some(-3.5), Some(60.0)));
-    bed.saved(Command::Set(SettingChange::Declination(None))).unwrap();
-    assert_eq!(bed.in_force(), (declination_deg, Some(60.0)));
-    assert!(matches!(bed.command(Command::Set(SettingChange::StreamOn(false))), Effect::Save));
+    bench.saved(Command::Set(SettingChange::Declination(Some(-3.5)))).unwrap();
+    assert_eq!(bench.active_field(), (Some(-3.5), inclination_deg));
+    bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
+    assert_eq!(bench.active_field(), (Some(-3.5), Some(60.0)));
+    bench.saved(Command::Set(SettingChange::Declination(None))).unwrap();
+    assert_eq!(bench.active_field(), (declination_deg, Some(60.0)));
+    assert!(matches!(bench.command(Command::Set(SettingChange::StreamOn(false))), Effect::Save));
     let written = Settings { inclination_deg: Some(60.0), stream_on: false, ..Settings::DEFAULT };
-    assert!(matches!(bed.compass.to_save(), Some(StoreChange::Settings(settings)) if *settings == written));
+    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Settings(settings)) if *settings == written));
 }
 
 /// A model error of 2 deg shifts the estimate like a configured value.
 #[test]
 fn the_model_s_inclination_reaches_the_solver() {
-    let without_deg = TestBed::new().found_deg();
-    let mut bed = TestBed::new();
-    bed.is_at(naples());
-    let with_deg = bed.found_deg();
+    let without_deg = TestBed::new().solved_inclination_deg();
+    let mut bench = TestBed::new();
+    bench.set_place(naples());
+    let with_deg = bench.solved_inclination_deg();
     assert!(with_deg > without_deg + 0.008, "{with_deg} {without_deg}");
-    let mut bed = TestBed::new();
-    bed.saved(Command::Set(SettingChange::Inclination(model_deg(naples())))).unwrap();
-    assert!((bed.found_deg() - with_deg).abs() < 1e-4);
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Inclination(model_deg(naples())))).unwrap();
+    assert!((bench.solved_inclination_deg() - with_deg).abs() < 1e-4);
 }
 
 fn model_deg(place: Position) -> Option<f32> {
@@ -81,16 +81,16 @@ fn model_deg(place: Position) -> Option<f32> {
 }
 
 #[test]
-fn a_model_that_the_samples_contradict_is_left_out() {
+fn a_model_inclination_contradicted_by_the_samples_is_ignored() {
     let mut without = TestBed::new();
-    without.found_deg();
-    let mut bed = TestBed::new();
-    bed.is_at(dresden());
-    bed.found_deg();
-    assert_eq!(bed.compass.active_record(), without.compass.active_record());
-    let mut bed = TestBed::new();
-    bed.saved(Command::Set(SettingChange::Inclination(model_deg(dresden())))).unwrap();
-    let refused = bed.calibrate(&few_turns(&airframe(), 1));
+    without.solved_inclination_deg();
+    let mut bench = TestBed::new();
+    bench.set_place(dresden());
+    bench.solved_inclination_deg();
+    assert_eq!(bench.compass.active_record(), without.compass.active_record());
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Inclination(model_deg(dresden())))).unwrap();
+    let refused = bench.calibrate(&few_turns(&airframe(), 1));
     assert!(
         matches!(refused, Err(Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 }))),
         "{refused:?}"
@@ -98,19 +98,22 @@ fn a_model_that_the_samples_contradict_is_left_out() {
 }
 
 #[test]
-fn who_tumbles_at_a_known_place_knows_the_inclination() {
+fn a_tumble_at_a_known_position_uses_the_model_s_inclination() {
     for (place, knows) in [(None, false), (Some(dresden()), true)] {
-        let mut bed = TestBed::new();
+        let mut bench = TestBed::new();
         if let Some(place) = place {
-            bed.is_at(place);
+            bench.set_place(place);
         }
-        bed.done(Command::CalStart(Procedure::Tumble));
-        bed.tumble();
-        bed.done(Command::CalSolve(None));
-        let end = bed.solve();
-        bed.settle(end).unwrap();
-        assert_eq!(bed.compass.correction().has_valid_inclination, knows);
-        let found_deg = bed.compass.active_record().unwrap().calibration.inclination_rad.to_degrees();
-        assert!((found_deg - place.and_then(model_deg).unwrap_or(0.0)).abs() < 0.1, "{found_deg}");
+        bench.done(Command::CalStart(Procedure::Tumble));
+        bench.tumble();
+        bench.done(Command::CalSolve(None));
+        let end = bench.solve();
+        bench.settle(end).unwrap();
+        assert_eq!(bench.compass.correction().has_valid_inclination, knows);
+        let solved_inclination_deg = bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees();
+        assert!(
+            (solved_inclination_deg - place.and_then(model_deg).unwrap_or(0.0)).abs() < 0.1,
+            "{solved_inclination_deg}"
+        );
     }
 }

@@ -11,26 +11,30 @@ fn hover(seed: u64) -> Vec<Sample> {
 }
 
 impl TestBed {
-    fn wanting(accuracy_deg: f32) -> Self {
-        let mut bed = Self::new();
-        bed.saved(Command::Set(SettingChange::Accuracy(accuracy_deg))).unwrap();
-        bed.done(Command::CalStart(Procedure::Flight));
-        bed
+    fn with_accuracy(accuracy_deg: f32) -> Self {
+        let mut bench = Self::new();
+        bench.saved(Command::Set(SettingChange::Accuracy(accuracy_deg))).unwrap();
+        bench.done(Command::CalStart(Procedure::Flight));
+        bench
     }
 
     /// Processes samples and trial solves; returns the outcome and the number of samples at the end.
     fn hover(&mut self, samples: &[Sample]) -> Option<(SolveOutcome, usize)> {
-        self.hover_and_see(samples, &mut |_| ())
+        self.hover_with_trials(samples, &mut |_| ())
     }
 
     /// With a callback after each trial.
-    fn hover_and_see(&mut self, samples: &[Sample], see: &mut dyn FnMut(TrialResult)) -> Option<(SolveOutcome, usize)> {
+    fn hover_with_trials(
+        &mut self,
+        samples: &[Sample],
+        on_trial: &mut dyn FnMut(TrialResult),
+    ) -> Option<(SolveOutcome, usize)> {
         let began = self.now;
         for (number, sample) in samples.iter().enumerate() {
             self.now = began.wrapping_add(250 * number as u32);
             let sample = Sample { time: self.time(), ..*sample };
             assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
-            let tries = self.compass.is_busy();
+            let is_trial_running = self.compass.is_busy();
             while self.compass.is_busy() {
                 assert_eq!(self.compass.state(), ModuleState::Collecting, "nobody asked for a solve");
                 match self.compass.step(Event::Advance) {
@@ -38,8 +42,8 @@ impl TestBed {
                     end => return Some((self.settle(end), number)),
                 }
             }
-            if tries {
-                self.prospect().into_iter().for_each(&mut *see);
+            if is_trial_running {
+                self.prospect().into_iter().for_each(&mut *on_trial);
             }
         }
         None
@@ -51,15 +55,15 @@ impl TestBed {
 }
 
 #[test]
-fn it_ends_by_itself_when_it_is_as_good_as_wanted() {
+fn a_flight_collection_ends_at_the_configured_accuracy() {
     let mut ends = Vec::new();
     for accuracy_deg in [1.5, 0.5] {
-        let mut bed = TestBed::wanting(accuracy_deg);
-        let (outcome, samples) = bed.hover(&hover(1)).unwrap();
+        let mut bench = TestBed::with_accuracy(accuracy_deg);
+        let (outcome, samples) = bench.hover(&hover(1)).unwrap();
         let expected_deg = outcome.unwrap().quality.expected_rms_deg;
         assert!(expected_deg <= accuracy_deg, "{expected_deg}");
-        assert_eq!(bed.compass.state(), ModuleState::Calibrated);
-        let calibration = bed.compass.active_record().unwrap().calibration;
+        assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+        let calibration = bench.compass.active_record().unwrap().calibration;
         assert!(rms(&airframe().errors_deg(&calibration)) < 3.0 * expected_deg);
         ends.push(samples);
     }
@@ -68,76 +72,76 @@ fn it_ends_by_itself_when_it_is_as_good_as_wanted() {
 }
 
 #[test]
-fn with_iron_by_current_good_is_what_is_so_twice_running() {
-    for (ut_per_a, good_before) in [(0.4, 1), (0.0, 0)] {
+fn with_motor_current_two_successive_good_trials_are_required() {
+    for (ut_per_a, expected_good_trials) in [(0.4, 1), (0.0, 0)] {
         let mut samples = hover(1);
         for (number, sample) in samples.iter_mut().enumerate() {
             let current_a = 15.0 + 5.0 * (number as f32 * 0.3).sin();
             sample.rates = sample.rates.with_current(Some(current_a));
             sample.field.ut += Vector3::new(0.6, -0.7, 0.4) * ut_per_a * current_a;
         }
-        let (mut bed, mut good) = (TestBed::wanting(1.5), 0);
-        let (outcome, _) = bed
-            .hover_and_see(&samples, &mut |prospect| {
+        let (mut bench, mut good) = (TestBed::with_accuracy(1.5), 0);
+        let (outcome, _) = bench
+            .hover_with_trials(&samples, &mut |prospect| {
                 good += usize::from(prospect.expected_deg.is_some_and(|expected_deg| expected_deg <= 1.5));
             })
             .unwrap();
         assert!(outcome.unwrap().quality.expected_rms_deg <= 1.5);
-        assert_eq!(bed.compass.active_record().unwrap().calibration.motor_current.is_applied(), ut_per_a > 0.0);
-        assert_eq!(good, good_before, "{ut_per_a}");
+        assert_eq!(bench.compass.active_record().unwrap().calibration.motor_current.is_applied(), ut_per_a > 0.0);
+        assert_eq!(good, expected_good_trials, "{ut_per_a}");
     }
 }
 
 /// At an unreachable accuracy the trial's solution serves for sample selection; a new collection discards it.
 #[test]
-fn it_goes_on_while_it_is_not_good_enough() {
-    let mut bed = TestBed::wanting(0.2);
-    assert!(bed.prospect().is_none() && !bed.compass.collector.uses_trial_solution(), "not tried");
-    assert!(bed.hover(&hover(2)[..300]).is_none());
-    assert!(bed.compass.collector.uses_trial_solution());
-    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bed.prospect() else {
-        panic!("{:?}", bed.prospect())
+fn a_collection_continues_until_the_accuracy_is_reached() {
+    let mut bench = TestBed::with_accuracy(0.2);
+    assert!(bench.prospect().is_none() && !bench.compass.collector.uses_trial_solution(), "not tried");
+    assert!(bench.hover(&hover(2)[..300]).is_none());
+    assert!(bench.compass.collector.uses_trial_solution());
+    let Some(TrialResult { expected_deg: Some(expected_deg), refusal: None, .. }) = bench.prospect() else {
+        panic!("{:?}", bench.prospect())
     };
     assert!((0.2..1.0).contains(&expected_deg), "{expected_deg}");
-    assert_eq!(bed.done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bed.solve();
-    let found = bed.settle(end).unwrap().quality.expected_rms_deg;
+    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
+    let end = bench.solve();
+    let found = bench.settle(end).unwrap().quality.expected_rms_deg;
     assert!(found <= expected_deg, "{found} {expected_deg}");
-    bed.compass.collector.begin(Procedure::Flight);
-    assert!(!bed.compass.collector.uses_trial_solution());
+    bench.compass.collector.begin(Procedure::Flight);
+    assert!(!bench.compass.collector.uses_trial_solution());
 }
 
 #[test]
 fn the_recommended_manoeuvre_is_reported() {
-    let mut bed = TestBed::wanting(1.0);
-    assert!(bed.hover(&hover(3)[..160]).is_none());
-    bed.done(Command::CalSolve(None));
-    let end = bed.solve();
-    let refusal = bed.settle(end).unwrap_err();
+    let mut bench = TestBed::with_accuracy(1.0);
+    assert!(bench.hover(&hover(3)[..160]).is_none());
+    bench.done(Command::CalSolve(None));
+    let end = bench.solve();
+    let refusal = bench.settle(end).unwrap_err();
     assert!(refusal.to_string().contains("deg; the attitude tilts by 1.1 deg at most; tilt by 15"), "{refusal}");
-    let mut bed = TestBed::wanting(1.0);
-    assert!(bed.hover(&hover(3)[..164]).is_none());
-    let prospect = bed.prospect().unwrap();
+    let mut bench = TestBed::with_accuracy(1.0);
+    assert!(bench.hover(&hover(3)[..164]).is_none());
+    let prospect = bench.prospect().unwrap();
     assert!(matches!(prospect.missing_manoeuvre, Some(Manoeuvre::Tilt(_, None))), "{prospect:?}");
-    bed.done(Command::CalSolve(None));
-    let end = bed.solve();
-    let refusal = bed.settle(end).unwrap_err();
+    bench.done(Command::CalSolve(None));
+    let end = bench.solve();
+    let refusal = bench.settle(end).unwrap_err();
     assert_eq!(refusal.code(), "not-accurate");
     assert!(refusal.to_string().contains("deg; missing: tilt "), "{refusal}");
-    assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+    assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
 }
 
 /// From 40 samples on; some of four per second are held back.
 #[test]
-fn trials_are_ten_seconds_apart() {
-    let mut bed = TestBed::wanting(0.2);
+fn trial_solves_are_ten_seconds_apart() {
+    let mut bench = TestBed::with_accuracy(0.2);
     let mut began = Vec::new();
     for (number, sample) in hover(4).into_iter().enumerate().take(200) {
         let sample = Sample { time: WrappingMillis::new(250 * number as u32), ..sample };
-        bed.compass.step(Event::Sample(sample));
-        if bed.compass.is_busy() {
-            began.push((number, bed.compass.collector.progress().left.samples));
-            bed.solve_trial();
+        bench.compass.step(Event::Sample(sample));
+        if bench.compass.is_busy() {
+            began.push((number, bench.compass.collector.progress().left.samples));
+            bench.solve_trial();
         }
     }
     assert_eq!(began[0].1, 40, "{began:?}");
@@ -145,28 +149,28 @@ fn trials_are_ten_seconds_apart() {
 }
 
 #[test]
-fn standing_is_no_reason_to_try_again() {
-    let mut bed = TestBed::wanting(0.2);
-    let flown = hover(5);
-    assert!(bed.hover(&flown[..80]).is_none());
-    let mut tried = 0;
+fn a_vehicle_at_rest_causes_no_further_trial_solve() {
+    let mut bench = TestBed::with_accuracy(0.2);
+    let hover_samples = hover(5);
+    assert!(bench.hover(&hover_samples[..80]).is_none());
+    let mut trials = 0;
     for _ in 0..600 {
-        bed.now = bed.now.wrapping_add(250);
-        let sample = Sample { time: bed.time(), ..flown[79] };
-        bed.compass.step(Event::Sample(sample));
-        tried += u8::from(bed.compass.is_busy());
-        bed.solve_trial();
+        bench.now = bench.now.wrapping_add(250);
+        let sample = Sample { time: bench.time(), ..hover_samples[79] };
+        bench.compass.step(Event::Sample(sample));
+        trials += u8::from(bench.compass.is_busy());
+        bench.solve_trial();
     }
-    assert_eq!(tried, 1, "of what came since the last one");
-    let before = bed.prospect();
-    assert_eq!(bed.prospect(), before);
-    assert!(bed.hover(&flown[160..]).is_none());
-    assert_ne!(bed.prospect(), before);
+    assert_eq!(trials, 1, "of what came since the last one");
+    let before = bench.prospect();
+    assert_eq!(bench.prospect(), before);
+    assert!(bench.hover(&hover_samples[160..]).is_none());
+    assert_ne!(bench.prospect(), before);
 }
 
 /// At 10 samples/s and 20 deg/s, without tilt: ends only after a minute.
 #[test]
-fn what_may_still_tilt_is_waited_for() {
+fn a_level_vehicle_is_calibrated_after_a_minute_without_tilt() {
     let rover = |tilt_deg: f32, samples: u16| -> Vec<Sample> {
         let mut random = Random(6);
         (0..samples)
@@ -182,11 +186,11 @@ fn what_may_still_tilt_is_waited_for() {
             .collect()
     };
     let ends_after = |tilt_deg: f32| {
-        let mut bed = TestBed::wanting(3.0);
+        let mut bench = TestBed::with_accuracy(3.0);
         for (number, sample) in rover(tilt_deg, 1500).into_iter().enumerate() {
-            bed.compass.step(Event::Sample(sample));
-            while bed.compass.is_busy() {
-                if matches!(bed.compass.step(Event::Advance), Effect::Save) {
+            bench.compass.step(Event::Sample(sample));
+            while bench.compass.is_busy() {
+                if matches!(bench.compass.step(Event::Advance), Effect::Save) {
                     return number;
                 }
             }
@@ -201,29 +205,29 @@ fn what_may_still_tilt_is_waited_for() {
 
 /// Runs the first trial, with this many samples before its first step and one before each further step up to twenty.
 fn collect_during_trial(before_first_step: usize) -> TestBed {
-    let mut bed = TestBed::wanting(0.2);
+    let mut bench = TestBed::with_accuracy(0.2);
     let mut samples = (0..).zip(hover(9)).map(|(i, sample)| Sample { time: WrappingMillis::new(250 * i), ..sample });
-    while !bed.compass.is_busy() {
-        bed.compass.step(Event::Sample(samples.next().unwrap()));
+    while !bench.compass.is_busy() {
+        bench.compass.step(Event::Sample(samples.next().unwrap()));
     }
-    let stored = |bed: &TestBed| bed.compass.collector.stored_count();
-    let before = stored(&bed);
+    let stored = |bench: &TestBed| bench.compass.collector.stored_count();
+    let before = stored(&bench);
     for (i, sample) in samples.take(before_first_step.max(20)).enumerate() {
         if i >= before_first_step {
-            assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+            assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
         }
-        assert!(matches!(bed.compass.step(Event::Sample(sample)), Effect::None));
-        assert_eq!(bed.compass.state(), ModuleState::Collecting);
+        assert!(matches!(bench.compass.step(Event::Sample(sample)), Effect::None));
+        assert_eq!(bench.compass.state(), ModuleState::Collecting);
     }
-    bed.solve_trial();
-    assert_eq!(usize::from(stored(&bed) - before), before_first_step.max(20), "every one is stored");
-    bed
+    bench.solve_trial();
+    assert_eq!(usize::from(stored(&bench) - before), before_first_step.max(20), "every one is stored");
+    bench
 }
 
 /// It does not matter when they arrive: the samples of the solve must not change.
 #[test]
 fn samples_during_a_trial_are_stored_after_it() {
-    let fit = |bed: &TestBed| bed.compass.collector.fit().all().copied().collect::<Vec<Sample>>();
+    let fit = |bench: &TestBed| bench.compass.collector.fit().all().copied().collect::<Vec<Sample>>();
     let [mut early, mut late] = [20, 0].map(collect_during_trial);
     assert_eq!(fit(&early), fit(&late));
     assert!(early.prospect().is_some() && early.prospect() == late.prospect());
@@ -237,64 +241,64 @@ fn a_trial_that_takes_too_long_is_ended_without_loss_of_samples() {
 
 /// Queries do not interrupt a trial, other commands do.
 #[test]
-fn commands_take_precedence_over_trials() {
-    let trying = || {
-        let mut bed = TestBed::wanting(0.2);
+fn commands_interrupt_trial_solves() {
+    let bench_in_trial = || {
+        let mut bench = TestBed::with_accuracy(0.2);
         for (number, sample) in hover(7).into_iter().enumerate() {
-            bed.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
-            if bed.compass.is_busy() {
+            bench.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * number as u32), ..sample }));
+            if bench.compass.is_busy() {
                 break;
             }
         }
-        assert!(bed.compass.is_busy());
-        bed
+        assert!(bench.compass.is_busy());
+        bench
     };
-    let mut bed = trying();
-    assert_eq!(bed.report().state, ModuleState::Collecting);
-    assert!(bed.compass.is_busy(), "a look changes nothing");
-    assert_eq!(bed.done(Command::CalStop), ModuleState::Uncalibrated);
-    assert!(!bed.compass.is_busy());
-    let mut bed = trying();
-    assert_eq!(bed.done(Command::CalSolve(None)), ModuleState::Solving);
-    assert_eq!(bed.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
-    let mut bed = trying();
-    bed.saved(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
-    assert_eq!((bed.compass.state(), bed.compass.is_busy()), (ModuleState::Collecting, false));
-    let mut bed = trying();
-    assert_eq!(bed.done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(bed.prospect().is_none() && !bed.compass.is_busy());
-    let mut bed = trying();
-    assert_eq!(bed.done(Command::CalStartNew(None)), ModuleState::Collecting);
-    assert!(!bed.compass.is_busy() && bed.prospect().is_none());
+    let mut bench = bench_in_trial();
+    assert_eq!(bench.report().state, ModuleState::Collecting);
+    assert!(bench.compass.is_busy(), "a look changes nothing");
+    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
+    assert!(!bench.compass.is_busy());
+    let mut bench = bench_in_trial();
+    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
+    assert_eq!(bench.refused(Command::CalStop), Refusal::Busy, "this one was asked for");
+    let mut bench = bench_in_trial();
+    bench.saved(Command::Set(SettingChange::Inclination(Some(55.0)))).unwrap();
+    assert_eq!((bench.compass.state(), bench.compass.is_busy()), (ModuleState::Collecting, false));
+    let mut bench = bench_in_trial();
+    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert!(bench.prospect().is_none() && !bench.compass.is_busy());
+    let mut bench = bench_in_trial();
+    assert_eq!(bench.done(Command::CalStartNew(None)), ModuleState::Collecting);
+    assert!(!bench.compass.is_busy() && bench.prospect().is_none());
 }
 
 #[test]
-fn what_would_be_refused_is_told_in_flight() {
-    let mut bed = TestBed::new();
-    bed.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
-    bed.done(Command::CalStart(Procedure::Flight));
-    assert!(bed.hover(&hover(8)).is_none());
-    let prospect = bed.prospect().unwrap();
+fn a_trial_solve_reports_a_refusal_in_flight() {
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::from_name("yaw90").unwrap()))).unwrap();
+    bench.done(Command::CalStart(Procedure::Flight));
+    assert!(bench.hover(&hover(8)).is_none());
+    let prospect = bench.prospect().unwrap();
     let Some(Refusal::Solve(SolveError::MountContradicted { found })) = prospect.refusal else {
         panic!("{prospect:?}")
     };
     assert_eq!((found, prospect.expected_deg), (Orientation::NONE, None));
     // The samples are usable with the corrected mounting.
-    bed.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
-    bed.done(Command::CalSolve(None));
-    let end = bed.solve();
-    assert!(bed.settle(end).is_ok());
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
+    bench.done(Command::CalSolve(None));
+    let end = bench.solve();
+    assert!(bench.settle(end).is_ok());
 }
 
 #[test]
-fn a_flight_that_is_no_better_ends() {
+fn a_collection_ends_though_its_calibration_is_no_better() {
     let mut refused = 0;
     for seed in 0..8 {
-        let mut bed = TestBed::wanting(0.5);
-        let (first, _) = bed.hover(&hover(20 + seed)).unwrap();
+        let mut bench = TestBed::with_accuracy(0.5);
+        let (first, _) = bench.hover(&hover(20 + seed)).unwrap();
         first.unwrap();
-        bed.done(Command::CalStart(Procedure::Flight));
-        let Some((second, _)) = bed.hover(&hover(40 + seed)) else { panic!("{seed}: it goes on") };
+        bench.done(Command::CalStart(Procedure::Flight));
+        let Some((second, _)) = bench.hover(&hover(40 + seed)) else { panic!("{seed}: it goes on") };
         refused += usize::from(second.is_err_and(|refusal| refusal.code() == "not-better"));
     }
     assert!(refused >= 1, "{refused}");

@@ -36,12 +36,12 @@ impl TestBed {
 
     #[expect(clippy::large_types_passed_by_value, reason = "each call makes one of its own")]
     fn with(policy: AcceptancePolicy, generations: Generations) -> Self {
-        let mut bed = Self {
+        let mut bench = Self {
             compass: Compass::new(policy, &StoredValues { generations, ..StoredValues::default() }, memory()),
             now: u32::MAX - 20_000,
         };
-        bed.compass.step(Event::SensorDetected(SENSOR, READINGS));
-        bed
+        bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
+        bench
     }
 
     fn time(&self) -> WrappingMillis {
@@ -180,47 +180,47 @@ fn some_field() -> Field<Sensor> {
 
 /// The mounting is output only for a known sensor.
 #[test]
-fn a_correction_says_how_the_sensor_sits_and_whether_it_is_armed() {
+fn a_correction_contains_mounting_and_armed_state() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
     assert_eq!(compass.correction(), Correction::NONE);
     compass.step(Event::Armed(Some(false)));
     assert_eq!(compass.correction(), Correction { is_armed: Some(false), ..Correction::NONE });
-    let mut bed = TestBed::new();
+    let mut bench = TestBed::new();
     let mount = Orientation::from_name("yaw90").unwrap();
-    bed.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
-    assert_eq!(bed.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
+    bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
+    assert_eq!(bench.compass.correction(), Correction { mount: Some(mount), ..Correction::NONE });
 }
 
 #[test]
-fn full_turns_each_way_end_in_a_calibration() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.compass.state(), ModuleState::Uncalibrated);
-    assert_eq!(bed.compass.correction(), Correction { mount: Some(Orientation::NONE), ..Correction::NONE });
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert_eq!(bed.compass.state(), ModuleState::Solving);
-    while bed.compass.state() == ModuleState::Solving {
-        assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
+fn full_turns_to_both_sides_give_a_calibration() {
+    let mut bench = TestBed::new();
+    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.compass.correction(), Correction { mount: Some(Orientation::NONE), ..Correction::NONE });
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert_eq!(bench.compass.state(), ModuleState::Solving);
+    while bench.compass.state() == ModuleState::Solving {
+        assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
     }
-    assert_eq!(bed.compass.state(), ModuleState::Verifying);
-    assert!(matches!(bed.compass.step(Event::Advance), Effect::Save));
-    assert_eq!(bed.compass.state(), ModuleState::Verifying, "until it is written");
-    assert!(bed.compass.active_record().is_none());
-    let Some(StoreChange::Generations { current: Some(written), previous: None }) = bed.compass.to_save() else {
-        panic!("{:?}", bed.compass.to_save())
+    assert_eq!(bench.compass.state(), ModuleState::Verifying);
+    assert!(matches!(bench.compass.step(Event::Advance), Effect::Save));
+    assert_eq!(bench.compass.state(), ModuleState::Verifying, "until it is written");
+    assert!(bench.compass.active_record().is_none());
+    let Some(StoreChange::Generations { current: Some(written), previous: None }) = bench.compass.to_save() else {
+        panic!("{:?}", bench.compass.to_save())
     };
     let written = *written;
-    let Effect::Notify(Message::Solved(Ok(verdict))) = bed.compass.step(Event::Saved(Ok(()))) else {
+    let Effect::Notify(Message::Solved(Ok(verdict))) = bench.compass.step(Event::Saved(Ok(()))) else {
         panic!("not told")
     };
-    assert_eq!(bed.compass.state(), ModuleState::Calibrated);
-    assert_eq!(bed.compass.active_record(), Some(&written));
+    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.active_record(), Some(&written));
     assert_eq!((written.serial, written.sensor, written.mount), (1, SENSOR, Orientation::NONE));
     assert_eq!(verdict, ExpectedAccuracy::new(written.quality, &written.calibration));
-    assert!(bed.compass.to_save().is_none());
+    assert!(bench.compass.to_save().is_none());
     assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * verdict.quality.expected_rms_deg);
-    assert_eq!(bed.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
-    let report = bed.report();
+    assert_eq!(bench.compass.correction().calibration, Some((written.calibration, written.uncertainty)));
+    let report = bench.report();
     assert_eq!((report.state, report.can_undo, report.last_outcome.is_some()), (ModuleState::Calibrated, false, true));
     assert_eq!(report.stored_calibration.as_ref().map(|summary| summary.serial), Some(1));
     assert_eq!(report.stored_calibration.map(|summary| summary.expected_accuracy()), Some(verdict));
@@ -228,10 +228,10 @@ fn full_turns_each_way_end_in_a_calibration() {
 
 #[test]
 fn settings_of_a_running_solve_cannot_change() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert_eq!(bed.compass.state(), ModuleState::Solving);
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert_eq!(bench.compass.state(), ModuleState::Solving);
     for command in [
         Command::CalStart(Procedure::Turns),
         Command::CalMark(10.0),
@@ -246,7 +246,7 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Set(SettingChange::Inclination(Some(50.0))),
         Command::Set(SettingChange::AttitudeError(AttitudeError::DEFAULT)),
     ] {
-        assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
+        assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
     }
     // Settings not used by solves can be saved meanwhile.
     for setting in [
@@ -255,21 +255,21 @@ fn settings_of_a_running_solve_cannot_change() {
         SettingChange::StreamHeading(HeadingKind::Raw),
         SettingChange::Declination(Some(3.0)),
     ] {
-        assert!(matches!(bed.saved(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))), "{setting:?}");
+        assert!(matches!(bench.saved(Command::Set(setting)), Ok(Reply::Done(ModuleState::Solving))), "{setting:?}");
     }
-    assert_eq!(bed.report().state, ModuleState::Solving);
-    assert_eq!(bed.done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
-    assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
-    let end = bed.solve();
-    assert!(bed.settle(end).is_ok());
-    let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bed.compass.settings();
+    assert_eq!(bench.report().state, ModuleState::Solving);
+    assert_eq!(bench.done(Command::Restart), ModuleState::Solving, "a solve is no reason to stay");
+    assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
+    let end = bench.solve();
+    assert!(bench.settle(end).is_ok());
+    let Settings { stream_on, stream_rate_hz, declination_deg, .. } = *bench.compass.settings();
     assert_eq!((stream_on, stream_rate_hz, declination_deg), (false, 5, Some(3.0)));
 }
 
 #[test]
-fn what_is_for_the_ground_is_refused_while_armed() {
+fn ground_commands_are_refused_while_armed() {
     let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
     let for_the_ground = [
         Command::CalStart(Procedure::Swing),
         Command::CalStartNew(Some(Procedure::Swing)),
@@ -279,44 +279,44 @@ fn what_is_for_the_ground_is_refused_while_armed() {
         Command::Set(SettingChange::Mount(Orientation::NONE)),
         Command::Restart,
     ];
-    assert_eq!(bed.report().is_armed, None, "before anything is known");
-    assert!(matches!(bed.compass.step(Event::Armed(Some(true))), Effect::None));
+    assert_eq!(bench.report().is_armed, None, "before anything is known");
+    assert!(matches!(bench.compass.step(Event::Armed(Some(true))), Effect::None));
     for command in for_the_ground {
-        assert_eq!(bed.refused(command), Refusal::Armed, "{command:?}");
+        assert_eq!(bench.refused(command), Refusal::Armed, "{command:?}");
     }
-    assert_eq!(bed.report().is_armed, Some(true));
-    assert_eq!(bed.compass.generations, generations);
-    bed.compass.step(Event::Armed(Some(false)));
-    assert_eq!(bed.done(Command::Restart), ModuleState::Calibrated);
-    assert_eq!(bed.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
-    bed.stand(some_field(), 8);
-    assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
+    assert_eq!(bench.report().is_armed, Some(true));
+    assert_eq!(bench.compass.generations, generations);
+    bench.compass.step(Event::Armed(Some(false)));
+    assert_eq!(bench.done(Command::Restart), ModuleState::Calibrated);
+    assert_eq!(bench.done(Command::CalStart(Procedure::Swing)), ModuleState::Collecting);
+    bench.stand(some_field(), 8);
+    assert!(matches!(bench.ask(Command::CalMark(10.0)), Ok(Reply::Marked(1))));
     for command in [Command::CalUndo, Command::Set(SettingChange::Mount(Orientation::NONE)), Command::CalClear] {
-        bed.saved(command).unwrap();
+        bench.saved(command).unwrap();
     }
 }
 
 #[test]
-fn no_mark_is_taken_while_armed() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Swing));
-    bed.stand(some_field(), 8);
-    bed.compass.step(Event::Armed(Some(true)));
-    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::Armed);
-    assert_eq!(bed.refused(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
-    assert_eq!(bed.done(Command::CalStop), ModuleState::Uncalibrated);
+fn marks_are_refused_while_armed() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Swing));
+    bench.stand(some_field(), 8);
+    bench.compass.step(Event::Armed(Some(true)));
+    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::Armed);
+    assert_eq!(bench.refused(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
+    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
 }
 
 #[test]
-fn nothing_else_is_hindered_while_armed() {
-    let mut bed = TestBed::new();
-    bed.compass.step(Event::Armed(Some(true)));
+fn commands_other_than_ground_commands_are_accepted_while_armed() {
+    let mut bench = TestBed::new();
+    bench.compass.step(Event::Armed(Some(true)));
     for procedure in [Procedure::Level, Procedure::Tumble, Procedure::Turns] {
-        assert_eq!(bed.done(Command::CalStart(procedure)), ModuleState::Collecting);
-        assert_eq!(bed.done(Command::CalStartNew(None)), ModuleState::Collecting);
-        assert_eq!(bed.done(Command::CalStop), ModuleState::Uncalibrated);
+        assert_eq!(bench.done(Command::CalStart(procedure)), ModuleState::Collecting);
+        assert_eq!(bench.done(Command::CalStartNew(None)), ModuleState::Collecting);
+        assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
     }
-    assert_eq!(bed.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
     for setting in [
         SettingChange::StreamOn(false),
         SettingChange::StreamRateHz(5),
@@ -325,21 +325,21 @@ fn nothing_else_is_hindered_while_armed() {
         SettingChange::Inclination(None),
         SettingChange::AttitudeError(AttitudeError::DEFAULT),
     ] {
-        assert!(bed.saved(Command::Set(setting)).is_ok(), "{setting:?}");
+        assert!(bench.saved(Command::Set(setting)).is_ok(), "{setting:?}");
     }
-    bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
-    assert!(matches!(bed.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
-    bed.stand(some_field(), 8);
-    assert!(bed.saved(Command::AlignConfirmed(100.0)).is_ok());
-    assert!(bed.saved(Command::Align(None)).is_ok());
+    bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
+    assert!(matches!(bench.ask(Command::CalAdvise), Ok(Reply::Advice(_))));
+    bench.stand(some_field(), 8);
+    assert!(bench.saved(Command::AlignConfirmed(100.0)).is_ok());
+    assert!(bench.saved(Command::Align(None)).is_ok());
 }
 
 #[test]
-fn a_save_makes_busy_all_that_would_change_something() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert!(matches!(bed.solve(), Effect::Save));
+fn commands_that_change_state_are_refused_during_a_save() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert!(matches!(bench.solve(), Effect::Save));
     for command in [
         Command::CalAbort,
         Command::Restart,
@@ -348,63 +348,63 @@ fn a_save_makes_busy_all_that_would_change_something() {
         Command::Set(SettingChange::StreamOn(false)),
         Command::Align(None),
     ] {
-        assert_eq!(bed.refused(command), Refusal::Busy, "{command:?}");
+        assert_eq!(bench.refused(command), Refusal::Busy, "{command:?}");
     }
-    assert_eq!(bed.report().state, ModuleState::Verifying);
-    assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::Notify(Message::Solved(Ok(_)))));
-    assert_eq!(bed.done(Command::CalAbort), ModuleState::Calibrated);
+    assert_eq!(bench.report().state, ModuleState::Verifying);
+    assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::Notify(Message::Solved(Ok(_)))));
+    assert_eq!(bench.done(Command::CalAbort), ModuleState::Calibrated);
 }
 
 #[test]
-fn an_abort_ends_a_solve_and_forgets_the_samples() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert_eq!(bed.done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(!bed.compass.is_busy());
-    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
-    bed.done(Command::CalStart(Procedure::Level));
-    assert_eq!(bed.done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert_eq!(bed.refused(Command::CalStop), Refusal::NotCollecting);
+fn an_abort_ends_a_solve_and_discards_the_samples() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert!(!bench.compass.is_busy());
+    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.done(Command::CalStart(Procedure::Level));
+    assert_eq!(bench.done(Command::CalAbort), ModuleState::Uncalibrated);
+    assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
 }
 
 #[test]
 fn a_stopped_collection_keeps_its_samples() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&few_turns(&airframe(), 1));
-    let collected = bed.report().progress;
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&few_turns(&airframe(), 1));
+    let collected = bench.report().progress;
     assert!(collected.left.samples >= 30 && collected.right.samples >= 30, "{collected:?}");
-    assert_eq!(bed.done(Command::CalStop), ModuleState::Uncalibrated);
-    assert_eq!(bed.refused(Command::CalStop), Refusal::NotCollecting);
-    bed.fly(&few_turns(&airframe(), 2));
-    assert_eq!(bed.report().progress, collected, "nothing is collected any more");
-    assert_eq!(bed.done(Command::CalSolve(None)), ModuleState::Solving);
-    let end = bed.solve();
-    assert!(bed.settle(end).is_ok());
+    assert_eq!(bench.done(Command::CalStop), ModuleState::Uncalibrated);
+    assert_eq!(bench.refused(Command::CalStop), Refusal::NotCollecting);
+    bench.fly(&few_turns(&airframe(), 2));
+    assert_eq!(bench.report().progress, collected, "nothing is collected any more");
+    assert_eq!(bench.done(Command::CalSolve(None)), ModuleState::Solving);
+    let end = bench.solve();
+    assert!(bench.settle(end).is_ok());
 }
 
 #[test]
-fn a_start_begins_from_nothing() {
+fn a_new_collection_starts_without_samples() {
     for stopped in [false, true] {
-        let mut bed = TestBed::new();
-        bed.done(Command::CalStart(Procedure::Turns));
-        bed.fly(&few_turns(&airframe(), 1));
+        let mut bench = TestBed::new();
+        bench.done(Command::CalStart(Procedure::Turns));
+        bench.fly(&few_turns(&airframe(), 1));
         if stopped {
-            bed.done(Command::CalStop);
-            bed.done(Command::CalStart(Procedure::Turns));
+            bench.done(Command::CalStop);
+            bench.done(Command::CalStart(Procedure::Turns));
         } else {
-            let refused = bed.refused(Command::CalStart(Procedure::Turns));
+            let refused = bench.refused(Command::CalStart(Procedure::Turns));
             assert_eq!(refused.code(), "collecting");
-            assert!(bed.report().progress.left.samples > 0);
-            bed.done(Command::CalStartNew(None));
+            assert!(bench.report().progress.left.samples > 0);
+            bench.done(Command::CalStartNew(None));
         }
-        assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+        assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
     }
 }
 
 #[test]
-fn without_a_sensor_nothing_is_calibrated() {
+fn without_a_sensor_calibration_is_refused() {
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory());
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.step(Event::Command(command, WrappingMillis::default()));
@@ -413,74 +413,74 @@ fn without_a_sensor_nothing_is_calibrated() {
 }
 
 #[test]
-fn what_cannot_be_solved_is_refused_with_the_solver_s_reason() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
-    bed.done(Command::CalStart(Procedure::Turns));
+fn a_failed_solve_is_refused_with_the_solver_s_reason() {
+    let mut bench = TestBed::new();
+    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.done(Command::CalStart(Procedure::Turns));
     let RecordedTurns { left, .. } = few_turns(&airframe(), 1);
-    bed.fly(&RecordedTurns { left, right: Vec::new() });
+    bench.fly(&RecordedTurns { left, right: Vec::new() });
     // A known cause replaces the solver's error.
-    let one_side = bed.refused(Command::CalSolve(None));
+    let one_side = bench.refused(Command::CalSolve(None));
     let lack = CollectionProblem::OneSideOnly(Side::Left);
     assert_eq!(
         one_side,
         Refusal::InsufficientSamples { code: "too-few-samples", expected_rms_deg: None, cause: lack.into() }
     );
     // A given method is always tried.
-    bed.done(Command::CalSolve(Some(Method::Ellipsoid)));
-    let end = bed.solve();
-    let refused = bed.settle(end).unwrap_err();
+    bench.done(Command::CalSolve(Some(Method::Ellipsoid)));
+    let end = bench.solve();
+    let refused = bench.settle(end).unwrap_err();
     assert_eq!(
         refused,
         Refusal::InsufficientSamples { code: "not-determined", expected_rms_deg: None, cause: lack.into() }
     );
-    assert_eq!(bed.report().last_outcome, Some(Message::Solved(Err(refused))));
-    assert_eq!(bed.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(refused))));
+    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
 }
 
 #[test]
-fn what_acceptance_rejects_is_not_used() {
+fn a_rejected_calibration_is_not_used() {
     let strict = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
     let more = AcceptancePolicy { min_held_back: 1000, ..AcceptancePolicy::DEFAULT };
     for (policy, code) in [(strict, "not-accurate"), (more, "too-few-held-back")] {
-        let mut bed = TestBed::with(policy, Generations::default());
-        let refused = bed.calibrate(&turns(&airframe(), 1)).unwrap_err();
+        let mut bench = TestBed::with(policy, Generations::default());
+        let refused = bench.calibrate(&turns(&airframe(), 1)).unwrap_err();
         assert_eq!(refused.code(), code);
         assert!(matches!(refused, Refusal::Rejected(_)));
-        assert_eq!(bed.compass.state(), ModuleState::Uncalibrated);
-        assert!(bed.compass.to_save().is_none());
+        assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+        assert!(bench.compass.to_save().is_none());
     }
 }
 
 /// On held-back samples of the candidate.
 #[test]
 fn a_second_calibration_is_judged_against_the_first() {
-    let mut bed = TestBed::new();
-    bed.calibrate(&turns(&airframe(), 1)).unwrap();
-    let first = *bed.compass.active_record().unwrap();
+    let mut bench = TestBed::new();
+    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    let first = *bench.compass.active_record().unwrap();
     let thin = Flight { samples: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
-    let refused = bed.calibrate(&thin).unwrap_err();
+    let refused = bench.calibrate(&thin).unwrap_err();
     let rejected = matches!(
         refused,
         Refusal::Rejected(Rejection::Thinner { .. } | Rejection::NotBetter { .. } | Rejection::TooFewHeldBack { .. })
     );
     assert!(rejected, "{refused:?}");
-    assert_eq!(bed.compass.active_record(), Some(&first));
-    assert_eq!(bed.compass.state(), ModuleState::Calibrated);
+    assert_eq!(bench.compass.active_record(), Some(&first));
+    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     let moved = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
-    bed.calibrate(&turns(&moved, 2)).unwrap();
-    let second = *bed.compass.active_record().unwrap();
+    bench.calibrate(&turns(&moved, 2)).unwrap();
+    let second = *bench.compass.active_record().unwrap();
     assert_eq!(second.serial, 2);
-    assert!(bed.report().can_undo);
-    assert!(matches!(bed.saved(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
-    assert_eq!(bed.compass.active_record(), Some(&first));
-    bed.saved(Command::CalUndo).unwrap();
-    assert_eq!(bed.compass.active_record(), Some(&second));
+    assert!(bench.report().can_undo);
+    assert!(matches!(bench.saved(Command::CalUndo), Ok(Reply::Done(ModuleState::Calibrated))));
+    assert_eq!(bench.compass.active_record(), Some(&first));
+    bench.saved(Command::CalUndo).unwrap();
+    assert_eq!(bench.compass.active_record(), Some(&second));
 }
 
 /// `tan(54 deg) = 1.38`, for either sign of inclination.
 #[test]
-fn an_attitude_error_costs_the_tangent_of_the_inclination() {
+fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
     let CalibrationRecord { quality, calibration, .. } = record(1);
     for (inclination_deg, cost) in [(54.0_f32, 1.376_382), (-54.0, 1.376_382), (0.0, 0.0), (70.0, 2.747_477)] {
         let calibration = Calibration { inclination_rad: inclination_deg.to_radians(), ..calibration };
@@ -492,59 +492,59 @@ fn an_attitude_error_costs_the_tangent_of_the_inclination() {
 #[test]
 fn serial_numbers_wrap() {
     let last = CalibrationRecord { serial: u32::MAX, ..record(1) };
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(last), previous: None });
-    bed.calibrate(&turns(&airframe(), 1)).unwrap();
-    assert_eq!(bed.compass.active_record().unwrap().serial, 0);
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(last), previous: None });
+    bench.calibrate(&turns(&airframe(), 1)).unwrap();
+    assert_eq!(bench.compass.active_record().unwrap().serial, 0);
 }
 
 #[test]
-fn a_record_is_for_its_sensor_and_mounting() {
+fn a_record_is_used_only_with_its_sensor_and_mounting() {
     let current = Some(record(4));
     let generations = Generations { current, previous: None };
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, generations);
-    assert_eq!(bed.compass.state(), ModuleState::Calibrated);
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     // An equal chip at another address is another sensor.
     for other in [Identity { address: 0x1C, ..SENSOR }, Identity { model: Model::Lsm303dlhc, ..SENSOR }] {
-        bed.compass.step(Event::SensorDetected(other, READINGS));
-        assert_eq!(bed.compass.state(), ModuleState::Uncalibrated, "{other:?}");
-        assert!(bed.compass.correction().calibration.is_none());
-        assert_eq!(bed.refused(Command::Align(Some(10.0))), Refusal::NoCalibration);
+        bench.compass.step(Event::SensorDetected(other, READINGS));
+        assert_eq!(bench.compass.state(), ModuleState::Uncalibrated, "{other:?}");
+        assert!(bench.compass.correction().calibration.is_none());
+        assert_eq!(bench.refused(Command::Align(Some(10.0))), Refusal::NoCalibration);
     }
-    bed.compass.step(Event::SensorDetected(SENSOR, READINGS));
-    assert_eq!(bed.compass.state(), ModuleState::Calibrated);
+    bench.compass.step(Event::SensorDetected(SENSOR, READINGS));
+    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
-    bed.saved(Command::Set(SettingChange::Mount(turned))).unwrap();
-    assert_eq!(bed.compass.state(), ModuleState::Uncalibrated);
-    bed.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
-    assert_eq!(bed.compass.state(), ModuleState::Calibrated);
+    bench.saved(Command::Set(SettingChange::Mount(turned))).unwrap();
+    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    bench.saved(Command::Set(SettingChange::Mount(Orientation::NONE))).unwrap();
+    assert_eq!(bench.compass.state(), ModuleState::Calibrated);
     let unknown =
         Compass::new(AcceptancePolicy::DEFAULT, &StoredValues { generations, ..StoredValues::default() }, memory());
     assert!(unknown.active_record().is_none());
 }
 
 #[test]
-fn a_solve_uses_the_settings() {
+fn a_solve_uses_configured_mounting_and_inclination() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
-    let mut bed = TestBed::new();
-    bed.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
-    bed.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
-    assert_eq!(bed.compass.active_record().unwrap().mount, mount);
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Mount(mount))).unwrap();
+    bench.calibrate(&turns(&airframe(), 1).in_mount(mount)).unwrap();
+    assert_eq!(bench.compass.active_record().unwrap().mount, mount);
     // A prior 2 deg off shifts the estimate; 5 deg off is rejected.
     let found_deg = |given: Option<f32>| {
-        let mut bed = TestBed::new();
-        bed.saved(Command::Set(SettingChange::Inclination(given))).unwrap();
-        bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
-        bed.compass.active_record().unwrap().calibration.inclination_rad.to_degrees()
+        let mut bench = TestBed::new();
+        bench.saved(Command::Set(SettingChange::Inclination(given))).unwrap();
+        bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
+        bench.compass.active_record().unwrap().calibration.inclination_rad.to_degrees()
     };
     let (free, given) = (found_deg(None), found_deg(Some(57.0)));
     assert!(given > free + 0.008, "{given} {free}");
     // Each attitude error increases the expected error.
     let expected_deg = |bias_deg, bank_percent| {
-        let mut bed = TestBed::new();
+        let mut bench = TestBed::new();
         let error = AttitudeError { bias_deg, bank_percent };
-        bed.saved(Command::Set(SettingChange::AttitudeError(error))).unwrap();
-        let quality = bed.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
-        let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
+        bench.saved(Command::Set(SettingChange::AttitudeError(error))).unwrap();
+        let quality = bench.calibrate(&few_turns(&airframe(), 1)).unwrap().quality;
+        let Ok(Reply::Advice(advice)) = bench.ask(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
         quality.expected_rms_deg
     };
@@ -554,122 +554,125 @@ fn a_solve_uses_the_settings() {
     for more in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
         assert!(more > 1.2 * nothing, "{more} {nothing}");
     }
-    let mut bed = TestBed::new();
-    bed.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
+    let mut bench = TestBed::new();
+    bench.saved(Command::Set(SettingChange::Inclination(Some(60.0)))).unwrap();
     let contradicted = Refusal::Solve(SolveError::InclinationContradicted { found_deg: 55 });
-    assert_eq!(bed.calibrate(&few_turns(&airframe(), 1)).unwrap_err(), contradicted);
+    assert_eq!(bench.calibrate(&few_turns(&airframe(), 1)).unwrap_err(), contradicted);
 }
 
 #[test]
-fn a_mark_takes_the_last_second_and_the_next_mark_another() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
-    bed.done(Command::CalStart(Procedure::Turns));
-    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
-    bed.stand(some_field(), 8);
-    bed.done(Command::CalStop);
-    bed.done(Command::CalStart(Procedure::Swing));
-    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::NotStationary);
-    bed.stand(some_field(), 8);
+fn each_mark_uses_its_own_second_of_samples() {
+    let mut bench = TestBed::new();
+    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
+    bench.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotSwinging);
+    bench.stand(some_field(), 8);
+    bench.done(Command::CalStop);
+    bench.done(Command::CalStart(Procedure::Swing));
+    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::NotStationary);
+    bench.stand(some_field(), 8);
     for outside in [-0.1, 360.1, f32::NAN] {
-        assert_eq!(bed.refused(Command::CalMark(outside)).code(), "out-of-range");
+        assert_eq!(bench.refused(Command::CalMark(outside)).code(), "out-of-range");
     }
-    assert!(matches!(bed.ask(Command::CalMark(360.0)), Ok(Reply::Marked(1))));
-    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotStationary);
-    bed.stand(some_field(), 7);
-    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotStationary);
-    bed.stand(some_field(), 1);
-    assert!(matches!(bed.ask(Command::CalMark(0.0)), Ok(Reply::Marked(2))));
+    assert!(matches!(bench.ask(Command::CalMark(360.0)), Ok(Reply::Marked(1))));
+    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
+    bench.stand(some_field(), 7);
+    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
+    bench.stand(some_field(), 1);
+    assert!(matches!(bench.ask(Command::CalMark(0.0)), Ok(Reply::Marked(2))));
     // Samples older than 1 s are ignored.
-    bed.stand(some_field(), 8);
-    bed.now = bed.now.wrapping_add(3000);
-    assert_eq!(bed.refused(Command::CalMark(0.0)), Refusal::NotStationary);
+    bench.stand(some_field(), 8);
+    bench.now = bench.now.wrapping_add(3000);
+    assert_eq!(bench.refused(Command::CalMark(0.0)), Refusal::NotStationary);
 }
 
 #[test]
 fn there_is_room_for_36_marks() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Swing));
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Swing));
     for number in 1..=36 {
-        bed.stand(some_field(), 8);
-        assert!(matches!(bed.ask(Command::CalMark(10.0)), Ok(Reply::Marked(n)) if n == number));
+        bench.stand(some_field(), 8);
+        assert!(matches!(bench.ask(Command::CalMark(10.0)), Ok(Reply::Marked(n)) if n == number));
     }
-    bed.stand(some_field(), 8);
-    assert_eq!(bed.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
+    bench.stand(some_field(), 8);
+    assert_eq!(bench.refused(Command::CalMark(10.0)), Refusal::TooManyMarks);
 }
 
 /// Also across north.
 #[test]
-fn alignment_takes_out_a_constant() {
+fn alignment_removes_a_constant_heading_error() {
     let generations = Generations { current: Some(record(1)), previous: None };
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, generations);
-    assert_eq!(bed.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
-    assert_eq!(bed.refused(Command::Align(Some(360.5))).code(), "out-of-range");
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    assert_eq!(bench.refused(Command::Align(Some(100.0))), Refusal::NotStationary);
+    assert_eq!(bench.refused(Command::Align(Some(360.5))).code(), "out-of-range");
     let calibration = record(1).calibration;
-    for (shown_deg, stands_at_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
+    for (shown_deg, given_heading_deg, align_deg) in [(90.0, 100.0, 10.0), (5.0, 350.0, -15.0), (350.0, 5.0, 15.0)] {
         let earth = Field::earth(48.0, 1.0, f32::to_radians(shown_deg));
-        bed.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
-        bed.saved(Command::Align(Some(stands_at_deg))).unwrap();
-        let found_deg = bed.compass.settings().align_deg;
-        assert!((found_deg - align_deg).abs() < 0.01, "{shown_deg} at {stands_at_deg}: {found_deg}");
-        assert!((bed.compass.correction().align_deg - align_deg).abs() < 0.01);
+        bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+        bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
+        let found_deg = bench.compass.settings().align_deg;
+        assert!((found_deg - align_deg).abs() < 0.01, "{shown_deg} at {given_heading_deg}: {found_deg}");
+        assert!((bench.compass.correction().align_deg - align_deg).abs() < 0.01);
     }
-    bed.saved(Command::Align(None)).unwrap();
-    assert!(bed.compass.settings().align_deg.abs() < f32::EPSILON);
+    bench.saved(Command::Align(None)).unwrap();
+    assert!(bench.compass.settings().align_deg.abs() < f32::EPSILON);
 }
 
 #[test]
-fn a_large_alignment_is_asked_for_twice() {
+fn a_large_alignment_must_be_confirmed() {
     let calibration = record(1).calibration;
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(1)), previous: None });
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(1)), previous: None });
     let earth = Field::earth(48.0, 1.0, f32::to_radians(90.0));
-    let stand = |bed: &mut TestBed| bed.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
-    for (stands_at_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
-        stand(&mut bed);
-        bed.saved(Command::Align(Some(stands_at_deg))).unwrap();
-        assert!((bed.compass.settings().align_deg - align_deg).abs() < 0.01);
+    let stand = |bench: &mut TestBed| bench.stand(Field::new(earth.ut + calibration.b_vector_ut()), 8);
+    for (given_heading_deg, align_deg) in [(109.9, 19.9), (70.1, -19.9)] {
+        stand(&mut bench);
+        bench.saved(Command::Align(Some(given_heading_deg))).unwrap();
+        assert!((bench.compass.settings().align_deg - align_deg).abs() < 0.01);
     }
-    for (stands_at_deg, align_deg, words) in [
+    for (given_heading_deg, align_deg, words) in [
         (110.5, 20.5, "every heading would be turned by 20.5 deg, "),
         (69.5, -20.5, "every heading would be turned by -20.5 deg, "),
         (271.0, -179.0, "every heading would be turned by -179.0 deg, "),
     ] {
-        let before_deg = bed.compass.settings().align_deg;
-        stand(&mut bed);
-        let refused = bed.refused(Command::Align(Some(stands_at_deg)));
-        assert!(bed.compass.settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
-        let repeat = format!("; if that is right: set align {stands_at_deg} yes");
-        let said = refused.to_string();
-        assert!(refused.code() == "needs-word" && said.starts_with(words) && said.ends_with(&repeat), "{said}");
-        bed.saved(Command::AlignConfirmed(stands_at_deg)).unwrap();
-        assert!((bed.compass.settings().align_deg - align_deg).abs() < 0.01);
+        let before_deg = bench.compass.settings().align_deg;
+        stand(&mut bench);
+        let refused = bench.refused(Command::Align(Some(given_heading_deg)));
+        assert!(bench.compass.settings().align_deg.to_bits() == before_deg.to_bits(), "nothing has changed");
+        let repeat = format!("; if that is right: set align {given_heading_deg} yes");
+        let refusal_text = refused.to_string();
+        assert!(
+            refused.code() == "needs-word" && refusal_text.starts_with(words) && refusal_text.ends_with(&repeat),
+            "{refusal_text}"
+        );
+        bench.saved(Command::AlignConfirmed(given_heading_deg)).unwrap();
+        assert!((bench.compass.settings().align_deg - align_deg).abs() < 0.01);
     }
-    assert_eq!(bed.refused(Command::AlignConfirmed(360.5)).code(), "out-of-range");
-    bed.now = bed.now.wrapping_add(60_000);
-    assert_eq!(bed.refused(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
+    assert_eq!(bench.refused(Command::AlignConfirmed(360.5)).code(), "out-of-range");
+    bench.now = bench.now.wrapping_add(60_000);
+    assert_eq!(bench.refused(Command::AlignConfirmed(100.0)), Refusal::NotStationary);
 }
 
 #[test]
-fn a_refusal_says_what_was_wrong_with_the_flight() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
-    bed.now = bed.now.wrapping_add(STEP_MS);
-    let hold = |bed: &mut TestBed, roll_deg: f32, samples: usize| {
+fn a_refusal_reports_the_problem_of_the_flight() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.now = bench.now.wrapping_add(STEP_MS);
+    let hold = |bench: &mut TestBed, roll_deg: f32, samples: usize| {
         for _ in 0..samples {
-            bed.sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
+            bench.sample(some_field(), Attitude::from_deg(roll_deg, 0.0));
         }
     };
-    hold(&mut bed, 6.0, 60);
-    let refused = bed.refused(Command::CalSolve(None));
+    hold(&mut bench, 6.0, 60);
+    let refused = bench.refused(Command::CalSolve(None));
     assert_eq!(refused.code(), "no-samples");
     assert_eq!(refused.to_string(), "too little bank, 6.0 deg at most; fly turns at 15 deg of bank or more each way");
-    hold(&mut bed, -25.0, 60);
-    let refused = bed.refused(Command::CalSolve(None));
+    hold(&mut bench, -25.0, 60);
+    let refused = bench.refused(Command::CalSolve(None));
     assert_eq!(refused.code(), "too-few-samples");
     assert_eq!(refused.to_string(), "only left turns were flown; fly right turns, too");
-    bed.done(Command::CalStartNew(None));
-    assert_eq!(bed.refused(Command::CalSolve(None)), Refusal::NoSamples);
+    bench.done(Command::CalStartNew(None));
+    assert_eq!(bench.refused(Command::CalSolve(None)), Refusal::NoSamples);
 }
 
 #[test]
@@ -716,90 +719,90 @@ fn collection_problems_explain_only_refusals_for_missing_samples() {
 }
 
 #[test]
-fn clear_forgets_and_undo_needs_something() {
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(2)), previous: None });
-    assert_eq!(bed.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
-    bed.compass.generations.previous = Some(record(1));
-    assert!(matches!(bed.command(Command::CalClear), Effect::Save));
-    assert!(matches!(bed.compass.to_save(), Some(StoreChange::Clear)));
-    assert!(bed.compass.active_record().is_some(), "until it is written");
+fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, Generations { current: Some(record(2)), previous: None });
+    assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
+    bench.compass.generations.previous = Some(record(1));
+    assert!(matches!(bench.command(Command::CalClear), Effect::Save));
+    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Clear)));
+    assert!(bench.compass.active_record().is_some(), "until it is written");
     assert!(matches!(
-        bed.compass.step(Event::Saved(Ok(()))),
+        bench.compass.step(Event::Saved(Ok(()))),
         Effect::Reply(Ok(Reply::Done(ModuleState::Uncalibrated)))
     ));
-    assert!(bed.compass.active_record().is_none());
-    assert_eq!(bed.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
+    assert!(bench.compass.active_record().is_none());
+    assert_eq!(bench.refused(Command::CalUndo), Refusal::NoPreviousCalibration);
 }
 
 #[test]
-fn what_could_not_be_written_has_not_happened() {
+fn a_change_that_cannot_be_stored_has_no_effect() {
     let failed = || Event::Saved(Err(StoreError::Verify));
     let generations = Generations { current: Some(record(2)), previous: Some(record(1)) };
-    let mut bed = TestBed::with(AcceptancePolicy::DEFAULT, generations);
+    let mut bench = TestBed::with(AcceptancePolicy::DEFAULT, generations);
     for command in
         [Command::CalUndo, Command::CalClear, Command::Set(SettingChange::StreamOn(false)), Command::Align(None)]
     {
-        assert!(matches!(bed.command(command), Effect::Save));
-        let effect = bed.compass.step(failed());
+        assert!(matches!(bench.command(command), Effect::Save));
+        let effect = bench.compass.step(failed());
         assert!(matches!(effect, Effect::Reply(Err(Refusal::Store(StoreError::Verify)))), "{command:?}: {effect:?}");
-        assert_eq!(bed.compass.generations, generations);
-        assert_eq!(*bed.compass.settings(), Settings::DEFAULT);
-        assert!(bed.compass.to_save().is_none());
+        assert_eq!(bench.compass.generations, generations);
+        assert_eq!(*bench.compass.settings(), Settings::DEFAULT);
+        assert!(bench.compass.to_save().is_none());
     }
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert!(matches!(bed.solve(), Effect::Save));
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert!(matches!(bench.solve(), Effect::Save));
     assert!(matches!(
-        bed.compass.step(failed()),
+        bench.compass.step(failed()),
         Effect::Notify(Message::Solved(Err(Refusal::Store(StoreError::Verify))))
     ));
-    assert_eq!(bed.compass.state(), ModuleState::Uncalibrated);
-    assert_eq!(bed.report().last_outcome, Some(Message::Solved(Err(Refusal::Store(StoreError::Verify)))));
+    assert_eq!(bench.compass.state(), ModuleState::Uncalibrated);
+    assert_eq!(bench.report().last_outcome, Some(Message::Solved(Err(Refusal::Store(StoreError::Verify)))));
 }
 
 #[test]
 fn unexpected_events_are_ignored() {
-    let mut bed = TestBed::new();
-    assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
-    assert!(matches!(bed.compass.step(Event::Saved(Ok(()))), Effect::None));
-    bed.done(Command::CalStart(Procedure::Turns));
-    assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
-    assert_eq!(bed.compass.state(), ModuleState::Collecting);
+    let mut bench = TestBed::new();
+    assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+    assert!(matches!(bench.compass.step(Event::Saved(Ok(()))), Effect::None));
+    bench.done(Command::CalStart(Procedure::Turns));
+    assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+    assert_eq!(bench.compass.state(), ModuleState::Collecting);
 }
 
 #[test]
 fn settings_out_of_range_are_refused_and_not_written() {
-    let mut bed = TestBed::new();
-    let refused = bed.refused(Command::Set(SettingChange::StreamRateHz(81)));
+    let mut bench = TestBed::new();
+    let refused = bench.refused(Command::Set(SettingChange::StreamRateHz(81)));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("a rate is 1 to 80 sentences a second")));
-    assert!(bed.compass.to_save().is_none());
-    assert!(matches!(bed.command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
-    assert!(matches!(bed.compass.to_save(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
+    assert!(bench.compass.to_save().is_none());
+    assert!(matches!(bench.command(Command::Set(SettingChange::StreamRateHz(80))), Effect::Save));
+    assert!(matches!(bench.compass.to_save(), Some(StoreChange::Settings(Settings { stream_rate_hz: 80, .. }))));
 }
 
 #[test]
 fn a_tumbling_needs_no_attitude() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Tumble));
-    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Unknown);
-    bed.tumble();
-    bed.done(Command::CalSolve(None));
-    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
-    let end = bed.solve();
-    let verdict = bed.settle(end).unwrap();
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Tumble));
+    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Unknown);
+    bench.tumble();
+    bench.done(Command::CalSolve(None));
+    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+    let end = bench.solve();
+    let verdict = bench.settle(end).unwrap();
     assert_eq!((verdict.quality.method, verdict.heading_deg_per_attitude_deg), (Method::Ellipsoid, None));
-    assert!(!bed.compass.correction().has_valid_inclination);
-    bed.done(Command::CalStart(Procedure::Level));
-    assert_eq!(bed.compass.correction().sample_attitude, SampleAttitude::Interpolated);
+    assert!(!bench.compass.correction().has_valid_inclination);
+    bench.done(Command::CalStart(Procedure::Level));
+    assert_eq!(bench.compass.correction().sample_attitude, SampleAttitude::Interpolated);
 }
 
 #[test]
-fn advice_is_of_the_last_solve() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.refused(Command::CalAdvise), Refusal::NotSolved);
-    bed.calibrate(&few_turns(&airframe(), 1)).unwrap();
-    let Ok(Reply::Advice(advice)) = bed.ask(Command::CalAdvise) else { panic!("none") };
+fn advice_refers_to_the_last_solve() {
+    let mut bench = TestBed::new();
+    assert_eq!(bench.refused(Command::CalAdvise), Refusal::NotSolved);
+    bench.calibrate(&few_turns(&airframe(), 1)).unwrap();
+    let Ok(Reply::Advice(advice)) = bench.ask(Command::CalAdvise) else { panic!("none") };
     assert!(advice.expected_deg > 0.0);
 }
 

@@ -30,7 +30,7 @@ impl Module {
         self.now = 100;
         let mut started = Run { compass, stored: &mut self.stored, now: &mut self.now, writes: &mut self.writes };
         let result = run(&mut started);
-        started.look(SILENT);
+        started.detect_protocols(SILENT);
         result
     }
 
@@ -53,8 +53,8 @@ impl Run<'_> {
     }
 
     /// Passes detected protocols as in idle time; saves if requested.
-    fn look(&mut self, spoken: [ProtocolKind; PORT_COUNT]) {
-        if let Effect::Save = self.compass.step(Event::ProtocolsDetected(spoken, WrappingMillis::new(*self.now))) {
+    fn detect_protocols(&mut self, detected: [ProtocolKind; PORT_COUNT]) {
+        if let Effect::Save = self.compass.step(Event::ProtocolsDetected(detected, WrappingMillis::new(*self.now))) {
             let Some(StoreChange::Remembered(remembered)) = self.compass.to_save() else { panic!() };
             self.stored.remembered = remembered;
             *self.writes += 1;
@@ -67,10 +67,10 @@ impl Run<'_> {
             *self.now += 250;
             let sample = Sample { time: WrappingMillis::new(*self.now), ..*sample };
             assert!(matches!(self.compass.step(Event::Sample(sample)), Effect::None));
-            self.look(SILENT);
+            self.detect_protocols(SILENT);
             while self.compass.is_busy() {
                 match self.compass.step(Event::Advance) {
-                    Effect::None => self.look(SILENT),
+                    Effect::None => self.detect_protocols(SILENT),
                     Effect::Save => {
                         let Some(StoreChange::Generations { current, .. }) = self.compass.to_save() else { panic!() };
                         self.stored.generations.current = current.copied();
@@ -100,11 +100,11 @@ fn hover() -> Vec<Sample> {
 
 /// Accuracies agree within 0.25 deg, with one restart or one every 15 s.
 #[test]
-fn a_collection_that_is_restarted_ends_as_one_that_is_not() {
-    let flown = hover();
+fn a_restarted_collection_ends_with_the_same_accuracy() {
+    let hover_samples = hover();
     let ends = |cuts: &[usize]| {
         let mut module = Module::new();
-        let mut rest = &flown[..];
+        let mut rest = &hover_samples[..];
         let mut began = 0;
         for &cut in cuts {
             let (now, later) = rest.split_at(cut - began);
@@ -125,14 +125,14 @@ fn a_collection_that_is_restarted_ends_as_one_that_is_not() {
 
 #[test]
 fn control_of_a_collection_survives_restarts() {
-    let flown = hover();
+    let hover_samples = hover();
     let mut module = Module::new();
-    module.run(|run| assert!(run.fly(&flown[..60]).is_none() && run.report().is_automatic));
+    module.run(|run| assert!(run.fly(&hover_samples[..60]).is_none() && run.report().is_automatic));
     let samples = module.run(|run| {
         let report = run.report();
         assert!(report.is_automatic && report.state == ModuleState::Collecting);
         run.compass.step(Event::Armed(Some(false)));
-        assert!(run.fly(&flown[60..100]).is_none() && run.report().awaits_arming);
+        assert!(run.fly(&hover_samples[60..100]).is_none() && run.report().awaits_arming);
         report.progress.left.samples
     });
     module.run(|run| {
@@ -146,7 +146,7 @@ fn control_of_a_collection_survives_restarts() {
         run.command(Command::CalStop);
     });
     module.run(|run| {
-        assert!(run.fly(&flown[100..160]).is_none());
+        assert!(run.fly(&hover_samples[100..160]).is_none());
         let report = run.report();
         assert_eq!(
             (report.state, report.progress.left.samples),
@@ -158,12 +158,12 @@ fn control_of_a_collection_survives_restarts() {
 }
 
 #[test]
-fn a_solve_does_not_take_the_samples_with_it_and_its_end_does() {
-    let flown = hover();
+fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
+    let hover_samples = hover();
     let mut module = Module::new();
     module.run(|run| {
         run.command(Command::CalStart(Procedure::Flight));
-        for (i, sample) in flown[..60].iter().enumerate() {
+        for (i, sample) in hover_samples[..60].iter().enumerate() {
             run.compass.step(Event::Sample(Sample { time: WrappingMillis::new(250 * i as u32), ..*sample }));
             if run.compass.is_busy() {
                 run.compass.step(Event::Advance);
@@ -192,14 +192,14 @@ fn a_solve_does_not_take_the_samples_with_it_and_its_end_does() {
     });
     module.run(|run| {
         run.command(Command::CalStart(Procedure::Flight));
-        run.fly(&flown[..30]);
+        run.fly(&hover_samples[..30]);
         run.command(Command::CalAbort);
     });
     module.run(|run| assert_eq!(run.report().progress.left.samples, 0));
 }
 
 #[test]
-fn what_has_been_calibrated_is_not_collected_on() {
+fn a_collection_whose_calibration_is_stored_is_discarded() {
     let mut module = Module::new();
     module.run(|run| assert!(run.fly(&hover()[..60]).is_none()));
     module.stored.generations.current = Some(CalibrationRecord { sensor: SENSOR, ..record(1) });
@@ -213,12 +213,12 @@ fn what_has_been_calibrated_is_not_collected_on() {
 /// once.
 #[test]
 fn a_collection_lost_with_the_power_is_reported() {
-    let flown = hover();
+    let hover_samples = hover();
     let mut module = Module::new();
     module.run(|run| {
-        run.fly(&flown[..4]);
+        run.fly(&hover_samples[..4]);
         assert_eq!(*run.writes, 0, "nothing to lose yet");
-        run.fly(&flown[4..80]);
+        run.fly(&hover_samples[4..80]);
         assert_eq!(*run.writes, 1);
     });
     module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 1), "it is not lost"));
@@ -226,12 +226,12 @@ fn a_collection_lost_with_the_power_is_reported() {
     module.run(|run| {
         assert_eq!(run.compass.last_outcome(), Some(&Message::CollectionLost));
         assert_eq!(run.compass.indicator_state(), IndicatorState::Idle, "no trouble");
-        run.look(SILENT);
+        run.detect_protocols(SILENT);
         assert_eq!((run.stored.remembered, *run.writes), (StartupValues::NOTHING, 2));
     });
     module.lose_power();
     module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 2), "told once"));
-    module.run(|run| assert!(run.fly(&flown).is_some_and(|end| end.is_ok())));
+    module.run(|run| assert!(run.fly(&hover_samples).is_some_and(|end| end.is_ok())));
     module.lose_power();
     module.run(|run| assert_eq!((run.compass.last_outcome(), *run.writes), (None, 3), "stored with the calibration"));
 }
@@ -239,9 +239,9 @@ fn a_collection_lost_with_the_power_is_reported() {
 /// Corrupted memory and repeated unexpected restarts count as a loss.
 #[test]
 fn a_damaged_collection_is_reported() {
-    let flown = hover();
+    let hover_samples = hover();
     let mut module = Module::new();
-    module.run(|run| assert!(run.fly(&flown[..80]).is_none()));
+    module.run(|run| assert!(run.fly(&hover_samples[..80]).is_none()));
     let mut damaged = Module { kept: module.kept.clone(), stored: module.stored, now: 0, writes: 0 };
     let mut at = 0;
     damaged.kept.transform_words(|word| {
@@ -260,10 +260,10 @@ fn a_damaged_collection_is_reported() {
 
 /// Requested restarts and completed trials reset the counter.
 #[test]
-fn restarts_that_are_asked_for_do_not_count() {
-    let flown = hover();
+fn requested_restarts_and_trial_solves_reset_the_restart_count() {
+    let hover_samples = hover();
     let mut module = Module::new();
-    module.run(|run| assert!(run.fly(&flown[..60]).is_none()));
+    module.run(|run| assert!(run.fly(&hover_samples[..60]).is_none()));
     for _ in 0..6 {
         module.run(|run| {
             assert_eq!(run.compass.state(), ModuleState::Collecting);
@@ -274,7 +274,7 @@ fn restarts_that_are_asked_for_do_not_count() {
     for _ in 0..6 {
         module.run(|run| {
             assert_eq!(run.compass.state(), ModuleState::Collecting);
-            assert!(run.fly(&flown[60..62]).is_none() && run.report().last_trial.is_some(), "a trial");
+            assert!(run.fly(&hover_samples[60..62]).is_none() && run.report().last_trial.is_some(), "a trial");
         });
     }
 }
@@ -285,7 +285,7 @@ fn detected_protocols_are_written_once() {
     let mut module = Module::new();
     let at = |run: &mut Run<'_>, ms: u32, spoken| {
         *run.now = ms;
-        run.look(spoken);
+        run.detect_protocols(spoken);
         // The other port may be NMEA, or detecting in a firmware without NMEA.
         let [found, _] = run.stored.remembered.detected_protocols;
         (found, *run.writes)
@@ -315,29 +315,29 @@ fn detected_protocols_are_written_once() {
 }
 
 #[test]
-fn a_save_that_fails_is_not_tried_again() {
-    let mut bed = TestBed::new();
+fn a_failed_save_of_protocols_is_not_repeated() {
+    let mut bench = TestBed::new();
     let mut saves = 0;
     for second in 0..60 {
         let now = WrappingMillis::new(second * 1000);
-        if let Effect::Save = bed.compass.step(Event::ProtocolsDetected(FOUND, now)) {
+        if let Effect::Save = bench.compass.step(Event::ProtocolsDetected(FOUND, now)) {
             saves += 1;
-            assert!(matches!(bed.compass.step(Event::Saved(Err(StoreError::Flash))), Effect::None));
+            assert!(matches!(bench.compass.step(Event::Saved(Err(StoreError::Flash))), Effect::None));
         }
     }
     assert_eq!(saves, 1);
 }
 
 #[test]
-fn nothing_is_written_in_a_solve() {
-    let mut bed = TestBed::new();
-    bed.done(Command::CalStart(Procedure::Turns));
-    bed.fly(&turns(&airframe(), 1));
-    assert!(bed.compass.is_busy());
-    assert!(matches!(bed.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
-    assert!(matches!(bed.compass.step(Event::Advance), Effect::None));
-    let end = bed.solve();
-    assert!(bed.settle(end).is_ok());
+fn no_flash_write_happens_during_a_solve() {
+    let mut bench = TestBed::new();
+    bench.done(Command::CalStart(Procedure::Turns));
+    bench.fly(&turns(&airframe(), 1));
+    assert!(bench.compass.is_busy());
+    assert!(matches!(bench.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
+    assert!(matches!(bench.compass.step(Event::Advance), Effect::None));
+    let end = bench.solve();
+    assert!(bench.settle(end).is_ok());
     // A collection without stored flag needs no second write.
-    assert!(matches!(bed.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
+    assert!(matches!(bench.compass.step(Event::ProtocolsDetected(SILENT, WrappingMillis::new(0))), Effect::None));
 }

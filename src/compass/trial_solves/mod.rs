@@ -81,8 +81,8 @@ impl TrialResult {
     fn ends_collection(&self, wanted_deg: f32, confirmed: bool) -> bool {
         let is_good = confirmed && self.reaches_accuracy(wanted_deg);
         let is_all = (self.is_limited_by_attitude || self.is_stalled) && self.missing_manoeuvre.is_none();
-        let goes_on = self.refusal.as_ref().is_some_and(Refusal::is_curable_by_samples);
-        (is_good || is_all) && !goes_on
+        let is_curable = self.refusal.as_ref().is_some_and(Refusal::is_curable_by_samples);
+        (is_good || is_all) && !is_curable
     }
 }
 
@@ -111,17 +111,17 @@ impl TrialSchedule {
 
     /// Whether a trial is due; counts it as started.
     pub fn is_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
-        let (news, kept) = (collector.distinct_samples() as u16, collector.stored_count());
+        let (new_samples, kept) = (collector.distinct_samples() as u16, collector.stored_count());
         let is_early = if self.represented_trials == 0 {
             kept < CONFIG.min_samples
         } else {
             now.ms_since(self.last_trial_at) < CONFIG.min_interval_ms
-                || news.wrapping_sub(self.measurements_at_last) < CONFIG.min_new_measurements
+                || new_samples.wrapping_sub(self.measurements_at_last) < CONFIG.min_new_measurements
         };
         if is_early {
             return false;
         }
-        (self.last_trial_at, self.measurements_at_last) = (now, news);
+        (self.last_trial_at, self.measurements_at_last) = (now, new_samples);
         self.skipped_trials += 1;
         let is_due = self.skipped_trials >= CONFIG.idle_trial_period
             || kept.wrapping_sub(self.retained_at_last) >= CONFIG.min_newly_retained;

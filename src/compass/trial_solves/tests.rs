@@ -11,8 +11,8 @@ use crate::frames::{Attitude, Field, Level};
 /// Times of trials, seconds, and the number each represents: 10 samples/s in turns of 18 s, pitched by -15 deg from
 /// 400 to 440 s, with the same readings in each turn.
 fn trial_times_in_turns() -> Vec<(f32, u8)> {
-    let mut kept = RetainedSamples::EMPTY;
-    let mut collector = Collector::new(&mut kept);
+    let mut retained = RetainedSamples::EMPTY;
+    let mut collector = Collector::new(&mut retained);
     collector.begin(Procedure::Flight);
     let mut pace = TrialSchedule::NONE;
     let mut due = Vec::new();
@@ -33,26 +33,26 @@ fn trial_times_in_turns() -> Vec<(f32, u8)> {
 
 /// A full buffer is tried once a minute; new samples cause a trial within 10 s.
 #[test]
-fn trials_without_new_samples_run_once_a_minute() {
+fn trial_solves_without_new_samples_run_once_a_minute() {
     let due = trial_times_in_turns();
     // 600 places fill in two minutes at 5 samples/s.
     let expected = [[1; 11].as_slice(), &[6, 6, 6, 6, 5, 1, 1, 1, 6, 6]].concat();
     let tens: Vec<u8> = due.windows(2).map(|pair| ((pair[1].0 - pair[0].0) / 10.0).round() as u8).collect();
     assert_eq!(tens, expected, "{due:?}");
-    let stand_for: Vec<u8> = due.iter().skip(1).map(|&(_, stands_for)| stands_for).collect();
-    assert_eq!(stand_for, expected, "{due:?}");
+    let represented_counts: Vec<u8> = due.iter().skip(1).map(|&(_, represented)| represented).collect();
+    assert_eq!(represented_counts, expected, "{due:?}");
 }
 
-fn trials_representing(stands_for: u8) -> TrialSolves {
+fn trials_representing(represented: u8) -> TrialSolves {
     TrialSolves {
-        schedule: TrialSchedule { represented_trials: stands_for, ..TrialSchedule::NONE },
+        schedule: TrialSchedule { represented_trials: represented, ..TrialSchedule::NONE },
         ..TrialSolves::NONE
     }
 }
 
 /// Threshold: an improvement of 5 %.
 #[test]
-fn six_trials_without_improvement_are_stalled() {
+fn six_trial_solves_without_improvement_are_stalled() {
     let mut trials = trials_representing(1);
     assert!(!trials.update_stalled(2.0));
     for _ in 0..5 {
@@ -67,11 +67,11 @@ fn six_trials_without_improvement_are_stalled() {
 }
 
 #[test]
-fn skipped_trials_count_as_without_improvement() {
-    for (stands_for, stalled) in [(5, [false, true]), (6, [true, true]), (2, [false, false])] {
-        let mut trials = trials_representing(stands_for);
+fn skipped_trial_solves_count_as_without_improvement() {
+    for (represented, stalled) in [(5, [false, true]), (6, [true, true]), (2, [false, false])] {
+        let mut trials = trials_representing(represented);
         assert!(!trials.update_stalled(2.0), "the first one");
-        assert_eq!([2.0, 2.0].map(|deg| trials.update_stalled(deg)), stalled, "{stands_for}");
+        assert_eq!([2.0, 2.0].map(|deg| trials.update_stalled(deg)), stalled, "{represented}");
     }
 }
 
@@ -131,9 +131,9 @@ fn solution_with(expected_rms_deg: f32, ut_per_a: f32) -> Solution {
 }
 
 #[test]
-fn with_motor_current_interference_two_consecutive_good_trials_are_required() {
-    let mut kept = RetainedSamples::EMPTY;
-    let collector = Collector::new(&mut kept);
+fn motor_current_interference_requires_two_good_trial_solves_in_a_row() {
+    let mut retained = RetainedSamples::EMPTY;
+    let collector = Collector::new(&mut retained);
     for (ut_per_a, trials_deg, ends) in [
         (0.0, &[0.9][..], &[true][..]),
         (0.0, &[1.1, 0.9], &[false, true]),

@@ -58,13 +58,13 @@ pub(super) fn latency(out: &mut impl Write, calibration: &Calibration, found: Op
 }
 
 /// Writes the motor-current interference, whether it is applied, and the currents it was estimated from.
-pub(super) fn write_interference(out: &mut impl Write, iron: &MotorCurrentInterference) -> fmt::Result {
-    if iron.current_sigma_a == 0.0 {
+pub(super) fn write_interference(out: &mut impl Write, interference: &MotorCurrentInterference) -> fmt::Result {
+    if interference.current_sigma_a == 0.0 {
         return writeln!(out, "current: not known");
     }
-    let [mean_a, spread_a] = [iron.mean_current_a, iron.current_sigma_a].map(Decimal::<1>);
-    let ([x, y, z], sigma) = (iron.ut_per_a.map(Decimal::<3>), Decimal::<3>(iron.sigma_ut_per_a));
-    let used = if iron.is_applied() { "used" } else { "not used" };
+    let [mean_a, spread_a] = [interference.mean_current_a, interference.current_sigma_a].map(Decimal::<1>);
+    let ([x, y, z], sigma) = (interference.ut_per_a.map(Decimal::<3>), Decimal::<3>(interference.sigma_ut_per_a));
+    let used = if interference.is_applied() { "used" } else { "not used" };
     writeln!(out, "current: {x} {y} {z} uT/A, sigma {sigma}, {used}; {mean_a} A, sigma {spread_a}")
 }
 
@@ -108,10 +108,10 @@ mod tests {
 
     /// The reply shows whether the autopilot reported a current, and the estimated interference.
     #[test]
-    fn what_goes_with_the_current_is_said() {
-        let said = |iron: MotorCurrentInterference| {
+    fn motor_current_interference_is_reported() {
+        let line = |interference: MotorCurrentInterference| {
             let mut out = heapless::String::<96>::new();
-            write_interference(&mut out, &iron).unwrap();
+            write_interference(&mut out, &interference).unwrap();
             out
         };
         let found = MotorCurrentInterference {
@@ -120,25 +120,25 @@ mod tests {
             mean_current_a: 14.3,
             current_sigma_a: 6.5,
         };
-        assert_eq!(said(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
+        assert_eq!(line(found), "current: 0.250 -0.125 0.500 uT/A, sigma 0.004, used; 14.3 A, sigma 6.5\n");
         let unused = MotorCurrentInterference { ut_per_a: [0.0; 3], ..found };
-        assert_eq!(said(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
-        assert_eq!(said(MotorCurrentInterference::NONE), "current: not known\n");
+        assert_eq!(line(unused), "current: 0.000 0.000 0.000 uT/A, sigma 0.004, not used; 14.3 A, sigma 6.5\n");
+        assert_eq!(line(MotorCurrentInterference::NONE), "current: not known\n");
     }
 
     /// An applied latency is shown with its value; an estimate is not applied; without rates the latency is unknown.
     #[test]
-    fn a_latency_is_said_to_be_used_or_not() {
-        let said = |latency_s: f32, found: Option<AttitudeLatency>| {
+    fn attitude_latency_is_reported_as_used_or_not() {
+        let line = |latency_s: f32, found: Option<AttitudeLatency>| {
             let calibration = Calibration { latency_s, ..Calibration::uncalibrated(Orientation::NONE) };
             let mut out = heapless::String::<64>::new();
             latency(&mut out, &calibration, found).unwrap();
             out
         };
         let found = |found_s: f32| Some(AttitudeLatency { estimate_s: found_s, sigma_s: 0.0031 });
-        assert_eq!(said(0.0412, found(0.0424)), "latency: 41 ms, sigma 3 ms, used\n");
-        assert_eq!(said(-0.066, found(-0.066)), "latency: -66 ms, sigma 3 ms, used\n");
-        assert_eq!(said(0.0, found(0.0084)), "latency: 8 ms, sigma 3 ms, not used\n");
-        assert_eq!(said(0.0, None), "latency: not known\n");
+        assert_eq!(line(0.0412, found(0.0424)), "latency: 41 ms, sigma 3 ms, used\n");
+        assert_eq!(line(-0.066, found(-0.066)), "latency: -66 ms, sigma 3 ms, used\n");
+        assert_eq!(line(0.0, found(0.0084)), "latency: 8 ms, sigma 3 ms, not used\n");
+        assert_eq!(line(0.0, None), "latency: not known\n");
     }
 }

@@ -21,8 +21,8 @@ use status::status;
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Writes `error <code>: what to do`.
-fn error(out: &mut impl Write, code: &str, what_to_do: impl Display) -> fmt::Result {
-    writeln!(out, "error {code}: {what_to_do}")
+fn error(out: &mut impl Write, code: &str, advice: impl Display) -> fmt::Result {
+    writeln!(out, "error {code}: {advice}")
 }
 
 /// Writes the error of an invalid line.

@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn the_field_model_says_what_it_is_worth() {
+    fn the_field_model_is_shown_with_its_validity() {
         let dresden = Some([51.1, 13.7]);
         for (place, days, words) in [
             (None, None, "no date yet, no position yet"),
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn degrees_say_where_they_are_from() {
+    fn degrees_are_shown_with_their_source() {
         for (degrees, words) in [
             ([Some(3.25), Some(5.16)], "declination: 3.25 deg"),
             ([None, Some(-5.16)], "declination: -5.2 deg, by the field model"),

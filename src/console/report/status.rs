@@ -59,19 +59,19 @@ fn write_motor_current(out: &mut impl Write, current_a: Option<f32>) -> fmt::Res
 }
 
 /// Writes the detected protocol of a port that is set to `auto`.
-fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, spoken: ProtocolKind) -> fmt::Result {
-    match (chosen, spoken) {
+fn write_detected_protocol(out: &mut impl Write, chosen: ProtocolKind, detected: ProtocolKind) -> fmt::Result {
+    match (chosen, detected) {
         (ProtocolKind::Auto, ProtocolKind::Auto) => out.write_str(", no protocol detected yet"),
-        (ProtocolKind::Auto, spoken) => write!(out, ", found {}", spoken.name()),
+        (ProtocolKind::Auto, detected) => write!(out, ", found {}", detected.name()),
         _ => Ok(()),
     }
 }
 
 fn progress(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.progress;
-    let by_itself = if report.is_automatic { ", automatic" } else { "" };
-    let waits = if report.awaits_arming { ", when the autopilot arms" } else { "" };
-    writeln!(out, "collection: {}{by_itself}{waits}", progress.procedure.name())?;
+    let automatic_text = if report.is_automatic { ", automatic" } else { "" };
+    let waiting_text = if report.awaits_arming { ", when the autopilot arms" } else { "" };
+    writeln!(out, "collection: {}{automatic_text}{waiting_text}", progress.procedure.name())?;
     match progress.procedure {
         Procedure::Turns => {
             writeln!(out, "left: {}", CoverageText(&progress.left))?;
@@ -138,10 +138,10 @@ fn heading_lines(out: &mut impl Write, health: &Diagnostics) -> fmt::Result {
             let [heading_deg, sigma_deg] = [heading.magnetic_deg(), heading.sigma_deg()].map(Decimal::<1>);
             writeln!(out, "heading: {heading_deg} deg magnetic, sigma {sigma_deg} deg")
         }
-        Err(why) => writeln!(out, "heading: none, {}", why.code()),
+        Err(reason) => writeln!(out, "heading: none, {}", reason.code()),
     }?;
     match &health.hard_iron_change {
-        Some(iron) => writeln!(out, "hard iron: changed by {}", Message::HardIronChanged(*iron).text()),
+        Some(change) => writeln!(out, "hard iron: changed by {}", Message::HardIronChanged(*change).text()),
         None => writeln!(out, "hard iron: no change detected"),
     }
 }

@@ -144,7 +144,7 @@ fn every_position_has_a_plausible_field() {
 
 /// North turns with longitude, the field is constant.
 #[test]
-fn at_the_pole_only_north_turns() {
+fn at_the_pole_only_declination_depends_on_longitude() {
     let at = |longitude_deg| EarthField::from_model(place(-90.0, longitude_deg, 2_800.0), day(0)).unwrap();
     let first = at(0.0);
     for longitude_deg in [-150.0, -30.0, 10.0, 90.0, 170.0] {

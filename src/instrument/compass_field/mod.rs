@@ -88,7 +88,7 @@ impl FieldMap {
         let Self([x, y, z]) = *self;
         let inverse = inverse(&Matrix3::from_fn(|row, column| self.0[row][column]))?;
         let c_ut = Vector3::new(x[3], y[3], z[3]);
-        Some(move |told: Field<Body>| Field::new(inverse * (told.ut - c_ut)))
+        Some(move |mapped: Field<Body>| Field::new(inverse * (mapped.ut - c_ut)))
     }
 }
 
@@ -186,17 +186,17 @@ impl CompassField {
 
     /// Applies a correction, possibly the same one, with the calibration as stored.
     #[inline(never)]
-    pub fn set_correction(&mut self, correction: &Correction, in_force: Option<&(Calibration, HeadingUncertainty)>) {
-        self.had_calibration |= in_force.is_some();
+    pub fn set_correction(&mut self, correction: &Correction, active: Option<&(Calibration, HeadingUncertainty)>) {
+        self.had_calibration |= active.is_some();
         let before = self.target_map;
         let now = self.last;
         let from = before.map(|to| self.effective_map_at(now, &to));
-        self.apply_adjustment(correction, in_force);
+        self.apply_adjustment(correction, active);
         if self.target_map == before {
             return;
         }
         let is_in_air = correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
-        self.blend = match (from, self.target_map, in_force) {
+        self.blend = match (from, self.target_map, active) {
             (Some(from), Some(to), Some((calibration, _))) if is_in_air => Some(MapBlend {
                 from,
                 started_at: now,
@@ -207,8 +207,8 @@ impl CompassField {
     }
 
     /// Applies the monitor's small adjustments, without a blend.
-    pub fn apply_adjustment(&mut self, correction: &Correction, in_force: Option<&(Calibration, HeadingUncertainty)>) {
-        self.target_map = match in_force {
+    pub fn apply_adjustment(&mut self, correction: &Correction, active: Option<&(Calibration, HeadingUncertainty)>) {
+        self.target_map = match active {
             Some((calibration, _)) => Some(FieldMap::new(calibration, correction)),
             // After a corrected field the raw field must never be output.
             None if self.had_calibration => None,

@@ -22,7 +22,7 @@ fn calibration() -> Calibration {
 }
 
 /// Another calibration of the same aircraft; headings differ by up to 12 deg.
-fn another() -> Calibration {
+fn other_calibration() -> Calibration {
     let w = [[1.05, 0.04, 0.0], [0.03, 0.97, 0.02], [-0.02, 0.0, 1.0]];
     Calibration { w, b_ut: [3.0, -4.0, 2.0], ..calibration() }
 }
@@ -65,20 +65,20 @@ fn turned_deg(from: Field<Body>, to: Field<Body>) -> f32 {
 
 const SOME: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
 
-fn is_near(told: Option<Field<Body>>, expected: Field<Body>) -> bool {
-    told.is_some_and(|told| (told.ut - expected.ut).norm() < 2e-5)
+fn is_near(output: Option<Field<Body>>, expected: Field<Body>) -> bool {
+    output.is_some_and(|output| (output.ut - expected.ut).norm() < 2e-5)
 }
 
 #[test]
-fn headings_made_of_what_is_told_are_ours_in_level_flight() {
+fn headings_from_the_compass_field_match_ours_in_level_flight() {
     for align_deg in [0.0, 5.0, -30.0, 179.0] {
         for heading in (0_u16..360).step_by(15) {
-            let mut instrument = with(Correction { align_deg, ..corrected(another()) });
+            let mut instrument = with(Correction { align_deg, ..corrected(other_calibration()) });
             report(&mut instrument, 0, Attitude::default());
             // Sensor field whose correction is the Earth's field.
-            let read_ut = inverse(&another().w_matrix()).unwrap()
+            let read_ut = inverse(&other_calibration().w_matrix()).unwrap()
                 * sensed(f32::from(heading).to_radians(), Attitude::default()).ut
-                + another().b_vector_ut();
+                + other_calibration().b_vector_ut();
             let estimate = read(&mut instrument, 0, Field::new(read_ut));
             let ours_deg = estimate.heading.unwrap().magnetic_deg();
             let off_deg = wrap_pi((heading_deg(estimate.compass_field.unwrap()) - ours_deg).to_radians()).to_degrees();
@@ -91,7 +91,7 @@ fn headings_made_of_what_is_told_are_ours_in_level_flight() {
 
 /// Ratios beyond 2 keep the sensor's scale.
 #[test]
-fn the_strength_is_the_true_one_where_it_is_known() {
+fn the_compass_field_has_the_true_strength_where_it_is_known() {
     for (total_ut, told_ut) in [
         (None, 50.0),
         (Some(47.5), 47.5),
@@ -104,15 +104,15 @@ fn the_strength_is_the_true_one_where_it_is_known() {
     ] {
         let mut instrument = with(Correction { total_ut, ..corrected(calibration()) });
         report(&mut instrument, 0, Attitude::default());
-        let told = read(&mut instrument, 0, sensed(0.7, Attitude::default())).compass_field.unwrap();
-        assert!((told.total_ut() - told_ut).abs() < 1e-3, "{total_ut:?}: {told:?}");
-        assert!((heading_deg(told) - 0.7_f32.to_degrees()).abs() < 1e-3);
+        let output = read(&mut instrument, 0, sensed(0.7, Attitude::default())).compass_field.unwrap();
+        assert!((output.total_ut() - told_ut).abs() < 1e-3, "{total_ut:?}: {output:?}");
+        assert!((heading_deg(output) - 0.7_f32.to_degrees()).abs() < 1e-3);
     }
 }
 
 /// Autopilots look for a compass at start-up, when it is unknown whether a calibration is stored for the chip.
 #[test]
-fn an_uncalibrated_module_tells_what_it_reads() {
+fn an_uncalibrated_module_sends_the_raw_field() {
     let mut instrument = with(Correction::NONE);
     assert_eq!(read(&mut instrument, 0, SOME).compass_field, None);
     let mount = Orientation::from_name("yaw90");
@@ -127,19 +127,22 @@ fn an_uncalibrated_module_tells_what_it_reads() {
 }
 
 #[test]
-fn what_is_read_is_never_told_after_a_calibration_was_in_use() {
+fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     let mount = Some(Orientation::NONE);
     let mut instrument = with(Correction { mount, ..corrected(calibration()) });
     assert!(read(&mut instrument, 0, SOME).compass_field.is_some());
     correct(&mut instrument, Correction { mount, ..Correction::NONE });
     assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass_field, None);
-    correct(&mut instrument, Correction { mount, ..corrected(another()) });
-    assert!(is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, another().apply(SOME)), "at once");
+    correct(&mut instrument, Correction { mount, ..corrected(other_calibration()) });
+    assert!(
+        is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, other_calibration().apply(SOME)),
+        "at once"
+    );
 }
 
 /// Attitude missing, stale, frozen.
 #[test]
-fn an_attitude_that_fails_leaves_the_compass() {
+fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
     let level = Attitude::default();
     let mut instrument = with(corrected(calibration()));
     let missing = read(&mut instrument, 0, sensed(1.0, level));
@@ -159,8 +162,8 @@ fn an_attitude_that_fails_leaves_the_compass() {
 
 /// Without an attitude only the strength is checked, within 20 %.
 #[test]
-fn without_an_attitude_the_strength_judges() {
-    let told = |times: f32, attitude: Option<Attitude>| {
+fn without_attitude_only_the_field_strength_is_checked() {
+    let output = |times: f32, attitude: Option<Attitude>| {
         let mut instrument = with(corrected(calibration()));
         if let Some(attitude) = attitude {
             report(&mut instrument, 0, attitude);
@@ -168,14 +171,14 @@ fn without_an_attitude_the_strength_judges() {
         read(&mut instrument, 0, Field::new(sensed(1.0, Attitude::default()).ut * times)).compass_field.is_some()
     };
     for (times, expected) in [(1.0, true), (1.199, true), (1.201, false), (0.801, true), (0.799, false)] {
-        assert_eq!(told(times, None), expected, "{times}");
-        assert_eq!(told(times, Some(Attitude::default())), expected, "{times} with attitude");
+        assert_eq!(output(times, None), expected, "{times}");
+        assert_eq!(output(times, Some(Attitude::default())), expected, "{times} with attitude");
     }
-    assert!(!told(f32::NAN, None) && !told(f32::INFINITY, None));
-    assert!(!told(1.0, Some(Attitude::from_deg(0.0, 40.0))), "a dip that is not the Earth's");
+    assert!(!output(f32::NAN, None) && !output(f32::INFINITY, None));
+    assert!(!output(1.0, Some(Attitude::from_deg(0.0, 40.0))), "a dip that is not the Earth's");
 }
 
-fn judged(verdict: Result<(), NoHeading>) -> Instrument {
+fn with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
     let mut instrument = with(corrected(calibration()));
     report(&mut instrument, 0, Attitude::default());
     instrument.monitor.set_validity(verdict);
@@ -185,54 +188,54 @@ fn judged(verdict: Result<(), NoHeading>) -> Instrument {
 
 /// The verdict on the field applies with and without attitude; that on the attitude does not matter.
 #[test]
-fn what_the_watch_says_of_the_field_silences() {
+fn a_field_rejected_by_the_monitor_is_not_sent() {
     let field = sensed(1.0, Attitude::default());
-    for (verdict, told) in [
+    for (verdict, output) in [
         (Ok(()), true),
         (Err(NoHeading::AttitudeContradicted), true),
         (Err(NoHeading::FieldDisturbed), false),
         (Err(NoHeading::FieldChanged), false),
     ] {
-        let mut instrument = judged(verdict);
+        let mut instrument = with_verdict(verdict);
         let estimate = read(&mut instrument, 0, field);
-        assert_eq!((estimate.heading.err(), estimate.compass_field.is_some()), (verdict.err(), told));
+        assert_eq!((estimate.heading.err(), estimate.compass_field.is_some()), (verdict.err(), output));
         let stale = read(&mut instrument, 1_000_000, field);
         assert_eq!(
             (stale.heading, stale.compass_field.is_some()),
-            (Err(NoHeading::AttitudeStale), told),
+            (Err(NoHeading::AttitudeStale), output),
             "{verdict:?}"
         );
     }
     let strong = Field::new(field.ut * 1.3);
-    assert_eq!(read(&mut judged(Err(NoHeading::AttitudeContradicted)), 0, strong).compass_field, None);
+    assert_eq!(read(&mut with_verdict(Err(NoHeading::AttitudeContradicted)), 0, strong).compass_field, None);
     // Without attitude a disturbance times out; changed hard iron does not.
-    for (verdict, us, told) in [
+    for (verdict, us, output) in [
         (NoHeading::FieldDisturbed, 10_000_000, false),
         (NoHeading::FieldDisturbed, 10_000_001, true),
         (NoHeading::FieldChanged, 3_600_000_000, false),
     ] {
         assert_eq!(
-            read(&mut judged(Err(verdict)), us, field).compass_field.is_some(),
-            told,
+            read(&mut with_verdict(Err(verdict)), us, field).compass_field.is_some(),
+            output,
             "{verdict:?} after {us} us"
         );
     }
 }
 
 #[test]
-fn what_is_told_is_by_the_calibration_in_force() {
+fn the_compass_field_uses_the_monitored_calibration() {
     let mut instrument = with(corrected(calibration()));
-    let iron = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
-    instrument.monitored_calibration = Some((iron, HeadingUncertainty::NONE));
+    let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
+    instrument.monitored_calibration = Some((monitored, HeadingUncertainty::NONE));
     instrument.compass_field.apply_adjustment(&instrument.correction, instrument.monitored_calibration.as_ref());
-    assert!(is_near(read(&mut instrument, 0, SOME).compass_field, iron.apply(SOME)));
+    assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.apply(SOME)));
     correct(&mut instrument, armed(true, &corrected(calibration())));
-    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, iron.apply(SOME)));
+    assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.apply(SOME)));
 }
 
 /// Full path through the monitor: 2 uT of added hard iron are compensated.
 #[test]
-fn iron_that_moves_is_followed() {
+fn added_hard_iron_is_compensated_in_the_compass_field() {
     let mut instrument = with(corrected(calibration()));
     let mut random = Random(3);
     let mut last = None;
@@ -248,43 +251,43 @@ fn iron_that_moves_is_followed() {
             instrument.on_attitude(at(us).plus_signed_us(attitude::AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
-        let iron = Vector3::new(2.0, 0.0, 0.0);
+        let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
         let truth = sensed(heading_rad, Attitude::from_deg(5.0, 0.0)).ut;
-        let estimate = read(&mut instrument, us, Field::new(truth + iron + noise));
+        let estimate = read(&mut instrument, us, Field::new(truth + hard_iron_change_ut + noise));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
-        last = estimate.compass_field.map(|told| (told.ut - noise - truth).norm());
+        last = estimate.compass_field.map(|output| (output.ut - noise - truth).norm());
     }
     assert!(instrument.monitored_at > at(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
-fn told(instrument: &mut Instrument, from_us: u64, seconds: u64, field: Field<Sensor>) -> Vec<Field<Body>> {
+fn output(instrument: &mut Instrument, from_us: u64, seconds: u64, field: Field<Sensor>) -> Vec<Field<Body>> {
     (0..seconds * 100)
         .map(|i| instrument.compass_field.output_field(at(from_us + i * 10_000), field).unwrap())
         .collect()
 }
 
-fn fastest_deg_s(told: &[Field<Body>]) -> f32 {
-    told.windows(2).map(|pair| turned_deg(pair[0], pair[1]).abs() * 100.0).fold(0.0, f32::max)
+fn fastest_deg_s(output: &[Field<Body>]) -> f32 {
+    output.windows(2).map(|pair| turned_deg(pair[0], pair[1]).abs() * 100.0).fold(0.0, f32::max)
 }
 
 /// For all headings.
 #[test]
-fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
+fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
     let mut worst = 0_f32;
     for heading in (0_u16..360).step_by(10) {
-        let read_ut = inverse(&another().w_matrix()).unwrap()
+        let read_ut = inverse(&other_calibration().w_matrix()).unwrap()
             * sensed(f32::from(heading).to_radians(), Attitude::default()).ut
-            + another().b_vector_ut();
+            + other_calibration().b_vector_ut();
         let field = Field::new(read_ut);
         let mut instrument = with(armed(true, &corrected(calibration())));
         let before = instrument.compass_field.output_field(at(0), field).unwrap();
-        correct(&mut instrument, armed(true, &corrected(another())));
-        let told = told(&mut instrument, 0, 40, field);
-        assert_eq!(told[0], before);
-        assert!(is_near(told.last().copied(), another().apply(field)));
-        let fastest_deg_s = fastest_deg_s(&told);
+        correct(&mut instrument, armed(true, &corrected(other_calibration())));
+        let output = output(&mut instrument, 0, 40, field);
+        assert_eq!(output[0], before);
+        assert!(is_near(output.last().copied(), other_calibration().apply(field)));
+        let fastest_deg_s = fastest_deg_s(&output);
         // f32 rounding of 1e-5 deg per 10 ms is 1e-3 deg/s.
         assert!(fastest_deg_s < 1.01, "heading {heading}: {fastest_deg_s}");
         worst = worst.max(fastest_deg_s);
@@ -294,50 +297,50 @@ fn in_the_air_a_new_calibration_turns_the_heading_by_a_degree_a_second() {
 
 /// For a change of 100 deg the field passes near zero, where headings turn fast.
 #[test]
-fn a_large_change_is_no_faster() {
+fn a_change_of_100_deg_also_turns_at_1_deg_s() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
     instrument.compass_field.output_field(at(0), field);
     correct(&mut instrument, Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
-    let told = told(&mut instrument, 0, 200, field);
-    let fastest_deg_s = fastest_deg_s(&told);
+    let output = output(&mut instrument, 0, 200, field);
+    let fastest_deg_s = fastest_deg_s(&output);
     assert!((0.9..1.01).contains(&fastest_deg_s), "{fastest_deg_s}");
-    assert!((turned_deg(told[0], told[told.len() - 1]) - 100.0).abs() < 0.01);
+    assert!((turned_deg(output[0], output[output.len() - 1]) - 100.0).abs() < 0.01);
 }
 
 /// From the raw field to a calibration, and to another one before the blend ends.
 #[test]
-fn a_change_on_the_way_goes_on_from_where_it_is() {
+fn a_further_change_starts_from_the_present_blend() {
     let mount = Some(Orientation::NONE);
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
     instrument.compass_field.output_field(at(0), field);
-    let flown = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
-    correct(&mut instrument, flown(10.0));
-    let mut all = told(&mut instrument, 0, 5, field);
-    correct(&mut instrument, flown(-10.0));
-    all.extend(told(&mut instrument, 5_000_000, 5, field));
+    let aligned = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
+    correct(&mut instrument, aligned(10.0));
+    let mut all = output(&mut instrument, 0, 5, field);
+    correct(&mut instrument, aligned(-10.0));
+    all.extend(output(&mut instrument, 5_000_000, 5, field));
     // Repeating a correction does not restart the blend.
-    correct(&mut instrument, flown(-10.0));
-    all.extend(told(&mut instrument, 10_000_000, 20, field));
+    correct(&mut instrument, aligned(-10.0));
+    all.extend(output(&mut instrument, 10_000_000, 20, field));
     assert!(fastest_deg_s(&all) < 1.01, "{}", fastest_deg_s(&all));
     let turned = |i: usize| turned_deg(all[0], all[i]);
     assert!((4.0..5.0).contains(&turned(499)), "{}", turned(499));
     assert!((-10.01..-9.99).contains(&turned(all.len() - 1)));
-    let arrived = all.iter().position(|told| turned_deg(all[0], *told) < -9.99).unwrap();
+    let arrived = all.iter().position(|output| turned_deg(all[0], *output) < -9.99).unwrap();
     assert!((1_900..2_100).contains(&arrived), "15 deg more in some 15 s: {arrived}");
 }
 
 #[test]
-fn what_has_begun_goes_on_when_it_is_disarmed() {
+fn a_blend_continues_after_disarming() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
     instrument.compass_field.output_field(at(0), field);
     let changed = Correction { align_deg: 10.0, ..corrected(calibration()) };
     correct(&mut instrument, armed(true, &changed));
-    let before = told(&mut instrument, 0, 5, field);
+    let before = output(&mut instrument, 0, 5, field);
     correct(&mut instrument, armed(false, &changed));
-    let after = told(&mut instrument, 5_000_000, 1, field);
+    let after = output(&mut instrument, 5_000_000, 1, field);
     assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
 }
 
@@ -345,26 +348,26 @@ fn is_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> b
     let field = sensed(0.3, Attitude::default());
     instrument.compass_field.output_field(at(us), field);
     correct(instrument, correction);
-    is_near(instrument.compass_field.output_field(at(us + 1), field), another().apply(field))
+    is_near(instrument.compass_field.output_field(at(us + 1), field), other_calibration().apply(field))
 }
 
 #[test]
-fn on_the_ground_a_new_calibration_is_taken_at_once() {
+fn while_disarmed_a_new_calibration_applies_at_once() {
     for (is_armed, expected) in [(Some(false), true), (Some(true), false), (None, false)] {
         let mut instrument = with(Correction { is_armed, ..corrected(calibration()) });
-        let correction = Correction { is_armed, ..corrected(another()) };
+        let correction = Correction { is_armed, ..corrected(other_calibration()) };
         assert_eq!(is_at_once(&mut instrument, 0, correction), expected, "{is_armed:?}");
     }
     let mut instrument = with(armed(true, &corrected(calibration())));
     for i in 0..200 {
         report(&mut instrument, i * 20_000, Attitude::default());
     }
-    assert!(!is_at_once(&mut instrument, 4_000_000, armed(true, &corrected(another()))));
+    assert!(!is_at_once(&mut instrument, 4_000_000, armed(true, &corrected(other_calibration()))));
 }
 
 /// Without an armed state, two seconds of constant attitude mean on the ground.
 #[test]
-fn what_rests_is_on_the_ground() {
+fn two_seconds_of_constant_attitude_are_rest() {
     let latency_us = attitude::AttitudeConfig::DEFAULT.latency_us.unsigned_abs();
     let rests = |step_us: u64, seconds: f32, moves_deg: (f32, f32), asked_after_us: u64| {
         let mut instrument = with(corrected(calibration()));
@@ -374,7 +377,7 @@ fn what_rests_is_on_the_ground() {
             report(&mut instrument, i * step_us, Attitude::from_deg(roll_deg, pitch_deg));
         }
         let us = steps * step_us + u64::from(latency_us) + asked_after_us;
-        is_at_once(&mut instrument, us, corrected(another()))
+        is_at_once(&mut instrument, us, corrected(other_calibration()))
     };
     assert!(rests(20_000, 2.0, (0.0, 0.0), 0));
     assert!(!rests(20_000, 1.98, (0.0, 0.0), 0));
@@ -389,7 +392,7 @@ fn what_rests_is_on_the_ground() {
 }
 
 #[test]
-fn rest_upside_down_is_rest() {
+fn rest_is_detected_upside_down() {
     let mut rest = RestDetector { rest_start: None, last: at(0) };
     for i in 0..200 {
         let roll_deg = if i % 2 == 0 { 179.95 } else { -179.95 };
@@ -399,7 +402,7 @@ fn rest_upside_down_is_rest() {
 }
 
 #[test]
-fn a_change_always_ends() {
+fn every_blend_ends() {
     let mut random = Random(9);
     for _ in 0..2_000 {
         let mut any = || {
@@ -422,7 +425,7 @@ fn a_change_always_ends() {
 }
 
 #[test]
-fn an_unknown_inclination_takes_longer() {
+fn a_blend_with_unknown_inclination_takes_longer() {
     let seconds = |knows_inclination| {
         let correction = Correction { has_valid_inclination: knows_inclination, ..corrected(calibration()) };
         let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &correction);
@@ -432,7 +435,7 @@ fn an_unknown_inclination_takes_longer() {
 }
 
 #[test]
-fn arming_is_alike() {
+fn arming_does_not_change_headings() {
     let correction = corrected(calibration());
     let changed = [
         armed(true, &correction),
@@ -441,7 +444,7 @@ fn arming_is_alike() {
     ];
     assert!(changed.iter().all(|other| other.gives_same_headings(&correction)));
     let others = [
-        corrected(another()),
+        corrected(other_calibration()),
         Correction { align_deg: 1.0, ..correction.clone() },
         Correction { has_valid_inclination: false, ..correction.clone() },
     ];

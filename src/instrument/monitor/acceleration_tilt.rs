@@ -35,9 +35,9 @@ impl AccelerationTilt {
 
     pub fn update(&mut self, Attitude { pitch_rad, .. }: Attitude, motion: &EulerRates, step_s: f32) {
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
-        let kept = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
-        self.reported_excursion_rad = kept * (self.reported_excursion_rad + pitch_rad - last_rad);
-        self.integrated_excursion_rad = kept * (self.integrated_excursion_rad + motion.pitch_rad_s * step_s);
+        let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
+        self.reported_excursion_rad = decay * (self.reported_excursion_rad + pitch_rad - last_rad);
+        self.integrated_excursion_rad = decay * (self.integrated_excursion_rad + motion.pitch_rad_s * step_s);
     }
 
     /// Variance of the tilt error about each horizontal axis, square radians.
@@ -55,10 +55,10 @@ mod tests {
     /// Tilt error after a minute of level flight and a pitch excursion within 0.5 s, by reported pitch and by rates,
     /// held until `seconds`.
     fn tilt_error_rad(told_rad: f32, by_rates_rad: f32, seconds: u16) -> f32 {
-        let mut pushed = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::NEW;
         let mut see = |pitch_rad: f32, pitch_rad_s: f32| {
             let motion = EulerRates { pitch_rad_s, ..EulerRates::default() };
-            pushed.update(Attitude { roll_rad: 0.3, pitch_rad }, &motion, 0.1);
+            tilt.update(Attitude { roll_rad: 0.3, pitch_rad }, &motion, 0.1);
         };
         for _ in 0..600 {
             see(0.05, 0.0);
@@ -67,12 +67,12 @@ mod tests {
             let part = f32::from(i.min(5)) / 5.0;
             see(0.05 + part * told_rad, if i <= 5 { 2.0 * by_rates_rad } else { 0.0 });
         }
-        libm::sqrtf(pushed.variance_rad2())
+        libm::sqrtf(tilt.variance_rad2())
     }
 
     /// 0.15 times the excursion, less its decay within a second.
     #[test]
-    fn a_nose_that_rises_or_falls_says_so() {
+    fn pitch_motion_adds_acceleration_induced_tilt_error() {
         for side in [1.0, -1.0] {
             let found = tilt_error_rad(0.08 * side, 0.08 * side, 1);
             assert!((found - 0.012).abs() < 0.000_6, "{found}");
@@ -84,29 +84,29 @@ mod tests {
 
     /// Jump of the attitude, rates without a change of attitude, roll.
     #[test]
-    fn one_of_them_alone_is_no_push() {
+    fn attitude_or_rate_change_alone_adds_no_tilt_error() {
         assert!(tilt_error_rad(0.14, 0.0, 1) < 1e-6 && tilt_error_rad(0.0, 0.14, 1) < 1e-6);
-        let mut pushed = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::NEW;
         for i in 0..10_u8 {
             let motion = EulerRates { roll_rad_s: 0.5, heading_rad_s: 0.3, ..EulerRates::default() };
-            pushed.update(Attitude { roll_rad: 0.05 * f32::from(i), pitch_rad: 0.1 }, &motion, 0.1);
+            tilt.update(Attitude { roll_rad: 0.05 * f32::from(i), pitch_rad: 0.1 }, &motion, 0.1);
         }
-        assert!(pushed.variance_rad2() < 1e-12);
+        assert!(tilt.variance_rad2() < 1e-12);
     }
 
     /// Time constant 20 s; complete decay in a longer gap.
     #[test]
-    fn a_climb_becomes_the_rule() {
+    fn tilt_error_decays_in_a_steady_climb() {
         let found = tilt_error_rad(0.08, 0.08, 20) / 0.012;
         assert!((found - 0.372).abs() < 0.02, "{found}");
-        let mut pushed = AccelerationTilt::NEW;
+        let mut tilt = AccelerationTilt::NEW;
         for (pitch_rad, step_s) in [(0.0, 0.1), (0.3, 25.0)] {
-            pushed.update(
+            tilt.update(
                 Attitude { roll_rad: 0.0, pitch_rad },
                 &EulerRates { pitch_rad_s: 0.01, ..EulerRates::default() },
                 step_s,
             );
         }
-        assert!(pushed.variance_rad2() < 1e-12);
+        assert!(tilt.variance_rad2() < 1e-12);
     }
 }

@@ -60,15 +60,17 @@ pub(super) struct AdaptiveNoise {
 }
 
 impl AdaptiveNoise {
-    pub fn new(config: &AdaptiveNoiseConfig, own: SampleNoise, strength: f32) -> Self {
-        let dip_squared = own.tilt_rad2 + own.strength_variance;
+    pub fn new(config: &AdaptiveNoiseConfig, calibration_noise: SampleNoise, strength: f32) -> Self {
+        let dip_squared = calibration_noise.tilt_rad2 + calibration_noise.strength_variance;
         Self {
-            recent_noise: own,
+            recent_noise: calibration_noise,
             last_strengths: [strength; 2],
             last_inclination_residual_rad: 0.0,
             inclination_mean_square_rad2: dip_squared,
             inclination_lag_1_product_rad2: config.initial_autocorrelation * dip_squared,
-            strength_mean_square: own.strength_variance.max(config.min_strength_sigma * config.min_strength_sigma),
+            strength_mean_square: calibration_noise
+                .strength_variance
+                .max(config.min_strength_sigma * config.min_strength_sigma),
         }
     }
 
@@ -80,11 +82,13 @@ impl AdaptiveNoise {
         (1.0 + rho) / (1.0 - rho)
     }
 
-    pub fn sample_noise(&self, config: &AdaptiveNoiseConfig, own: SampleNoise) -> SampleNoise {
-        let mixed = |recent: f32, own: f32| own + config.recent_weight * (recent - own);
+    pub fn sample_noise(&self, config: &AdaptiveNoiseConfig, calibration_noise: SampleNoise) -> SampleNoise {
+        let mixed = |recent: f32, calibration_noise: f32| {
+            calibration_noise + config.recent_weight * (recent - calibration_noise)
+        };
         SampleNoise {
-            strength_variance: mixed(self.recent_noise.strength_variance, own.strength_variance),
-            tilt_rad2: mixed(self.recent_noise.tilt_rad2.max(0.0), own.tilt_rad2),
+            strength_variance: mixed(self.recent_noise.strength_variance, calibration_noise.strength_variance),
+            tilt_rad2: mixed(self.recent_noise.tilt_rad2.max(0.0), calibration_noise.tilt_rad2),
         }
     }
 
@@ -109,14 +113,14 @@ impl AdaptiveNoise {
     pub fn update_strength_noise(
         &mut self,
         config: &AdaptiveNoiseConfig,
-        own: SampleNoise,
+        calibration_noise: SampleNoise,
         strength: f32,
         step_s: f32,
     ) {
         let [before, last] = self.last_strengths;
         self.last_strengths = [last, strength];
         let second = strength - 2.0 * last + before;
-        let most = config.max_strength_sigmas * config.max_strength_sigmas * own.strength_variance;
+        let most = config.max_strength_sigmas * config.max_strength_sigmas * calibration_noise.strength_variance;
         update_moving_average(
             &mut self.recent_noise.strength_variance,
             (second * second / 6.0).min(most),
@@ -129,11 +133,11 @@ impl AdaptiveNoise {
     pub fn update_tilt_noise(
         &mut self,
         config: &AdaptiveNoiseConfig,
-        own: SampleNoise,
+        calibration_noise: SampleNoise,
         residual_rad: f32,
         step_s: f32,
     ) {
-        let most = config.max_tilt_sigmas * config.max_tilt_sigmas * own.tilt_rad2;
+        let most = config.max_tilt_sigmas * config.max_tilt_sigmas * calibration_noise.tilt_rad2;
         let most_rad = sqrt(most);
         let residual_rad = residual_rad.max(-most_rad).min(most_rad);
         update_moving_average(
@@ -168,24 +172,24 @@ mod tests {
     /// 0.1 % per second.
     fn noise_after(sigmas: f32, seconds: u16) -> SampleNoise {
         let mut random = Random(1);
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
         for i in 0..10 * seconds {
             let strength = 1.0 + 1e-4 * f32::from(i) + 0.01 * sigmas * random.normal();
-            learnt.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, strength, 0.1);
-            let of_sensor = 0.01 * sigmas * random.normal();
-            learnt.update_tilt_noise(
+            noise.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, strength, 0.1);
+            let sensor_noise = 0.01 * sigmas * random.normal();
+            noise.update_tilt_noise(
                 &AdaptiveNoiseConfig::DEFAULT,
                 CALIBRATION_NOISE,
-                0.02 * sigmas * random.normal() + of_sensor,
+                0.02 * sigmas * random.normal() + sensor_noise,
                 0.1,
             );
         }
-        learnt.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE)
+        noise.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE)
     }
 
     /// A quarter of the calibration's variance and three quarters of the actual one.
     #[test]
-    fn the_last_seconds_count_three_quarters() {
+    fn recent_noise_has_a_weight_of_three_quarters() {
         for (sigmas, expected) in [(1.0, 1.0), (2.0, 3.25), (0.0, 0.25)] {
             let found = noise_after(sigmas, 120);
             assert!(
@@ -201,46 +205,46 @@ mod tests {
 
     #[test]
     fn recent_noise_has_a_time_constant_of_ten_seconds() {
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
         for _ in 0..100 {
-            learnt.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.041_23, 0.1);
+            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.041_23, 0.1);
         }
-        let recent = learnt.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2;
+        let recent = noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2;
         assert!((recent - (1.0 + 3.0 * 0.632)).abs() < 0.02, "{recent}");
     }
 
     /// Limits: 16 and 36 times the calibration's variance.
     #[test]
-    fn what_is_no_noise_is_clipped() {
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+    fn noise_estimates_are_clipped() {
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
         for i in 0..2000_u16 {
-            learnt.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, f32::from(i % 2), 0.1);
+            noise.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, f32::from(i % 2), 0.1);
         }
         assert!(
-            (learnt.recent_noise.strength_variance / CALIBRATION_NOISE.strength_variance - 36.0).abs() < 0.01,
-            "{learnt:?}"
+            (noise.recent_noise.strength_variance / CALIBRATION_NOISE.strength_variance - 36.0).abs() < 0.01,
+            "{noise:?}"
         );
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
         for _ in 0..2000 {
-            learnt.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0, 0.1);
+            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0, 0.1);
         }
-        assert!((learnt.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2 - 15.75).abs() < 0.01, "{learnt:?}");
+        assert!((noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2 - 15.75).abs() < 0.01, "{noise:?}");
     }
 
     #[test]
     fn the_tilt_variance_is_never_negative() {
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
         for _ in 0..2000 {
-            learnt.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.0, 0.1);
+            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.0, 0.1);
         }
-        let found = learnt.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE);
+        let found = noise.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE);
         assert!((found.tilt_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
     }
 
     #[test]
     fn a_long_gap_replaces_the_recent_noise() {
-        let mut learnt = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
-        learnt.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.014_142, 1000.0);
-        assert!((learnt.recent_noise.tilt_rad2 - 1e-4).abs() < 1e-8, "{learnt:?}");
+        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.014_142, 1000.0);
+        assert!((noise.recent_noise.tilt_rad2 - 1e-4).abs() < 1e-8, "{noise:?}");
     }
 }

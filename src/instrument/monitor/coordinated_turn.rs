@@ -73,22 +73,22 @@ mod tests {
     /// Level turn at 45 deg bank and 0.3 rad/s with roll bias and bank-angle scale error.
     fn measured(bias_rad: f32, bank: f32, unknowns: &StateVector) -> Measurement<STATE_COUNT> {
         let (roll_rad, heading_rad_s) = (0.8_f32, 0.3);
-        let told = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
+        let reported_attitude = Attitude { roll_rad: roll_rad * (1.0 + bank) + bias_rad, pitch_rad: 0.0 };
         let rates_rad_s = [0.0, heading_rad_s * roll_rad.sin(), heading_rad_s * roll_rad.cos()];
         let report = AttitudeReport {
             sender: SenderId::default(),
             sender_time: WrappingMillis::default(),
-            attitude: told,
+            attitude: reported_attitude,
             rates_rad_s,
         };
         let motion = EulerRates::from_report(&report).unwrap();
         let mut balance = CoordinatedTurn::EMPTY;
-        (0..30).find_map(|_| balance.integrate(told, &motion, 0.1, unknowns)).unwrap()
+        (0..30).find_map(|_| balance.integrate(reported_attitude, &motion, 0.1, unknowns)).unwrap()
     }
 
     /// Bias: 0.02 rad * 0.3 rad/s = 6 mrad/s; scale error: 0.1 * 0.8 rad * 0.3 rad/s = 24 mrad/s.
     #[test]
-    fn a_wrong_bank_shows_in_the_pitch() {
+    fn a_bank_error_appears_in_the_pitch_balance() {
         let right = measured(0.0, 0.0, &[0.0; STATE_COUNT]);
         assert!(right.residual.abs() < 1e-6, "{right:?}");
         let biased = measured(0.02, 0.0, &[0.0; STATE_COUNT]);
@@ -104,19 +104,22 @@ mod tests {
     }
 
     #[test]
-    fn what_pitches_by_its_rates_balances() {
+    fn pitch_motion_explained_by_rates_has_no_residual() {
         let motion = EulerRates { pitch_rad_s: 0.05, heading_rad_s: 0.2, roll_rad_s: 0.0 };
         let mut balance = CoordinatedTurn::EMPTY;
-        let told = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
-        let (i, found) =
-            (0..60).find_map(|i| Some((i, balance.integrate(told(i), &motion, 0.1, &[0.0; STATE_COUNT])?))).unwrap();
+        let reported_attitude = |i: u8| Attitude { roll_rad: 0.3, pitch_rad: 0.05 * 0.1 * f32::from(i) };
+        let (i, found) = (0..60)
+            .find_map(|i| Some((i, balance.integrate(reported_attitude(i), &motion, 0.1, &[0.0; STATE_COUNT])?)))
+            .unwrap();
         assert!((20..=21).contains(&i), "two seconds: {i}");
         assert!(found.residual.abs() < 1e-5, "{found:?}");
         assert!(
             (found.jacobian[ROLL_BIAS] + 0.2).abs() < 1e-5 && (found.jacobian[BANK_SCALE_ERROR] + 0.06).abs() < 1e-5,
             "{found:?}"
         );
-        let next = (i + 1..60).find_map(|i| balance.integrate(told(i), &motion, 0.1, &[0.0; STATE_COUNT])).unwrap();
+        let next = (i + 1..60)
+            .find_map(|i| balance.integrate(reported_attitude(i), &motion, 0.1, &[0.0; STATE_COUNT]))
+            .unwrap();
         assert!(next.residual.abs() < 1e-5, "{next:?}");
     }
 }

@@ -29,8 +29,8 @@ impl HardIronChangeReporter {
     pub fn update(&mut self, now: Option<HardIronChange>) -> Option<Option<HardIronChange>> {
         let is_news = match (self.last_reported, now) {
             (None, None) => false,
-            (Some(told), Some(now)) => {
-                (now.change_ut - told.change_ut).length() > REPORT_AGAIN_RATIO * told.change_ut.length()
+            (Some(reported), Some(now)) => {
+                (now.change_ut - reported.change_ut).length() > REPORT_AGAIN_RATIO * reported.change_ut.length()
             }
             (Some(_), None) | (None, Some(_)) => true,
         };
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_large_and_sure_is_told() {
+    fn a_large_and_certain_hard_iron_change_is_reported() {
         for (change, sigma, expected) in
             [(0.021, 0.005, true), (0.019, 0.001, false), (0.1, 0.024, true), (0.1, 0.026, false)]
         {
@@ -99,26 +99,26 @@ mod tests {
 
     #[test]
     fn each_change_is_reported_once() {
-        let iron = |y_ut: f32| Some(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut: 0.1 });
-        let mut news = HardIronChangeReporter::NONE;
+        let change = |y_ut: f32| Some(HardIronChange { change_ut: Vector3::new(0.0, y_ut, 0.0), sigma_ut: 0.1 });
+        let mut reporter = HardIronChangeReporter::NONE;
         for (now, expected) in [
             (None, None),
-            (iron(4.0), Some(iron(4.0))),
-            (iron(4.1), None),
-            (iron(5.9), None),
-            (iron(2.1), None),
-            (iron(6.1), Some(iron(6.1))),
-            (iron(3.2), None),
-            (iron(-6.0), Some(iron(-6.0))),
+            (change(4.0), Some(change(4.0))),
+            (change(4.1), None),
+            (change(5.9), None),
+            (change(2.1), None),
+            (change(6.1), Some(change(6.1))),
+            (change(3.2), None),
+            (change(-6.0), Some(change(-6.0))),
             (None, Some(None)),
             (None, None),
         ] {
-            assert_eq!(news.update(now), expected, "{now:?}");
+            assert_eq!(reporter.update(now), expected, "{now:?}");
         }
     }
 
     #[test]
-    fn fifteen_seconds_of_calm_come_first() {
+    fn a_hard_iron_change_is_reported_after_15_calm_seconds() {
         let mut moved = HardIronDetector::NEW;
         assert!(!repeat_update(&mut moved, 0.1, 0.01, true, 300));
         assert!(!repeat_update(&mut moved, 0.1, 0.01, false, 149));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_told_holds_until_it_is_gone() {
+    fn a_reported_hard_iron_change_holds_until_it_vanishes() {
         let mut moved = HardIronDetector::NEW;
         assert!(repeat_update(&mut moved, 0.1, 0.01, false, 200));
         assert!(repeat_update(&mut moved, 0.1, 0.2, true, 50));

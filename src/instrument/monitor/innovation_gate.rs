@@ -101,7 +101,7 @@ impl InnovationGate {
         if self.is_awaiting_gross_end(config, &deviations) {
             return GateResult::Consistent { is_usable: [false; 3] };
         }
-        let mut learn = [true; 3];
+        let mut usable = [true; 3];
         let mut sizes = [0.0; 3];
         let mut has_changed = false;
         for (i, deviation) in deviations.into_iter().enumerate() {
@@ -113,14 +113,14 @@ impl InnovationGate {
             self.beyond_narrow_gate[i] = if is_odd { self.beyond_narrow_gate[i].saturating_add(1) } else { 0 };
             has_changed |= self.beyond_wide_gate[i] >= config.wide_gate_count
                 || self.beyond_narrow_gate[i] >= config.narrow_gate_count;
-            learn[i] = !is_large;
+            usable[i] = !is_large;
             sizes[i] = if is_odd { residual.abs() } else { 0.0 };
         }
         if has_changed {
             self.withhold_left_s = config.withhold_s;
             GateResult::ChangeDetected { exceeding_residuals: sizes }
         } else {
-            GateResult::Consistent { is_usable: learn }
+            GateResult::Consistent { is_usable: usable }
         }
     }
 
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn two_large_or_six_odd_ones_in_a_row_contradict() {
+    fn two_innovations_over_4_sigma_or_six_over_2_sigma_contradict() {
         for i in 0..3 {
             let alone = |n: f32| core::array::from_fn(|k| if k == i { n } else { 0.0 });
             for (n, expected) in [(4.1, Some(2)), (-4.1, Some(2)), (3.9, Some(6)), (2.1, Some(6)), (-2.1, Some(6))] {
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_large_one_is_not_learnt_from() {
+    fn the_first_large_innovation_is_not_used() {
         let mut contradiction = InnovationGate::NONE;
         let verdict = contradiction.test_innovations(&CONFIG, innovations_of_sigmas([4.1, 3.9, -4.1]), 0.1);
         assert_eq!(verdict, GateResult::Consistent { is_usable: [false, true, false] });
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_as_large_as_what_is_odd() {
+    fn a_detected_change_has_the_size_of_the_exceeding_residuals() {
         let mut contradiction = InnovationGate::NONE;
         contradiction.test_innovations(&CONFIG, innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1);
         let GateResult::ChangeDetected { exceeding_residuals: sizes } =
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn four_seconds_of_silence_follow_the_last_contradiction() {
+    fn headings_are_withheld_for_4_s_after_the_last_contradiction() {
         let mut contradiction = InnovationGate::NONE;
         for _ in 0..7 {
             contradiction.test_innovations(&CONFIG, innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
@@ -228,44 +228,50 @@ mod tests {
 
     /// Limits: 20 % of the field, 0.2 rad of inclination; up to 12 samples.
     #[test]
-    fn what_is_grossly_off_is_waited_for() {
-        let off = |residual: f32, kind: usize| {
+    fn gross_innovations_are_withheld_for_up_to_12_samples() {
+        let innovations_of = |residual: f32, kind: usize| {
             core::array::from_fn(|k| (k == kind).then_some(Innovation { residual, variance: 1e-4 }))
         };
         for kind in [0, 1] {
             let mut contradiction = InnovationGate::NONE;
             for residual in [0.21, -0.21].into_iter().cycle().take(12) {
-                let verdict = contradiction.test_innovations(&CONFIG, off(residual, kind), 0.1);
+                let verdict = contradiction.test_innovations(&CONFIG, innovations_of(residual, kind), 0.1);
                 assert_eq!(verdict, GateResult::Consistent { is_usable: [false; 3] });
                 assert!(contradiction.is_withholding());
             }
             let mut over = contradiction;
-            assert!(matches!(over.test_innovations(&CONFIG, off(0.1, kind), 0.1), GateResult::Consistent { .. }));
+            assert!(matches!(
+                over.test_innovations(&CONFIG, innovations_of(0.1, kind), 0.1),
+                GateResult::Consistent { .. }
+            ));
             assert_eq!(
-                over.test_innovations(&CONFIG, off(0.0, kind), 0.1),
+                over.test_innovations(&CONFIG, innovations_of(0.0, kind), 0.1),
                 GateResult::Consistent { is_usable: [true; 3] }
             );
             assert!(!over.is_withholding());
-            contradiction.test_innovations(&CONFIG, off(0.21, kind), 0.1);
+            contradiction.test_innovations(&CONFIG, innovations_of(0.21, kind), 0.1);
             assert!(matches!(
-                contradiction.test_innovations(&CONFIG, off(0.21, kind), 0.1),
+                contradiction.test_innovations(&CONFIG, innovations_of(0.21, kind), 0.1),
                 GateResult::ChangeDetected { .. }
             ));
         }
         let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, off(0.19, 0), 0.1);
+        contradiction.test_innovations(&CONFIG, innovations_of(0.19, 0), 0.1);
         assert!(matches!(
-            contradiction.test_innovations(&CONFIG, off(0.19, 0), 0.1),
+            contradiction.test_innovations(&CONFIG, innovations_of(0.19, 0), 0.1),
             GateResult::ChangeDetected { .. }
         ));
         // The heading has no limit for gross residuals.
         let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, off(2.0, 2), 0.1);
-        assert!(matches!(contradiction.test_innovations(&CONFIG, off(2.0, 2), 0.1), GateResult::ChangeDetected { .. }));
+        contradiction.test_innovations(&CONFIG, innovations_of(2.0, 2), 0.1);
+        assert!(matches!(
+            contradiction.test_innovations(&CONFIG, innovations_of(2.0, 2), 0.1),
+            GateResult::ChangeDetected { .. }
+        ));
     }
 
     #[test]
-    fn what_is_not_measured_says_nothing() {
+    fn missing_measurements_do_not_affect_the_gate() {
         let mut contradiction = InnovationGate::NONE;
         contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1);
         contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, f32::NAN]), 0.1);
@@ -277,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_saturate() {
+    fn gate_counters_saturate() {
         assert_eq!(changed_after([9.0; 3]), Some(2));
         let mut contradiction = InnovationGate::NONE;
         for _ in 0..1000 {

@@ -191,13 +191,13 @@ mod tests {
     }
 
     #[test]
-    fn the_rows_are_the_changes_of_what_is_predicted() {
+    fn jacobian_rows_equal_numerical_derivatives() {
         let mut random = Random(1);
         for _ in 0..20 {
             let seen = random_sample(&mut random);
             let at: StateVector = random_states(&mut random, 0.05);
-            let nowhere = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
-            let found = MeasurementModel::new(&seen, &at, &nowhere);
+            let reference_field = PredictedField { strength: 1.0, inclination_rad: 0.0, heading_rad: None };
+            let found = MeasurementModel::new(&seen, &at, &reference_field);
             let seen = MonitorSample {
                 field: hard_iron_change(&at)
                     + (seen.field - hard_iron_change(&at)) * (1.0 + at[STRENGTH_CHANGE]) / found.strength,
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_true_field_is_predicted_as_it_is() {
+    fn the_prediction_of_a_true_field_is_exact() {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
         let seen = MonitorSample { field: body, attitude, motion: EulerRates::default() };
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn an_attitude_is_put_right() {
+    fn attitude_is_corrected_by_the_estimated_errors() {
         let motion = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
         let reported = Attitude { roll_rad: 0.4, pitch_rad: 0.1 };
         for (index, value, roll_rad, pitch_rad) in [
@@ -259,8 +259,8 @@ mod tests {
             let mut unknowns = [0.0; STATE_COUNT];
             unknowns[index] = value;
             let found = correct_attitude(reported, &motion, &unknowns);
-            let off = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
-            assert!(off < 1e-6, "{index}: {found:?}");
+            let error_rad = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
+            assert!(error_rad < 1e-6, "{index}: {found:?}");
         }
     }
 }

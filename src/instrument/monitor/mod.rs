@@ -189,8 +189,8 @@ impl MonitorOutput {
     /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes:
     /// `W (m - b) - beta F = W (m - (b + W^-1 beta F))`.
     #[inline(never)]
-    pub fn correct_calibration(&self, watched: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
-        let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *watched;
+    pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
+        let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
         let beta_ut = measurement_model::hard_iron_change(&self.states) * calibration.total_ut;
         let moved_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
         let adjusted = Calibration {
@@ -199,12 +199,12 @@ impl MonitorOutput {
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE]),
             ..*calibration
         };
-        let learnt = self.sample_noise.map_or(*uncertainty, |variances| HeadingUncertainty {
+        let adapted = self.sample_noise.map_or(*uncertainty, |variances| HeadingUncertainty {
             sensor_sigma: sqrt(variances.strength_variance * f32::from(readings_per_sample)),
             attitude_sigma_rad: sqrt(variances.tilt_rad2),
             ..*uncertainty
         });
-        (adjusted, learnt)
+        (adjusted, adapted)
     }
 }
 
@@ -264,12 +264,12 @@ impl Monitor {
     #[inline(never)]
     pub fn update(
         &mut self,
-        watched: &MonitoredCalibration<'_>,
+        monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
         sample: &Sample,
         turning: Option<GyroHeading>,
     ) {
-        let MonitoredCalibration { calibration, .. } = watched;
+        let MonitoredCalibration { calibration, .. } = monitored;
         let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
         let seen =
@@ -282,13 +282,13 @@ impl Monitor {
         self.acceleration_tilt.update(seen.attitude, &seen.motion, step_s);
         self.predict(step_s);
         self.track_gyro_offset(&seen, turning, step_s);
-        self.update_measurements(watched, &seen, sample, turning, step_s);
+        self.update_measurements(monitored, &seen, sample, turning, step_s);
         if !self.filter.is_finite() {
             // Unexpected; prevents NaN in all later results.
             self.reset();
             return;
         }
-        self.update_output(watched, &seen, turning.as_ref(), step_s);
+        self.update_output(monitored, &seen, turning.as_ref(), step_s);
     }
 
     /// Not inlined: a whole monitor is on the stack.
@@ -299,7 +299,7 @@ impl Monitor {
 
     fn predict(&mut self, step_s: f32) {
         let MonitorConfig {
-            process_noise_per_s: mut wander,
+            process_noise_per_s: mut process_noise,
             initial_sigmas: mut sigmas,
             post_change_sigma: unsettled_sigma,
             post_change_noise_per_s: unsettled_wander,
@@ -307,26 +307,26 @@ impl Monitor {
         } = self.config;
         self.post_change_left_s = (self.post_change_left_s - step_s).max(0.0);
         if self.post_change_left_s > 0.0 {
-            wander[HARD_IRON_CHANGE..STRENGTH_CHANGE].fill(unsettled_wander);
+            process_noise[HARD_IRON_CHANGE..STRENGTH_CHANGE].fill(unsettled_wander);
             sigmas[HARD_IRON_CHANGE..STRENGTH_CHANGE].fill(unsettled_sigma);
         }
-        for (i, (variance_per_s, sigma)) in wander.into_iter().zip(sigmas).enumerate() {
+        for (i, (variance_per_s, sigma)) in process_noise.into_iter().zip(sigmas).enumerate() {
             if i == GYRO_OFFSET || self.filter.state_variance(i) < sigma * sigma {
                 self.filter.inflate_variance(i, variance_per_s * step_s);
             }
         }
         self.filter.propagate(GYRO_OFFSET, GYRO_DRIFT, step_s);
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
-        let kept = (1.0 - step_s / self.config.decay_time_s).max(0.0);
+        let decay = (1.0 - step_s / self.config.decay_time_s).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).length() < self.config.max_decaying_hard_iron {
-            self.decay_estimates(HARD_IRON_CHANGE..STRENGTH_CHANGE, kept);
+            self.decay_estimates(HARD_IRON_CHANGE..STRENGTH_CHANGE, decay);
         }
-        self.decay_estimates(ROLL_BIAS..STATE_COUNT, kept);
+        self.decay_estimates(ROLL_BIAS..STATE_COUNT, decay);
     }
 
-    fn decay_estimates(&mut self, unknowns: Range<usize>, kept: f32) {
+    fn decay_estimates(&mut self, unknowns: Range<usize>, decay: f32) {
         for i in unknowns {
-            let faded = kept * self.filter.mean()[i];
+            let faded = decay * self.filter.mean()[i];
             self.filter.set_mean(i, faded);
         }
     }
@@ -347,24 +347,24 @@ impl Monitor {
     #[inline(never)]
     fn update_measurements(
         &mut self,
-        watched: &MonitoredCalibration<'_>,
+        monitored: &MonitoredCalibration<'_>,
         seen: &MonitorSample,
         sample: &Sample,
         turning: Option<GyroHeading>,
         step_s: f32,
     ) {
-        let MonitoredCalibration { calibration, uncertainty, .. } = watched;
+        let MonitoredCalibration { calibration, uncertainty, .. } = monitored;
         let unknowns = *self.filter.mean();
         let expected = PredictedField::new(&unknowns, calibration.inclination_rad, turning.as_ref());
         let predicted = MeasurementModel::new(seen, &unknowns, &expected);
-        let variances = self.adapt_strength_noise(watched, &predicted, step_s);
+        let variances = self.adapt_strength_noise(monitored, &predicted, step_s);
         let x = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         self.max_coefficient_variance = predicted
             .field_jacobians()
-            .map(|by| uncertainty.variance_from_coefficients(&by, &x))
+            .map(|coefficient_row| uncertainty.variance_from_coefficients(&coefficient_row, &x))
             .into_iter()
             .fold(0.0, f32::max);
-        let variance = |kind: usize, of_sample: f32, by_field: Vector3<f32>| {
+        let variance = |kind: usize, sample_variance: f32, by_field: Vector3<f32>| {
             let MonitorConfig {
                 sample_variance_factors: times,
                 variance_floors: floor,
@@ -372,16 +372,17 @@ impl Monitor {
                 ..
             } = self.config;
             let coefficients = uncertainty.variance_from_coefficients(&by_field, &x);
-            times[kind] * of_sample + floor[kind] + coefficients_alike * coefficients
+            times[kind] * sample_variance + floor[kind] + coefficients_alike * coefficients
         };
-        let alike = self
+        let noise_correlation_factor = self
             .adaptive_noise
             .as_ref()
-            .map_or(1.0, |learnt| learnt.correlated_noise_factor(&self.config.adaptive_noise));
+            .map_or(1.0, |noise| noise.correlated_noise_factor(&self.config.adaptive_noise));
         let strength = self.adaptive_noise.as_ref().map_or(0.0, AdaptiveNoise::strength_mean_square);
         let EulerRates { roll_rad_s, pitch_rad_s, .. } = seen.motion;
         let late_rad = self.config.attitude_jitter_s * trig::hypot(roll_rad_s, pitch_rad_s);
-        let tilt_rad2 = alike * (variances.tilt_rad2 + late_rad * late_rad + self.acceleration_tilt.variance_rad2());
+        let tilt_rad2 = noise_correlation_factor
+            * (variances.tilt_rad2 + late_rad * late_rad + self.acceleration_tilt.variance_rad2());
         let tan_squared = predicted.tan_inclination * predicted.tan_inclination;
         let [by_strength, by_dip, by_heading] = predicted.field_jacobians();
         let measurements = [
@@ -389,20 +390,22 @@ impl Monitor {
             Some(predicted.inclination_measurement(&expected, variance(1, tilt_rad2, by_dip))),
             predicted.heading_measurement(&expected, seen, variance(2, tilt_rad2 * tan_squared, by_heading)),
         ];
-        self.adapt_tilt_noise(watched, measurements[1].as_ref(), step_s);
-        if let (Some(learnt), Some(strength)) = (&mut self.adaptive_noise, &measurements[0]) {
-            learnt.update_strength_residual(&self.config.adaptive_noise, strength.residual, step_s);
+        self.adapt_tilt_noise(monitored, measurements[1].as_ref(), step_s);
+        if let (Some(noise), Some(strength)) = (&mut self.adaptive_noise, &measurements[0]) {
+            noise.update_strength_residual(&self.config.adaptive_noise, strength.residual, step_s);
         }
         let deviations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
         let verdict = self.innovation_gate.test_innovations(&self.config.innovation_gate, deviations, step_s);
-        let learn = match verdict {
-            GateResult::Consistent { is_usable: learn } => learn,
+        let is_usable_by_kind = match verdict {
+            GateResult::Consistent { is_usable: is_usable_by_kind } => is_usable_by_kind,
             GateResult::ChangeDetected { exceeding_residuals: sizes } => {
                 self.inflate_covariance(&predicted, sizes);
                 [true; 3]
             }
         };
-        for (measurement, _) in measurements.into_iter().zip(learn).filter(|(_, learn)| *learn) {
+        for (measurement, _) in
+            measurements.into_iter().zip(is_usable_by_kind).filter(|(_, is_usable_by_kind)| *is_usable_by_kind)
+        {
             self.apply_measurement(measurement, &unknowns);
         }
         if turning.is_some() {
@@ -416,25 +419,31 @@ impl Monitor {
 
     fn adapt_strength_noise(
         &mut self,
-        watched: &MonitoredCalibration<'_>,
+        monitored: &MonitoredCalibration<'_>,
         predicted: &MeasurementModel,
         step_s: f32,
     ) -> SampleNoise {
-        let own = watched.calibration_noise();
+        let own_noise = monitored.calibration_noise();
         let config = &self.config.adaptive_noise;
-        let learnt = self.adaptive_noise.get_or_insert_with(|| AdaptiveNoise::new(config, own, predicted.strength));
-        learnt.update_strength_noise(config, own, predicted.strength, step_s);
-        learnt.sample_noise(config, own)
+        let noise =
+            self.adaptive_noise.get_or_insert_with(|| AdaptiveNoise::new(config, own_noise, predicted.strength));
+        noise.update_strength_noise(config, own_noise, predicted.strength, step_s);
+        noise.sample_noise(config, own_noise)
     }
 
     fn adapt_tilt_noise(
         &mut self,
-        watched: &MonitoredCalibration<'_>,
-        dip: Option<&Measurement<STATE_COUNT>>,
+        monitored: &MonitoredCalibration<'_>,
+        inclination: Option<&Measurement<STATE_COUNT>>,
         step_s: f32,
     ) {
-        if let (Some(learnt), Some(dip)) = (&mut self.adaptive_noise, dip) {
-            learnt.update_tilt_noise(&self.config.adaptive_noise, watched.calibration_noise(), dip.residual, step_s);
+        if let (Some(noise), Some(inclination)) = (&mut self.adaptive_noise, inclination) {
+            noise.update_tilt_noise(
+                &self.config.adaptive_noise,
+                monitored.calibration_noise(),
+                inclination.residual,
+                step_s,
+            );
         }
     }
 
@@ -455,21 +464,24 @@ impl Monitor {
     /// Inflates the covariance of states that can explain a detected change.
     fn inflate_covariance(&mut self, predicted: &MeasurementModel, [strength, inclination, heading]: PerKind<f32>) {
         let MonitorConfig {
-            max_innovation: max_jump, max_tilt_innovation_rad: max_lean_rad, attitude_share: lean, ..
+            max_innovation: max_jump,
+            max_tilt_innovation_rad: max_lean_rad,
+            attitude_share: attitude_fraction,
+            ..
         } = self.config;
         let cos_dip = 1.0 / sqrt(1.0 + predicted.tan_inclination * predicted.tan_inclination);
         // Field change across the horizontal component, relative to the field strength.
         let [strength, inclination, across] = [strength, inclination, heading * cos_dip].map(|size| size.min(max_jump));
         let field = strength.max(inclination);
-        let iron = field.max(across);
+        let hard_iron_sigma = field.max(across);
         for axis in 0..3 {
-            self.filter.inflate_variance(HARD_IRON_CHANGE + axis, iron * iron);
+            self.filter.inflate_variance(HARD_IRON_CHANGE + axis, hard_iron_sigma * hard_iron_sigma);
         }
         self.filter.inflate_variance(STRENGTH_CHANGE, field * field);
         self.filter.inflate_variance(INCLINATION_CHANGE, field * field);
         // A heading error is `tan(inclination)` times the tilt. Lower bound for the magnetic equator.
         let sin_dip = (predicted.tan_inclination * cos_dip).abs().max(0.3);
-        let tilt_rad = lean * inclination.max(across / sin_dip).min(max_lean_rad);
+        let tilt_rad = attitude_fraction * inclination.max(across / sin_dip).min(max_lean_rad);
         self.filter.inflate_variance(ROLL_BIAS, tilt_rad * tilt_rad);
         self.filter.inflate_variance(PITCH_BIAS, tilt_rad * tilt_rad);
         self.has_strength_failed |= strength > 0.0;
@@ -479,13 +491,13 @@ impl Monitor {
     #[inline(never)]
     fn update_output(
         &mut self,
-        watched: &MonitoredCalibration<'_>,
+        monitored: &MonitoredCalibration<'_>,
         seen: &MonitorSample,
         turning: Option<&GyroHeading>,
         step_s: f32,
     ) {
         let unknowns = *self.filter.mean();
-        let expected = PredictedField::new(&unknowns, watched.calibration.inclination_rad, turning);
+        let expected = PredictedField::new(&unknowns, monitored.calibration.inclination_rad, turning);
         let row = MeasurementModel::new(seen, &unknowns, &expected).heading_jacobian;
         let variance_rad2 = self.filter.projected_variance(&row);
         let is_silent = self.innovation_gate.is_withholding();
@@ -501,14 +513,14 @@ impl Monitor {
             is_silent,
             step_s,
         );
-        let total_ut = watched.calibration.total_ut;
-        let own = watched.calibration_noise();
+        let total_ut = monitored.calibration.total_ut;
+        let own_noise = monitored.calibration_noise();
         self.output = MonitorOutput {
             states: unknowns,
             heading_variance_rad2: if is_settled { 0.0 } else { self.config.post_change_inflation * variance_rad2 },
-            sample_noise: self.adaptive_noise.as_ref().map(|learnt| {
+            sample_noise: self.adaptive_noise.as_ref().map(|noise| {
                 let SampleNoise { strength_variance: strength, tilt_rad2 } =
-                    learnt.sample_noise(&self.config.adaptive_noise, own);
+                    noise.sample_noise(&self.config.adaptive_noise, own_noise);
                 SampleNoise {
                     strength_variance: strength,
                     tilt_rad2: tilt_rad2 + self.acceleration_tilt.variance_rad2(),
@@ -535,15 +547,15 @@ impl Monitor {
             max_inclination_change_rad: max_inclination_rad,
             ..
         } = self.config;
-        let iron = measurement_model::hard_iron_change(unknowns).length();
+        let hard_iron_change = measurement_model::hard_iron_change(unknowns).length();
         let lean_rad = unknowns[ROLL_BIAS].abs().max(unknowns[PITCH_BIAS].abs());
-        if iron > self.config.max_hard_iron_change {
+        if hard_iron_change > self.config.max_hard_iron_change {
             return Err(NoHeading::FieldChanged);
         }
         if self.innovation_gate.is_withholding() {
             // A wrong attitude leaves the field strength unchanged.
             let tilt_rad = lean_rad.max((unknowns[BANK_SCALE_ERROR] * seen.attitude.roll_rad).abs());
-            let is_attitude = !self.has_strength_failed && tilt_rad > iron;
+            let is_attitude = !self.has_strength_failed && tilt_rad > hard_iron_change;
             return Err(if is_attitude { NoHeading::AttitudeContradicted } else { NoHeading::FieldDisturbed });
         }
         if unknowns[STRENGTH_CHANGE].abs() > max_strength || unknowns[INCLINATION_CHANGE].abs() > max_inclination_rad {

@@ -16,7 +16,7 @@ const STRENGTH_SIGMA: f32 = 0.003;
 const TILT_SIGMA_RAD: f32 = 0.005;
 
 #[derive(Clone, Copy, Debug)]
-struct Wrong {
+struct SimulatedErrors {
     iron_ut: [f32; 3],
     strength: f32,
     inclination_rad: f32,
@@ -34,7 +34,7 @@ struct Wrong {
     raising_rad_s: f32,
 }
 
-impl Wrong {
+impl SimulatedErrors {
     const NOTHING: Self = Self {
         iron_ut: [0.0; 3],
         strength: 0.0,
@@ -55,7 +55,7 @@ struct Flight {
     calibration: Calibration,
     uncertainty: HeadingUncertainty,
     random: Random,
-    wrong: Wrong,
+    wrong: SimulatedErrors,
     samples: u32,
     gyro_rad: f32,
 }
@@ -65,12 +65,12 @@ const CIRCLE_S: f32 = 24.0;
 const STRAIGHT_S: f32 = 60.0;
 
 fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
-    let of_leg_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
+    let leg_time_s = t_s.rem_euclid(STRAIGHT_S + CIRCLE_S) - STRAIGHT_S;
     let side = if (t_s / (STRAIGHT_S + CIRCLE_S)).rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
-    let banked = (of_leg_s / 2.0).min((CIRCLE_S - of_leg_s) / 2.0).clamp(0.0, 1.0);
-    let rolling = if of_leg_s > 0.0 && of_leg_s < 2.0 {
+    let banked = (leg_time_s / 2.0).min((CIRCLE_S - leg_time_s) / 2.0).clamp(0.0, 1.0);
+    let rolling = if leg_time_s > 0.0 && leg_time_s < 2.0 {
         0.5
-    } else if of_leg_s > CIRCLE_S - 2.0 {
+    } else if leg_time_s > CIRCLE_S - 2.0 {
         -0.5
     } else {
         0.0
@@ -83,7 +83,7 @@ fn moment(t_s: f32) -> (Attitude, EulerRates, f32) {
         pitch_rad_s: 0.009 * pitch_phase.cos(),
         heading_rad_s: side * banked * 2.0 * PI / (CIRCLE_S - 2.0),
     };
-    let u = of_leg_s.clamp(0.0, CIRCLE_S);
+    let u = leg_time_s.clamp(0.0, CIRCLE_S);
     let ramp = (u.min(2.0).powi(2) / 4.0) + (u.clamp(2.0, CIRCLE_S - 2.0) - 2.0) + {
         let v = (u - (CIRCLE_S - 2.0)).max(0.0);
         v - v * v / 4.0
@@ -108,7 +108,7 @@ impl Flight {
             calibration,
             uncertainty,
             random: Random(seed),
-            wrong: Wrong::NOTHING,
+            wrong: SimulatedErrors::NOTHING,
             samples: 0,
             gyro_rad: 2.0,
         }
@@ -122,41 +122,42 @@ impl Flight {
     /// Flies one sample; returns heading error and sigma in degrees, or the reason for no heading.
     fn step(&mut self) -> Result<(f32, f32), NoHeading> {
         self.samples += 1;
-        let Wrong { iron_ut, strength, inclination_rad, roll_rad, pitch_rad, bank, late_s, drift_rad_s, .. } =
-            self.wrong;
+        let SimulatedErrors {
+            iron_ut, strength, inclination_rad, roll_rad, pitch_rad, bank, late_s, drift_rad_s, ..
+        } = self.wrong;
         let (mut attitude, _, heading_rad) = moment(self.now_s());
         attitude.pitch_rad += self.wrong.raised_rad;
         let earth = Field::earth(TOTAL_UT * (1.0 + strength), INCLINATION_RAD + inclination_rad, heading_rad);
-        let (mut told, mut motion, told_heading_rad) = moment(self.now_s() - late_s);
-        told.pitch_rad += self.wrong.raised_rad;
+        let (mut reported, mut motion, reported_heading_rad) = moment(self.now_s() - late_s);
+        reported.pitch_rad += self.wrong.raised_rad;
         motion.pitch_rad_s += self.wrong.raising_rad_s;
         let mut noise = |sigma: f32| sigma * self.random.normal();
         let field = attitude.body(earth).ut
             + Vector3::from(iron_ut)
             + Vector3::from_fn(|_, _| noise(STRENGTH_SIGMA * TOTAL_UT));
-        let told = Attitude {
-            roll_rad: bank * told.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
-            pitch_rad: told.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
+        let reported = Attitude {
+            roll_rad: bank * reported.roll_rad + roll_rad + noise(TILT_SIGMA_RAD),
+            pitch_rad: reported.pitch_rad + pitch_rad + noise(TILT_SIGMA_RAD),
         };
         self.gyro_rad = wrap_pi(self.gyro_rad + drift_rad_s * STEP_S);
         let turning = GyroHeading {
             euler_rates: motion,
-            relative_heading_rad: wrap_pi(told_heading_rad + self.gyro_rad),
+            relative_heading_rad: wrap_pi(reported_heading_rad + self.gyro_rad),
             run: 0,
         };
         let at = Timestamp::from_us(u64::from(self.samples) * 100_000);
         let sample =
-            Sample { field: Field::new(field), attitude: told, rates: Rates::NONE, time: at.wrapping_millis() };
-        let watched = MonitoredCalibration {
+            Sample { field: Field::new(field), attitude: reported, rates: Rates::NONE, time: at.wrapping_millis() };
+        let monitored = MonitoredCalibration {
             calibration: &self.calibration,
             uncertainty: &self.uncertainty,
             readings_per_sample: 1,
         };
-        self.watch.update(&watched, at, &sample, Some(turning));
+        self.watch.update(&monitored, at, &sample, Some(turning));
         let adjustment = self.watch.output();
         adjustment.validity?;
-        let (calibration, uncertainty) = adjustment.correct_calibration(&watched);
-        let attitude = adjustment.correct_attitude(told, &motion);
+        let (calibration, uncertainty) = adjustment.correct_calibration(&monitored);
+        let attitude = adjustment.correct_attitude(reported, &motion);
         let found = crate::heading::compute_heading(
             crate::heading::HeadingLimits::ANY_FIELD,
             &calibration,
@@ -168,24 +169,24 @@ impl Flight {
         Ok((wrap_pi(found.magnetic_rad - heading_rad).to_degrees(), found.sigma_deg()))
     }
 
-    fn fly(&mut self, seconds: u32) -> Flown {
-        let mut flown = Flown::default();
+    fn fly(&mut self, seconds: u32) -> FlightResult {
+        let mut flight_result = FlightResult::default();
         for _ in 0..10 * seconds {
-            flown.take(self.step());
+            flight_result.take(self.step());
         }
-        flown
+        flight_result
     }
 }
 
 #[derive(Clone, Debug, Default)]
-struct Flown {
+struct FlightResult {
     told: u32,
     worst_deg: f32,
     beyond: u32,
     none: Vec<NoHeading>,
 }
 
-impl Flown {
+impl FlightResult {
     fn take(&mut self, heading: Result<(f32, f32), NoHeading>) {
         match heading {
             Ok((error_deg, sigma_deg)) => {
@@ -193,24 +194,24 @@ impl Flown {
                 self.worst_deg = self.worst_deg.max(error_deg.abs());
                 self.beyond += u32::from(error_deg.abs() > 3.0 * sigma_deg);
             }
-            Err(why) => self.none.push(why),
+            Err(reason) => self.none.push(reason),
         }
     }
 }
 
 /// Half an hour. Normal errors exceed 3 sigma in 0.3 % of samples.
 #[test]
-fn a_clean_flight_is_not_silenced() {
+fn headings_of_a_clean_flight_are_never_withheld() {
     for seed in 0..3 {
-        let flown = Flight::new(seed).fly(1800);
-        assert_eq!(flown.none, []);
-        assert!(flown.beyond < flown.told / 300 && flown.worst_deg < 4.5, "{flown:?}");
+        let flight_result = Flight::new(seed).fly(1800);
+        assert_eq!(flight_result.none, []);
+        assert!(flight_result.beyond < flight_result.told / 300 && flight_result.worst_deg < 4.5, "{flight_result:?}");
     }
 }
 
 /// 24 hours with a gyro drift of 0.05 deg/s.
 #[test]
-fn a_day_is_as_an_hour() {
+fn headings_after_a_day_are_as_good_as_after_an_hour() {
     let mut flight = Flight::new(4);
     flight.wrong.drift_rad_s = 0.05_f32.to_radians();
     flight.fly(600);
@@ -229,7 +230,7 @@ fn a_day_is_as_an_hour() {
 /// 3 uT or more in level flight, in any direction: detected at once; heading usable within seconds; estimated within 30
 /// % after a circle to either side.
 #[test]
-fn iron_that_moves_is_found_and_told() {
+fn a_hard_iron_change_is_detected_and_reported() {
     for (i, iron_ut) in
         [[3.0, 0.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [4.0, 4.0, -4.0], [-7.0, 6.0, 3.0]].into_iter().enumerate()
     {
@@ -243,8 +244,8 @@ fn iron_that_moves_is_found_and_told() {
         flight.fly(18);
         let turning = flight.fly(60);
         assert!(turning.none.len() <= 100 && turning.worst_deg < 8.0, "{iron_ut:?}: {turning:?}");
-        let flown = flight.fly(180);
-        assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{iron_ut:?}: {flown:?}");
+        let flight_result = flight.fly(180);
+        assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{iron_ut:?}: {flight_result:?}");
         let told = flight.watch.output().hard_iron_change.unwrap();
         let off_ut = (told.change_ut - Vector3::from(iron_ut)).norm();
         assert!(off_ut < 0.3 * Vector3::from(iron_ut).norm(), "{iron_ut:?}: {told:?}");
@@ -257,14 +258,14 @@ fn iron_that_moves_is_found_and_told() {
 
 /// A change of place equivalent to an hour of flight is estimated as such, and not as hard iron.
 #[test]
-fn another_place_is_learnt() {
+fn a_change_of_place_is_estimated() {
     let mut flight = Flight::new(7);
     flight.fly(100);
     (flight.wrong.strength, flight.wrong.inclination_rad) = (-0.08, 0.12);
     let turning = flight.fly(80);
     assert!(turning.none.len() <= 150 && turning.worst_deg < 8.0, "{turning:?}");
-    let flown = flight.fly(1000);
-    assert!(flown.none.is_empty() && flown.worst_deg < 5.0, "{flown:?}");
+    let flight_result = flight.fly(1000);
+    assert!(flight_result.none.is_empty() && flight_result.worst_deg < 5.0, "{flight_result:?}");
     let adjustment = flight.watch.output();
     assert_eq!(adjustment.hard_iron_change, None);
     let (strength, inclination_rad) = (adjustment.states[STRENGTH_CHANGE], adjustment.states[INCLINATION_CHANGE]);
@@ -273,37 +274,42 @@ fn another_place_is_learnt() {
 
 /// Attitude errors are not estimated as hard iron; the heading stays within its sigma or is withheld.
 #[test]
-fn an_attitude_that_is_wrong_is_found() {
+fn attitude_errors_are_not_estimated_as_hard_iron() {
     let cases = [
-        ("roll", Wrong { roll_rad: 0.035, ..Wrong::NOTHING }, 0.2),
-        ("pitch", Wrong { pitch_rad: -0.035, ..Wrong::NOTHING }, 0.2),
-        ("bank", Wrong { bank: 0.7, ..Wrong::NOTHING }, 0.5),
-        ("late", Wrong { late_s: 0.3, ..Wrong::NOTHING }, 0.2),
+        ("roll", SimulatedErrors { roll_rad: 0.035, ..SimulatedErrors::NOTHING }, 0.2),
+        ("pitch", SimulatedErrors { pitch_rad: -0.035, ..SimulatedErrors::NOTHING }, 0.2),
+        ("bank", SimulatedErrors { bank: 0.7, ..SimulatedErrors::NOTHING }, 0.5),
+        ("late", SimulatedErrors { late_s: 0.3, ..SimulatedErrors::NOTHING }, 0.2),
     ];
     for (name, wrong, silent) in cases {
         let mut flight = Flight::new(8);
         flight.fly(200);
         flight.wrong = wrong;
-        let flown = flight.fly(600);
-        assert!(flown.beyond < flown.told / 8, "{name}: {} of {}", flown.beyond, flown.told);
-        assert!((flown.none.len() as f32) < silent * 6000.0, "{name}: {}", flown.none.len());
+        let flight_result = flight.fly(600);
+        assert!(
+            flight_result.beyond < flight_result.told / 8,
+            "{name}: {} of {}",
+            flight_result.beyond,
+            flight_result.told
+        );
+        assert!((flight_result.none.len() as f32) < silent * 6000.0, "{name}: {}", flight_result.none.len());
     }
 }
 
 /// A braking VTOL: an attitude error of 2.6 deg for 3 s is tolerated with a larger sigma if the nose rose by 8 deg, and
 /// detected otherwise.
 #[test]
-fn an_attitude_of_an_aircraft_that_is_pushed_is_believed_less() {
+fn attitude_noise_grows_while_the_aircraft_accelerates() {
     for (raised_rad, is_silenced) in [(0.14, false), (-0.14, false), (0.0, true)] {
         let mut flight = Flight::new(5);
         assert!(flight.fly(40).none.is_empty());
         let mut silent = 0;
         for i in 1..=36_u8 {
-            flight.wrong = Wrong {
+            flight.wrong = SimulatedErrors {
                 raised_rad: raised_rad * f32::from(i.min(6)) / 6.0,
                 raising_rad_s: if i <= 6 { raised_rad / 0.6 } else { 0.0 },
                 pitch_rad: if i > 6 { 0.045 } else { 0.0 },
-                ..Wrong::NOTHING
+                ..SimulatedErrors::NOTHING
             };
             silent += u32::from(flight.step().is_err());
         }
@@ -315,11 +321,11 @@ fn an_attitude_of_an_aircraft_that_is_pushed_is_believed_less() {
 }
 
 #[test]
-fn the_attitude_s_errors_are_told_apart() {
+fn attitude_latency_and_gyro_drift_are_distinguished() {
     for (wrong, index, expected, within) in [
-        (Wrong { late_s: 0.1, ..Wrong::NOTHING }, ATTITUDE_LATENCY, 0.1, 0.03),
-        (Wrong { late_s: -0.05, ..Wrong::NOTHING }, ATTITUDE_LATENCY, -0.05, 0.03),
-        (Wrong { drift_rad_s: 2e-3, ..Wrong::NOTHING }, GYRO_DRIFT, -2e-3, 3e-4),
+        (SimulatedErrors { late_s: 0.1, ..SimulatedErrors::NOTHING }, ATTITUDE_LATENCY, 0.1, 0.03),
+        (SimulatedErrors { late_s: -0.05, ..SimulatedErrors::NOTHING }, ATTITUDE_LATENCY, -0.05, 0.03),
+        (SimulatedErrors { drift_rad_s: 2e-3, ..SimulatedErrors::NOTHING }, GYRO_DRIFT, -2e-3, 3e-4),
     ] {
         let mut flight = Flight::new(9);
         flight.wrong = wrong;
@@ -330,7 +336,7 @@ fn the_attitude_s_errors_are_told_apart() {
 }
 
 #[test]
-fn a_change_leaves_more_doubt_than_the_unknowns_do() {
+fn heading_variance_is_inflated_after_a_detected_change() {
     let after = |unsettled_times: f32| {
         let mut flight = Flight::new(5);
         flight.watch.config.post_change_inflation = unsettled_times;
@@ -349,7 +355,7 @@ fn a_change_leaves_more_doubt_than_the_unknowns_do() {
 }
 
 #[test]
-fn there_are_limits() {
+fn estimated_changes_beyond_their_limits_withhold_the_heading() {
     let watched_verdict = |index: usize, value: f32| {
         let mut flight = Flight::new(10);
         flight.fly(30);
@@ -361,7 +367,7 @@ fn there_are_limits() {
         };
         flight.watch.assess_validity(flight.watch.filter.mean(), &seen, &[0.0; STATE_COUNT], 0.0)
     };
-    for (index, limit, why) in [
+    for (index, limit, reason) in [
         (HARD_IRON_CHANGE, 0.6, NoHeading::FieldChanged),
         (STRENGTH_CHANGE, 0.2, NoHeading::FieldDisturbed),
         (INCLINATION_CHANGE, 0.2, NoHeading::FieldDisturbed),
@@ -371,14 +377,14 @@ fn there_are_limits() {
     ] {
         for sign in [1.0, -1.0] {
             assert_eq!(watched_verdict(index, sign * 0.97 * limit), Ok(()), "{index}");
-            assert_eq!(watched_verdict(index, sign * 1.03 * limit), Err(why), "{index}");
+            assert_eq!(watched_verdict(index, sign * 1.03 * limit), Err(reason), "{index}");
         }
     }
 }
 
 /// Limit: 8 deg. The reason names the states with the larger part of the variance.
 #[test]
-fn a_heading_that_is_not_known_well_is_not_told() {
+fn a_heading_with_sigma_over_8_deg_is_withheld() {
     let mut flight = Flight::new(11);
     flight.fly(30);
     let watch = &mut flight.watch;
@@ -398,7 +404,7 @@ fn a_heading_that_is_not_known_well_is_not_told() {
 }
 
 #[test]
-fn a_source_without_rates_is_watched_as_far_as_it_goes() {
+fn a_source_without_rates_is_monitored() {
     let flight = Flight::new(12);
     let mut watch = Monitor::new(MonitorConfig::DEFAULT);
     let mut verdicts = Vec::new();
@@ -408,12 +414,12 @@ fn a_source_without_rates_is_watched_as_far_as_it_goes() {
         let field = attitude.body(Field::earth(TOTAL_UT, INCLINATION_RAD, heading_rad)).ut + Vector3::z() * iron_ut;
         let at = Timestamp::from_us(u64::from(i) * 100_000);
         let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
-        let watched = MonitoredCalibration {
+        let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,
             readings_per_sample: 1,
         };
-        watch.update(&watched, at, &sample, None);
+        watch.update(&monitored, at, &sample, None);
         verdicts.push(watch.output().validity);
     }
     assert!(verdicts[..201].iter().all(Result::is_ok));
@@ -422,11 +428,11 @@ fn a_source_without_rates_is_watched_as_far_as_it_goes() {
 }
 
 #[test]
-fn what_is_no_number_is_left_away() {
+fn non_finite_samples_are_ignored() {
     let mut flight = Flight::new(13);
     flight.fly(30);
     let before = *flight.watch.output();
-    let watched = MonitoredCalibration {
+    let monitored = MonitoredCalibration {
         calibration: &flight.calibration,
         uncertainty: &flight.uncertainty,
         readings_per_sample: 1,
@@ -437,20 +443,20 @@ fn what_is_no_number_is_left_away() {
         rates: Rates::NONE,
         time: WrappingMillis::default(),
     };
-    let nowhere = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
+    let non_finite = Attitude { roll_rad: f32::NAN, pitch_rad: 0.0 };
     let turned = GyroHeading { relative_heading_rad: f32::INFINITY, ..GyroHeading::default() };
     for (sample, turning) in [
         (Sample { field: Field::from_ut(f32::NAN, 0.0, 0.0), ..good }, None),
-        (Sample { attitude: nowhere, ..good }, None),
+        (Sample { attitude: non_finite, ..good }, None),
         (good, Some(turned)),
     ] {
-        flight.watch.update(&watched, Timestamp::from_us(60_000_000), &sample, turning);
+        flight.watch.update(&monitored, Timestamp::from_us(60_000_000), &sample, turning);
         assert_eq!(*flight.watch.output(), before);
     }
 }
 
 #[test]
-fn a_reading_that_the_gyro_contradicts_is_not_told() {
+fn a_heading_contradicted_by_the_gyro_is_withheld() {
     let mut flight = Flight::new(14);
     flight.fly(300);
     let adjustment = flight.watch.output();
@@ -471,7 +477,7 @@ fn a_reading_that_the_gyro_contradicts_is_not_told() {
 }
 
 #[test]
-fn a_calibration_in_force_has_what_was_learnt() {
+fn estimated_changes_are_applied_to_the_calibration() {
     let w = [[1.1, 0.1, 0.0], [0.0, 0.9, -0.1], [0.05, 0.0, 1.0]];
     let calibration = Calibration {
         w,
@@ -480,7 +486,7 @@ fn a_calibration_in_force_has_what_was_learnt() {
         total_ut: 50.0,
         ..Calibration::uncalibrated(Orientation::NONE)
     };
-    let watched = MonitoredCalibration {
+    let monitored = MonitoredCalibration {
         calibration: &calibration,
         uncertainty: &HeadingUncertainty::NONE,
         readings_per_sample: 4,
@@ -488,19 +494,19 @@ fn a_calibration_in_force_has_what_was_learnt() {
     let mut unknowns = [0.0; STATE_COUNT];
     unknowns[..5].copy_from_slice(&[0.02, -0.04, 0.06, 0.1, -0.05]);
     let variances = Some(SampleNoise { strength_variance: 1e-4, tilt_rad2: 4e-4 });
-    let (found, learnt) = MonitorOutput { states: unknowns, sample_noise: variances, ..MonitorOutput::INITIAL }
-        .correct_calibration(&watched);
+    let (found, adapted) = MonitorOutput { states: unknowns, sample_noise: variances, ..MonitorOutput::INITIAL }
+        .correct_calibration(&monitored);
     let field = Field::from_ut(20.0, -10.0, 30.0);
     let moved = calibration.apply(field).ut - found.apply(field).ut;
     assert!((moved - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-4, "{moved}");
     assert!((found.total_ut - 55.0).abs() < 1e-4 && (found.inclination_rad - 0.95).abs() < 1e-6);
     // The mean of four readings has half the sigma of one.
-    assert!((learnt.sensor_sigma - 0.02).abs() < 1e-6 && (learnt.attitude_sigma_rad - 0.02).abs() < 1e-6);
-    assert_eq!(MonitorOutput::INITIAL.correct_calibration(&watched), (calibration, HeadingUncertainty::NONE));
+    assert!((adapted.sensor_sigma - 0.02).abs() < 1e-6 && (adapted.attitude_sigma_rad - 0.02).abs() < 1e-6);
+    assert_eq!(MonitorOutput::INITIAL.correct_calibration(&monitored), (calibration, HeadingUncertainty::NONE));
 }
 /// 24 hours at rest without body rates: all is unobservable, and no state drifts.
 #[test]
-fn a_day_at_rest_tells_nothing() {
+fn a_day_at_rest_changes_no_state() {
     let mut random = Random(15);
     let flight = Flight::new(15);
     let mut watch = Monitor::new(MonitorConfig::DEFAULT);
@@ -510,12 +516,12 @@ fn a_day_at_rest_tells_nothing() {
         let field = body + Vector3::from_fn(|_, _| STRENGTH_SIGMA * TOTAL_UT * random.normal());
         let at = Timestamp::from_us(u64::from(i) * 100_000);
         let sample = Sample { field: Field::new(field), attitude, rates: Rates::NONE, time: at.wrapping_millis() };
-        let watched = MonitoredCalibration {
+        let monitored = MonitoredCalibration {
             calibration: &flight.calibration,
             uncertainty: &flight.uncertainty,
             readings_per_sample: 1,
         };
-        watch.update(&watched, at, &sample, None);
+        watch.update(&monitored, at, &sample, None);
         assert_eq!(watch.output().validity, Ok(()), "{i}");
     }
     assert!(watch.filter.mean().iter().all(|unknown| unknown.abs() < 0.01), "{:?}", watch.filter.mean());

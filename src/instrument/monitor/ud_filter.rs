@@ -50,9 +50,9 @@ impl<const N: usize> UdFilter<N> {
     }
 
     pub fn state_variance(&self, index: usize) -> f32 {
-        let Some((row, own)) = self.upper.get(index).zip(self.diagonal.get(index)) else { return 0.0 };
+        let Some((row, variance)) = self.upper.get(index).zip(self.diagonal.get(index)) else { return 0.0 };
         let others = row.iter().zip(&self.diagonal).skip(index + 1).map(|(u, d)| u * u * d);
-        own + others.sum::<f32>()
+        variance + others.sum::<f32>()
     }
 
     fn u_transposed_times(&self, row: &[f32; N], j: usize) -> f32 {
@@ -105,11 +105,11 @@ impl<const N: usize> UdFilter<N> {
     }
 
     /// Time update `x_to += factor x_by`, for `by > to`.
-    pub fn propagate(&mut self, to: usize, by: usize, factor: f32) {
-        self.mean[to] += factor * self.mean[by];
-        self.upper[to][by] += factor;
-        for j in by + 1..N {
-            self.upper[to][j] += factor * self.upper[by][j];
+    pub fn propagate(&mut self, to: usize, from: usize, factor: f32) {
+        self.mean[to] += factor * self.mean[from];
+        self.upper[to][from] += factor;
+        for j in from + 1..N {
+            self.upper[to][j] += factor * self.upper[from][j];
         }
     }
 }
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_textbook_s_filter() {
+    fn the_ud_filter_equals_a_conventional_kalman_filter() {
         let mut random = Random(1);
         let sigmas = [1.0, 0.5, 2.0, 0.1, 1.5];
         let mut state = UdFilter::new(&sigmas);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_is_set_and_what_is_no_number_is_seen() {
+    fn means_are_set_and_non_finite_states_detected() {
         let mut state = UdFilter::<N>::new(&[1.0; N]);
         state.set_mean(2, 3.0);
         assert_eq!(state.mean().map(f32::to_bits), [0.0, 0.0, 3.0, 0.0, 0.0].map(f32::to_bits));

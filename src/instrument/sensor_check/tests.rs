@@ -77,7 +77,7 @@ fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
 }
 
 #[test]
-fn what_repeats_bit_by_bit_repeats_though_it_is_no_number() {
+fn repeated_nan_is_stuck() {
     let mut axis = AxisCheck::NEW;
     let faults: Vec<_> = (0..16).map(|_| axis.check(f32::NAN, 16)).collect();
     assert_eq!(faults[15], Some(ReadingFault::Stuck));
@@ -88,7 +88,7 @@ fn what_repeats_bit_by_bit_repeats_though_it_is_no_number() {
 
 /// At either end: half of sixteen readings, then immediately.
 #[test]
-fn an_axis_that_ends_is_clipped_at_the_eighth_reading_and_known_from_then_on() {
+fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
     for sign in [1.0, -1.0] {
         let mut axis = AxisCheck::NEW;
         for i in 0_u8..40 {
@@ -108,7 +108,7 @@ fn an_axis_that_ends_is_clipped_at_the_eighth_reading_and_known_from_then_on() {
 
 /// Limit: 5 uT.
 #[test]
-fn an_axis_that_has_not_moved_has_shown_no_end() {
+fn an_axis_that_moved_under_5_ut_is_not_clipped() {
     for (range_ut, expected) in [(4.9, None), (5.1, Some(ReadingFault::Clipped))] {
         let mut axis = AxisCheck::NEW;
         axis.check(0.0, 16);
@@ -121,21 +121,21 @@ fn an_axis_that_has_not_moved_has_shown_no_end() {
 }
 
 #[test]
-fn a_recording_s_axes_may_repeat() {
+fn repeated_values_in_a_recording_are_not_stuck() {
     let mut check = SensorCheck::new(&InstrumentConfig::new(100_000));
     let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: false, overrun: false };
     assert!((1..100).all(|i| check.check(Timestamp::from_us(i * 100_000), &reading, None).is_none()));
 }
 
 #[test]
-fn the_chip_s_own_word_comes_first() {
+fn the_saturation_flag_of_the_chip_has_priority() {
     let reading = Reading { field: Field::from_ut(20.0, 0.0, 40.0), saturated: true, overrun: false };
     assert_eq!(new_check().check(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
 }
 
 /// RMS step of the reference sensor 0.9 uT, times 5 = 4.4 uT, plus 0.9 uT for 0.2 + 0.5 rad/s.
 #[test]
-fn a_reading_far_from_the_one_before_is_a_spike_and_the_next_one_is_none() {
+fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
     for (height_ut, expected) in [(3.0, None), (8.0, Some(ReadingFault::Spike)), (300.0, Some(ReadingFault::Spike))] {
         for axis in 0..3 {
             let mut readings = Readings::new();
@@ -153,7 +153,7 @@ fn a_reading_far_from_the_one_before_is_a_spike_and_the_next_one_is_none() {
 
 /// Limit: 5 * 1.5 uT, plus 100 uT times rotation in one period: (2 + 0.5) rad/s adds 3.1 uT, unknown rates 5 uT.
 #[test]
-fn an_aircraft_that_turns_moves_the_field() {
+fn the_spike_limit_grows_with_the_turn_rate() {
     for (turning_rad_s, limit_ut) in [(Some(0.0), 8.125), (Some(2.0), 10.625), (None, 12.5)] {
         for (step_ut, expected) in [(limit_ut - 0.1, None), (limit_ut + 0.1, Some(ReadingFault::Spike))] {
             let mut readings = Readings::new();
@@ -168,7 +168,7 @@ fn an_aircraft_that_turns_moves_the_field() {
 }
 
 #[test]
-fn a_field_that_stays_elsewhere_is_believed_at_the_fourth_reading() {
+fn a_lasting_field_step_is_accepted_at_the_fourth_reading() {
     let mut readings = Readings::new();
     readings.faults_at_rest(PARKED, 500);
     let moved = [35.0, -5.0, 40.0];
@@ -190,7 +190,7 @@ fn readings_far_apart_are_not_compared() {
 
 /// Five times the noise is accepted within a second.
 #[test]
-fn noise_is_got_used_to() {
+fn the_spike_limit_adapts_to_noise_within_1_s() {
     let mut readings = Readings::new();
     readings.faults_at_rest(PARKED, 500);
     let mut spikes = [0; 2];

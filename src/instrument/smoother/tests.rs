@@ -30,7 +30,7 @@ struct Flight {
     noise_rad: f32,
 }
 
-struct Told {
+struct HeadingPair {
     /// Raw minus true.
     raw_rad: f32,
     /// Smoothed minus true, and its sigma.
@@ -76,30 +76,30 @@ impl Flight {
         self.at_us += self.step_us;
         self.heading_rad = wrap_pi(self.heading_rad + rate_rad_s * step_s);
         self.turned_rad = wrap_pi(self.turned_rad + (self.gyro)(rate_rad_s) * step_s);
-        let kept = (-step_s / self.noise_s).exp();
+        let decay = (-step_s / self.noise_s).exp();
         self.noise_rad =
-            kept * self.noise_rad + (1.0 - kept * kept).sqrt() * self.noise_sigma_rad * self.random.normal();
+            decay * self.noise_rad + (1.0 - decay * decay).sqrt() * self.noise_sigma_rad * self.random.normal();
         rate_rad_s
     }
 
-    fn step(&mut self, rate_deg_s: f32) -> Told {
+    fn step(&mut self, rate_deg_s: f32) -> HeadingPair {
         let rate_rad_s = self.pass(rate_deg_s);
         let smooth = self.smoother.smooth_heading(
             Timestamp::from_us(self.at_us),
             Some(&self.raw()),
             Some(self.turning(rate_rad_s)),
         );
-        let off = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
-        Told { raw_rad: self.noise_rad, smooth: smooth.map(off) }
+        let error_and_sigma = |smooth: Heading| (wrap_pi(smooth.magnetic_rad - self.heading_rad), smooth.sigma_rad);
+        HeadingPair { raw_rad: self.noise_rad, smooth: smooth.map(error_and_sigma) }
     }
 
-    fn fly(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<Told> {
+    fn fly(&mut self, rate_deg_s: f32, seconds: f32) -> Vec<HeadingPair> {
         let steps = (seconds * 1e6) as u64 / self.step_us;
         (0..steps).map(|_| self.step(rate_deg_s)).collect()
     }
 
     /// Straight flight and turns to both sides, 30 s.
-    fn wander(&mut self) -> Vec<Told> {
+    fn wander(&mut self) -> Vec<HeadingPair> {
         [(0.0, 8.0), (18.0, 8.0), (0.0, 6.0), (-18.0, 8.0)]
             .into_iter()
             .flat_map(|(rate_deg_s, seconds)| self.fly(rate_deg_s, seconds))
@@ -112,64 +112,64 @@ fn rms_deg(errors_rad: impl Iterator<Item = f32>) -> f32 {
     (sum / number as f32).sqrt().to_degrees()
 }
 
-fn all_told(told: &[Told]) -> bool {
-    told.iter().all(|told| told.smooth.is_some())
+fn all_smooth(output: &[HeadingPair]) -> bool {
+    output.iter().all(|output| output.smooth.is_some())
 }
 
-fn none_told(told: &[Told]) -> bool {
-    told.iter().all(|told| told.smooth.is_none())
+fn none_smooth(output: &[HeadingPair]) -> bool {
+    output.iter().all(|output| output.smooth.is_none())
 }
 
 /// A filter with 10 s of memory leaves `sqrt(0.5 s / 10 s)` of noise correlated over 0.5 s, about a fifth.
 #[test]
-fn a_smooth_heading_is_better_than_the_raw_one_and_knows_how_good_it_is() {
+fn a_smoothed_heading_has_less_error_and_a_correct_sigma() {
     let mut flight = Flight::new();
     flight.wander();
-    let told: Vec<Told> = (0..10).flat_map(|_| flight.wander()).collect();
-    assert!(all_told(&told));
-    let raw_deg = rms_deg(told.iter().map(|told| told.raw_rad));
-    let smooth_deg = rms_deg(told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad));
-    let sigma_deg = rms_deg(told.iter().filter_map(|told| told.smooth).map(|(_, sigma_rad)| sigma_rad));
+    let output: Vec<HeadingPair> = (0..10).flat_map(|_| flight.wander()).collect();
+    assert!(all_smooth(&output));
+    let raw_deg = rms_deg(output.iter().map(|output| output.raw_rad));
+    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad));
+    let sigma_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(_, sigma_rad)| sigma_rad));
     assert!((raw_deg - 1.0).abs() < 0.1, "{raw_deg}");
     assert!(smooth_deg < 0.4 * raw_deg, "{smooth_deg}");
     assert!(sigma_deg > 0.7 * smooth_deg && sigma_deg < 1.5 * smooth_deg, "{sigma_deg} {smooth_deg}");
 }
 
 #[test]
-fn what_lasts_is_not_smoothed_away() {
+fn correlated_noise_stays_in_the_smoothed_sigma() {
     let mut flight = Flight { noise_s: 8.0, ..Flight::new() };
     for _ in 0..6 {
         flight.wander();
     }
-    let told: Vec<Told> = (0..40).flat_map(|_| flight.wander()).collect();
-    let smooth_deg = rms_deg(told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad));
-    let sigma_deg = rms_deg(told.iter().filter_map(|told| told.smooth).map(|(_, sigma_rad)| sigma_rad));
+    let output: Vec<HeadingPair> = (0..40).flat_map(|_| flight.wander()).collect();
+    let smooth_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad));
+    let sigma_deg = rms_deg(output.iter().filter_map(|output| output.smooth).map(|(_, sigma_rad)| sigma_rad));
     assert!(smooth_deg > 0.6, "{smooth_deg}");
     assert!(sigma_deg > 0.4 * smooth_deg && sigma_deg < 1.2, "{sigma_deg} {smooth_deg}");
 }
 
 /// Gyro drift of 1 deg/s: the sigma grows with the mean innovation before the test fails.
 #[test]
-fn what_is_doubted_is_in_the_sigma() {
+fn the_mean_innovation_is_included_in_the_sigma() {
     let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
     for _ in 0..4 {
         flight.wander();
     }
     flight.gyro = |rate_rad_s| rate_rad_s + DEG;
-    let told = flight.fly(0.0, 6.0);
-    assert!(told.iter().filter_map(|told| told.smooth).any(|(rad, _)| rad.abs() > 3.0 * DEG));
-    for (rad, sigma_rad) in told.iter().filter_map(|told| told.smooth).filter(|(rad, _)| rad.abs() > 2.5 * DEG) {
+    let output = flight.fly(0.0, 6.0);
+    assert!(output.iter().filter_map(|output| output.smooth).any(|(rad, _)| rad.abs() > 3.0 * DEG));
+    for (rad, sigma_rad) in output.iter().filter_map(|output| output.smooth).filter(|(rad, _)| rad.abs() > 2.5 * DEG) {
         assert!(rad.abs() < 4.0 * sigma_rad, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
     }
-    assert!(none_told(&told[told.len() - 40..]));
+    assert!(none_smooth(&output[output.len() - 40..]));
 }
 
 #[test]
-fn the_coefficients_share_comes_on_top() {
+fn coefficient_variance_is_added_to_the_smoothed_sigma() {
     let sigma_deg = |coefficients_deg: f32| {
         let mut flight = Flight { coefficients_rad: coefficients_deg * DEG, ..Flight::new() };
-        let told = (0..4).flat_map(|_| flight.wander()).last().unwrap();
-        told.smooth.unwrap().1.to_degrees()
+        let output = (0..4).flat_map(|_| flight.wander()).last().unwrap();
+        output.smooth.unwrap().1.to_degrees()
     };
     let (without, with) = (sigma_deg(0.0), sigma_deg(2.0));
     assert!((with - without.hypot(2.0)).abs() < 1e-3, "{with} {without}");
@@ -182,15 +182,16 @@ fn the_gyro_s_bias_is_found() {
     for _ in 0..10 {
         flight.wander();
     }
-    let told: Vec<Told> = (0..4).flat_map(|_| flight.wander()).collect();
-    assert!(all_told(&told));
-    let mean_rad = told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad).sum::<f32>() / told.len() as f32;
+    let output: Vec<HeadingPair> = (0..4).flat_map(|_| flight.wander()).collect();
+    assert!(all_smooth(&output));
+    let mean_rad =
+        output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad).sum::<f32>() / output.len() as f32;
     assert!(mean_rad.to_degrees().abs() < 0.15, "{}", mean_rad.to_degrees());
 }
 
 /// Reference: conventional Kalman filter in f64 at uneven steps, with its own parameters.
 #[test]
-fn the_filter_is_kalman_s() {
+fn the_smoother_equals_a_conventional_kalman_filter() {
     let square = |x: f64| x * x;
     let deg = core::f64::consts::PI / 180.0;
     let mut random = Random(5);
@@ -214,10 +215,10 @@ fn the_filter_is_kalman_s() {
         p = [[a - 2.0 * dt * p[0][1] + dt * dt * c, b], [b, c + square(0.002 * deg) * dt]];
         p[0][0] += square(0.2 * deg) * dt + square(0.03 * rate) * 0.1 * dt;
         // With occasional outliers.
-        let off = if i % 50 == 0 { random.uniform(-0.5, 0.5) } else { random.uniform(-0.05, 0.05) };
+        let innovation = if i % 50 == 0 { random.uniform(-0.5, 0.5) } else { random.uniform(-0.05, 0.05) };
         let v = f64::from(random.uniform(1e-4, 9e-4));
-        let z = f64::from(off);
-        state.update_measurement(off, v as f32, dt as f32);
+        let z = f64::from(innovation);
+        state.update_measurement(innovation, v as f32, dt as f32);
         let far = (z * z / (9.0 * (p[0][0] + v))).max(1.0);
         let s = p[0][0] + far * v * 2.0 * 2.0 / dt;
         let k = [p[0][0] / s, p[0][1] / s];
@@ -238,7 +239,7 @@ fn the_filter_is_kalman_s() {
 
 /// 24 hours at 10 Hz with a gyro bias that changes sign.
 #[test]
-fn a_day_leaves_nothing_behind() {
+fn the_smoother_does_not_degrade_in_a_day() {
     let gyros: [Gyro; 2] = [|rate_rad_s| rate_rad_s + 0.05 * DEG, |rate_rad_s| rate_rad_s - 0.05 * DEG];
     let mut flight = Flight { step_us: 100_000, ..Flight::new() };
     for hour in 0..24 {
@@ -247,7 +248,7 @@ fn a_day_leaves_nothing_behind() {
         let mut number = 0.0;
         for step in 0..36_000 {
             let rate_deg_s = if step % 600 < 200 { 12.0 } else { 0.0 };
-            let told = flight.step(rate_deg_s);
+            let output = flight.step(rate_deg_s);
             let state = flight.smoother.state.as_ref().unwrap();
             assert!(
                 state.conditional_heading_variance > 0.0 && state.bias_variance > 0.0 && state.heading_rad.abs() <= PI
@@ -256,7 +257,7 @@ fn a_day_leaves_nothing_behind() {
             if step < 3_000 {
                 continue; // Settling after the change of bias.
             }
-            let (rad, sigma_rad) = told.smooth.unwrap();
+            let (rad, sigma_rad) = output.smooth.unwrap();
             assert!(sigma_rad > 0.02 * DEG && sigma_rad < 3.1 * DEG, "{}", sigma_rad.to_degrees());
             squares += rad * rad;
             number += 1.0;
@@ -268,40 +269,40 @@ fn a_day_leaves_nothing_behind() {
 
 /// A sigma of zero counts as 0.05 deg.
 #[test]
-fn no_raw_heading_is_exact() {
+fn a_raw_sigma_of_zero_counts_as_0_05_deg() {
     let mut flight = Flight { sigma_rad: 0.0, noise_sigma_rad: 0.0, ..Flight::new() };
-    for told in (0..4).flat_map(|_| flight.wander()).skip(400) {
-        let (rad, sigma_rad) = told.smooth.unwrap();
+    for output in (0..4).flat_map(|_| flight.wander()).skip(400) {
+        let (rad, sigma_rad) = output.smooth.unwrap();
         assert!(rad.abs() < 0.05 * DEG && sigma_rad > 0.0 && sigma_rad < 0.05 * DEG, "{rad} {sigma_rad}");
     }
 }
 
 /// The heading jumps by 90 deg without a turn; the filter restarts after 5 s.
 #[test]
-fn a_filter_that_was_lost_begins_anew() {
+fn a_lost_smoother_restarts_after_5_s() {
     let mut flight = Flight::new();
     for _ in 0..4 {
         flight.wander();
     }
     flight.heading_rad = wrap_pi(flight.heading_rad + PI / 2.0);
-    assert!(none_told(&flight.fly(18.0, 6.0)[1..]));
+    assert!(none_smooth(&flight.fly(18.0, 6.0)[1..]));
     flight.fly(18.0, 16.0);
     let (rad, sigma_rad) = flight.step(18.0).smooth.unwrap();
     assert!(rad.abs() < 2.0 * DEG && sigma_rad < 0.55 * DEG, "{} {}", rad.to_degrees(), sigma_rad.to_degrees());
 }
 
 #[test]
-fn nothing_is_told_before_it_has_settled() {
+fn no_smoothed_heading_before_the_filter_has_settled() {
     let mut flight = Flight::new();
     // The filter starts with the first heading.
-    assert!(none_told(&flight.fly(0.0, 2.0)));
+    assert!(none_smooth(&flight.fly(0.0, 2.0)));
     flight.step(0.0);
-    assert!(all_told(&flight.fly(0.0, 1.0)));
+    assert!(all_smooth(&flight.fly(0.0, 1.0)));
 }
 
 #[test]
 fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
-    for (gap_s, goes_on) in [(2.9, true), (3.1, false)] {
+    for (gap_s, is_continued) in [(2.9, true), (3.1, false)] {
         let mut flight = Flight::new();
         flight.wander();
         for _ in 0..(gap_s / STEP_S) as usize {
@@ -313,16 +314,16 @@ fn a_gap_is_bridged_by_the_gyro_for_three_seconds() {
                 "nothing to tell"
             );
         }
-        let told = flight.step(40.0);
-        assert_eq!(told.smooth.is_some(), goes_on, "{gap_s}");
-        assert!(told.smooth.is_none_or(|(rad, _)| rad.abs() < DEG));
+        let output = flight.step(40.0);
+        assert_eq!(output.smooth.is_some(), is_continued, "{gap_s}");
+        assert!(output.smooth.is_none_or(|(rad, _)| rad.abs() < DEG));
         let later = flight.fly(0.0, 2.2);
-        assert!(all_told(if goes_on { &later } else { &later[later.len() - 10..] }));
+        assert!(all_smooth(if is_continued { &later } else { &later[later.len() - 10..] }));
     }
 }
 
 #[test]
-fn without_a_gyro_or_with_another_run_of_it_nothing_is_told() {
+fn no_smoothed_heading_without_a_gyro_or_after_a_new_gyro_run() {
     let mut flight = Flight::new();
     flight.wander();
     flight.pass(0.0);
@@ -330,26 +331,26 @@ fn without_a_gyro_or_with_another_run_of_it_nothing_is_told() {
     assert_eq!(flight.smoother.smooth_heading(at, Some(&flight.raw()), None), None);
     assert!(flight.step(0.0).smooth.is_some(), "it is back within three seconds");
     (flight.run, flight.turned_rad) = (2, -1.0);
-    assert!(none_told(&flight.fly(0.0, 1.9)));
-    assert!(all_told(&flight.fly(0.0, 2.0)[20..]));
+    assert!(none_smooth(&flight.fly(0.0, 1.9)));
+    assert!(all_smooth(&flight.fly(0.0, 2.0)[20..]));
 }
 
 #[test]
-fn too_fast_a_turn_is_not_smoothed() {
-    for (rate_deg_s, is_told) in [(355.0, true), (365.0, false), (-355.0, true), (-365.0, false)] {
+fn turns_faster_than_360_deg_s_are_not_smoothed() {
+    for (rate_deg_s, is_output) in [(355.0, true), (365.0, false), (-355.0, true), (-365.0, false)] {
         let mut flight = Flight::new();
         flight.wander();
-        let told = flight.fly(rate_deg_s, 1.0);
-        assert!(if is_told { all_told(&told) } else { none_told(&told[1..]) }, "{rate_deg_s}");
+        let output = flight.fly(rate_deg_s, 1.0);
+        assert!(if is_output { all_smooth(&output) } else { none_smooth(&output[1..]) }, "{rate_deg_s}");
     }
 }
 
 #[test]
-fn a_reset_forgets_everything() {
+fn a_reset_discards_the_smoother_state() {
     let mut flight = Flight::new();
     flight.wander();
     flight.smoother.reset();
-    assert!(none_told(&flight.fly(0.0, 2.0)));
+    assert!(none_smooth(&flight.fly(0.0, 2.0)));
 }
 
 #[test]
@@ -362,16 +363,16 @@ fn a_spike_of_the_raw_heading_changes_nothing() {
         let rate_rad_s = flight.pass(0.0);
         let raw = Heading { magnetic_rad: wrap_two_pi(flight.heading_rad + spike_rad), ..flight.raw() };
         let turning = flight.turning(rate_rad_s);
-        let told = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(turning)).unwrap();
-        assert!(wrap_pi(told.magnetic_rad - flight.heading_rad).abs() < DEG);
-        assert!(all_told(&flight.fly(0.0, 1.0)), "{spike_rad}");
+        let output = flight.smoother.smooth_heading(at(&flight), Some(&raw), Some(turning)).unwrap();
+        assert!(wrap_pi(output.magnetic_rad - flight.heading_rad).abs() < DEG);
+        assert!(all_smooth(&flight.fly(0.0, 1.0)), "{spike_rad}");
     }
 }
 
 /// Wrong body rates: the smoothed heading is withheld from the first turn on, before its error exceeds 4 sigma, and
 /// remains so until a turn shows correct rates.
 #[test]
-fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
+fn a_wrong_gyro_is_detected_in_the_first_turn() {
     let wrong: [(&str, Gyro); 4] = [
         ("nearly nothing", |_| 1e-6),
         ("wrong sign", |rate_rad_s| -rate_rad_s),
@@ -387,32 +388,32 @@ fn a_gyro_that_is_wrong_shows_in_the_first_turn() {
             turn.push(flight.step(18.0 * rate as f32 / 80.0));
         }
         turn.extend(flight.fly(18.0, 8.0));
-        let worst_rad = turn.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad.abs()).fold(0.0, f32::max);
+        let worst_rad = turn.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad.abs()).fold(0.0, f32::max);
         assert!(worst_rad.to_degrees() < 5.5, "{name}: {}", worst_rad.to_degrees());
-        assert!(none_told(&turn[turn.len() - 300..]), "{name}");
-        assert!(none_told(&flight.fly(0.0, 20.0)), "{name}: nothing has shown that it is right");
+        assert!(none_smooth(&turn[turn.len() - 300..]), "{name}");
+        assert!(none_smooth(&flight.fly(0.0, 20.0)), "{name}: nothing has shown that it is right");
         flight.gyro = |rate_rad_s| rate_rad_s;
         flight.fly(18.0, 8.0);
-        assert!(all_told(&flight.fly(0.0, 2.0)), "{name}");
+        assert!(all_smooth(&flight.fly(0.0, 2.0)), "{name}");
     }
 }
 
 #[test]
-fn more_noise_than_told_is_no_contradiction() {
+fn noise_above_the_reported_sigma_is_no_contradiction() {
     let mut flight = Flight { noise_s: 0.001, ..Flight::new() };
     flight.wander();
     flight.noise_sigma_rad = 5.0 * DEG;
     flight.wander();
-    let told = flight.wander();
-    let number = told.iter().filter(|told| told.smooth.is_some()).count();
-    assert!(number > told.len() * 9 / 10, "{number} of {}", told.len());
-    assert!(rms_deg(told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad)) < 1.0);
+    let output = flight.wander();
+    let number = output.iter().filter(|output| output.smooth.is_some()).count();
+    assert!(number > output.len() * 9 / 10, "{number} of {}", output.len());
+    assert!(rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad)) < 1.0);
 }
 
 #[test]
-fn what_is_not_a_number_is_forgotten() {
+fn non_finite_input_is_discarded() {
     let bad = [f32::NAN, f32::INFINITY, f32::MAX, 0.0];
-    for (what, spoil) in [
+    for (input_name, corrupt) in [
         ("heading", (|raw, _, bad| raw.magnetic_rad = bad) as fn(&mut Heading, &mut GyroHeading, f32)),
         ("sigma", |raw, _, bad| raw.sigma_rad = bad),
         ("coefficients", |raw, _, bad| raw.systematic_variance_rad2 = bad),
@@ -425,14 +426,17 @@ fn what_is_not_a_number_is_forgotten() {
             for _ in 0..3 {
                 let rate_rad_s = flight.pass(0.0);
                 let (mut raw, mut turning) = (flight.raw(), flight.turning(rate_rad_s));
-                spoil(&mut raw, &mut turning, bad);
+                corrupt(&mut raw, &mut turning, bad);
                 flight.smoother.smooth_heading(Timestamp::from_us(flight.at_us), Some(&raw), Some(turning));
             }
             flight.wander();
             flight.wander();
-            let told = flight.wander();
-            assert!(all_told(&told), "{what} {bad}");
-            assert!(rms_deg(told.iter().filter_map(|told| told.smooth).map(|(rad, _)| rad)) < 1.0, "{what} {bad}");
+            let output = flight.wander();
+            assert!(all_smooth(&output), "{input_name} {bad}");
+            assert!(
+                rms_deg(output.iter().filter_map(|output| output.smooth).map(|(rad, _)| rad)) < 1.0,
+                "{input_name} {bad}"
+            );
         }
     }
 }
@@ -447,35 +451,36 @@ mod agreement {
         GyroStep { step_s: STEP_S, turned_rad: turned_deg * DEG }
     }
 
-    fn settled() -> AgreementTest {
+    fn settled_test() -> AgreementTest {
         let mut agreement = AgreementTest::NEW;
-        see(&mut agreement, 0.0, 10.0);
+        repeat_innovation(&mut agreement, 0.0, 10.0);
         agreement
     }
 
     /// Repeats an innovation in sigmas; whether all results were in agreement.
-    fn see(agreement: &mut AgreementTest, off: f32, seconds: f32) -> bool {
+    fn repeat_innovation(agreement: &mut AgreementTest, innovation: f32, seconds: f32) -> bool {
         (0..(seconds / STEP_S) as usize).fold(true, |all, _| {
-            agreement.test_innovation(off, VARIANCE, step(0.0)) == AgreementResult::InAgreement && all
+            agreement.test_innovation(innovation, VARIANCE, step(0.0)) == AgreementResult::InAgreement && all
         })
     }
 
     /// At 3.9 sigma detected within about a second.
     #[test]
-    fn a_mean_of_more_than_three_sigmas_contradicts() {
+    fn a_mean_innovation_over_three_sigmas_is_a_contradiction() {
         for sign in [1.0, -1.0] {
-            assert!(see(&mut settled(), sign * 2.9, 60.0));
-            assert!(!see(&mut settled(), sign * 3.1, 60.0));
-            let mut quick = settled();
-            assert!(see(&mut quick, sign * 3.9, 1.2) && !see(&mut quick, sign * 3.9, 0.5));
+            assert!(repeat_innovation(&mut settled_test(), sign * 2.9, 60.0));
+            assert!(!repeat_innovation(&mut settled_test(), sign * 3.1, 60.0));
+            let mut quick = settled_test();
+            assert!(repeat_innovation(&mut quick, sign * 3.9, 1.2) && !repeat_innovation(&mut quick, sign * 3.9, 0.5));
         }
     }
 
     #[test]
-    fn sigmas_are_those_of_the_variance() {
-        let contradicts = |off: f32, variance: f32| {
-            let mut agreement = settled();
-            (0..2000).any(|_| agreement.test_innovation(off, variance, step(0.0)) != AgreementResult::InAgreement)
+    fn innovations_are_normalised_by_their_variance() {
+        let contradicts = |innovation: f32, variance: f32| {
+            let mut agreement = settled_test();
+            (0..2000)
+                .any(|_| agreement.test_innovation(innovation, variance, step(0.0)) != AgreementResult::InAgreement)
         };
         assert!(!contradicts(5.8, 4.0) && contradicts(6.2, 4.0));
         assert!(!contradicts(0.29, 0.01) && contradicts(0.31, 0.01));
@@ -483,10 +488,12 @@ mod agreement {
 
     /// Two consecutive beyond 4 sigma, on the same side.
     #[test]
-    fn two_large_differences_in_a_row_contradict() {
-        let all = |offs: &[f32]| {
-            let mut agreement = settled();
-            offs.iter().all(|&off| agreement.test_innovation(off, VARIANCE, step(0.0)) == AgreementResult::InAgreement)
+    fn two_innovations_over_4_sigma_on_one_side_are_a_contradiction() {
+        let all = |innovations: &[f32]| {
+            let mut agreement = settled_test();
+            innovations.iter().all(|&innovation| {
+                agreement.test_innovation(innovation, VARIANCE, step(0.0)) == AgreementResult::InAgreement
+            })
         };
         assert!(all(&[3.9, 3.9, 3.9]) && all(&[-3.9, -3.9]));
         assert!(!all(&[4.1, 4.1]) && !all(&[-4.1, -4.1]));
@@ -495,13 +502,13 @@ mod agreement {
 
     /// Excess variance: `2.9^2 - 1`, and none below 1 sigma.
     #[test]
-    fn a_mean_beyond_a_sigma_is_doubted() {
-        for (off, doubt) in [(0.9, 0.0), (-0.9, 0.0), (2.9, 7.41), (-2.9, 7.41)] {
-            let mut agreement = settled();
-            see(&mut agreement, off, 20.0);
+    fn a_mean_innovation_over_one_sigma_adds_excess_variance() {
+        for (innovation, excess_variance) in [(0.9, 0.0), (-0.9, 0.0), (2.9, 7.41), (-2.9, 7.41)] {
+            let mut agreement = settled_test();
+            repeat_innovation(&mut agreement, innovation, 20.0);
             assert!(
-                (agreement.excess_variance_rad2() - doubt).abs() < 0.01,
-                "{off}: {}",
+                (agreement.excess_variance_rad2() - excess_variance).abs() < 0.01,
+                "{innovation}: {}",
                 agreement.excess_variance_rad2()
             );
         }
@@ -509,9 +516,9 @@ mod agreement {
 
     /// Two seconds of agreement and 45 deg of turn.
     #[test]
-    fn after_a_contradiction_it_has_to_be_shown_in_a_turn() {
+    fn after_a_contradiction_agreement_needs_a_turn_of_45_deg() {
         for (turned_deg, sign, agreed) in [(44.0, 1.0, false), (46.0, 1.0, true), (46.0, -1.0, true)] {
-            let mut agreement = settled();
+            let mut agreement = settled_test();
             for _ in 0..2 {
                 agreement.test_innovation(5.0, VARIANCE, step(20.0));
             }
@@ -524,19 +531,22 @@ mod agreement {
             assert_eq!(last == AgreementResult::InAgreement, agreed, "{turned_deg}");
             // The requirement survives a restart.
             agreement.restart();
-            assert_eq!(!see(&mut agreement, 0.0, 2.1) && see(&mut agreement, 0.0, 1.0), agreed);
+            assert_eq!(
+                !repeat_innovation(&mut agreement, 0.0, 2.1) && repeat_innovation(&mut agreement, 0.0, 1.0),
+                agreed
+            );
         }
     }
 
     #[test]
-    fn what_contradicts_for_long_is_lost() {
-        let mut agreement = settled();
+    fn five_seconds_of_contradiction_are_lost() {
+        let mut agreement = settled_test();
         let lost = (0..1000)
             .position(|_| agreement.test_innovation(TAU, VARIANCE, step(0.0)) == AgreementResult::Lost)
             .unwrap();
         assert!((lost as f32 * STEP_S - 5.0).abs() < 0.05, "{lost}");
         // An interruption restarts the time.
-        let mut agreement = settled();
+        let mut agreement = settled_test();
         for _ in 0..10 {
             for _ in 0..200 {
                 assert_ne!(agreement.test_innovation(5.0, VARIANCE, step(0.0)), AgreementResult::Lost);
@@ -555,12 +565,12 @@ mod lasting {
     /// Mean fraction estimated from 30 runs of correlated noise.
     fn share(noise_s: f32) -> f32 {
         let mut random = Random(3);
-        let kept = (-STEP_S / noise_s).exp();
+        let decay = (-STEP_S / noise_s).exp();
         let mut sum = 0.0;
         for _ in 0..30 {
             let (mut lasting, mut noise) = (ResidualNoise::NEW, 2.0 * random.normal());
             for _ in 0..(240.0 / STEP_S) as usize {
-                noise = kept * noise + 2.0 * (1.0 - kept * kept).sqrt() * random.normal();
+                noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
                 lasting.update(noise, 4.0, STEP_S);
             }
             sum += lasting.remaining_fraction();
@@ -570,7 +580,7 @@ mod lasting {
 
     /// Expected: `1.5 tau / (tau + 5 s)`.
     #[test]
-    fn the_share_is_that_of_a_mean_over_five_seconds() {
+    fn the_remaining_fraction_is_that_of_a_5_s_mean() {
         for (noise_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
             let found = share(noise_s);
             assert!((found - expected).abs() < within, "{noise_s}: {found}");
@@ -580,20 +590,24 @@ mod lasting {
 
     /// The fraction is limited to 1; half a sigma gives `1.5 * 0.25`.
     #[test]
-    fn a_share_is_never_more_than_the_whole() {
-        for (off, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
+    fn the_remaining_fraction_is_at_most_one() {
+        for (innovation, expected) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (0.5, 0.375)] {
             let mut lasting = ResidualNoise::NEW;
             assert!((lasting.remaining_fraction() - 0.225).abs() < 1e-6);
             for _ in 0..(1200.0 / STEP_S) as usize {
-                lasting.update(off, 1.0, STEP_S);
+                lasting.update(innovation, 1.0, STEP_S);
             }
-            assert!((lasting.remaining_fraction() - expected).abs() < 0.01, "{off}: {}", lasting.remaining_fraction());
+            assert!(
+                (lasting.remaining_fraction() - expected).abs() < 0.01,
+                "{innovation}: {}",
+                lasting.remaining_fraction()
+            );
         }
     }
 
     /// Averaging time grows from 10 s to two minutes.
     #[test]
-    fn a_share_is_learnt_quickly_and_forgotten_slowly() {
+    fn the_remaining_fraction_adapts_fast_at_first_and_slowly_later() {
         let mut lasting = ResidualNoise::NEW;
         let quiet = |lasting: &mut ResidualNoise, seconds: f32| {
             for _ in 0..(seconds / STEP_S) as usize {

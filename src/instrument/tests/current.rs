@@ -13,7 +13,7 @@ const IRON: MotorCurrentInterference = MotorCurrentInterference {
 
 const ATTITUDE: Attitude = Attitude { roll_rad: 0.2, pitch_rad: -0.1 };
 
-fn with_iron() -> Instrument {
+fn with_interference() -> Instrument {
     let mut instrument = instrument();
     let calibration = Calibration { motor_current: IRON, ..calibration() };
     let calibration = Some((calibration, HeadingUncertainty::NONE));
@@ -21,7 +21,7 @@ fn with_iron() -> Instrument {
     instrument
 }
 
-fn sensed_with(current_a: f32) -> Field<Sensor> {
+fn field_with_current(current_a: f32) -> Field<Sensor> {
     Field::new(sensed(2.0, ATTITUDE).ut + nalgebra::Vector3::from(IRON.ut_per_a) * current_a)
 }
 
@@ -34,7 +34,8 @@ fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
         if has_attitude && us % 25_000 == 0 {
             report(instrument, us, ATTITUDE);
         }
-        last[usize::from(!has_attitude)] = instrument.on_reading(at(us + LATENCY_US), reading(sensed_with(current_a)));
+        last[usize::from(!has_attitude)] =
+            instrument.on_reading(at(us + LATENCY_US), reading(field_with_current(current_a)));
         while instrument.next_sample().is_some() {}
         instrument.update_monitor();
     }
@@ -43,9 +44,9 @@ fn fly(instrument: &mut Instrument, current_a: f32) -> [Estimate; 2] {
 
 /// Without attitude the check of the strength uses the compensated field, too (20 uT at 40 A).
 #[test]
-fn at_any_current_that_is_told_all_is_as_without_it() {
+fn at_a_reported_current_the_interference_is_compensated() {
     for current_a in [0.0, 20.0, 40.0] {
-        let [with, without] = fly(&mut with_iron(), current_a);
+        let [with, without] = fly(&mut with_interference(), current_a);
         let body = sensed(2.0, ATTITUDE).ut;
         assert!((with.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-3, "{current_a}: {with:?}");
         assert!((with.body_field.unwrap().ut - body).norm() < 1e-3, "{current_a}: {with:?}");
@@ -59,22 +60,22 @@ fn at_any_current_that_is_told_all_is_as_without_it() {
 /// Valid for 3 s; afterwards the mean current is assumed, and its standard deviation of 10 A adds 5 uT to the
 /// uncertainty.
 #[test]
-fn a_current_holds_for_three_seconds() {
+fn a_reported_current_is_valid_for_three_seconds() {
     for (silent_us, current_a) in [(2_999_000, Some(40.0)), (3_001_000, None)] {
-        let mut instrument = with_iron();
+        let mut instrument = with_interference();
         instrument.on_current(at(0), 40.0);
         report(&mut instrument, silent_us, ATTITUDE);
         let then = at(silent_us + LATENCY_US);
         assert_eq!(instrument.current_a(at(silent_us)), current_a);
         assert_eq!(instrument.on_silence(at(silent_us)).current_a, current_a);
         // Only the sigma differs, because the mean current is assumed.
-        let mut told = with_iron();
-        told.on_current(then, 20.0);
-        report(&mut told, silent_us, ATTITUDE);
+        let mut with_report = with_interference();
+        with_report.on_current(then, 20.0);
+        report(&mut with_report, silent_us, ATTITUDE);
         let sigma_rad = |instrument: &mut Instrument| {
-            instrument.on_reading(then, reading(sensed_with(20.0))).heading.map(|heading| heading.sigma_rad)
+            instrument.on_reading(then, reading(field_with_current(20.0))).heading.map(|heading| heading.sigma_rad)
         };
-        let known = sigma_rad(&mut told).unwrap();
+        let known = sigma_rad(&mut with_report).unwrap();
         if current_a.is_none() {
             let more_rad = (sigma_rad(&mut instrument).unwrap().powi(2) - known.powi(2)).sqrt();
             assert!((more_rad - 5.0 / (50.0 * 1_f32.cos())).abs() < 0.01, "{more_rad}");

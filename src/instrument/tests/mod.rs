@@ -66,7 +66,7 @@ fn samples(instrument: &mut Instrument) -> Vec<Sample> {
 const SOME: Field<Sensor> = Field::from_ut(20.0, -5.0, 40.0);
 
 #[test]
-fn ten_samples_a_second_are_made_of_any_sensor_s_readings() {
+fn readings_per_sample_give_about_ten_samples_per_second() {
     for (period_us, readings) in [
         (12_500, 8),
         (13_333, 8),
@@ -86,7 +86,7 @@ fn ten_samples_a_second_are_made_of_any_sensor_s_readings() {
 }
 
 #[test]
-fn silence_is_measured_in_periods() {
+fn the_silence_limit_is_eight_periods() {
     assert_eq!(InstrumentConfig::new(12_500).silence_us(), 100_000);
     assert_eq!(InstrumentConfig::new(100_000).silence_us(), 800_000);
 }
@@ -106,7 +106,7 @@ fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
 /// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
 /// applied to them.
 #[test]
-fn a_calibration_s_latency_is_that_of_the_stream_and_not_of_the_samples() {
+fn latency_is_applied_to_headings_and_not_to_samples() {
     for latency_s in [0.04, -0.04, 0.0] {
         let mut instrument = instrument();
         let calibration = Calibration { latency_s, ..calibration() };
@@ -156,7 +156,7 @@ fn alignment_is_added_to_the_heading_alone() {
 }
 
 #[test]
-fn every_want_has_its_reason_and_the_first_of_them_is_told() {
+fn the_first_reason_for_an_empty_heading_is_reported() {
     let estimate = instrument().on_reading(at(0), reading(SOME));
     assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
     // Calibration without attitude: the body field is available.
@@ -185,7 +185,7 @@ fn a_silent_sensor_still_has_an_attitude() {
 
 /// Extrapolation ends after 200 ms.
 #[test]
-fn a_source_that_falls_silent_takes_the_heading_with_it() {
+fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated();
     report(&mut instrument, 0, Attitude::default());
     let field = sensed(1.0, Attitude::default());
@@ -239,7 +239,7 @@ fn saturated_readings_are_in_no_sample() {
 
 /// A gap of 0.4 s is too long to interpolate.
 #[test]
-fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
+fn readings_in_an_attitude_gap_are_counted_and_dropped() {
     let mut instrument = instrument();
     report(&mut instrument, 0, Attitude::from_deg(30.0, 0.0));
     for i in 1..=32 {
@@ -252,7 +252,7 @@ fn readings_in_a_gap_of_the_attitude_are_counted_and_left_away() {
 
 /// Limit: 0.3 s.
 #[test]
-fn readings_wait_for_their_attitude_no_longer_than_it_can_come() {
+fn readings_wait_for_attitude_up_to_0_3_s() {
     let mut instrument = instrument();
     for (us, unpaired) in [(0, 0), (299_999, 0), (300_000, 1), (599_998, 1), (599_999, 2)] {
         instrument.on_reading(at(us), reading(SOME));
@@ -266,7 +266,7 @@ fn readings_wait_for_their_attitude_no_longer_than_it_can_come() {
 
 /// Capacity 64: the oldest are dropped and counted.
 #[test]
-fn what_cannot_wait_is_counted() {
+fn readings_dropped_from_a_full_queue_are_counted() {
     let mut instrument = Instrument::new(InstrumentConfig::new(1_000));
     report(&mut instrument, 0, Attitude::default());
     for i in 1..=70 {
@@ -295,7 +295,7 @@ fn a_gap_in_the_readings_starts_another_sample() {
 }
 
 #[test]
-fn samples_of_the_field_alone_wait_for_nothing() {
+fn field_only_samples_do_not_wait_for_attitude() {
     let mut instrument = instrument();
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
     instrument.set_correction(unknown.clone());
@@ -311,7 +311,7 @@ fn samples_of_the_field_alone_wait_for_nothing() {
 }
 
 #[test]
-fn a_sample_is_of_one_kind() {
+fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let mut instrument = instrument();
     let unknown = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::NONE };
     instrument.set_correction(unknown.clone());
@@ -379,7 +379,7 @@ fn a_faster_sensor_gives_as_many_samples() {
 }
 
 #[test]
-fn another_sensor_has_another_period() {
+fn a_new_sensor_sets_the_period_and_drops_waiting_readings() {
     let mut instrument = instrument();
     for us in [0, 300_000, 300_001] {
         instrument.on_reading(at(us), reading(SOME));
@@ -396,12 +396,12 @@ fn another_sensor_has_another_period() {
 }
 
 #[test]
-fn nothing_that_arrives_panics() {
+fn no_report_or_reading_panics() {
     let mut random = Random(7);
-    let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -400.0, 1e-30];
+    let extremes = [0.0, f32::NAN, f32::INFINITY, f32::MAX, -400.0, 1e-30];
     let mut instrument = calibrated();
     for _ in 0..5_000 {
-        let mut pick = || odd[random.bits() as usize % odd.len()];
+        let mut pick = || extremes[random.bits() as usize % extremes.len()];
         let field = Field::from_ut(pick(), pick(), pick());
         let attitude = Attitude { roll_rad: pick(), pitch_rad: pick() };
         let rates_rad_s = [pick(), pick(), pick()];
@@ -422,13 +422,13 @@ fn nothing_that_arrives_panics() {
     }
 }
 
-fn watchful() -> Instrument {
+fn monitored_instrument() -> Instrument {
     let mut instrument = calibrated();
     instrument.set_sensor(PERIOD_US as u32, Some(16));
     instrument
 }
 
-fn second(
+fn read_for_second(
     instrument: &mut Instrument,
     from_us: u64,
     mut field: impl FnMut(u64) -> Field<Sensor>,
@@ -459,12 +459,12 @@ fn noisy(random: &mut Random) -> Field<Sensor> {
 
 /// Rejected from the 16th equal reading on.
 #[test]
-fn a_stuck_axis_is_told_and_makes_no_samples() {
+fn a_stuck_axis_is_reported_and_makes_no_samples() {
     let mut random = Random(1);
-    let mut instrument = watchful();
-    let (estimates, made) = second(&mut instrument, 0, |_| noisy(&mut random));
+    let mut instrument = monitored_instrument();
+    let (estimates, made) = read_for_second(&mut instrument, 0, |_| noisy(&mut random));
     assert_eq!((reasons(&estimates), made.len()), (vec![], 9), "the tenth sample waits for a report");
-    let (estimates, made) = second(&mut instrument, 1_000_000, |_| {
+    let (estimates, made) = read_for_second(&mut instrument, 1_000_000, |_| {
         let good = noisy(&mut random).ut;
         Field::from_ut(good.x, sensed(0.5, Attitude::default()).ut.y, good.z)
     });
@@ -475,11 +475,11 @@ fn a_stuck_axis_is_told_and_makes_no_samples() {
 }
 
 #[test]
-fn a_spike_is_told_and_left_out_of_its_sample() {
+fn a_spike_is_reported_and_excluded_from_its_sample() {
     let mut random = Random(2);
-    let mut instrument = watchful();
-    second(&mut instrument, 0, |_| noisy(&mut random));
-    let (estimates, made) = second(&mut instrument, 1_000_000, |i| {
+    let mut instrument = monitored_instrument();
+    read_for_second(&mut instrument, 0, |_| noisy(&mut random));
+    let (estimates, made) = read_for_second(&mut instrument, 1_000_000, |i| {
         let good = noisy(&mut random).ut;
         Field::from_ut(if i % 20 == 10 { good.x + 40.0 } else { good.x }, good.y, good.z)
     });
@@ -490,14 +490,14 @@ fn a_spike_is_told_and_left_out_of_its_sample() {
 }
 
 #[test]
-fn an_axis_that_ends_is_told() {
+fn a_clipped_axis_is_reported() {
     let mut random = Random(3);
-    let mut instrument = watchful();
-    second(&mut instrument, 0, |i| {
+    let mut instrument = monitored_instrument();
+    read_for_second(&mut instrument, 0, |i| {
         let good = noisy(&mut random).ut;
         Field::from_ut((good.x + i as f32 * 0.2).min(30.0), good.y, good.z)
     });
-    let (estimates, _) = second(&mut instrument, 1_000_000, |_| {
+    let (estimates, _) = read_for_second(&mut instrument, 1_000_000, |_| {
         let good = noisy(&mut random).ut;
         Field::from_ut(30.0, good.y, good.z)
     });
@@ -507,10 +507,10 @@ fn an_axis_that_ends_is_told() {
 
 /// Rejected from the fifth equal report on.
 #[test]
-fn a_frozen_attitude_is_told_at_once() {
+fn a_frozen_attitude_is_reported_at_the_fifth_equal_report() {
     let mut random = Random(4);
-    let mut instrument = watchful();
-    second(&mut instrument, 0, |_| noisy(&mut random));
+    let mut instrument = monitored_instrument();
+    read_for_second(&mut instrument, 0, |_| noisy(&mut random));
     let estimates: Vec<Estimate> = (0..20)
         .map(|i| {
             let us = 1_000_000 + i * 20_000;
@@ -528,7 +528,7 @@ fn a_frozen_attitude_is_told_at_once() {
 #[test]
 fn a_coarse_source_is_frozen_when_the_field_turns() {
     for (turns, rolls_deg_s, expected) in [(0.3, 0.0, vec![]), (0.3, 10.0, vec![NoHeading::AttitudeFrozen])] {
-        let mut instrument = watchful();
+        let mut instrument = monitored_instrument();
         let mut random = Random(5);
         let estimates: Vec<Estimate> = (0..160)
             .map(|i| {
@@ -538,8 +538,8 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
                 }
                 let seconds = i as f32 / 80.0;
                 let noise = nalgebra::Vector3::from_fn(|_, _| 0.3 * random.normal());
-                let truly = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
-                let field = Field::new(sensed(0.5 + turns * seconds, truly).ut + noise);
+                let true_attitude = Attitude::from_deg(0.1 + rolls_deg_s * seconds, 0.0);
+                let field = Field::new(sensed(0.5 + turns * seconds, true_attitude).ut + noise);
                 instrument.on_reading(at(us + LATENCY_US + 1), reading(field))
             })
             .collect();
@@ -548,7 +548,7 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
 }
 
 #[test]
-fn a_correction_of_unknown_inclination_is_used_at_any() {
+fn with_unknown_inclination_any_inclination_is_accepted() {
     for (knows_inclination, heading) in [(true, false), (false, true)] {
         let mut instrument = calibrated();
         let correction = Correction { has_valid_inclination: knows_inclination, ..instrument.correction.clone() };
@@ -564,7 +564,7 @@ fn a_correction_of_unknown_inclination_is_used_at_any() {
 }
 
 /// True heading and estimate every 20 ms of a level turn at 20 deg/s from 1 rad, with body rates scaled by a factor.
-fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) -> Vec<(f32, Estimate)> {
+fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f32) -> Vec<(f32, Estimate)> {
     let steps = |s: f32| (s * 50.0) as u64;
     (steps(from_s)..steps(from_s + seconds))
         .map(|i| {
@@ -575,7 +575,7 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, told: f32) ->
                 sender_time: WrappingMillis::default(),
                 attitude: Attitude::from_deg(5.0 + 0.02 * (i % 7) as f32, 0.0),
                 rates_rad_s: [0.0, 5_f32.to_radians().sin(), 5_f32.to_radians().cos()]
-                    .map(|part| told * 20_f32.to_radians() * part),
+                    .map(|part| rate_scale * 20_f32.to_radians() * part),
             };
             let field = sensed(heading_rad, report.attitude);
             instrument.on_attitude(at(us + LATENCY_US), report);
@@ -603,7 +603,7 @@ fn a_source_with_rates_gives_a_smooth_heading() {
 }
 
 #[test]
-fn without_rates_or_a_heading_there_is_no_smooth_one() {
+fn no_smoothed_heading_without_rates_or_a_raw_heading() {
     let mut instrument = calibrated();
     assert!(turning(&mut instrument, 0.0, 10.0, 0.0).iter().all(|(_, estimate)| estimate.smoothed_heading.is_none()));
     let mut instrument = calibrated();

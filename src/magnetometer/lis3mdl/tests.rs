@@ -13,7 +13,7 @@ fn registers() -> SimulatedRegisters {
 }
 
 #[test]
-fn init_writes_what_the_data_sheet_asks_for() {
+fn init_writes_the_configuration_of_the_data_sheet() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     let identity = block_on(driver.init());
     assert_eq!(identity, Ok(Identity { model: Model::Lis3mdl, address: 0x1E }));
@@ -36,7 +36,7 @@ fn range_goes_to_bits_5_and_6_of_control_register_2() {
 }
 
 #[test]
-fn another_chip_is_not_configured() {
+fn a_chip_with_another_identity_is_not_configured() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     driver.chip.bus.values[0x0F] = 0x40;
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x40)));
@@ -44,7 +44,7 @@ fn another_chip_is_not_configured() {
 }
 
 #[test]
-fn a_control_register_that_does_not_hold_is_reported() {
+fn a_control_register_that_reads_back_differently_is_reported() {
     let mut driver = Lis3mdl::new(registers(), Lis3mdlConfig::default());
     driver.chip.bus.broken = Some(0x24);
     assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x40, read: 0x00 }));
@@ -115,7 +115,7 @@ fn old_measurements_are_not_returned() {
 
 /// Data sheet table 3; 1 gauss is 100 uT.
 #[test]
-fn every_range_has_its_sensitivity_and_its_ends() {
+fn every_range_has_its_sensitivity_and_saturation_limits() {
     for (range, counts_per_gauss, gauss) in [
         (Lis3mdlRange::Gauss4, 6842, 4),
         (Lis3mdlRange::Gauss8, 3421, 8),

@@ -50,21 +50,21 @@ impl CollectionReporter {
     }
 
     /// Tracks the module's state; must be called also while no autopilot is known.
-    pub fn update(&mut self, facts: &Snapshot<'_>, texts: &mut PendingTexts) {
+    pub fn update(&mut self, snapshot: &Snapshot<'_>, texts: &mut PendingTexts) {
         if let Some((calibration, uncertainty)) =
-            facts.calibration.filter(|(calibration, _)| self.is_unreported(calibration))
+            snapshot.calibration.filter(|(calibration, _)| self.is_unreported(calibration))
         {
             self.calibration = Some((*calibration, uncertainty.sensor_sigma));
             self.calibrations = self.calibrations.wrapping_add(1);
         }
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.outcome.take();
-        match (self.tenths, facts.indicator) {
+        match (self.tenths, snapshot.indicator) {
             (tenths, IndicatorState::Collecting(percent)) => self.collect(tenths, percent, texts),
-            (Some(_), glance) => {
+            (Some(_), indicator) => {
                 texts.push(&Message::CollectionEnded);
                 self.tenths = None;
-                self.report = outcome.or((glance != IndicatorState::Idle).then_some(false));
+                self.report = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
             (None, _) => self.report = outcome.or(self.report),
         }
@@ -81,18 +81,19 @@ impl CollectionReporter {
     }
 
     /// Sends the due message; returns whether one was sent.
-    pub fn send(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    pub fn send(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         if let Some(is_success) = self.report {
-            let report = report(self.calibration.as_ref().filter(|_| is_success), facts.settings.mount);
+            let report = report(self.calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
             let is_sent = line.send(OutboundMessage::mag_cal_report(&report));
             if is_sent {
                 self.report = None;
             }
             return is_sent;
         }
-        match facts.indicator {
-            IndicatorState::Collecting(percent) if self.progress.is_due(facts.now, PROGRESS_HZ) => {
-                let field = facts.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
+        match snapshot.indicator {
+            IndicatorState::Collecting(percent) if self.progress.is_due(snapshot.now, PROGRESS_HZ) => {
+                let field =
+                    snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
                 line.send(OutboundMessage::mag_cal_progress(percent, field.into()))
             }
             _ => false,

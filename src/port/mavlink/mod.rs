@@ -158,8 +158,8 @@ impl Mavlink {
         }
     }
 
-    fn send_heading(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        let Snapshot { now, estimate, settings, .. } = *facts;
+    fn send_heading(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let Snapshot { now, estimate, settings, .. } = *snapshot;
         let smooth = estimate.smoothed_heading.filter(|_| settings.stream_heading == HeadingKind::Smooth);
         let heading = smooth.or(estimate.heading.ok()).filter(|_| settings.stream_on);
         let Some(heading) = heading else { return false };
@@ -172,22 +172,23 @@ impl Mavlink {
         line.send(OutboundMessage::named_value(now, name, value))
     }
 
-    fn send_pose(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         if line.out.pending().len() > MAX_PENDING_BEFORE_POSE_BYTES {
             return false;
         }
-        let Some(pose) = pose(facts, self.collection.calibrations()) else { return false };
-        self.vision.is_due(facts.now, VISION_HZ) && line.send(OutboundMessage::pose_estimate(&pose))
+        let Some(pose) = pose(snapshot, self.collection.calibrations()) else { return false };
+        self.vision.is_due(snapshot.now, VISION_HZ) && line.send(OutboundMessage::pose_estimate(&pose))
     }
 
-    fn send_heartbeat(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        self.heartbeat.is_due(facts.now, HEARTBEAT_HZ) && line.send(OutboundMessage::heartbeat(state(facts.indicator)))
+    fn send_heartbeat(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        self.heartbeat.is_due(snapshot.now, HEARTBEAT_HZ)
+            && line.send(OutboundMessage::heartbeat(state(snapshot.indicator)))
     }
 
-    fn send_percent(&mut self, facts: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        let percent = f32::from(percent(facts.indicator));
-        self.percent.is_due(facts.now, PERCENT_HZ)
-            && line.send(OutboundMessage::named_value(facts.now, "cal_pct", percent))
+    fn send_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let percent = f32::from(percent(snapshot.indicator));
+        self.percent.is_due(snapshot.now, PERCENT_HZ)
+            && line.send(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
     }
 }
 
@@ -197,8 +198,8 @@ fn own_address(autopilot: SenderId) -> Address {
 }
 
 /// Whether `target` includes `own`; 0 addresses all.
-fn is_addressed_to(target: Address, own: Address) -> bool {
-    [0, own.system].contains(&target.system) && [0, own.component].contains(&target.component)
+fn is_addressed_to(target: Address, module_address: Address) -> bool {
+    [0, module_address.system].contains(&target.system) && [0, module_address.component].contains(&target.component)
 }
 
 impl Protocol for Mavlink {
@@ -217,27 +218,27 @@ impl Protocol for Mavlink {
 
     /// Appends one message at most, so that the other port's sentences of the same reading are not delayed. All
     /// messages together are fewer than the slowest sensor's readings.
-    fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
-        let now = facts.now;
-        self.collection.update(facts, &mut self.texts);
+    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let now = snapshot.now;
+        self.collection.update(snapshot, &mut self.texts);
         let Some(autopilot) = self.senders.autopilot_to_query(now) else { return };
         let mut sequence = self.sequence;
         let line = &mut Transmitter { out, own: own_address(autopilot), sequence: &mut sequence };
         let _is_sent = self.commands.send(line)
-            || self.send_pose(facts, line)
-            || self.send_heartbeat(facts, line)
-            || self.requests.send(now, autopilot, facts.settings.attitude_rate_hz, line)
-            || self.collection.send(facts, line)
-            || self.send_percent(facts, line)
+            || self.send_pose(snapshot, line)
+            || self.send_heartbeat(snapshot, line)
+            || self.requests.send(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.collection.send(snapshot, line)
+            || self.send_percent(snapshot, line)
             || self.texts.send(now, line)
-            || self.send_heading(facts, line);
+            || self.send_heading(snapshot, line);
         self.sequence = sequence;
     }
 }
 
 /// State of the module in MAVLink's terms.
-const fn state(glance: IndicatorState) -> MavState {
-    match glance {
+const fn state(indicator_state: IndicatorState) -> MavState {
+    match indicator_state {
         IndicatorState::Idle => MavState::MAV_STATE_UNINIT,
         IndicatorState::Collecting(_) => MavState::MAV_STATE_CALIBRATING,
         IndicatorState::Calibrated => MavState::MAV_STATE_ACTIVE,
@@ -246,8 +247,8 @@ const fn state(glance: IndicatorState) -> MavState {
 }
 
 /// Progress of the calibration, percent.
-const fn percent(glance: IndicatorState) -> u8 {
-    match glance {
+const fn percent(indicator_state: IndicatorState) -> u8 {
+    match indicator_state {
         IndicatorState::Idle | IndicatorState::Refused => 0,
         IndicatorState::Collecting(percent) => percent,
         IndicatorState::Calibrated => 100,
@@ -256,8 +257,8 @@ const fn percent(glance: IndicatorState) -> u8 {
 
 /// Pose, if enabled, the declination known and the heading valid: the raw heading, because the autopilot filters it,
 /// with roll and pitch of the same instant.
-fn pose(facts: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
-    let Snapshot { estimate, settings, .. } = *facts;
+fn pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
+    let Snapshot { estimate, settings, .. } = *snapshot;
     if !settings.sends_vision_yaw {
         return None;
     }

@@ -92,8 +92,10 @@ impl RequestSequence {
         }
         match REQUESTS.get(self.request_index) {
             // The messages must arrive from now on.
-            Some(MessageRequest::Attitude(_)) if is_granted => self.count_from(at),
-            Some(MessageRequest::Attitude(_) | MessageRequest::Message(..)) => self.go_on_to(self.request_index + 1),
+            Some(MessageRequest::Attitude(_)) if is_granted => self.restart_rate_count(at),
+            Some(MessageRequest::Attitude(_) | MessageRequest::Message(..)) => {
+                self.select_request(self.request_index + 1);
+            }
             Some(MessageRequest::Stream(_)) | None => {}
         }
     }
@@ -110,10 +112,12 @@ impl RequestSequence {
             *self = Self { autopilot: Some(autopilot), max_attitude_hz, ..Self::default() };
             self.begin(now);
         }
-        let is_sent = self.due(now).is_some_and(|wish| line.send(wish.request(Address::from_sender(autopilot))));
+        let is_sent = self
+            .due_request(now)
+            .is_some_and(|periodic_request| line.send(periodic_request.request(Address::from_sender(autopilot))));
         if is_sent {
             self.attempts += 1;
-            self.count_from(now);
+            self.restart_rate_count(now);
         }
         is_sent
     }
@@ -124,22 +128,22 @@ impl RequestSequence {
             MessageRequest::Attitude(rate_hz) => *rate_hz <= self.max_attitude_hz,
             MessageRequest::Stream(_) | MessageRequest::Message(..) => true,
         };
-        self.go_on_to(REQUESTS.iter().position(is_allowed).unwrap_or(0));
-        self.count_from(now);
+        self.select_request(REQUESTS.iter().position(is_allowed).unwrap_or(0));
+        self.restart_rate_count(now);
     }
 
-    fn go_on_to(&mut self, wish: usize) {
-        (self.request_index, self.attempts) = (wish, 0);
+    fn select_request(&mut self, index: usize) {
+        (self.request_index, self.attempts) = (index, 0);
     }
 
-    fn count_from(&mut self, at: Timestamp) {
+    fn restart_rate_count(&mut self, at: Timestamp) {
         (self.since, self.reports) = (at, 0);
     }
 
-    fn due(&mut self, now: Timestamp) -> Option<MessageRequest> {
+    fn due_request(&mut self, now: Timestamp) -> Option<MessageRequest> {
         let elapsed_us = now.us_since(self.since);
-        let wish = REQUESTS.get(self.request_index);
-        if wish.is_none() {
+        let periodic_request = REQUESTS.get(self.request_index);
+        if periodic_request.is_none() {
             let heard_us = self.last.map_or(elapsed_us, |(at, _)| now.us_since(at));
             if heard_us > ATTITUDE_TIMEOUT_US {
                 self.begin(now);
@@ -148,10 +152,10 @@ impl RequestSequence {
         if elapsed_us < REPLY_TIMEOUT_US {
             return None;
         }
-        if wish.is_some_and(|wish| wish.is_satisfied(self.reports, elapsed_us)) {
-            self.go_on_to(AFTER_ATTITUDE);
+        if periodic_request.is_some_and(|periodic_request| periodic_request.is_satisfied(self.reports, elapsed_us)) {
+            self.select_request(AFTER_ATTITUDE);
         } else if self.attempts >= ATTEMPTS {
-            self.go_on_to(self.request_index + 1);
+            self.select_request(self.request_index + 1);
         }
         REQUESTS.get(self.request_index).copied()
     }

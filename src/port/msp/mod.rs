@@ -141,12 +141,12 @@ impl Protocol for Msp {
         self.receiver.rejected
     }
 
-    fn poll(&mut self, facts: &Snapshot<'_>, out: &mut TransmitBuffer) {
-        let now = facts.now;
-        if let Some(field) = facts.estimate.compass_field
+    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let now = snapshot.now;
+        if let Some(field) = snapshot.estimate.compass_field
             && self.compass.is_due(now, COMPASS_HZ)
         {
-            out.append(&[&compass(INSTANCE, facts.estimate.at.wrapping_millis().as_ms(), field)]);
+            out.append(&[&compass(INSTANCE, snapshot.estimate.at.wrapping_millis().as_ms(), field)]);
         }
         if self.others.is_due(now, OTHERS_HZ) {
             out.append(&[&request(self.next_periodic_request())]);

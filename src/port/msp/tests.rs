@@ -11,20 +11,20 @@ fn at(us: u64) -> Timestamp {
     Timestamp::from_us(1_000_000 + us)
 }
 
-fn told(us: u64) -> Estimate {
+fn estimate_at(us: u64) -> Estimate {
     Estimate { at: at(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
 }
 
 fn poll(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = TransmitBuffer::new();
-    let facts = Snapshot {
+    let snapshot = Snapshot {
         now: at(us),
         estimate,
         settings: &Settings::DEFAULT,
         indicator: IndicatorState::Calibrated,
         calibration: None,
     };
-    msp.poll(&facts, &mut out);
+    msp.poll(&snapshot, &mut out);
     let mut rest = out.pending();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
@@ -49,11 +49,11 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
 }
 
 /// Decoded messages, without those that only show the protocol in use.
-fn hear(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<ReceivedMessage> {
-    let mut heard: Vec<_> =
+fn receive(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<ReceivedMessage> {
+    let mut received: Vec<_> =
         frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.process_byte(at(us), byte)).collect();
-    heard.retain(|heard| *heard != ReceivedMessage::Other);
-    heard
+    received.retain(|received| *received != ReceivedMessage::Other);
+    received
 }
 
 const ANGLES: [u8; 6] = [100, 0, 50, 0, 0, 0];
@@ -61,46 +61,46 @@ const STATUS_ARMED: [u8; 11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0];
 const STATUS_DISARMED: [u8; 11] = [0; 11];
 
 /// Protocol with a known firmware.
-fn known(name: &[u8]) -> Msp {
+fn msp_with_firmware(name: &[u8]) -> Msp {
     let mut msp = Msp::new();
-    assert!(hear(&mut msp, 0, b'>', Function::FcVariant, name).is_empty());
+    assert!(receive(&mut msp, 0, b'>', Function::FcVariant, name).is_empty());
     msp
 }
 
 /// Requests within this time if an attitude reply takes this long, or never comes.
-fn asked(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
-    let mut asked = Vec::new();
+fn requested(msp: &mut Msp, seconds: u64, answered_after_us: Option<u64>) -> Vec<(u64, u16)> {
+    let mut requested = Vec::new();
     let mut answer_us = None;
     for us in (0..seconds * 1_000_000).step_by(500) {
         if answer_us.is_some_and(|at_us| us >= at_us) {
             answer_us = None;
-            assert_eq!(hear(msp, us, b'>', Function::Attitude, &ANGLES).len(), 1);
+            assert_eq!(receive(msp, us, b'>', Function::Attitude, &ANGLES).len(), 1);
         }
         if us % PERIOD_US == 0 {
             for frame in poll(msp, us, &Estimate::EMPTY) {
-                asked.push((us, function(&frame)));
+                requested.push((us, function(&frame)));
                 if function(&frame) == Function::Attitude as u16 {
                     answer_us = answered_after_us.map(|after_us| us + after_us);
                 }
             }
         }
     }
-    asked
+    requested
 }
 
-fn number_of(asked: &[(u64, u16)], function: Function) -> usize {
-    asked.iter().filter(|(_, asked)| *asked == function as u16).count()
+fn count_requests(requested: &[(u64, u16)], function: Function) -> usize {
+    requested.iter().filter(|(_, requested)| *requested == function as u16).count()
 }
 
 /// 50 of 80 estimates a second, each with its reading's time; nothing without a field.
 #[test]
-fn the_compass_is_told_from_power_up() {
+fn compass_frames_are_sent_from_power_up() {
     let mut msp = Msp::new();
     let expected = compass(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
-    assert_eq!(poll(&mut msp, 3_000, &told(0))[0], expected, "the reading's time, not that of the sending");
+    assert_eq!(poll(&mut msp, 3_000, &estimate_at(0))[0], expected, "the reading's time, not that of the sending");
     let mut number = 0;
     for i in 1..=400 {
-        let frames = poll(&mut msp, i * PERIOD_US, &told(i * PERIOD_US));
+        let frames = poll(&mut msp, i * PERIOD_US, &estimate_at(i * PERIOD_US));
         number += frames.iter().filter(|frame| function(frame) == 0x1F04).count();
     }
     assert!((249..=251).contains(&number), "in 5 s: {number}");
@@ -108,20 +108,23 @@ fn the_compass_is_told_from_power_up() {
         let distrusted = Estimate { at: at(i * PERIOD_US), ..Estimate::EMPTY };
         assert!(poll(&mut msp, i * PERIOD_US, &distrusted).iter().all(|frame| function(frame) != 0x1F04));
     }
-    assert!(poll(&mut msp, 500 * PERIOD_US, &told(0)).iter().any(|frame| function(frame) == 0x1F04), "at once again");
+    assert!(
+        poll(&mut msp, 500 * PERIOD_US, &estimate_at(0)).iter().any(|frame| function(frame) == 0x1F04),
+        "at once again"
+    );
 }
 
 /// Only the firmware is requested, 20 times a second until it replies. An unknown firmware provides no attitude.
 #[test]
-fn without_the_firmware_there_is_no_attitude() {
+fn without_a_known_firmware_attitude_is_ignored() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
-        let mut msp = name.map_or_else(Msp::new, |name| known(name));
-        assert!(hear(&mut msp, 0, b'>', Function::Attitude, &ANGLES).is_empty());
-        let asked = asked(&mut msp, 10, None);
-        assert_eq!(number_of(&asked, Function::Attitude), 0);
-        let number = number_of(&asked, Function::FcVariant);
+        let mut msp = name.map_or_else(Msp::new, |name| msp_with_firmware(name));
+        assert!(receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES).is_empty());
+        let requested = requested(&mut msp, 10, None);
+        assert_eq!(count_requests(&requested, Function::Attitude), 0);
+        let number = count_requests(&requested, Function::FcVariant);
         assert!(times.contains(&number), "{name:?}: {number}");
-        assert!((9..=11).contains(&number_of(&asked, Function::Status)), "whether it is armed is of use");
+        assert!((9..=11).contains(&count_requests(&requested, Function::Status)), "whether it is armed is of use");
     }
     let first = poll(&mut Msp::new(), 0, &Estimate::EMPTY);
     assert!(first.iter().any(|frame| function(frame) == Function::FcVariant as u16), "at once");
@@ -129,117 +132,117 @@ fn without_the_firmware_there_is_no_attitude() {
 
 /// 10 deg right, 5 deg up or down; no clock and no rates.
 #[test]
-fn an_attitude_is_passed_on_with_the_firmware_s_signs() {
+fn attitude_is_received_with_the_firmware_s_signs() {
     for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0), (b"BTFL", -5.0)] {
-        let heard = hear(&mut known(name), 0, b'>', Function::Attitude, &ANGLES);
-        let [ReceivedMessage::Attitude(report)] = heard[..] else { panic!("{heard:?}") };
+        let received = receive(&mut msp_with_firmware(name), 0, b'>', Function::Attitude, &ANGLES);
+        let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
         let expected = Attitude::from_deg(10.0, pitch_deg);
         assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
         assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
         assert_eq!((report.rates_rad_s, report.sender_time), ([0.0; 3], WrappingMillis::new(0)));
     }
-    let mut msp = known(b"ARDU");
-    assert!(hear(&mut msp, 0, b'>', Function::FcVariant, b"INAV").is_empty());
-    let heard = hear(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
-    assert!(matches!(heard[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
+    let mut msp = msp_with_firmware(b"ARDU");
+    assert!(receive(&mut msp, 0, b'>', Function::FcVariant, b"INAV").is_empty());
+    let received = receive(&mut msp, 0, b'>', Function::Attitude, &ANGLES);
+    assert!(matches!(received[..], [ReceivedMessage::Attitude(report)] if report.attitude.pitch_rad < 0.0));
 }
 
 /// 50 Hz at most, less for a slow autopilot, in steps of the estimates. Others about once a second each, the current
 /// four times.
 #[test]
-fn the_attitude_is_asked_for_as_often_as_it_is_answered() {
+fn attitude_is_requested_at_the_rate_of_the_replies() {
     for (after_us, least, most) in [(3_500, 495, 501), (9_500, 495, 501), (18_000, 395, 401), (40_000, 195, 201)] {
-        let mut msp = known(b"ARDU");
-        let asked = asked(&mut msp, 10, Some(after_us));
-        let number = number_of(&asked, Function::Attitude);
+        let mut msp = msp_with_firmware(b"ARDU");
+        let requested = requested(&mut msp, 10, Some(after_us));
+        let number = count_requests(&requested, Function::Attitude);
         assert!((least..=most).contains(&number), "answered after {after_us} us: {number}");
         for other in PERIODIC_REQUESTS {
             let times = if other == Function::Analog { 4 } else { 1 };
-            assert!((9 * times..=10 * times + 1).contains(&number_of(&asked, other)), "{other:?}");
+            assert!((9 * times..=10 * times + 1).contains(&count_requests(&requested, other)), "{other:?}");
         }
     }
 }
 
 /// Requests continue: without replies every 50 ms, with refusals at the full rate.
 #[test]
-fn what_is_not_answered_stops_nothing() {
-    let mut msp = known(b"INAV");
-    let unanswered = asked(&mut msp, 10, None);
+fn unanswered_requests_do_not_stop_polling() {
+    let mut msp = msp_with_firmware(b"INAV");
+    let unanswered = requested(&mut msp, 10, None);
     let attitudes: Vec<u64> =
         unanswered.iter().filter(|(_, function)| *function == Function::Attitude as u16).map(|(us, _)| *us).collect();
     assert!(attitudes.windows(2).all(|pair| pair[1] - pair[0] == 50_000), "{attitudes:?}");
     // Not before the timeout, even if polled just before it.
-    let mut msp = known(b"INAV");
+    let mut msp = msp_with_firmware(b"INAV");
     let is_asked = |msp: &mut Msp, us| poll(msp, us, &Estimate::EMPTY).iter().any(|f| function(f) == 108);
     assert!(is_asked(&mut msp, 0) && !is_asked(&mut msp, 49_999) && is_asked(&mut msp, 50_000));
-    assert!(hear(&mut msp, 51_000, b'!', Function::Attitude, &[]).is_empty());
+    assert!(receive(&mut msp, 51_000, b'!', Function::Attitude, &[]).is_empty());
     assert!(is_asked(&mut msp, 70_000));
-    assert!(hear(&mut msp, 71_000, b'!', Function::Status, &[]).is_empty());
+    assert!(receive(&mut msp, 71_000, b'!', Function::Status, &[]).is_empty());
     assert!(!is_asked(&mut msp, 90_000), "that was not the answer to this");
 }
 
 /// The reply after an incomplete one is decoded whole.
 #[test]
-fn half_an_answer_is_forgotten() {
-    let mut msp = known(b"ARDU");
+fn an_incomplete_reply_is_discarded() {
+    let mut msp = msp_with_firmware(b"ARDU");
     poll(&mut msp, 0, &Estimate::EMPTY);
     let answer = frame(b'>', Function::Attitude as u16, &ANGLES);
     assert!(answer[..12].iter().all(|&byte| msp.process_byte(at(10_000), byte).is_none()));
     poll(&mut msp, 50_000, &Estimate::EMPTY);
-    let heard: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(at(60_000), byte)).collect();
-    assert_eq!((heard.len(), msp.rejected_frames()), (1, 0));
+    let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(at(60_000), byte)).collect();
+    assert_eq!((received.len(), msp.rejected_frames()), (1, 0));
 }
 
 /// Replies, refusals included, and no other frames.
 #[test]
-fn an_answer_tells_who_is_there() {
+fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();
     assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
         let answer = frame(direction, Function::FcVariant as u16, payload);
-        let heard: Vec<_> = answer.iter().map(|&byte| msp.process_byte(at(7), byte)).collect();
-        let (last, before) = heard.split_last().unwrap();
+        let received: Vec<_> = answer.iter().map(|&byte| msp.process_byte(at(7), byte)).collect();
+        let (last, before) = received.split_last().unwrap();
         assert_eq!((*last, before.iter().flatten().count()), (Some(ReceivedMessage::Other), 0));
     }
 }
 
 #[test]
-fn a_current_is_passed_on() {
-    let heard = hear(&mut Msp::new(), 0, b'>', Function::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
-    assert_eq!(heard, [ReceivedMessage::Current(12.5)]);
+fn a_motor_current_is_received() {
+    let received = receive(&mut Msp::new(), 0, b'>', Function::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
+    assert_eq!(received, [ReceivedMessage::Current(12.5)]);
 }
 
 #[test]
-fn armed_is_forgotten() {
+fn armed_state_expires_after_ten_seconds() {
     let mut msp = Msp::new();
     assert_eq!(msp.is_armed(at(0)), None);
-    assert!(hear(&mut msp, 0, b'>', Function::Status, &STATUS_ARMED).is_empty());
+    assert!(receive(&mut msp, 0, b'>', Function::Status, &STATUS_ARMED).is_empty());
     assert_eq!((msp.is_armed(at(10_000_000)), msp.is_armed(at(10_000_001))), (Some(true), None));
-    assert!(hear(&mut msp, 11_000_000, b'>', Function::Status, &STATUS_DISARMED).is_empty());
+    assert!(receive(&mut msp, 11_000_000, b'>', Function::Status, &STATUS_DISARMED).is_empty());
     assert_eq!(msp.is_armed(at(11_000_000)), Some(false));
-    assert!(hear(&mut msp, 12_000_000, b'!', Function::Status, &[]).is_empty());
+    assert!(receive(&mut msp, 12_000_000, b'!', Function::Status, &[]).is_empty());
     assert_eq!(msp.is_armed(at(12_000_000)), Some(false), "a refusal says nothing");
 }
 
 #[test]
-fn place_and_day_are_passed_on() {
+fn position_and_date_are_received() {
     let mut msp = Msp::new();
     let mut gps = [2, 9, 0, 0, 0, 0, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
     gps[2..6].copy_from_slice(&500_000_000_i32.to_le_bytes());
     gps[6..10].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
     let place = Position::new(50.0, -10.0, 300.0).unwrap();
-    assert_eq!(hear(&mut msp, 0, b'>', Function::RawGps, &gps), [ReceivedMessage::Position(place)]);
+    assert_eq!(receive(&mut msp, 0, b'>', Function::RawGps, &gps), [ReceivedMessage::Position(place)]);
     gps[0] = 0;
-    assert!(hear(&mut msp, 0, b'>', Function::RawGps, &gps).is_empty(), "no fix");
+    assert!(receive(&mut msp, 0, b'>', Function::RawGps, &gps).is_empty(), "no fix");
     let day = Date::from_unix_s(1_709_164_800).unwrap();
     let rtc = [0xE8, 0x07, 2, 29, 0, 0, 0, 0, 0];
-    assert_eq!(hear(&mut msp, 0, b'>', Function::Rtc, &rtc), [ReceivedMessage::Date(day)]);
-    assert!(hear(&mut msp, 0, b'>', Function::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
+    assert_eq!(receive(&mut msp, 0, b'>', Function::Rtc, &rtc), [ReceivedMessage::Date(day)]);
+    assert!(receive(&mut msp, 0, b'>', Function::Rtc, &[0; 6]).is_empty(), "a clock that was never set");
 }
 
 #[test]
-fn what_is_broken_is_counted() {
-    let mut msp = known(b"ARDU");
+fn damaged_frames_are_counted() {
+    let mut msp = msp_with_firmware(b"ARDU");
     let mut broken = frame(b'>', Function::Attitude as u16, &ANGLES);
     broken[9] ^= 1;
     assert!(broken.iter().all(|&byte| msp.process_byte(at(0), byte).is_none()));
@@ -248,19 +251,19 @@ fn what_is_broken_is_counted() {
 
 /// A request that does not fit into the output is not open.
 #[test]
-fn a_request_that_does_not_fit_is_made_later() {
-    let mut msp = known(b"ARDU");
+fn a_request_that_does_not_fit_is_sent_later() {
+    let mut msp = msp_with_firmware(b"ARDU");
     let mut out = TransmitBuffer::new();
     assert!(out.append(&[&[0; 380]]));
     let settings = Settings::DEFAULT;
-    let facts = Snapshot {
+    let snapshot = Snapshot {
         now: at(0),
         estimate: &Estimate::EMPTY,
         settings: &settings,
         indicator: IndicatorState::Idle,
         calibration: None,
     };
-    msp.poll(&facts, &mut out);
+    msp.poll(&snapshot, &mut out);
     assert_eq!(out.pending().len(), 380);
     assert!(poll(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function(frame) == 108));
 }

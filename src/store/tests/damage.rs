@@ -90,7 +90,7 @@ fn damaged_states_are_reported_and_replaced() {
 }
 
 #[test]
-fn garbage_is_survived() {
+fn random_flash_content_allows_later_saves() {
     for seed in 0..200 {
         let mut noise = Random(seed);
         // From a few flipped bits to all bytes.

@@ -5,7 +5,7 @@ use testkit::flash::{CutProgress, SilentFault};
 use super::*;
 
 #[test]
-fn a_flash_that_refuses_to_write_is_reported() {
+fn a_failed_flash_write_is_reported() {
     let mut flash = Flash::new(PAGES).cut_at(0, (CutProgress::Before, 0));
     assert_eq!(save(&mut flash, 1), Err(StoreError::Flash));
 }
@@ -16,7 +16,7 @@ fn page_bytes(page: usize) -> Range<usize> {
 
 /// A read failure may be temporary, so nothing is written.
 #[test]
-fn a_flash_that_cannot_be_read_is_not_written() {
+fn an_unreadable_flash_is_not_written() {
     for saves in [0, 1, 2, 7] {
         for page in 0..PAGES {
             for times in [1, 2, usize::MAX] {
@@ -32,7 +32,7 @@ fn a_flash_that_cannot_be_read_is_not_written() {
 }
 
 #[test]
-fn an_unreadable_flash_is_reported_and_what_is_readable_is_loaded() {
+fn an_unreadable_page_is_reported_and_the_others_are_loaded() {
     let mut flash = flash_after(2);
     flash.unreadable = Some((0..PAGES * PAGE, usize::MAX));
     assert_eq!(load(&mut flash), Err(StoreError::Flash));
@@ -55,19 +55,19 @@ fn an_unreadable_flash_is_reported_and_what_is_readable_is_loaded() {
 /// write.)
 #[test]
 fn bytes_that_read_back_differently_are_reported() {
-    for (lie, fills) in [(SilentFault::Ignores, 0..3), (SilentFault::Alters, 0..7)] {
-        for saves in fills {
+    for (fault, save_range) in [(SilentFault::Ignores, 0..3), (SilentFault::Alters, 0..7)] {
+        for saves in save_range {
             let mut flash = flash_after(saves);
-            flash.silent_fault = Some(lie);
-            assert_eq!(save(&mut flash, 99), Err(StoreError::Verify), "{lie:?} after {saves}");
+            flash.silent_fault = Some(fault);
+            assert_eq!(save(&mut flash, 99), Err(StoreError::Verify), "{fault:?} after {saves}");
             let old = if saves == 0 { Generations::default() } else { generations(saves) };
-            assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{lie:?} after {saves}");
+            assert_eq!(load_generations(&mut flash.power_on()), Ok(old), "{fault:?} after {saves}");
         }
     }
 }
 
 #[test]
-fn settings_out_of_range_are_refused_and_nothing_written() {
+fn settings_out_of_range_are_rejected_and_not_written() {
     for saves in [0, 3] {
         let mut flash = flash_after(saves);
         flash.operations = 0;

@@ -47,7 +47,7 @@ fn fields_of(item: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn items_come_back() {
+fn stored_items_round_trip() {
     assert_eq!(fields::decode(&fields_of(&item_of(&state()))), Ok(state()));
     assert_eq!(fields::decode(&fields_of(&item_of(&StoredState::default()))), Ok(StoredState::default()));
     assert_eq!(fields::decode(&fields_of(&item_of(&calibration()))), Ok(calibration()));
@@ -205,7 +205,7 @@ fn variants_keep_their_numbers() {
 }
 
 #[test]
-fn fields_that_do_not_fit_are_refused() {
+fn fields_beyond_the_buffer_are_rejected() {
     let size = state_fields().len();
     for room in 0..size {
         assert_eq!(fields::encode(&state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
@@ -256,7 +256,7 @@ fn a_truncated_item_is_damaged() {
 
 /// Any bytes with a correct CRC.
 #[test]
-fn any_fields_are_survived() {
+fn random_fields_decode_to_valid_values_or_an_error() {
     for seed in 0..20_000 {
         let mut noise = testkit::random::Random(seed);
         let mut fields = if seed % 2 == 0 { state_fields() } else { fields_of(&item_of(&calibration())) };

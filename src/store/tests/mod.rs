@@ -156,7 +156,7 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
 
 /// Six rounds of the four pages for states.
 #[test]
-fn every_one_of_many_saves_is_found_again() {
+fn each_of_25_saves_is_loaded_again() {
     let mut flash = Flash::new(PAGES);
     for serial in 1..=25 {
         save(&mut flash, serial).unwrap();
@@ -226,7 +226,7 @@ fn a_region_that_is_too_small_is_refused() {
 }
 
 #[test]
-fn a_calibration_is_the_end_of_a_collection() {
+fn a_stored_calibration_clears_the_collecting_flag() {
     let remembered = StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Msp, ProtocolKind::Auto] };
     let none = StoreChange::Generations { current: None, previous: None };
     for (change, is_collecting) in

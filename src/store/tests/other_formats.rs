@@ -53,8 +53,9 @@ fn flashes(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
 }
 
 fn all_flashes() -> Vec<(u8, String, Flash)> {
-    let of = |format, item: Vec<u8>| flashes(format, &item).into_iter().map(move |(case, flash)| (format, case, flash));
-    of(LATER, other_item(LATER)).chain(of(9, development_page(9))).collect()
+    let flashes_of_format =
+        |format, item: Vec<u8>| flashes(format, &item).into_iter().map(move |(case, flash)| (format, case, flash));
+    flashes_of_format(LATER, other_item(LATER)).chain(flashes_of_format(9, development_page(9))).collect()
 }
 
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
@@ -62,15 +63,15 @@ fn all_flashes() -> Vec<(u8, String, Flash)> {
 #[test]
 fn another_format_is_reported_and_left_untouched() {
     for (format, case, flash) in all_flashes() {
-        let mut tried = flash.clone();
+        let mut copy = flash.clone();
         let error = StoreError::OtherFormat(format);
-        assert_eq!(load_readable(&mut tried), Loaded { stored: StoredValues::default(), error: Some(error) }, "{case}");
+        assert_eq!(load_readable(&mut copy), Loaded { stored: StoredValues::default(), error: Some(error) }, "{case}");
         let nothing = StoreChange::Generations { current: None, previous: None };
         let remembered = StoreChange::Remembered(StartupValues::NOTHING);
         for change in [StoreChange::Settings(&settings()), change(&generations(8)), nothing, remembered] {
-            assert_eq!(save_change(&mut tried, change), Err(error), "{case}");
+            assert_eq!(save_change(&mut copy, change), Err(error), "{case}");
         }
-        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+        assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
     }
 }
 
@@ -121,10 +122,10 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
 #[test]
 fn an_unreadable_flash_is_not_cleared() {
     for (_, case, flash) in all_flashes() {
-        let mut tried = flash.clone();
-        tried.unreadable = Some((0..PAGE, usize::MAX));
-        assert_eq!(save_change(&mut tried, StoreChange::Clear), Err(StoreError::Flash), "{case}");
-        assert_eq!((tried.operations, &tried.bytes), (0, &flash.bytes), "{case}");
+        let mut copy = flash.clone();
+        copy.unreadable = Some((0..PAGE, usize::MAX));
+        assert_eq!(save_change(&mut copy, StoreChange::Clear), Err(StoreError::Flash), "{case}");
+        assert_eq!((copy.operations, &copy.bytes), (0, &flash.bytes), "{case}");
     }
 }
 

@@ -44,7 +44,7 @@ fn power_cuts_anywhere_leave_old_or_new() {
 
 /// Every kind of change, cut at every operation; a retry succeeds.
 #[test]
-fn power_cuts_in_any_change_leave_all_from_before_or_all_from_after() {
+fn a_power_cut_during_any_change_leaves_the_old_or_new_values() {
     let remembered =
         StartupValues { is_collecting: true, detected_protocols: [ProtocolKind::Mavlink, ProtocolKind::Auto] };
     let Generations { current, previous } = generations(9);

@@ -22,17 +22,17 @@ impl<T: Fields> Fields for Unchecked<T> {
     }
 }
 
-fn assert_valid<T: Fields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, what: &str) {
+fn assert_valid<T: Fields + PartialEq + core::fmt::Debug>(value: &T, valid: bool, label: &str) {
     let unchecked = item_of(&Unchecked(*value));
-    let PageContent::Item(Item { fields, .. }) = page::parse(&unchecked) else { panic!("{what}") };
+    let PageContent::Item(Item { fields, .. }) = page::parse(&unchecked) else { panic!("{label}") };
     let mut buffer = [0; ITEM_SIZE];
     let encoded = page::encode(value, &mut buffer).map(|(item, _)| item);
     if valid {
-        assert_eq!(encoded, Ok(&unchecked[..]), "{what}");
-        assert_eq!(fields::decode(fields), Ok(*value), "{what}");
+        assert_eq!(encoded, Ok(&unchecked[..]), "{label}");
+        assert_eq!(fields::decode(fields), Ok(*value), "{label}");
     } else {
-        assert_eq!(encoded, Err(StoreError::Invalid), "{what}");
-        assert_eq!(fields::decode::<T>(fields), Err(StoreError::Corrupt), "{what}");
+        assert_eq!(encoded, Err(StoreError::Invalid), "{label}");
+        assert_eq!(fields::decode::<T>(fields), Err(StoreError::Corrupt), "{label}");
     }
 }
 
@@ -44,7 +44,7 @@ fn mount(number: u8) -> Orientation {
 #[test]
 fn settings_are_kept_up_to_the_ends_of_their_ranges() {
     let good = StoredState { settings: settings(), ..StoredState::default() };
-    let check = |settings: Settings, valid, what: &str| assert_valid(&StoredState { settings, ..good }, valid, what);
+    let check = |settings: Settings, valid, label: &str| assert_valid(&StoredState { settings, ..good }, valid, label);
     for (size, valid) in
         [(0.0, true), (179.9, true), (180.0, true), (180.1, false), (f32::INFINITY, false), (f32::NAN, false)]
     {
@@ -103,13 +103,13 @@ fn records_are_kept_if_every_number_is_finite() {
         ("sensor sigma", |record, n| record.uncertainty.sensor_sigma = n),
         ("attitude sigma", |record, n| record.uncertainty.attitude_sigma_rad = n),
     ];
-    for (what, set) in numbers {
+    for (label, set) in numbers {
         for (number, valid) in
             [(0.5, true), (f32::MAX, true), (f32::INFINITY, false), (-f32::INFINITY, false), (f32::NAN, false)]
         {
             let mut record = record(1);
             set(&mut record, number);
-            assert_valid(&record, valid, what);
+            assert_valid(&record, valid, label);
         }
     }
     for (number, valid) in [(23, true), (24, false)] {
@@ -118,7 +118,7 @@ fn records_are_kept_if_every_number_is_finite() {
 }
 
 #[test]
-fn an_invalid_calibration_is_refused_and_nothing_written() {
+fn an_invalid_calibration_is_rejected_and_not_written() {
     let bad = CalibrationRecord { mount: mount(24), ..record(9) };
     for (current, previous) in [(&bad, &record(8)), (&record(9), &bad)] {
         let mut flash = flash_after(2);

@@ -143,8 +143,8 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
     match *bytes {
         [V1, length, _, system, component, id, ..] => {
             let payload = usize::from(length);
-            let is_it = |wanted: &&MessageSpec| wanted.id == u32::from(id) && wanted.length == payload;
-            SUPPORTED_MESSAGES.iter().find(is_it).map_or(FrameCandidate::No, |wanted| {
+            let matches_layout = |wanted: &&MessageSpec| wanted.id == u32::from(id) && wanted.length == payload;
+            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system, component }.sender();
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V1_HEADER, payload, signature: 0 })
             })
@@ -154,8 +154,9 @@ fn candidate(bytes: &[u8]) -> FrameCandidate {
             let id = u32::from_le_bytes([m0, m1, m2, 0]);
             // An unknown flag may change the format. Trailing zeros of the payload are truncated, to one byte at least.
             let is_known = incompatibility & !SIGNED == 0;
-            let is_it = |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
-            SUPPORTED_MESSAGES.iter().find(is_it).map_or(FrameCandidate::No, |wanted| {
+            let matches_layout =
+                |wanted: &&MessageSpec| is_known && wanted.id == id && (1..=wanted.extended).contains(&payload);
+            SUPPORTED_MESSAGES.iter().find(matches_layout).map_or(FrameCandidate::No, |wanted| {
                 let source = Address { system, component }.sender();
                 let signature = if incompatibility & SIGNED == 0 { 0 } else { 13 };
                 FrameCandidate::Yes(FrameLayout { wanted, source, header: V2_HEADER, payload, signature })

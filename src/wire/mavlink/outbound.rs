@@ -104,9 +104,9 @@ impl OutboundMessage {
     /// STATUSTEXT: a chunk of a text, cut at 50 characters. The chunks of a longer text share a number other than 0,
     /// and the first chunk that is not full is the last.
     #[must_use]
-    pub fn text(severity: MavSeverity, piece: &[u8], number: u16, sequence: u8) -> Self {
+    pub fn text(severity: MavSeverity, chunk: &[u8], number: u16, sequence: u8) -> Self {
         let mut text = [0; Self::TEXT];
-        text.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
+        text.iter_mut().zip(chunk).for_each(|(to, from)| *to = *from);
         let mut message = Self::from_library::<STATUSTEXT_DATA>();
         message.put(&[severity as u8]);
         message.put(&text);

@@ -34,7 +34,7 @@ fn all(stream: &[u8]) -> (Vec<MspReply>, u32) {
     (messages, receiver.rejected)
 }
 
-fn one(stream: &[u8]) -> Option<MspReply> {
+fn decode_single(stream: &[u8]) -> Option<MspReply> {
     match all(stream) {
         (messages, 0) if messages.len() == 1 => Some(messages[0]),
         (messages, 1) if messages.is_empty() => None,
@@ -44,7 +44,7 @@ fn one(stream: &[u8]) -> Option<MspReply> {
 
 /// Frames that ArduPlane and INAV accepted, and CRC-8/DVB-S2's check value, 0xBC of "123456789".
 #[test]
-fn what_is_sent_is_what_autopilots_take() {
+fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(checksum(b"123456789"), 0xBC);
     assert_eq!(request(Function::Attitude).to_vec(), hex("24 58 3C 00 6C 00 00 00 D8"));
     let sent = compass(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
@@ -63,8 +63,8 @@ fn what_is_sent_is_what_autopilots_take() {
 
 /// Rounded to the nearest milligauss, and saturated.
 #[test]
-fn a_field_is_told_in_milligauss() {
-    let told = |ut: f32| {
+fn a_field_is_sent_in_milligauss() {
+    let encoded = |ut: f32| {
         let sent = compass(0, 0, Field::from_ut(ut, 0.0, ut));
         assert_eq!((sent[13], sent[14]), (sent[17], sent[18]));
         i16::from_le_bytes([sent[13], sent[14]])
@@ -81,13 +81,13 @@ fn a_field_is_told_in_milligauss() {
         (f32::NAN, 0),
     ];
     for (ut, milligauss) in expected {
-        assert_eq!(told(ut), milligauss, "{ut} uT");
+        assert_eq!(encoded(ut), milligauss, "{ut} uT");
     }
 }
 
 /// Each reply with its original length, with more, and one byte shorter, which is rejected.
 #[test]
-fn replies_are_understood_with_what_later_versions_append() {
+fn replies_of_later_longer_versions_are_decoded() {
     let status = [0, 0, 0, 0, 0, 0, 0x01, 0x02, 0, 0, 3];
     let gps = [2, 11, 0x80, 0xB2, 0xE6, 0x0E, 0x80, 0xC7, 0x1C, 0xFB, 0x2C, 0x01, 5, 0, 6, 0];
     let place = Position::new(25.0, -82_000_000_i32 as f32 * 1e-7, 300.0);
@@ -101,11 +101,11 @@ fn replies_are_understood_with_what_later_versions_append() {
         (Function::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
-        assert_eq!(one(&reply(function, &payload)), Some(message));
+        assert_eq!(decode_single(&reply(function, &payload)), Some(message));
         let longer = [payload.clone(), vec![0xA5; MAX_PAYLOAD - payload.len()]].concat();
-        assert_eq!(one(&reply(function, &longer)), Some(message), "with more");
+        assert_eq!(decode_single(&reply(function, &longer)), Some(message), "with more");
         if function != Function::Rtc {
-            assert_eq!(one(&reply(function, &payload[1..])), None, "{function:?} that is too short");
+            assert_eq!(decode_single(&reply(function, &payload[1..])), None, "{function:?} that is too short");
         }
     }
     // A payload longer than any firmware's is skipped.
@@ -114,7 +114,7 @@ fn replies_are_understood_with_what_later_versions_append() {
 }
 
 #[test]
-fn firmwares_are_told_by_their_names() {
+fn firmware_is_identified_by_its_name() {
     let names: [(&[u8], _); 5] = [
         (b"ARDU", Firmware::ArduPilot),
         (b"INAV", Firmware::Inav),
@@ -123,7 +123,7 @@ fn firmwares_are_told_by_their_names() {
         (b"BTFLX", Firmware::Betaflight),
     ];
     for (name, firmware) in names {
-        assert_eq!(one(&reply(Function::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
+        assert_eq!(decode_single(&reply(Function::FcVariant, name)), Some(MspReply::FcVariant(firmware)));
     }
 }
 
@@ -140,20 +140,20 @@ fn the_sign_of_pitch_is_that_of_the_firmware() {
 }
 
 #[test]
-fn angles_that_cannot_be_are_refused() {
+fn impossible_angles_are_rejected() {
     for (roll, pitch, possible) in
         [(1800, 900, true), (-1800, -900, true), (1801, 0, false), (-1801, 0, false), (0, 901, false), (0, -901, false)]
     {
         let expected = possible.then(|| angles_of(roll, pitch));
-        assert_eq!(one(&attitude(roll, pitch)), expected, "{roll} {pitch}");
+        assert_eq!(decode_single(&attitude(roll, pitch)), expected, "{roll} {pitch}");
     }
 }
 
 #[test]
-fn armed_is_the_first_box() {
+fn armed_state_is_the_lowest_status_bit() {
     for (flags, is_armed) in [([1, 0], true), ([0xFE, 0xFF], false), ([0xFF, 0], true), ([0, 1], false)] {
         let payload = [[9; 6].as_slice(), &flags, &[1, 1, 1]].concat();
-        assert_eq!(one(&reply(Function::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
+        assert_eq!(decode_single(&reply(Function::Status, &payload)), Some(MspReply::Armed(is_armed)), "{flags:?}");
     }
 }
 
@@ -162,23 +162,23 @@ fn armed_is_the_first_box() {
 fn a_current_is_in_hundredths() {
     for (bytes, amperes) in [([0xD2, 0x04], 12.34), ([0, 0], 0.0), ([0xFE, 0xFF], -0.02)] {
         let payload = [[7; 5].as_slice(), &bytes].concat();
-        assert_eq!(one(&reply(Function::Analog, &payload)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply(Function::Analog, &payload)), Some(MspReply::Current(amperes)));
         let longer = [&payload[..], &[9, 9]].concat();
-        assert_eq!(one(&reply(Function::Analog, &longer)), Some(MspReply::Current(amperes)));
-        assert_eq!(one(&reply(Function::Analog, &payload[..6])), None, "too short");
+        assert_eq!(decode_single(&reply(Function::Analog, &longer)), Some(MspReply::Current(amperes)));
+        assert_eq!(decode_single(&reply(Function::Analog, &payload[..6])), None, "too short");
     }
 }
 
 /// Also below sea level.
 #[test]
-fn a_place_wants_a_fix() {
+fn a_position_needs_a_fix() {
     let gps = |fix: u8, latitude: i32, height_m: i16| {
         let mut payload = vec![fix, 9];
         payload.extend(latitude.to_le_bytes());
         payload.extend((-10_000_000_i32).to_le_bytes());
         payload.extend(height_m.to_le_bytes());
         payload.extend([0; 6]);
-        one(&reply(Function::RawGps, &payload))
+        decode_single(&reply(Function::RawGps, &payload))
     };
     let place = |latitude_deg, height_m| Some(MspReply::RawGps(Position::new(latitude_deg, -1.0, height_m)));
     assert_eq!(gps(1, 315_000_000, -400), place(31.5, -400.0));
@@ -189,10 +189,10 @@ fn a_place_wants_a_fix() {
 
 /// Seconds of `date -u -d ... +%s`.
 #[test]
-fn a_day_is_a_date_or_seconds() {
+fn a_date_is_decoded_from_calendar_or_seconds() {
     let of_date = |year: u16, month, day| {
         let [y0, y1] = year.to_le_bytes();
-        one(&reply(Function::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
+        decode_single(&reply(Function::Rtc, &[y0, y1, month, day, 1, 2, 3, 4, 0]))
     };
     let day = |seconds| Some(MspReply::Rtc(Date::from_unix_s(seconds)));
     for (year, month, date, seconds) in [
@@ -213,24 +213,28 @@ fn a_day_is_a_date_or_seconds() {
     for year in [0, 1, u16::MAX] {
         assert_eq!(of_date(year, 1, 1), Some(MspReply::Rtc(None)));
     }
-    let of_seconds = |seconds: u32| one(&reply(Function::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
+    let of_seconds =
+        |seconds: u32| decode_single(&reply(Function::Rtc, &[&seconds.to_le_bytes()[..], &[7, 0]].concat()));
     assert_eq!(of_seconds(1_709_164_800), day(1_709_164_800));
     assert_eq!(of_seconds(0), Some(MspReply::Rtc(None)));
-    assert_eq!(one(&reply(Function::Rtc, &[0; 5])), None);
+    assert_eq!(decode_single(&reply(Function::Rtc, &[0; 5])), None);
 }
 
 #[test]
-fn refusals_are_answers() {
+fn refusals_and_empty_replies_are_returned() {
     for function in Function::ALL {
-        assert_eq!(one(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
-        assert_eq!(one(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])), Some(MspReply::Refused(function)));
-        assert_eq!(one(&reply(function, &[])), Some(MspReply::Refused(function)));
+        assert_eq!(decode_single(&frame(b'!', function as u16, &[])), Some(MspReply::Refused(function)));
+        assert_eq!(
+            decode_single(&frame(b'!', function as u16, &[1, 2, 3, 4, 5, 6])),
+            Some(MspReply::Refused(function))
+        );
+        assert_eq!(decode_single(&reply(function, &[])), Some(MspReply::Refused(function)));
     }
 }
 
 /// Version 1, requests, other functions and longer payloads are skipped.
 #[test]
-fn what_is_not_wanted_passes_by() {
+fn unsupported_frames_are_skipped() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
     let other = frame(b'>', 0x3E6C, &[b'$'; 40]);
     let noise = hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
@@ -241,7 +245,7 @@ fn what_is_not_wanted_passes_by() {
 
 /// The payload of a valid frame may look like a frame.
 #[test]
-fn a_frame_within_a_frame_is_none() {
+fn a_frame_within_a_payload_is_not_decoded() {
     let payload = [&[0; 11][..], &attitude(1, 2)].concat();
     let (messages, rejected) = all(&[reply(Function::Status, &payload), vec![0; MAX_FRAME]].concat());
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
@@ -249,7 +253,7 @@ fn a_frame_within_a_frame_is_none() {
 
 /// With any flipped bit the frame is rejected or skipped, and the next one is decoded.
 #[test]
-fn a_damaged_frame_costs_itself_alone() {
+fn a_damaged_frame_costs_no_other_frame() {
     let good = attitude(123, -45);
     for bit in 0..good.len() * 8 {
         let mut bad = good.clone();
@@ -265,17 +269,17 @@ fn a_damaged_frame_costs_itself_alone() {
 
 /// Truncated at any byte, and followed by whole frames.
 #[test]
-fn a_cut_frame_costs_itself_alone() {
+fn a_truncated_frame_costs_no_other_frame() {
     let good = attitude(123, -45);
-    for kept in 0..good.len() {
-        let stream = [&good[..kept], &attitude(5, 6), &good, &[0; MAX_FRAME]].concat();
-        assert_eq!(all(&stream).0, [angles_of(5, 6), angles_of(123, -45)], "{kept} bytes kept");
+    for cut_length in 0..good.len() {
+        let stream = [&good[..cut_length], &attitude(5, 6), &good, &[0; MAX_FRAME]].concat();
+        assert_eq!(all(&stream).0, [angles_of(5, 6), angles_of(123, -45)], "{cut_length} bytes kept");
     }
 }
 
 /// The frame after a pause does not continue an incomplete one.
 #[test]
-fn a_beginning_can_be_forgotten() {
+fn an_incomplete_frame_can_be_discarded() {
     let good = attitude(123, -45);
     let mut receiver = Receiver::new();
     assert!(good[..10].iter().all(|&byte| receiver.push(byte).is_none()));
@@ -288,16 +292,16 @@ fn a_beginning_can_be_forgotten() {
 /// 100,000 pieces of garbage with valid headers: nearly all are rejected, and after each hundred a whole frame is
 /// decoded.
 #[test]
-fn nothing_that_comes_stops_the_receiver() {
+fn no_bytes_stop_the_receiver() {
     let mut random = Random(5);
     let mut receiver = Receiver::new();
     let starts: [&[u8]; 5] = [b"$", b"$X", b"$X>\0\x6C\0\x06\0", b"$X>\0\x65\0\x40\0", b"$X!\0\xF7\0\xFF\xFF"];
-    for piece in 0..100_000 {
+    for index in 0..100_000 {
         let number = random.bits() as usize % 24;
         let start = starts[random.bits() as usize % starts.len()];
         let bytes = [if random.bits().is_multiple_of(2) { start } else { &[] }, &random.bytes(number)].concat();
         let _ = bytes.iter().filter_map(|&byte| receiver.push(byte)).count();
-        if piece % 100 == 0 {
+        if index % 100 == 0 {
             let _ = [0; MAX_FRAME].iter().filter_map(|&byte| receiver.push(byte)).count();
             let found: Vec<_> = attitude(-7, 8).iter().filter_map(|&byte| receiver.push(byte)).collect();
             assert_eq!(found, [angles_of(-7, 8)]);

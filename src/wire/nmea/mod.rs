@@ -67,9 +67,9 @@ pub fn quality(heading: &Result<Heading, NoHeading>, kind: HeadingKind) -> Sente
                 put(body, ",ok,")?;
                 put(body, kind.name())
             }
-            Err(why) => {
+            Err(reason) => {
                 put(body, ",,")?;
-                put(body, why.code())?;
+                put(body, reason.code())?;
                 put(body, ",")
             }
         }

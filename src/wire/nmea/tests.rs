@@ -11,7 +11,7 @@ fn heading(magnetic_rad: f32, sigma_rad: f32) -> Heading {
 }
 
 #[test]
-fn sentences_read_as_the_standard_says() {
+fn sentences_match_the_nmea_standard() {
     // Checksums from an independent implementation.
     assert_eq!(text(&hdm(Some(101.14))), "$HCHDM,101.1,M*28\r\n");
     assert_eq!(text(&hdm(None)), "$HCHDM,,M*07\r\n");
@@ -21,7 +21,7 @@ fn sentences_read_as_the_standard_says() {
 
 /// Across north in both directions; without a valid heading the field is empty.
 #[test]
-fn a_true_heading_is_the_magnetic_one_and_the_variation() {
+fn a_true_heading_is_magnetic_heading_plus_variation() {
     for (heading_deg, variation_deg, text) in [
         (Some(101.1), 5.25, "106.4"),
         (Some(101.1), -11.3, "089.8"),
@@ -39,8 +39,8 @@ fn a_true_heading_is_the_magnetic_one_and_the_variation() {
 fn quality_shows_sigma_or_the_reason() {
     let heading = heading(1.765_2, 0.009_6);
     for kind in [HeadingKind::Raw, HeadingKind::Smooth] {
-        let told = quality(&Ok(heading), kind);
-        assert!(text(&told).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{told:?}");
+        let sentence = quality(&Ok(heading), kind);
+        assert!(text(&sentence).starts_with(&format!("$PASWH,101.1,0.6,ok,{}*", kind.name())), "{sentence:?}");
         assert!(quality(&Err(NoHeading::AttitudeStale), kind).starts_with(b"$PASWH,,,attitude-stale,*"));
     }
     let lost = Heading { sigma_rad: f32::NAN, ..heading };
@@ -101,7 +101,7 @@ fn a_heading_has_three_digits_and_is_rounded_to_the_nearest_tenth() {
 }
 
 #[test]
-fn variation_is_a_size_with_its_side() {
+fn variation_is_a_magnitude_with_east_or_west() {
     for (variation_deg, text) in [
         (0.0, "0.0,E"),
         (-0.0, "0.0,E"),
@@ -119,7 +119,7 @@ fn variation_is_a_size_with_its_side() {
 }
 
 #[test]
-fn sigma_is_in_degrees_and_ends_at_half_a_circle() {
+fn sigma_is_in_degrees_and_limited_to_180() {
     for (sigma_deg, text) in [
         (0.0, "0.0"),
         (0.44, "0.4"),
@@ -149,16 +149,16 @@ fn the_longest_sentences_are_complete() {
 
 /// `$`, 76 characters, `*`, two digits and the line end are 82.
 #[test]
-fn what_does_not_fit_has_no_checksum() {
-    let of = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
-    assert_eq!((of(76).len(), body(&of(76)).len()), (82, 76));
+fn a_sentence_over_82_characters_has_no_checksum() {
+    let sentence_of_length = |length: usize| sentence(|out| put(out, &"A".repeat(length)));
+    assert_eq!((sentence_of_length(76).len(), body(&sentence_of_length(76)).len()), (82, 76));
     for length in [77, 80, 81, 82, 100] {
-        assert!(!of(length).contains(&b'*'), "{length}");
+        assert!(!sentence_of_length(length).contains(&b'*'), "{length}");
     }
 }
 
 #[test]
-fn tenths_have_as_many_digits_as_they_need_and_no_fewer_than_asked() {
+fn tenths_are_padded_to_the_requested_digits() {
     for (tenths, least, text) in
         [(0, 1, "0.0"), (0, 3, "000.0"), (7, 1, "0.7"), (99, 1, "9.9"), (100, 1, "10.0"), (12_345, 3, "1234.5")]
     {

@@ -107,14 +107,14 @@ const ATTITUDES: &[(&str, AttitudeProvider)] =
     &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
 
 /// An order with its description, wrapped to a terminal's width.
-fn listed(order: &str, does: &str) -> String {
+fn format_order(order: &str, description: &str) -> String {
     let mut text = String::new();
-    print::append_wrapped(&mut text, &" ".repeat(15), does);
+    print::append_wrapped(&mut text, &" ".repeat(15), description);
     format!("  {order:13}{}", text.trim_start())
 }
 
 fn after_help() -> String {
-    let orders = serve::COMMANDS.map(|(order, does)| listed(order, does)).concat();
+    let orders = serve::COMMANDS.map(|(order, description)| format_order(order, description)).concat();
     format!(
         "Orders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{orders}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
@@ -128,8 +128,8 @@ fn after_help() -> String {
     )
 }
 
-fn failed(code: &str, why: impl std::fmt::Display) -> Failure {
-    Failure(format!("{code}: {why}"))
+fn failure(code: &str, error: impl std::fmt::Display) -> Failure {
+    Failure(format!("{code}: {error}"))
 }
 
 impl ModuleOptions {
@@ -144,29 +144,29 @@ impl ModuleOptions {
 
     fn module(&self, attitude: AttitudeProvider, is_visited: bool) -> Result<ServedModule, Failure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
-        let no_flash = |error: FlashImageError| failed(error.code(), error);
+        let no_flash = |error: FlashImageError| failure(error.code(), error);
         let image = self.flash.as_deref().map(FlashImage::read).transpose().map_err(no_flash)?.flatten();
-        let served = ServedModule::new(
+        let served_module = ServedModule::new(
             self.world()?,
             serve::ServeOptions { pattern, attitude, has_external_simulator: is_visited },
             image.as_ref(),
         );
         if let Some(path) = &self.flash {
             // Written at the start, so that an unwritable file is noticed before a calibration is lost.
-            served.flash().write(path).map_err(no_flash)?;
+            served_module.flash().write(path).map_err(no_flash)?;
         }
-        Ok(served)
+        Ok(served_module)
     }
 }
 
 pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
-    let mut served = options.aboard.module(options.attitude, options.world.is_some())?;
+    let mut served_module = options.aboard.module(options.attitude, options.world.is_some())?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = Vec::new();
     let mut places = Vec::new();
     let mut next = options.tcp;
     for port in PORTS {
-        let pty = Pty::open().map_err(|error| failed("no-pty", error))?;
+        let pty = Pty::open().map_err(|error| failure("no-pty", error))?;
         let tcp = next.map(tcp_port).transpose()?;
         next = next.map(|number| if number == 0 { 0 } else { number.wrapping_add(1) });
         places.push(PortAddress { port, pty: pty.path.clone(), tcp: tcp.as_ref().map(|tcp| tcp.port) });
@@ -176,24 +176,24 @@ pub fn serve(options: &Serve) -> Result<ExitCode, Failure> {
     let world = options.world.map(world_port).transpose()?;
     let world_number = world.as_ref().and_then(|world| world.local_addr().ok()).map(|address| address.port());
     if options.json {
-        print::print_json(described(&options.aboard, &places, world_number)?)?;
+        print::print_json(describe_ports(&options.aboard, &places, world_number)?)?;
     } else {
-        introduce(&options.aboard, &places, world_number)?;
+        print_ports(&options.aboard, &places, world_number)?;
     }
     let wiring =
         Connections { wires, world, orders: Some(OrderInput::from_stdin()), flash: options.aboard.flash.clone() };
-    wiring.run(&mut served, options.aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, options.aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
 fn tcp_port(number: u16) -> Result<TcpPort, Failure> {
-    TcpPort::open(number).map_err(|error| failed("tcp-unavailable", format!("port {number}: {error}")))
+    TcpPort::open(number).map_err(|error| failure("tcp-unavailable", format!("port {number}: {error}")))
 }
 
 fn world_port(number: u16) -> Result<UdpSocket, Failure> {
     let socket =
         UdpSocket::bind((Ipv4Addr::LOCALHOST, number)).and_then(|socket| socket.set_nonblocking(true).map(|()| socket));
-    socket.map_err(|error| failed("world-unavailable", format!("port {number}: {error}")))
+    socket.map_err(|error| failure("world-unavailable", format!("port {number}: {error}")))
 }
 
 struct PortAddress {
@@ -202,13 +202,13 @@ struct PortAddress {
     tcp: Option<u16>,
 }
 
-fn described(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
+fn describe_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<Value, Failure> {
     let ports: Vec<Value> =
         places.iter().map(|place| json!({ "name": place.port.name, "pty": place.pty, "tcp": place.tcp })).collect();
     Ok(json!({ "ports": ports, "world": world, "airframe": airframe_json(&aboard.world()?) }))
 }
 
-fn introduce(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
+fn print_ports(aboard: &ModuleOptions, places: &[PortAddress], world: Option<u16>) -> Result<(), Failure> {
     for (index, PortAddress { port, pty, tcp }) in places.iter().enumerate() {
         let pty = pty.display();
         print_line(&format!("{}: {}", port.name, port.carries));
@@ -244,11 +244,11 @@ fn print_line(line: &str) {
 }
 
 pub fn console(options: &Console) -> Result<ExitCode, Failure> {
-    let no_module = |what: String| move |error: io::Error| failed("no-module", format!("{what}: {error}"));
+    let no_module = |endpoint: String| move |error: io::Error| failure("no-module", format!("{endpoint}: {error}"));
     match (&options.path, options.tcp) {
         (Some(path), _) => attach(wire::connect_serial(path).map_err(no_module(path.display().to_string()))?),
         (None, Some(port)) => attach(wire::connect_tcp(port).map_err(no_module(format!("TCP port {port}")))?),
-        (None, None) => alone(&options.aboard),
+        (None, None) => serve_alone(&options.aboard),
     }
 }
 
@@ -266,7 +266,7 @@ fn attach(mut module: impl Wire) -> Result<ExitCode, Failure> {
         terminal.write(&module.read(PIECE));
         if module.has_ended() {
             drop(terminal);
-            return Err(failed("no-module", "the module has gone"));
+            return Err(failure("no-module", "the module has gone"));
         }
         thread::sleep(LOOK);
     }
@@ -278,16 +278,16 @@ fn open_terminal() -> Result<Terminal, Failure> {
     if io::IsTerminal::is_terminal(&io::stdin()) {
         print::print_error("Ctrl-] ends");
     }
-    Terminal::open().map_err(|error| failed("no-terminal", error))
+    Terminal::open().map_err(|error| failure("no-terminal", error))
 }
 
-fn alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
-    let mut served = aboard.module(AttitudeProvider::Own, false)?;
+fn serve_alone(aboard: &ModuleOptions) -> Result<ExitCode, Failure> {
+    let mut served_module = aboard.module(AttitudeProvider::Own, false)?;
     let mut wires: Vec<Vec<Box<dyn Wire>>> = PORTS.iter().map(|_| Vec::new()).collect();
     let interruption = TerminationSignals::install(SecondSignal::Exits)?;
     wires[serve::CONSOLE].push(Box::new(open_terminal()?));
     let wiring = Connections { wires, world: None, orders: None, flash: aboard.flash.clone() };
-    wiring.run(&mut served, aboard.speed, interruption.stop())?;
+    wiring.run(&mut served_module, aboard.speed, interruption.stop())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
@@ -304,13 +304,13 @@ impl<'a> FlashWriter<'a> {
     }
 
     /// Writes if the content changed and is stable since the last call, or at the end.
-    fn look(&mut self, served: &ServedModule, is_end: bool) -> Result<(), Failure> {
+    fn look(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), Failure> {
         let Some(path) = self.path else { return Ok(()) };
-        let changes = served.flash_changes();
+        let changes = served_module.flash_changes();
         let rests = changes == self.seen_changes || is_end;
         self.seen_changes = changes;
         if rests && changes != self.written_changes {
-            served.flash().write(path).map_err(|error| failed(error.code(), error))?;
+            served_module.flash().write(path).map_err(|error| failure(error.code(), error))?;
             self.written_changes = changes;
         }
         Ok(())
@@ -325,7 +325,7 @@ mod tests {
 
     /// A doc comment on a variant of `Command` would replace the command's long help.
     #[test]
-    fn the_help_of_every_command_is_the_whole_of_it() {
+    fn every_command_has_its_full_long_help() {
         let cli = Cli::command();
         cli.clone().debug_assert();
         let commands = cli.get_subcommands().flat_map(|command| [command].into_iter().chain(command.get_subcommands()));

@@ -26,28 +26,28 @@ const DATAGRAMS: usize = 64;
 
 impl Connections {
     /// Runs until stopped, a wire has ended, or the reader has closed standard output.
-    pub fn run(mut self, served: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
+    pub fn run(mut self, served_module: &mut ServedModule, speed: f64, stop: &AtomicBool) -> Result<(), Failure> {
         let mut pace = VirtualClock::new(speed);
-        let mut keeper = FlashWriter::new(self.flash.as_deref());
+        let mut flash_writer = FlashWriter::new(self.flash.as_deref());
         let mut is_malformed_told = false;
         let has_ended = |wires: &[Vec<Box<dyn Wire>>]| wires.iter().flatten().any(|wire| wire.has_ended());
         while !stop.load(Ordering::SeqCst) && !has_ended(&self.wires) && !print::poll_output_closed() {
             for (port, wires) in self.wires.iter_mut().enumerate() {
                 for wire in wires {
                     // A faster sender waits, as on a real line.
-                    let bytes = wire.read(served.free_bytes(port).min(PIECE));
-                    served.send(port, &bytes);
+                    let bytes = wire.read(served_module.free_bytes(port).min(PIECE));
+                    served_module.send(port, &bytes);
                 }
             }
             if let Some(world) = &self.world {
-                is_malformed_told |= follow(world, served, is_malformed_told);
+                is_malformed_told |= follow(world, served_module, is_malformed_told);
             }
             if let Some(orders) = &mut self.orders {
-                orders.carry_out(served);
+                orders.execute_orders(served_module);
             }
-            served.advance(pace.elapsed_us());
+            served_module.advance(pace.elapsed_us());
             for (port, wires) in self.wires.iter_mut().enumerate() {
-                let bytes = served.receive(port);
+                let bytes = served_module.receive(port);
                 for wire in wires {
                     wire.write(&bytes);
                 }
@@ -55,30 +55,30 @@ impl Connections {
             if let Some(complaint) = pace.take_warning() {
                 print::print_error(format_args!("{complaint}\r"));
             }
-            keeper.look(served, false)?;
+            flash_writer.look(served_module, false)?;
             thread::sleep(LOOK);
         }
-        keeper.look(served, true)
+        flash_writer.look(served_module, true)
     }
 }
 
 /// Applies received attitudes; returns whether a malformed one has been reported.
-fn follow(world: &UdpSocket, served: &mut ServedModule, is_told: bool) -> bool {
+fn follow(world: &UdpSocket, served_module: &mut ServedModule, is_reported: bool) -> bool {
     let mut datagram = [0; 256];
-    let mut is_told = is_told;
+    let mut is_reported = is_reported;
     for _ in 0..DATAGRAMS {
         let Ok(length) = world.recv(&mut datagram) else { break };
-        if let Err(error) = served.follow_datagram(&datagram[..length])
-            && !is_told
+        if let Err(error) = served_module.follow_datagram(&datagram[..length])
+            && !is_reported
         {
             print::print_error(format_args!(
                 "error {}: {error}; more of them are only counted, see status",
                 error.code()
             ));
-            is_told = true;
+            is_reported = true;
         }
     }
-    is_told
+    is_reported
 }
 
 pub struct OrderInput {
@@ -94,11 +94,11 @@ impl OrderInput {
         Self { input: read_in_thread(io::stdin()), line: Vec::new() }
     }
 
-    fn carry_out(&mut self, served: &mut ServedModule) {
+    fn execute_orders(&mut self, served_module: &mut ServedModule) {
         while let Ok(bytes) = self.input.try_recv() {
             for byte in bytes {
                 if byte == b'\n' {
-                    answer(served, &std::mem::take(&mut self.line));
+                    answer(served_module, &std::mem::take(&mut self.line));
                 } else if self.line.len() <= LONGEST_LINE {
                     self.line.push(byte);
                 }
@@ -107,12 +107,12 @@ impl OrderInput {
     }
 }
 
-fn answer(served: &mut ServedModule, line: &[u8]) {
+fn answer(served_module: &mut ServedModule, line: &[u8]) {
     let line = String::from_utf8_lossy(line);
     if line.len() > LONGEST_LINE {
         print_line("error line-too-long: an order has at most 256 characters");
     } else if !line.trim().is_empty() {
-        match served.execute_line(&line) {
+        match served_module.execute_line(&line) {
             Ok(answer) => print_line(&answer),
             Err(error) => print_line(&format!("error {}: {error}", error.code())),
         }

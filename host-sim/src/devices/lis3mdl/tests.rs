@@ -280,7 +280,7 @@ fn a_transfer_takes_the_time_of_its_bytes() {
 
 /// The self-test adds 2, 2 and 0.55 gauss.
 #[test]
-fn self_test_and_byte_order_do_what_the_data_sheet_says() {
+fn self_test_and_byte_order_match_the_data_sheet() {
     on_bus(
         NOISE_FREE,
         |_| [30.0, 100.0, 50.0],

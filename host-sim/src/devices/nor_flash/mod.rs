@@ -155,7 +155,7 @@ impl Flash {
     }
 
     async fn perform(&self, operation: Operation, duration: Duration) -> Result<(), FlashError> {
-        self.0.borrow_mut().before(operation)?;
+        self.0.borrow_mut().begin_operation(operation)?;
         let mut unfinished = OperationGuard { flash: self, operation, finished: false };
         Timer::after(duration).await;
         unfinished.finished = true;
@@ -181,7 +181,7 @@ impl Drop for OperationGuard<'_> {
 
 impl FlashDevice {
     /// Checks power and rules, and applies a scheduled power cut.
-    fn before(&mut self, operation: Operation) -> Result<(), FlashError> {
+    fn begin_operation(&mut self, operation: Operation) -> Result<(), FlashError> {
         if !self.powered {
             return Err(FlashError::PowerLost);
         }
@@ -329,21 +329,21 @@ mod tests {
 
     /// STM32L475 data sheet: 81.7 us per double word, 22.0 ms per page.
     #[test]
-    fn operations_take_their_time() {
+    fn flash_operations_take_the_time_of_the_data_sheet() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 1);
-        let timed = run(&mut simulation, async move {
+        let durations_us = run(&mut simulation, async move {
             let start_us = clock::now_us();
             write(flash.clone(), 0, vec![0; 24]).await.unwrap();
             let written_us = clock::now_us();
             erase(flash, 0, 4096).await.unwrap();
             (written_us - start_us, clock::now_us() - written_us)
         });
-        assert_eq!(timed, Some((3 * 82, 2 * 22_000)));
+        assert_eq!(durations_us, Some((3 * 82, 2 * 22_000)));
     }
 
     #[test]
-    fn a_cut_strikes_at_the_chosen_operation_and_ends_the_run() {
+    fn a_power_cut_occurs_at_the_chosen_operation_and_ends_the_run() {
         for outcome in CutOutcome::ALL {
             let mut simulation = Simulation::new();
             let flash = Flash::new(1, 7);
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn dropping_the_task_tears_what_it_waited_for() {
+    fn dropping_a_task_tears_its_pending_flash_operation() {
         let mut simulation = Simulation::new();
         let flash = Flash::new(2, 3);
         assert_eq!(run(&mut simulation, write(flash.clone(), 0, OLD.repeat(256))), Some(Ok(())));

@@ -64,7 +64,7 @@ impl Line {
 
     /// Number of bytes in transmission.
     pub fn bytes_in_transit(&self, now_us: u64) -> usize {
-        self.wire.len() - self.wire.partition_point(|timed| timed.at_us <= now_us)
+        self.wire.len() - self.wire.partition_point(|timed_byte| timed_byte.at_us <= now_us)
     }
 
     /// Drops bytes in transmission, as when the sender is switched off.
@@ -117,16 +117,16 @@ impl Line {
     }
 
     pub fn wake_at_next_arrival(&self, now_us: u64, waker: &Waker) {
-        if let Some(next) = self.wire.iter().find(|timed| timed.at_us > now_us) {
+        if let Some(next) = self.wire.iter().find(|timed_byte| timed_byte.at_us > now_us) {
             embassy_time_driver::schedule_wake(next.at_us, waker);
         }
     }
 
     /// Moves arrived bytes into the receive buffer. An overflow loses bytes and sets the overrun error.
     fn settle(&mut self, now_us: u64) {
-        while let Some(timed) = self.wire.pop_front_if(|timed| timed.at_us <= now_us) {
+        while let Some(timed_byte) = self.wire.pop_front_if(|timed_byte| timed_byte.at_us <= now_us) {
             if self.received.len() < self.capacity {
-                self.received.push_back(timed);
+                self.received.push_back(timed_byte);
             } else {
                 self.lost_bytes += 1;
                 self.error = Some(UartError::Overrun);
@@ -142,15 +142,19 @@ impl Line {
 
     fn delivery_us(&self) -> Option<u64> {
         match self.delivery {
-            WakeCondition::EachByte => self.wire.front().map(|timed| timed.at_us),
+            WakeCondition::EachByte => self.wire.front().map(|timed_byte| timed_byte.at_us),
             WakeCondition::IdleLine => {
                 // First byte that is followed by a pause or fills half of the buffer.
                 let pause_us = 2 * self.byte_time_us();
                 let half = self.capacity / 2;
-                let next = self.wire.iter().skip(1).map(|timed| Some(timed.at_us)).chain([None]);
-                self.wire.iter().zip(next).zip(1..).find_map(|((timed, next), count)| {
-                    let idle = next.is_none_or(|next_us| next_us > timed.at_us + pause_us);
-                    if count >= half { Some(timed.at_us) } else { idle.then(|| timed.at_us + self.byte_time_us()) }
+                let next = self.wire.iter().skip(1).map(|timed_byte| Some(timed_byte.at_us)).chain([None]);
+                self.wire.iter().zip(next).zip(1..).find_map(|((timed_byte, next), count)| {
+                    let idle = next.is_none_or(|next_us| next_us > timed_byte.at_us + pause_us);
+                    if count >= half {
+                        Some(timed_byte.at_us)
+                    } else {
+                        idle.then(|| timed_byte.at_us + self.byte_time_us())
+                    }
                 })
             }
         }

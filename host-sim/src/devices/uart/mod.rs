@@ -137,7 +137,7 @@ impl HostEnd {
     /// Returns and removes the received bytes.
     #[must_use]
     pub fn receive(&self) -> Vec<u8> {
-        self.receive_timed().into_iter().map(|timed| timed.byte).collect()
+        self.receive_timed().into_iter().map(|timed_byte| timed_byte.byte).collect()
     }
 
     /// Returns and removes the received bytes with their arrival times.
@@ -189,8 +189,8 @@ impl Read for Receiver {
             return Err(error);
         }
         let received = line.take_received(buffer.len(), clock::now_us());
-        for (slot, timed) in buffer.iter_mut().zip(&received) {
-            *slot = timed.byte;
+        for (slot, timed_byte) in buffer.iter_mut().zip(&received) {
+            *slot = timed_byte.byte;
         }
         Ok(received.len())
     }

@@ -66,7 +66,7 @@ fn idle_line_delivers_bursts_whole() {
 }
 
 #[test]
-fn a_slow_reader_loses_the_newest_bytes_and_is_told_once() {
+fn a_slow_reader_loses_the_newest_bytes_and_gets_one_overrun() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig { receive_buffer: 4, ..UartConfig::default() });
     let (receiver, _transmitter) = cable.module();
@@ -106,7 +106,7 @@ fn a_write_waits_while_the_transmit_buffer_is_full() {
 }
 
 #[test]
-fn power_off_cuts_a_sentence_short_and_forgets_what_was_received() {
+fn power_off_truncates_output_and_discards_received_bytes() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig::default());
     let (receiver, mut transmitter) = cable.module();
@@ -129,7 +129,7 @@ fn power_off_cuts_a_sentence_short_and_forgets_what_was_received() {
 }
 
 #[test]
-fn the_far_end_can_wait_for_bytes() {
+fn the_host_side_can_wait_for_bytes() {
     let mut simulation = Simulation::new();
     let cable = Cable::new(UartConfig::default());
     let (_receiver, mut transmitter) = cable.module();

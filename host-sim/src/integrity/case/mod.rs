@@ -132,8 +132,8 @@ pub fn find_by_name(name: &str) -> Option<&'static Case> {
 impl Case {
     /// Number of flights of this case, if `asked` are flown of others.
     #[must_use]
-    pub fn flights(&self, asked: u64) -> u64 {
-        asked.min(self.max_flights)
+    pub fn flights(&self, requested: u64) -> u64 {
+        requested.min(self.max_flights)
     }
 
     /// Whether the case applies to this vehicle.
@@ -151,7 +151,7 @@ impl Case {
     /// Draws the flight of a seed.
     #[must_use]
     pub fn draw(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> DrawnCase {
-        let mut drawn = DrawnCase {
+        let mut drawn_case = DrawnCase {
             world: WorldConfig::random(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
             routine: Routine::for_vehicle(aircraft, TurnPlan::default(), 0.0),
@@ -164,8 +164,8 @@ impl Case {
             seed,
             random: Random::new(seed, Purpose::Case),
         };
-        (self.set_up)(&mut drawn);
-        drawn
+        (self.set_up)(&mut drawn_case);
+        drawn_case
     }
 }
 

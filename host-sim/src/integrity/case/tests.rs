@@ -5,10 +5,10 @@ fn names(aircraft: VehicleKind) -> Vec<&'static str> {
 }
 
 #[test]
-fn every_aircraft_has_the_cases_that_make_sense() {
+fn each_vehicle_kind_has_its_applicable_cases() {
     let [plane, copter] = [VehicleKind::Plane, VehicleKind::Copter].map(names);
-    let only = |these: &[&'static str], those: &[&'static str]| -> Vec<&'static str> {
-        these.iter().filter(|name| !those.contains(name)).copied().collect()
+    let only = |included: &[&'static str], excluded: &[&'static str]| -> Vec<&'static str> {
+        included.iter().filter(|name| !excluded.contains(name)).copied().collect()
     };
     assert_eq!(only(&plane, &copter), ["ten-hours", "cal-bank-5"]);
     assert_eq!(
@@ -20,23 +20,23 @@ fn every_aircraft_has_the_cases_that_make_sense() {
 
 #[test]
 fn a_copter_s_cases_are_flown_by_a_copter() {
-    let drawn = |name| find_by_name(name).unwrap().draw(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
-    let clean = drawn("clean");
+    let draw_case = |name| find_by_name(name).unwrap().draw(3, VehicleKind::Copter, AttitudeProtocol::Mavlink);
+    let clean = draw_case("clean");
     assert_eq!(clean.world, WorldConfig::random(3).with_vehicle_kind(VehicleKind::Copter));
     assert_eq!(clean.routine, Routine::for_vehicle(VehicleKind::Copter, TurnPlan::default(), 0.0));
-    let pushed = drawn("pushed").world.attitude_source.push_error_deg;
+    let pushed = draw_case("pushed").world.attitude_source.push_error_deg;
     assert!((pushed / clean.world.attitude_source.push_error_deg - 2.0).abs() < 1e-9);
-    let current_ut = Vector3::from(drawn("current-20").world.current_interference_ut);
+    let current_ut = Vector3::from(draw_case("current-20").world.current_interference_ut);
     assert!((current_ut.norm() - 20.0).abs() < 1e-9);
-    assert_eq!(drawn("current-20").onset, Onset::Always);
-    let hover = drawn("cal-hover").routine;
+    assert_eq!(draw_case("current-20").onset, Onset::Always);
+    let hover = draw_case("cal-hover").routine;
     assert_eq!(hover.legs(), clean.routine.parts[0].legs.repeat(4));
     assert_eq!(hover.command, clean.routine.command);
 }
 
 /// Onset before the earliest end of the calibration.
 #[test]
-fn a_change_while_calibrating_comes_before_its_end() {
+fn a_change_during_calibration_begins_before_its_end() {
     for (aircraft, most_s) in [(VehicleKind::Plane, 195.0), (VehicleKind::Copter, 60.0)] {
         let latest_s = (0..200).fold(0.0_f64, |latest_s, seed| {
             match find_by_name("cal-moved-5").unwrap().draw(seed, aircraft, AttitudeProtocol::Mavlink).onset {

@@ -88,8 +88,9 @@ impl InvertibleCorrection {
     pub fn ardupilot(parameters: &ParameterHistory, t_s: f64, number: u8) -> Self {
         let index = if number == 1 { String::new() } else { number.to_string() };
         let value = |name: &str| parameters.at(t_s, name);
-        let vector = |what: &str| {
-            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{what}{index}_{axis}")).unwrap_or(0.0));
+        let vector = |parameter_part: &str| {
+            let [x, y, z] =
+                ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{parameter_part}{index}_{axis}")).unwrap_or(0.0));
             Vector3::new(x, y, z)
         };
         let scale =
@@ -112,8 +113,8 @@ impl InvertibleCorrection {
     /// `CAL_MAG_COMP_TYP` is 2 or 3. `index` is that of `CAL_MAGn`.
     pub fn px4(parameters: &ParameterHistory, t_s: f64, index: u8) -> Self {
         let value = |name: &str| parameters.at(t_s, &format!("CAL_MAG{index}_{name}"));
-        let vector = |what: &str, none: f64| {
-            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{what}")).unwrap_or(none));
+        let vector = |parameter_part: &str, none: f64| {
+            let [x, y, z] = ["X", "Y", "Z"].map(|axis| value(&format!("{axis}{parameter_part}")).unwrap_or(none));
             Vector3::new(x, y, z)
         };
         let mut diagonal = vector("SCALE", 1.0);
@@ -126,11 +127,11 @@ impl InvertibleCorrection {
             parameters.at(t_s, "CAL_MAG_COMP_TYP").is_some_and(|kind| [2, 3].contains(&(kind.round() as i32)));
         let comp = if is_by_current { vector("COMP", 0.0) } else { Vector3::zeros() };
         let by_current_ut = turned * comp * -GAUSS_UT / 1000.0;
-        let iron = FieldCorrection {
+        let correction_as_logged = FieldCorrection {
             motor_ut_per_a: by_current_ut,
             ..FieldCorrection::without_current(scale, turned * vector("OFF", 0.0) * GAUSS_UT)
         };
-        Self::from_correction(iron, Vector3::zeros())
+        Self::from_correction(correction_as_logged, Vector3::zeros())
     }
 }
 
@@ -139,8 +140,8 @@ impl InvertibleCorrection {
 pub fn missing_ardupilot_parameters(parameters: &ParameterHistory, number: u8) -> Vec<String> {
     let index = if number == 1 { String::new() } else { number.to_string() };
     let mut missing = Vec::new();
-    for what in ["OFS", "DIA", "ODI"] {
-        let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{what}{index}_{axis}"));
+    for parameter_part in ["OFS", "DIA", "ODI"] {
+        let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
         let (known, unknown): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| parameters.last(name).is_some());
         if !known.is_empty() {
             missing.extend(unknown);

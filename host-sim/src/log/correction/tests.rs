@@ -63,21 +63,21 @@ fn px4s_correction_for_the_current_is_undone() {
 }
 
 #[test]
-fn a_parameter_that_is_missing_has_its_default() {
-    let told = [("COMPASS_OFS_X", 10.0), ("COMPASS_DIA_X", 1.1), ("COMPASS_DIA_Z", 0.9), ("COMPASS_ODI_X", 0.05)];
-    let iron = InvertibleCorrection::ardupilot(&parameters(&told), 0.0, 1).correction;
+fn a_missing_parameter_has_its_default() {
+    let configured = [("COMPASS_OFS_X", 10.0), ("COMPASS_DIA_X", 1.1), ("COMPASS_DIA_Z", 0.9), ("COMPASS_ODI_X", 0.05)];
+    let undone_correction = InvertibleCorrection::ardupilot(&parameters(&configured), 0.0, 1).correction;
     let expected = Matrix3::new(1.1, 0.05, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0, 0.9);
-    assert!((iron.matrix - expected).norm() < 1e-9, "{}", iron.matrix);
-    let missing = missing_ardupilot_parameters(&parameters(&told), 1);
+    assert!((undone_correction.matrix - expected).norm() < 1e-9, "{}", undone_correction.matrix);
+    let missing = missing_ardupilot_parameters(&parameters(&configured), 1);
     assert_eq!(missing, ["COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_DIA_Y", "COMPASS_ODI_Y", "COMPASS_ODI_Z"]);
-    assert!(missing_ardupilot_parameters(&parameters(&told), 2).is_empty());
+    assert!(missing_ardupilot_parameters(&parameters(&configured), 2).is_empty());
     // A nearly zero matrix would amplify the logged field.
     let singular = parameters(&[("COMPASS_DIA_X", 1.0), ("COMPASS_DIA_Y", 0.0), ("COMPASS_DIA_Z", 1.0)]);
     assert_eq!(InvertibleCorrection::ardupilot(&singular, 0.0, 1).correction, FieldCorrection::identity());
 }
 
 #[test]
-fn a_scale_beyond_its_bounds_and_diagonals_of_nothing_mean_one() {
+fn ardupilot_scales_out_of_range_and_zero_diagonals_mean_one() {
     for (scale, used) in [(1.51, 1.0), (1.5, 1.5), (0.66, 1.0), (0.67, 0.67), (0.0, 1.0)] {
         let undo = InvertibleCorrection::ardupilot(&parameters(&[("COMPASS_SCALE", scale)]), 0.0, 1);
         assert!((undo.correction.matrix - Matrix3::identity() * used).norm() < 1e-9, "{scale}");
@@ -92,11 +92,11 @@ fn a_scale_beyond_its_bounds_and_diagonals_of_nothing_mean_one() {
 
 /// A text log may hold any number: a determinant may overflow.
 #[test]
-fn a_matrix_beyond_all_numbers_is_no_correction() {
-    let told = parameters(
+fn a_matrix_with_overflowing_determinant_is_ignored() {
+    let configured = parameters(
         &["X", "Y", "Z"].map(|axis| format!("COMPASS_DIA_{axis}")).each_ref().map(|name| (name.as_str(), 1e200)),
     );
-    let undo = InvertibleCorrection::ardupilot(&told, 0.0, 1);
+    let undo = InvertibleCorrection::ardupilot(&configured, 0.0, 1);
     assert_eq!(undo.correction, FieldCorrection::identity());
     let field = Vector3::new(20.0, 0.0, 40.0);
     assert_eq!(undo.raw_ut(field, Vector3::zeros()), field);
@@ -116,10 +116,10 @@ fn px4s_correction_is_made_in_the_sensors_axes() {
 
 /// A compass yawed 30 deg right; an inverted board (z up, y left) trimmed by 10 deg of yaw.
 #[test]
-fn px4s_own_angles_and_the_boards_trim_turn_the_field() {
-    let own = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
+fn px4s_compass_angles_and_board_trim_rotate_the_field() {
+    let rotation = px4_mounting(&parameters(&[("CAL_MAG0_ROT", 100.0), ("CAL_MAG0_YAW", 30.0)]), 0.0, 0);
     let (sin, cos) = 30_f64.to_radians().sin_cos();
-    assert!((own * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{own}");
+    assert!((rotation * Vector3::x() - Vector3::new(cos, sin, 0.0)).norm() < 1e-12, "{rotation}");
     let trimmed = [("CAL_MAG0_ROT", -1.0), ("SENS_BOARD_ROT", 8.0), ("SENS_BOARD_Z_OFF", 10.0)];
     let board = px4_mounting(&parameters(&trimmed), 0.0, 0);
     let (sin, cos) = 10_f64.to_radians().sin_cos();
@@ -131,22 +131,28 @@ fn px4s_own_angles_and_the_boards_trim_turn_the_field() {
 
 /// Type 1 compensates by throttle, whose input value is not logged.
 #[test]
-fn what_ardupilot_takes_off_by_throttle_is_not_taken_for_a_current() {
+fn ardupilots_throttle_compensation_is_not_used_as_current() {
     for (kind, by_current_ut) in [(0.0, 0.0), (1.0, 0.0), (2.0, -0.5)] {
-        let told = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
-        let iron = InvertibleCorrection::ardupilot(&told, 0.0, 1).correction;
-        assert!((iron.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9, "{kind}: {iron:?}");
+        let configured = parameters(&[("COMPASS_MOTCT", kind), ("COMPASS_MOT_X", 5.0)]);
+        let undone_correction = InvertibleCorrection::ardupilot(&configured, 0.0, 1).correction;
+        assert!(
+            (undone_correction.motor_ut_per_a - Vector3::new(by_current_ut, 0.0, 0.0)).norm() < 1e-9,
+            "{kind}: {undone_correction:?}"
+        );
     }
 }
 
 /// PX4 ignores scales that are not positive.
 #[test]
-fn a_scale_of_nothing_is_one_to_px4() {
+fn px4s_non_positive_scales_mean_one() {
     for (scale, used) in [(0.0, 1.0), (-1.0, 1.0), (0.5, 0.5)] {
-        let told = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
-        let iron = InvertibleCorrection::px4(&told, 0.0, 0).correction;
+        let configured = parameters(&[("CAL_MAG0_YSCALE", scale), ("CAL_MAG0_XOFF", 0.1)]);
+        let undone_correction = InvertibleCorrection::px4(&configured, 0.0, 0).correction;
         let expected = Matrix3::from_diagonal(&Vector3::new(1.0, used, 1.0));
-        assert!((iron.matrix - expected).norm() < 1e-9, "{scale}: {iron:?}");
-        assert!((iron.hard_iron_ut - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9, "{scale}: {iron:?}");
+        assert!((undone_correction.matrix - expected).norm() < 1e-9, "{scale}: {undone_correction:?}");
+        assert!(
+            (undone_correction.hard_iron_ut - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9,
+            "{scale}: {undone_correction:?}"
+        );
     }
 }

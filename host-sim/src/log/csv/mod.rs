@@ -69,7 +69,7 @@ pub enum CsvError {
 impl fmt::Display for CsvError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Source(why) => f.write_str(why),
+            Self::Source(reason) => f.write_str(reason),
             Self::NoColumn(name) => {
                 write!(f, "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg, named in the first line")
             }
@@ -232,13 +232,13 @@ mod tests {
     const GOOD: &str =
         "t_s,extra,mx,my,mz,roll_deg,pitch_deg,use\n0,9,100,-200,400,10,-2,1\n0.1,9,101,-201,401,11,-3,0\n";
 
-    fn parsed(text: &str) -> Result<Flight, CsvError> {
+    fn read_text(text: &str) -> Result<Flight, CsvError> {
         read(text.as_bytes(), FieldUnit::Milligauss)
     }
 
     #[test]
     fn columns_are_found_by_name_and_units_converted() {
-        let flight = parsed(GOOD).unwrap();
+        let flight = read_text(GOOD).unwrap();
         let rows = flight.compasses[0].field.rows();
         assert_eq!(rows.len(), 2);
         assert_eq!(rows[0].values.map(f32::to_bits), [10.0_f32, -20.0, 40.0, 10.0, -20.0, 40.0].map(f32::to_bits));
@@ -250,14 +250,14 @@ mod tests {
 
     #[test]
     fn semicolons_tabs_decimal_commas_comments_and_ends_of_lines_are_read() {
-        let commas = parsed(GOOD).unwrap();
+        let commas = read_text(GOOD).unwrap();
         for text in [
             GOOD.replace(',', ";").replace('.', ","),
             GOOD.replace(',', "\t"),
             format!("# of a boat\n\n{}", GOOD.replace('\n', "\r\n")),
             GOOD.replace("t_s", "\u{feff}\"t_s\""),
         ] {
-            let flight = parsed(&text).unwrap();
+            let flight = read_text(&text).unwrap();
             assert_eq!(flight.compasses[0].field, commas.compasses[0].field, "{text}");
             assert!(begins_in(text.as_bytes()), "{text}");
         }
@@ -265,25 +265,25 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_line_costs_that_line() {
+    fn a_malformed_line_costs_only_that_line() {
         for bad in ["0.2,9,10", "0.2,9,x,-200,400,10,-2,1\n", "0.2,9,100,,400,10,-2,1\n", "0.2,9,100,inf,400,10,-2,1"] {
-            let flight = parsed(&format!("{GOOD}{bad}")).unwrap();
+            let flight = read_text(&format!("{GOOD}{bad}")).unwrap();
             assert_eq!((flight.compasses[0].field.rows().len(), flight.counts.garbage), (2, 1), "{bad}");
         }
     }
 
     #[test]
-    fn rows_are_put_in_order_and_an_instant_counts_once() {
+    fn rows_are_sorted_and_duplicate_times_dropped() {
         let text = format!("{GOOD}0.05,9,100,-200,400,10,-2,1\n0.1,9,0,0,0.1,0,0,1\n");
-        let flight = parsed(&text).unwrap();
+        let flight = read_text(&text).unwrap();
         let times: Vec<f64> = flight.compasses[0].field.rows().iter().map(|row| row.t_s).collect();
         assert_eq!(times.len(), 3);
         assert!(times.is_sorted() && flight.counts.repeats > 0);
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
-        let error = |text: &str| parsed(text).unwrap_err();
+    fn a_parse_error_names_line_and_column() {
+        let error = |text: &str| read_text(text).unwrap_err();
         assert_eq!(error("t_s,mx,my,mz,roll_deg\n"), CsvError::NoColumn("pitch_deg".to_owned()));
         assert_eq!(error("t_s,mx,my,mz,roll_deg,pitch_deg\n"), CsvError::NoRows(None));
         let bad = CsvError::NoRows(Some((2, "my".to_owned(), "nan".to_owned())));
@@ -316,14 +316,14 @@ mod tests {
 
     /// A rate of 1 per s² from zero: the mean of each second lags by half a second.
     #[test]
-    fn a_row_s_rate_is_that_of_its_instant() {
+    fn a_mean_rate_is_interpolated_to_the_time_of_its_row() {
         let read: Vec<_> = (0..5).map(|i| (f64::from(i), Some(i as f32 - 0.5))).collect();
         assert_eq!(found(&read), [0.5, 1.0, 2.0, 3.0, 3.5]);
     }
 
     /// Steps of 1 s, one of 3 s and one of 3.1 s.
     #[test]
-    fn nothing_is_taken_from_beyond_a_gap() {
+    fn rates_are_not_interpolated_across_a_gap() {
         let read = [(0.0, 9.0), (1.0, 2.0), (2.0, 4.0), (5.0, 8.0), (6.0, 2.0), (9.1, 7.0), (10.1, 4.0), (11.1, 6.0)];
         let expected = [2.0, 3.0, 6.0, 5.0, 2.0, 4.0, 5.0, 6.0];
         assert_eq!(found(&read.map(|(t_s, rate)| (t_s, Some(rate)))), expected);

@@ -115,7 +115,7 @@ impl TableLayout {
             let height_m = self.height.and_then(|index| values.get(index)).unwrap_or(0.0) as f32;
             let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
             let known =
-                |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |of| of as f32);
+                |index: Option<usize>| index.and_then(|index| values.get(index)).map_or(f32::NAN, |value| value as f32);
             let [speed_m_s, course_deg] = self.over_ground.map(known);
             let yaw_deg = f32::NAN;
             into.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });

@@ -142,13 +142,13 @@ fn push_fallback_attitude(recorder: &mut FlightBuilder, name: &str, t_s: f64, me
 }
 
 fn microseconds(name: &str, message: &dyn Message) -> Option<u64> {
-    let of = |column: &str, scale: f64| {
+    let scaled_column = |column: &str, scale: f64| {
         let us = message.number(column)? * scale;
         (us >= 0.0).then_some(us as u64)
     };
     // In old GPS messages TimeMS is the time of week, and T the autopilot's clock.
-    let ms = if name == "GPS" { of("T", 1e3) } else { of("TimeMS", 1e3) };
-    of("TimeUS", 1.0).or(ms)
+    let ms = if name == "GPS" { scaled_column("T", 1e3) } else { scaled_column("TimeMS", 1e3) };
+    scaled_column("TimeUS", 1.0).or(ms)
 }
 
 fn numbers<const N: usize>(message: &dyn Message, names: [&str; N]) -> Option<[f64; N]> {
@@ -176,12 +176,12 @@ fn field(recorder: &mut FlightBuilder, t_s: f64, message: &dyn Message, number: 
 /// in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is preferred.
 fn update_offset_parameters(recorder: &mut FlightBuilder, message: &dyn Message, number: u8) {
     const SAME: f64 = 1.5;
-    let Some(told) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
+    let Some(logged_offset) = numbers(message, ["OfsX", "OfsY", "OfsZ"]) else { return };
     let index = if number == 1 { String::new() } else { number.to_string() };
-    for (axis, told) in ["X", "Y", "Z"].iter().zip(told) {
+    for (axis, logged_offset) in ["X", "Y", "Z"].iter().zip(logged_offset) {
         let name = format!("COMPASS_OFS{index}_{axis}");
-        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - told).abs() > SAME {
-            recorder.set_parameter(&name, told);
+        if (recorder.flight.parameters.last(&name).unwrap_or(0.0) - logged_offset).abs() > SAME {
+            recorder.set_parameter(&name, logged_offset);
         }
     }
 }

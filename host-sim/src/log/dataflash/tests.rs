@@ -20,7 +20,7 @@ impl Message for Numbers<'_> {
     }
 }
 
-fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
+fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
     let mut recorder = recorder(LogFormat::DataFlash);
     for (name, numbers) in messages {
         take(&mut recorder, name, &Numbers(numbers));
@@ -29,8 +29,8 @@ fn taken(messages: &[(&str, &[(&str, f64)])]) -> crate::log::Flight {
 }
 
 #[test]
-fn the_gyros_bias_is_taken_off() {
-    let flight = taken(&[
+fn the_gyro_bias_is_subtracted() {
+    let flight = read_messages(&[
         ("XKF1", &[("TimeUS", 1e6), ("GX", 1.0), ("GY", -2.0), ("GZ", 0.5)]),
         ("IMU", &[("TimeUS", 1.1e6), ("GyrX", 0.1), ("GyrY", 0.2), ("GyrZ", 0.3)]),
     ]);
@@ -41,77 +41,84 @@ fn the_gyros_bias_is_taken_off() {
 
 /// CURR precedes BAT; a 2D fix is rejected; yaw 0 means a single antenna.
 #[test]
-fn currents_and_fixes_are_taken_as_they_are() {
+fn curr_precedes_bat_and_2d_fixes_are_rejected() {
     let fix = |us: f64, status: f64| {
         let place = [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
         [&[("TimeUS", us), ("Status", status)][..], &place].concat()
     };
-    let flight =
-        taken(&[("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]), ("GPS", &fix(1.1e6, 2.0)), ("GPS", &fix(1.2e6, 3.0))]);
+    let flight = read_messages(&[
+        ("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]),
+        ("GPS", &fix(1.1e6, 2.0)),
+        ("GPS", &fix(1.2e6, 3.0)),
+    ]);
     assert_eq!(flight.current.rows().iter().map(|row| row.values[0].round() as i32).collect::<Vec<_>>(), [13]);
     let [row] = flight.gps.rows() else { panic!("{:?}", flight.gps) };
     assert!(Gps::from_columns(row.values).yaw_deg.is_nan(), "{row:?}");
 }
 
 /// A message with roll, pitch 5 and yaw 30 deg.
-fn said_by(name: &str, us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
+fn attitude_message(name: &str, us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
     (name.to_owned(), vec![("TimeUS", us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
 }
 
-fn taken_of(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::Flight {
+fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::Flight {
     let messages: Vec<(&str, &[(&str, f64)])> =
         messages.iter().map(|(name, numbers)| (name.as_str(), numbers.as_slice())).collect();
-    taken(&messages)
+    read_messages(&messages)
 }
 
 /// `LOG_BITMASK` may disable `ATT`.
 #[test]
-fn the_filters_attitude_stands_in_for_one_that_is_not_logged() {
+fn filter_attitude_replaces_a_missing_att_message() {
     let rolls = |flight: &crate::log::Flight| {
         flight.attitude.rows().iter().map(|row| row.values[0].to_degrees().round() as i32).collect::<Vec<_>>()
     };
-    let mut second_core = said_by("XKF1", 1.1e6, 12.0);
+    let mut second_core = attitude_message("XKF1", 1.1e6, 12.0);
     second_core.1.push(("C", 1.0));
-    let mut messages = vec![said_by("AHR2", 1e6, 20.0), said_by("XKF1", 1.05e6, 11.0), second_core];
-    let flight = taken_of(&messages);
+    let mut messages = vec![attitude_message("AHR2", 1e6, 20.0), attitude_message("XKF1", 1.05e6, 11.0), second_core];
+    let flight = read_owned_messages(&messages);
     assert_eq!((rolls(&flight), flight.attitude_source), (vec![11], Some("XKF1")));
-    let flight = taken_of(&messages[..1]);
+    let flight = read_owned_messages(&messages[..1]);
     assert_eq!((rolls(&flight), flight.attitude_source), (vec![20], Some("AHR2")));
-    messages.push(said_by("ATT", 1.2e6, 10.0));
-    let flight = taken_of(&messages);
+    messages.push(attitude_message("ATT", 1.2e6, 10.0));
+    let flight = read_owned_messages(&messages);
     assert_eq!((rolls(&flight), flight.attitude_source), (vec![10], None));
 }
 
 #[test]
-fn what_stands_in_best_does() {
+fn the_best_substitute_attitude_is_used() {
     let half = 0.5_f64.sqrt();
     let q =
         |us: f64, core: f64| vec![("TimeUS", us), ("C", core), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
     let mut messages = Vec::new();
     for name in ["AHR2", "NKQ", "XKQ", "NKF1", "XKF1"] {
         let us = 1e6 + 1e5 * messages.len() as f64;
-        messages.push(if name.ends_with('Q') { (name.to_owned(), q(us, 0.0)) } else { said_by(name, us, 20.0) });
-        let best = taken_of(&messages).attitude_source;
+        messages.push(if name.ends_with('Q') {
+            (name.to_owned(), q(us, 0.0))
+        } else {
+            attitude_message(name, us, 20.0)
+        });
+        let best = read_owned_messages(&messages).attitude_source;
         assert_eq!(best, Some(name));
     }
-    assert!(taken_of(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());
+    assert!(read_owned_messages(&[("XKQ".to_owned(), q(1e6, 1.0))]).attitude.is_empty());
 }
 
 #[test]
-fn a_quaternion_stands_in_where_no_angles_are_logged() {
+fn a_quaternion_replaces_missing_angles() {
     let half = 0.5_f64.sqrt();
     let q = [("TimeUS", 1e6), ("C", 0.0), ("Q1", half), ("Q2", half), ("Q3", 0.0), ("Q4", 0.0)];
-    let flight = taken(&[("XKQ", &q)]);
+    let flight = read_messages(&[("XKQ", &q)]);
     let [row] = flight.attitude.rows() else { panic!("{:?}", flight.attitude) };
     assert!((row.values[0].to_degrees() - 90.0).abs() < 1e-3 && row.values[2].abs() < 1e-6, "{row:?}");
 }
 
 #[test]
-fn rows_without_a_stamp_stand_at_the_one_before_them() {
+fn rows_without_time_get_the_time_of_the_previous_row() {
     let mag = |x: f64| [("MagX", x), ("MagY", 0.0), ("MagZ", 400.0)];
     let imu = |ms: f64| [("TimeMS", ms), ("GyrX", 0.0), ("GyrY", 0.0), ("GyrZ", 0.0)];
     let attitude = [("Roll", 1.0), ("Pitch", 2.0), ("Yaw", 3.0)];
-    let flight = taken(&[
+    let flight = read_messages(&[
         ("MAG", &mag(100.0)),
         ("IMU", &imu(5000.0)),
         ("MAG", &mag(200.0)),
@@ -128,15 +135,15 @@ fn rows_without_a_stamp_stand_at_the_one_before_them() {
         .collect();
     assert_eq!(rows, [(0, 20), (100, 40)]);
     assert_eq!((flight.attitude.rows().len(), flight.rows_without_time), (1, 4));
-    let flight = taken(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
+    let flight = read_messages(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
     assert!(flight.compasses.is_empty() && flight.rows_without_time == 1);
     let damaged = [("TimeUS", -1.0), ("MagX", 100.0), ("MagY", 0.0), ("MagZ", 400.0)];
-    assert!(taken(&[("IMU", &imu(5000.0)), ("MAG", &damaged)]).compasses.is_empty());
+    assert!(read_messages(&[("IMU", &imu(5000.0)), ("MAG", &damaged)]).compasses.is_empty());
 }
 
 /// Offsets within 1.5 mG of the parameter are rounding.
 #[test]
-fn offsets_learnt_in_flight_are_undone_as_the_rows_say() {
+fn offsets_estimated_in_flight_are_undone_per_row() {
     let row = |us: f64, x: f64, offset: f64| {
         [("TimeUS", us), ("MagX", x), ("MagY", 0.0), ("MagZ", 400.0), ("OfsX", offset), ("OfsY", 0.0), ("OfsZ", 0.0)]
     };

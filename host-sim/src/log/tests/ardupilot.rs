@@ -2,7 +2,7 @@ use super::*;
 
 /// Before 2017 CURR had integer hundredths of an ampere; before 2015 text and events had no stamp.
 #[test]
-fn what_ardupilot_logged_otherwise_once_is_read() {
+fn old_ardupilot_formats_are_read() {
     let original = recording(&ARDUPILOT);
     let expected = |t_s: f64| 10.0 + t_s / 10.0;
     let mut lines = Vec::new();
@@ -36,8 +36,8 @@ fn what_ardupilot_logged_otherwise_once_is_read() {
     }
     for flight in [text, read_bytes(&bytes).unwrap()] {
         for row in flight.current.rows() {
-            let off = f64::from(row.values[0]) - expected(row.t_s);
-            assert!(off.abs() < 0.006, "{:?}: {row:?}", flight.format);
+            let error = f64::from(row.values[0]) - expected(row.t_s);
+            assert!(error.abs() < 0.006, "{:?}: {row:?}", flight.format);
         }
         assert_eq!(flight.current.rows().len(), 300);
     }
@@ -45,7 +45,7 @@ fn what_ardupilot_logged_otherwise_once_is_read() {
 
 /// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
-fn events_say_when_it_is_armed() {
+fn arming_events_give_the_armed_state() {
     let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
     let events = [(72, 10), (74, 11), (76, 15), (78, 25), (80, 11)];
     let events = events.map(|(at_s, id)| format!("EV, {at_s}000000, {id}\n")).concat();
@@ -56,7 +56,7 @@ fn events_say_when_it_is_armed() {
 }
 
 #[test]
-fn the_first_of_several_counts() {
+fn only_the_first_of_several_sensors_is_used() {
     let log = String::from_utf8(encode_dataflash_text(&recording(&ARDUPILOT))).unwrap();
     let more = [
         "IMU, 70000000, 1, 9, 9, 9",
@@ -65,8 +65,13 @@ fn the_first_of_several_counts() {
         "MAG, 70000000, 0, 1, 2, 3, 0, 0, 0, 0, 0, 0, 0, 0",
     ];
     let [without, with] = [log.clone(), log + &more.join("\n")].map(|log| read_bytes(log.as_bytes()).unwrap());
-    let rows = |of: &Flight| {
-        [of.rates.rows().len(), of.gps.rows().len(), of.current.rows().len(), of.compasses[0].field.rows().len()]
+    let rows = |flight: &Flight| {
+        [
+            flight.rates.rows().len(),
+            flight.gps.rows().len(),
+            flight.current.rows().len(),
+            flight.compasses[0].field.rows().len(),
+        ]
     };
     assert_eq!(rows(&with), rows(&without));
     assert_eq!((without.counts.unhealthy, with.counts.unhealthy), (0, 1));

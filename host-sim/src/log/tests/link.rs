@@ -10,27 +10,27 @@ use super::*;
 
 #[test]
 fn only_the_first_autopilot_of_a_link_counts() {
-    let (own, mut other) = (recording(&ARDUPILOT), recording(&[]));
+    let (selected, mut other) = (recording(&ARDUPILOT), recording(&[]));
     for instant in &mut other.samples {
         instant.field_ut[0] = [1.0, 2.0, 3.0];
     }
     let other = encode_tlog(&other);
-    let mut both = encode_tlog(&own);
+    let mut both = encode_tlog(&selected);
     // The second vehicle has system 2; its checksums are recomputed.
     let renumbered = renumbered(&other, 2);
     both.extend(renumbered);
     let flight = read_bytes(&both).unwrap();
     assert!(flight.counts.others > 600 && flight.systems.len() == 2, "{:?}", flight.systems);
-    assert_eq!(read_bytes(&encode_tlog(&own)).unwrap().systems, [1]);
+    assert_eq!(read_bytes(&encode_tlog(&selected)).unwrap().systems, [1]);
     assert_eq!(flight.compasses[0].field.rows().len(), 300);
 }
 
 #[test]
-fn a_second_autopilot_of_the_same_system_is_told() {
-    let own = encode_tlog(&recording(&ARDUPILOT));
-    let begun = read_bytes(&own).unwrap();
-    assert_eq!(begun.components, [1]);
-    let mut both = own;
+fn a_second_autopilot_of_the_same_system_is_reported() {
+    let selected = encode_tlog(&recording(&ARDUPILOT));
+    let started_log = read_bytes(&selected).unwrap();
+    assert_eq!(started_log.components, [1]);
+    let mut both = selected;
     let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
     let mut frame = MAVLinkV2MessageRaw::new();
     frame.serialize_message_data(
@@ -40,11 +40,11 @@ fn a_second_autopilot_of_the_same_system_is_told() {
     both.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
     let flight = read_bytes(&both).unwrap();
     assert_eq!((flight.systems, flight.components), (vec![1], vec![1, 2]));
-    assert_eq!(flight.autopilot, begun.autopilot);
+    assert_eq!(flight.autopilot, started_log.autopilot);
 }
 
 #[test]
-fn a_damaged_frame_is_not_believed() {
+fn a_damaged_frame_is_rejected() {
     let mut bytes = encode_tlog(&recording(&ARDUPILOT));
     let mut damaged = 0;
     let mut at = 0;
@@ -78,16 +78,16 @@ fn renumbered(bytes: &[u8], system: u8) -> Vec<u8> {
     out
 }
 
-fn received<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
+fn logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
     let mut frame = MAVLinkV2MessageRaw::new();
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, message);
     [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
 }
 
 /// A heartbeat, and an attitude 40 s after boot.
-fn begun(autopilot: MavAutopilot) -> Vec<u8> {
+fn started_log(autopilot: MavAutopilot) -> Vec<u8> {
     let attitude = ATTITUDE_DATA { time_boot_ms: 40_000, roll: 0.1, ..Default::default() };
-    [received(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), received(0, &attitude)].concat()
+    [logged_frame(0, &HEARTBEAT_DATA { autopilot, ..Default::default() }), logged_frame(0, &attitude)].concat()
 }
 
 /// A message with all update flags; the default has acceleration only.
@@ -95,46 +95,47 @@ const ALL_NEW: HIGHRES_IMU_DATA =
     HIGHRES_IMU_DATA { fields_updated: HighresImuUpdatedFlags::all(), ..HIGHRES_IMU_DATA::DEFAULT };
 
 /// The same with a PX4 field in gauss.
-fn begun_with_field() -> Vec<u8> {
+fn started_px4_log() -> Vec<u8> {
     let field = HIGHRES_IMU_DATA { time_usec: 40_000_000, xmag: 0.2, ymag: -0.05, zmag: 0.4, ..ALL_NEW };
-    [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(0, &field)].concat()
+    [started_log(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(0, &field)].concat()
 }
 
 #[test]
 fn highres_imu_is_in_gauss() {
-    let flight = read_bytes(&begun_with_field()).unwrap();
+    let flight = read_bytes(&started_px4_log()).unwrap();
     let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
     assert!(row.values.iter().zip([20.0, -5.0, 40.0]).all(|(ut, sent)| (ut - sent).abs() < 1e-4), "{row:?}");
 }
 
 /// A negative current means no measurement.
 #[test]
-fn a_current_of_nothing_is_one() {
-    let current =
-        |at_us: u64, current_battery: i16| received(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() });
-    let bytes = [begun_with_field(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
+fn zero_current_is_kept_and_negative_current_dropped() {
+    let current = |at_us: u64, current_battery: i16| {
+        logged_frame(at_us, &SYS_STATUS_DATA { current_battery, ..Default::default() })
+    };
+    let bytes = [started_px4_log(), current(100_000, 0), current(200_000, -1), current(300_000, 250)].concat();
     let flight = read_bytes(&bytes).unwrap();
     assert_eq!(flight.current.rows().iter().map(|row| row.values[0]).collect::<Vec<_>>(), [0.0, 2.5]);
 }
 
 /// The receiver's clock bridges at most two seconds.
 #[test]
-fn what_has_no_clock_is_put_behind_what_has_one() {
-    let current = |at_us: u64| received(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
+fn messages_without_time_follow_the_last_message_with_time() {
+    let current = |at_us: u64| logged_frame(at_us, &SYS_STATUS_DATA { current_battery: 100, ..Default::default() });
     for (at_us, after_s) in [(300_000, 0.3), (1_900_000, 1.9), (60_000_000, 2.0)] {
-        let flight = read_bytes(&[begun_with_field(), current(at_us)].concat()).unwrap();
+        let flight = read_bytes(&[started_px4_log(), current(at_us)].concat()).unwrap();
         let (at_s, field_s) = (flight.current.rows()[0].t_s, flight.compasses[0].field.rows()[0].t_s);
         assert!((at_s - field_s - after_s).abs() < 1e-6, "{at_us} us: {at_s}, {field_s}");
     }
 }
 
 #[test]
-fn what_a_receiver_does_not_know_is_not_known() {
+fn unknown_gps_values_are_nan() {
     let fix = |at_us: u64, fix_type: GpsFixType, [vel, cog]: [u16; 2]| {
-        received(at_us, &GPS_RAW_INT_DATA { lat: 480_000_000, fix_type, vel, cog, ..Default::default() })
+        logged_frame(at_us, &GPS_RAW_INT_DATA { lat: 480_000_000, fix_type, vel, cog, ..Default::default() })
     };
     let bytes = [
-        begun_with_field(),
+        started_px4_log(),
         fix(100_000, GpsFixType::GPS_FIX_TYPE_2D_FIX, [900, 4500]),
         fix(300_000, GpsFixType::GPS_FIX_TYPE_3D_FIX, [900, 4500]),
         fix(500_000, GpsFixType::GPS_FIX_TYPE_RTK_FIXED, [u16::MAX; 2]),
@@ -149,18 +150,19 @@ fn what_a_receiver_does_not_know_is_not_known() {
 /// ArduPilot sends its first compass in RAW_IMU in milligauss; PX4 sends it in SCALED_IMU, and RAW_IMU in undefined
 /// units. An absent compass is zero.
 #[test]
-fn the_first_compass_is_where_each_autopilot_sends_it() {
+fn the_first_compass_is_raw_imu_for_ardupilot_and_scaled_imu_for_px4() {
     let (raw, scaled) = (
         RAW_IMU_DATA { time_usec: 40_000_000, xmag: 100, ..Default::default() },
         SCALED_IMU_DATA { time_boot_ms: 40_000, xmag: 300, ..Default::default() },
     );
     let nothing = [
-        received(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
-        received(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
+        logged_frame(0, &RAW_IMU_DATA { time_usec: 41_000_000, ..Default::default() }),
+        logged_frame(0, &SCALED_IMU_DATA { time_boot_ms: 41_000, ..Default::default() }),
     ];
     for (autopilot, ut) in [(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (MavAutopilot::MAV_AUTOPILOT_PX4, 30.0)]
     {
-        let bytes = [begun(autopilot), received(0, &raw), received(0, &scaled), nothing.concat()].concat();
+        let bytes =
+            [started_log(autopilot), logged_frame(0, &raw), logged_frame(0, &scaled), nothing.concat()].concat();
         let flight = read_bytes(&bytes).unwrap();
         let [row] = flight.compasses[0].field.rows() else { panic!("{:?}", flight.compasses) };
         assert!((row.values[0] - ut).abs() < 1e-4, "{row:?}");
@@ -170,9 +172,9 @@ fn the_first_compass_is_where_each_autopilot_sends_it() {
 
 /// Some senders use Unix time in some messages.
 #[test]
-fn a_clock_from_1970_is_not_that_of_the_start() {
+fn unix_times_are_not_used_as_time_since_boot() {
     let field = HIGHRES_IMU_DATA { time_usec: 1_767_484_800_000_000, xmag: 0.2, ..ALL_NEW };
-    let bytes = [begun(MavAutopilot::MAV_AUTOPILOT_PX4), received(500_000, &field)].concat();
+    let bytes = [started_log(MavAutopilot::MAV_AUTOPILOT_PX4), logged_frame(500_000, &field)].concat();
     let flight = read_bytes(&bytes).unwrap();
     let (row, attitude) = (flight.compasses[0].field.rows()[0], flight.attitude.rows()[0]);
     assert!((row.t_s - attitude.t_s - 0.5).abs() < 1e-6, "{row:?} {attitude:?}");
@@ -181,7 +183,7 @@ fn a_clock_from_1970_is_not_that_of_the_start() {
 
 /// Two vehicles on one link, preceded by a ground station that reports a generic autopilot.
 #[test]
-fn the_vehicle_that_is_asked_for_is_read() {
+fn the_requested_vehicle_is_read() {
     let frames = |bytes: &[u8]| {
         let mut rest = bytes;
         std::iter::from_fn(move || {
@@ -204,13 +206,13 @@ fn the_vehicle_that_is_asked_for_is_read() {
     for i in 0..one.len().max(two.len()) {
         link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
     }
-    for (asked, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
-        let flight = read_system(&mut &link[..], FieldUnit::Milligauss, asked).unwrap();
-        assert_eq!(flight.systems, systems, "{asked:?}");
+    for (requested, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
+        let flight = read_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
+        assert_eq!(flight.systems, systems, "{requested:?}");
         let rows = flight.compasses[0].field.rows();
-        assert!(rows.len() >= 299, "{asked:?}: {}", rows.len());
+        assert!(rows.len() >= 299, "{requested:?}: {}", rows.len());
         let is_the_other = rows.iter().all(|row| (row.values[0] - 1.0).abs() < 0.01);
-        assert_eq!(is_the_other, x_ut.is_some(), "{asked:?}");
+        assert_eq!(is_the_other, x_ut.is_some(), "{requested:?}");
     }
     let none = read_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
     assert_eq!(none.to_string(), "there is no vehicle of system 7; there is 1, 2");
@@ -220,11 +222,11 @@ fn the_vehicle_that_is_asked_for_is_read() {
 
 /// A gimbal may report itself as an autopilot.
 #[test]
-fn another_part_of_a_vehicle_is_no_other_vehicle() {
+fn a_gimbal_is_not_a_second_vehicle() {
     let mut frame = MAVLinkV2MessageRaw::new();
     let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC, ..Default::default() };
     frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
     let other = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
-    let flight = read_bytes(&[begun_with_field(), other].concat()).unwrap();
+    let flight = read_bytes(&[started_px4_log(), other].concat()).unwrap();
     assert_eq!((flight.systems, flight.counts.others), (vec![1], 1));
 }

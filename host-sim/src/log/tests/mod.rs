@@ -142,7 +142,7 @@ fn every_format_gives_the_raw_field_in_body_axes() {
 }
 
 #[test]
-fn what_the_autopilot_says_of_itself_is_told() {
+fn autopilot_firmware_and_armed_state_are_read() {
     let flights = each().map(|(_, bytes, _)| read_bytes(&bytes).unwrap());
     let [bin, text, link, px4, table] = flights;
     for flight in [&bin, &text] {
@@ -159,7 +159,7 @@ fn what_the_autopilot_says_of_itself_is_told() {
 }
 
 #[test]
-fn a_copter_is_known_as_one() {
+fn a_copter_is_identified_in_every_format() {
     let copter = |parameters| FlightRecording { is_copter: true, ..recording(parameters) };
     let (ardupilot, px4) = (copter(&ARDUPILOT), copter(&PX4));
     for bytes in
@@ -171,7 +171,7 @@ fn a_copter_is_known_as_one() {
 }
 
 #[test]
-fn what_is_no_log_is_told() {
+fn unknown_and_empty_logs_are_rejected() {
     assert!(matches!(read_bytes(b""), Err(LogError::Empty)));
     for bytes in [&b"hello"[..], b"time,x\n1,2\n", b"\x89PNG\r\n\x1a\n0000000000000000", &[0; 5000]] {
         assert!(matches!(read_bytes(bytes), Err(LogError::UnknownFormat)), "{bytes:?}");
@@ -182,7 +182,7 @@ fn what_is_no_log_is_told() {
 }
 
 #[test]
-fn damage_in_the_middle_costs_little() {
+fn damage_in_the_middle_costs_few_rows() {
     for (format, bytes, _) in each() {
         let whole = read_bytes(&bytes).unwrap().compasses[0].field.rows().len();
         let mut damaged = bytes.clone();
@@ -197,7 +197,7 @@ fn damage_in_the_middle_costs_little() {
 }
 
 #[test]
-fn a_restart_in_the_file_goes_on_later() {
+fn a_restart_within_a_log_continues_ten_seconds_later() {
     let mut twice = recording(&ARDUPILOT);
     let mut again = twice.samples.clone();
     for instant in &mut again {

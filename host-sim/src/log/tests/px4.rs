@@ -54,7 +54,7 @@ fn px4s_old_sensor_combined_is_read() {
 /// 20 insertions of 3 KB, in which message headers occur by chance. A sample has six messages, so each insertion costs
 /// at most one sample.
 #[test]
-fn noise_in_a_ulog_costs_itself() {
+fn noise_in_a_ulog_costs_at_most_one_sample_each() {
     let mut bytes = encode_ulog(&recording(&PX4));
     let mut random = Random::new(7, Purpose::Damage);
     for part in (1..=20).rev() {
@@ -86,7 +86,7 @@ fn row(number: u8, at_us: u64, values: &[&[u8]]) -> (u8, Vec<u8>) {
 
 /// Other priorities do not show which compass is used.
 #[test]
-fn a_compass_of_priority_nothing_is_not_used() {
+fn a_compass_of_priority_zero_is_not_used() {
     let parameters = [&PX4[..], &[("CAL_MAG0_PRIO", 50.0), ("CAL_MAG1_PRIO", 0.0)]].concat();
     let flight = read_bytes(&encode_ulog(&recording(&parameters))).unwrap();
     assert_eq!(flight.compasses.iter().map(|compass| compass.is_used).collect::<Vec<_>>(), [None, Some(false)]);
@@ -94,7 +94,7 @@ fn a_compass_of_priority_nothing_is_not_used() {
 
 /// A second battery does not supply the motors.
 #[test]
-fn the_current_is_that_of_the_first_battery() {
+fn the_current_of_the_first_battery_is_used() {
     let current = |amperes: f32| [&amperes.to_le_bytes()[..], &[1, 0, 0, 0]].concat();
     let messages = [
         subscribed(90, 0, "battery_status"),
@@ -109,7 +109,7 @@ fn the_current_is_that_of_the_first_battery() {
 
 /// The column names since 1.14, without velocity components; a 2D fix and a second receiver are ignored.
 #[test]
-fn a_receiver_is_read_by_the_names_of_what_it_says() {
+fn gps_columns_are_read_by_their_new_names() {
     let format = "vehicle_gps_position:uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;\
                   float vel_m_s;float cog_rad;float heading;uint8_t fix_type;";
     let fix = |at_us: u64, kind: u8| {
@@ -157,7 +157,7 @@ fn an_arming_state_is_read() {
 }
 
 #[test]
-fn a_sample_is_of_its_own_instant() {
+fn a_sample_has_its_timestamp_sample() {
     let format = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;";
     let rates = [0.1_f32, 0.2, 0.3].map(f32::to_le_bytes).concat();
     let messages = [
@@ -202,9 +202,9 @@ fn sensor_mag_is_raw_since_1_11() {
 }
 
 /// `sensor_mag` of the first compass is added in one sample of `every`.
-fn with_sensor_mag(one: &FlightRecording, every: usize) -> Vec<u8> {
+fn with_sensor_mag(recording: &FlightRecording, every: usize) -> Vec<u8> {
     const TOPIC: [u8; 2] = [60, 0];
-    let (mut out, bytes) = (Vec::new(), encode_ulog(one));
+    let (mut out, bytes) = (Vec::new(), encode_ulog(recording));
     let (mut rest, mut rows) = (&bytes[16..], 0);
     out.extend(&bytes[..16]);
     let mut write = |kind: u8, body: &[u8]| {
@@ -221,7 +221,7 @@ fn with_sensor_mag(one: &FlightRecording, every: usize) -> Vec<u8> {
         }
         if *kind == b'D' && body[..2] == [0, 0] {
             if rows % every == 0 {
-                let gauss = one.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
+                let gauss = recording.samples[rows].field_ut[0].map(|axis| ((axis / 100.0) as f32).to_le_bytes());
                 write(b'D', &[&TOPIC, &body[2..14], gauss.as_flattened()].concat());
             }
             rows += 1;
@@ -233,7 +233,7 @@ fn with_sensor_mag(one: &FlightRecording, every: usize) -> Vec<u8> {
 
 /// PX4 logs `sensor_mag` at 1 Hz by default and the corrected field faster; at equal rates the raw field is used.
 #[test]
-fn of_raw_and_corrected_field_that_which_comes_oftener_is_read() {
+fn the_faster_logged_of_raw_and_corrected_field_is_read() {
     let parameters = [("CAL_MAG0_ID", 396_809.0), ("CAL_MAG0_XOFF", 0.12), ("CAL_MAG0_YSCALE", 1.1)];
     let mut one = recording(&parameters);
     one.samples.iter_mut().for_each(|instant| instant.field_ut.truncate(1));
@@ -253,19 +253,20 @@ fn of_raw_and_corrected_field_that_which_comes_oftener_is_read() {
 }
 
 #[test]
-fn an_estimators_attitude_stands_in() {
+fn an_estimator_attitude_replaces_a_missing_one() {
     let renamed = ulog_with(&encode_ulog(&recording(&PX4)), &|kind, body| match kind {
         b'F' | b'A' => String::from_utf8_lossy(&body).replace("vehicle_attitude", "estimator_attitude").into_bytes(),
         _ => body,
     });
-    let [own, other] = [encode_ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
-    assert_eq!((own.attitude_source, other.attitude_source), (None, Some("estimator_attitude")));
-    assert_eq!(own.attitude.rows(), other.attitude.rows());
+    let [with_attitude, with_estimator] =
+        [encode_ulog(&recording(&PX4)), renamed].map(|bytes| read_bytes(&bytes).unwrap());
+    assert_eq!((with_attitude.attitude_source, with_estimator.attitude_source), (None, Some("estimator_attitude")));
+    assert_eq!(with_attitude.attitude.rows(), with_estimator.attitude.rows());
 }
 
 /// After a crash, hard-fault messages follow a truncated one.
 #[test]
-fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
+fn messages_after_a_torn_ulog_cost_only_the_torn_message() {
     let mut bytes = encode_ulog(&recording(&PX4));
     bytes.truncate(bytes.len() - 10);
     let words = [&[b"char[20] hardfault_plain".len() as u8], &b"char[20] hardfault_plain"[..], &[b'x'; 20]].concat();
@@ -279,7 +280,7 @@ fn what_is_appended_to_a_torn_ulog_costs_the_torn_message() {
 }
 
 #[test]
-fn who_else_writes_a_ulog_is_named() {
+fn a_ulog_of_other_firmware_has_its_name() {
     for (name, firmware) in [("PX4", "PX4 1.15.0"), ("Other autopilot", "Other autopilot")] {
         let key = format!("char[{}] sys_name", name.len());
         let body = [&[key.len() as u8], key.as_bytes(), name.as_bytes()].concat();

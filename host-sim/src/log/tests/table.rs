@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn a_table_is_read_in_any_shape() {
+fn a_csv_table_is_read_in_any_row_order_and_time_base() {
     let text = String::from_utf8(encode_csv(&recording(&[]))).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let rows: Vec<&str> = rows.lines().collect();
@@ -39,14 +39,14 @@ fn a_table_is_read_in_any_shape() {
     ] {
         let flight = read_bytes(table.as_bytes()).unwrap();
         assert_eq!(flight.counts, SkippedCounts::default(), "{shape}");
-        let [found, as_before] = [&flight, &expected].map(|flight| {
+        let [found, expected_summary] = [&flight, &expected].map(|flight| {
             let rows = flight.compasses[0].field.rows();
             rows.iter()
                 .map(|row| ((row.t_s - rows[0].t_s) * 1e3).round() as i64)
                 .zip(rows.iter().map(|row| row.values))
                 .collect::<Vec<_>>()
         });
-        assert!(found == as_before, "{shape}");
+        assert!(found == expected_summary, "{shape}");
         let references = flight.reference_heading.rows().len();
         assert_eq!(references, if shape == "half a reference" { 150 } else { 300 }, "{shape}");
         assert_eq!(flight.is_armed(flight.time_range_s()[1]), Some(true), "{shape}");

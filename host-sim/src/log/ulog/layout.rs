@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_what_their_kind_says() {
+    fn numbers_are_decoded_by_their_scalar_type() {
         for (kind, number) in [
             ("int8_t", -1.0),
             ("uint8_t", 255.0),
@@ -124,7 +124,7 @@ mod tests {
 
     /// More bytes follow the array.
     #[test]
-    fn an_array_is_as_long_as_it_is_told() {
+    fn an_array_has_its_declared_length() {
         let column = Column { scalar: ScalarType::F32, offset: 0, array_len: 2 };
         let columns = Columns::from([("q".to_owned(), column)]);
         let row = TopicRow { columns: &columns, body: &[0; 64] };

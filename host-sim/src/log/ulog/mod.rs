@@ -54,7 +54,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
         let bytes = window.peek(end + HEADER)?;
         let is_followed = bytes.get(end + HEADER - 1).is_none_or(|next| KINDS.contains(next));
         let body = bytes.get(HEADER..end).filter(|_| KINDS.contains(&kind) && is_followed);
-        let taken = if let Some(body) = body {
+        let length = if let Some(body) = body {
             log.take(kind, body);
             is_lost = false;
             end
@@ -63,7 +63,7 @@ pub fn read(source: &mut dyn Read) -> io::Result<Flight> {
             log.builder.flight.counts.garbage += 1;
             1
         };
-        window.consume(taken);
+        window.consume(length);
     }
     Ok(log.finish())
 }
@@ -160,7 +160,7 @@ impl UlogReader {
         let name = String::from_utf8_lossy(name).into_owned();
         let mut columns = Columns::new();
         let mut at = 0;
-        if WANTED.contains(&name.as_str()) && self.lay_out(&name, "", &mut at, 0, &mut columns).is_some() {
+        if WANTED.contains(&name.as_str()) && self.compute_columns(&name, "", &mut at, 0, &mut columns).is_some() {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = Topic { name, instance: *instance, columns };
             self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
@@ -168,7 +168,7 @@ impl UlogReader {
     }
 
     /// Computes the columns of a format, with nested formats by `prefix`; none if invalid.
-    fn lay_out(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
+    fn compute_columns(&self, name: &str, prefix: &str, at: &mut usize, depth: u8, into: &mut Columns) -> Option<()> {
         if depth > MAX_DEPTH {
             return None;
         }
@@ -186,7 +186,7 @@ impl UlogReader {
                 *at += kind.byte_len() * number;
             } else {
                 for i in 0..number.min(64) {
-                    self.lay_out(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
+                    self.compute_columns(kind, &format!("{prefix}{column}[{i}]."), at, depth + 1, into)?;
                 }
             }
         }

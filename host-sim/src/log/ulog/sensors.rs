@@ -18,9 +18,9 @@ impl CompassAssignment {
     /// Compass index of a device: that of its calibration parameters, else the topic's instance if free, else the next
     /// free one. Id 0 of instance 0 is the primary device (`CAL_MAG_PRIME`). None if all indices are taken.
     pub fn compass_index(&mut self, parameters: &ParameterHistory, instance: u8, id: u32) -> Option<u8> {
-        let heard =
+        let matches_sensor =
             |&&((other_instance, other), _): &&((u8, u32), u8)| other == id && (id != 0 || other_instance == instance);
-        if let Some(&(_, index)) = self.0.iter().find(heard) {
+        if let Some(&(_, index)) = self.0.iter().find(matches_sensor) {
             return Some(index);
         }
         let primary = || parameters.last("CAL_MAG_PRIME").filter(|_| instance == 0);
@@ -41,7 +41,7 @@ mod tests {
 
     /// A device without parameters must not get those of another, and both topics of a device mean one compass.
     #[test]
-    fn every_device_is_a_compass_of_its_own() {
+    fn every_device_id_is_a_separate_compass() {
         let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG2_ID", 0.0)] {
             parameters.set(0.0, name, id);
@@ -57,7 +57,7 @@ mod tests {
 
     /// Old logs report no device id.
     #[test]
-    fn a_device_that_says_nothing_is_the_primary_one() {
+    fn a_device_without_id_is_the_primary_compass() {
         let mut parameters = ParameterHistory::default();
         for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG_PRIME", 8.0)] {
             parameters.set(0.0, name, id);

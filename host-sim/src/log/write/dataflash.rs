@@ -35,19 +35,19 @@ impl From<f64> for Value {
 #[must_use]
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for (number, name, letters, columns) in MESSAGES {
-        bytes.extend([0xA3, 0x95, 128, number, (3 + letters.bytes().map(size).sum::<usize>()) as u8]);
-        for (words, length) in [(name, 4), (letters, 16), (columns, 64)] {
+    for (number, name, format_codes, columns) in MESSAGES {
+        bytes.extend([0xA3, 0x95, 128, number, (3 + format_codes.bytes().map(size).sum::<usize>()) as u8]);
+        for (words, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
             bytes.extend(padded(words, length));
         }
     }
     messages(recording, &mut |index, values| {
-        let (number, _, letters, _) = MESSAGES[index];
+        let (number, _, format_codes, _) = MESSAGES[index];
         bytes.extend([0xA3, 0x95, number]);
-        for (letter, value) in letters.bytes().zip(values) {
+        for (format_code, value) in format_codes.bytes().zip(values) {
             match value {
-                Value::Text(words) => bytes.extend(padded(words, size(letter))),
-                Value::Number(number) => bytes.extend(encoded(letter, *number)),
+                Value::Text(words) => bytes.extend(padded(words, size(format_code))),
+                Value::Number(number) => bytes.extend(encoded(format_code, *number)),
             }
         }
     });
@@ -58,17 +58,17 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 #[must_use]
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
-    for (number, name, letters, columns) in MESSAGES {
-        let length = 3 + letters.bytes().map(size).sum::<usize>();
-        let _ = writeln!(text, "FMT, {number}, {length}, {name}, {letters}, {columns}");
+    for (number, name, format_codes, columns) in MESSAGES {
+        let length = 3 + format_codes.bytes().map(size).sum::<usize>();
+        let _ = writeln!(text, "FMT, {number}, {length}, {name}, {format_codes}, {columns}");
     }
     messages(recording, &mut |index, values| {
-        let (_, name, letters, _) = MESSAGES[index];
+        let (_, name, format_codes, _) = MESSAGES[index];
         text.push_str(name);
-        for (letter, value) in letters.bytes().zip(values) {
+        for (format_code, value) in format_codes.bytes().zip(values) {
             let _ = match value {
                 Value::Text(words) => write!(text, ", {words}"),
-                Value::Number(number) if matches!(letter, b'f' | b'L' | b'e') => write!(text, ", {number}"),
+                Value::Number(number) if matches!(format_code, b'f' | b'L' | b'e') => write!(text, ", {number}"),
                 Value::Number(number) => write!(text, ", {number:.0}"),
             };
         }
@@ -112,8 +112,8 @@ fn messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Value]))
     }
 }
 
-const fn size(letter: u8) -> usize {
-    match letter {
+const fn size(format_code: u8) -> usize {
+    match format_code {
         b'B' => 1,
         b'h' | b'H' => 2,
         b'Q' => 8,
@@ -123,8 +123,8 @@ const fn size(letter: u8) -> usize {
     }
 }
 
-fn encoded(letter: u8, number: f64) -> Vec<u8> {
-    match letter {
+fn encoded(format_code: u8, number: f64) -> Vec<u8> {
+    match format_code {
         b'B' => vec![number as u8],
         b'h' => (number.round() as i16).to_le_bytes().to_vec(),
         b'H' => (number as u16).to_le_bytes().to_vec(),

@@ -147,23 +147,30 @@ impl FlightRecording {
     /// independent of the reader's code.
     fn ardupilot_ut(&self, instant: &FlightSample, number: usize) -> ([f64; 3], [f64; 3]) {
         let index = if number == 1 { String::new() } else { number.to_string() };
-        let of = |what: &str| ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{what}{index}_{axis}")));
+        let vector_parameters = |vector_name: &str| {
+            ["X", "Y", "Z"].map(|axis| self.parameter(&format!("COMPASS_{vector_name}{index}_{axis}")))
+        };
         let scale = self.parameter(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
-        let (offset, diagonal, off, motor) = (self.ardupilot_offsets_mg(number), of("DIA"), of("ODI"), of("MOT"));
+        let (offset, diagonal, off_diagonal, motor) = (
+            self.ardupilot_offsets_mg(number),
+            vector_parameters("DIA"),
+            vector_parameters("ODI"),
+            vector_parameters("MOT"),
+        );
         let raw = instant.field_ut.get(number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
         let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {
             [x, y, z]
         } else {
             [
-                diagonal[0] * x + off[0] * y + off[1] * z,
-                off[0] * x + diagonal[1] * y + off[2] * z,
-                off[1] * x + off[2] * y + diagonal[2] * z,
+                diagonal[0] * x + off_diagonal[0] * y + off_diagonal[1] * z,
+                off_diagonal[0] * x + diagonal[1] * y + off_diagonal[2] * z,
+                off_diagonal[1] * x + off_diagonal[2] * y + diagonal[2] * z,
             ]
         };
         let current_a = if self.parameter("COMPASS_MOTCT") as u8 == 2 { instant.current_a } else { 0.0 };
-        let share = motor.map(|by| by / 10.0 * current_a);
+        let share = motor.map(|per_ten_amperes| per_ten_amperes / 10.0 * current_a);
         (std::array::from_fn(|axis| soft[axis] + share[axis]), share)
     }
 

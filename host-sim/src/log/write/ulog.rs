@@ -57,9 +57,9 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
             let id = (id as u16).to_le_bytes();
             message(b'D', &[&[&id, &instant.time_us.to_le_bytes()[..]].concat()[..], &body.concat()].concat());
         };
-        for (number, iron) in corrections.iter().enumerate() {
+        for (number, correction) in corrections.iter().enumerate() {
             let raw = instant.field_ut[number];
-            let gauss = iron.apply(raw.into(), instant.current_a) / 100.0;
+            let gauss = correction.apply(raw.into(), instant.current_a) / 100.0;
             let id = recording.parameter(&format!("CAL_MAG{number}_ID")) as u32;
             data(number, &[&id.to_le_bytes(), &floats(gauss.as_slice())]);
         }

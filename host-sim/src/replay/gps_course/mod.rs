@@ -131,13 +131,14 @@ impl GpsCourseHeading {
             return Err(GpsCourseRejection::Copter);
         }
         let moving = moving(velocities).ok_or(GpsCourseRejection::TooSlow)?;
-        let fitted = thinned(&moving);
+        let fitted = thin_velocities(&moving);
         let circle = VelocityCircle::through(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
-        let flown = on_circle(&moving, &circle)?;
+        let on_circle_velocities = on_circle(&moving, &circle)?;
         let turned = HeadingIntegral::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
-        let straight: Vec<GroundVelocity> = flown.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
+        let straight: Vec<GroundVelocity> =
+            on_circle_velocities.iter().filter(|v| turned.is_straight(v.t_s)).copied().collect();
         let course = Self::by(&circle, &fitted, &straight)?;
-        if !turned.follows(&flown, &circle) {
+        if !turned.follows(&on_circle_velocities, &circle) {
             return Err(GpsCourseRejection::NoseMismatch);
         }
         Ok(course)
@@ -220,13 +221,13 @@ impl GpsCourseHeading {
 }
 
 fn velocities(flight: &Flight) -> Vec<GroundVelocity> {
-    let of = |row: &crate::log::series::Stamped<6>| {
+    let ground_velocity = |row: &crate::log::series::Stamped<6>| {
         let Gps { speed_m_s, course_deg, .. } = Gps::from_columns(row.values);
         let (sin, cos) = f64::from(course_deg).to_radians().sin_cos();
         let m_s = Vector2::new(cos, sin) * f64::from(speed_m_s);
         (m_s.x.is_finite() && m_s.y.is_finite()).then_some(GroundVelocity { t_s: row.t_s, velocity_m_s: m_s })
     };
-    flight.gps.rows().iter().filter_map(of).collect()
+    flight.gps.rows().iter().filter_map(ground_velocity).collect()
 }
 
 /// Velocities in flight, if enough.
@@ -247,13 +248,13 @@ fn on_circle(moving: &[GroundVelocity], circle: &VelocityCircle) -> Result<Vec<G
     if airspeed_m_s < MIN_AIRSPEED_M_S {
         return Err(GpsCourseRejection::TooSlow);
     }
-    let flown: Vec<GroundVelocity> =
+    let near_circle: Vec<GroundVelocity> =
         moving.iter().filter(|v| circle.radial_residual_m_s(v).abs() < MAX_OFF * airspeed_m_s).copied().collect();
-    let is_most = flown.len() as f64 >= MIN_ON_CIRCLE * moving.len() as f64;
-    is_most.then_some(flown).ok_or(GpsCourseRejection::NoCircle)
+    let is_most = near_circle.len() as f64 >= MIN_ON_CIRCLE * moving.len() as f64;
+    is_most.then_some(near_circle).ok_or(GpsCourseRejection::NoCircle)
 }
 
-fn thinned(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
+fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
     const MAX_NUMBER: usize = 5000;
     velocities.iter().step_by(velocities.len().div_ceil(MAX_NUMBER).max(1)).copied().collect()
 }
@@ -270,7 +271,7 @@ fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
     }
     // Adjacent bins count together, since gusts spread a leg over several.
     let is_flown = |bin: usize| {
-        let around = [BINS - 1, 0, 1].map(|by| flown_s[(bin + by) % BINS]);
+        let around = [BINS - 1, 0, 1].map(|bin_offset| flown_s[(bin + bin_offset) % BINS]);
         flown_s[bin % BINS] > 0.0 && around.iter().sum::<f64>() >= IN_DIRECTION_S
     };
     let (mut empty, mut widest) = (0, 0);
@@ -291,15 +292,15 @@ struct VelocityCircle {
 impl VelocityCircle {
     /// Robust fit: algebraic start, then iteratively reweighted least squares.
     fn through(velocities: &[GroundVelocity]) -> Option<Self> {
-        let mut circle = Self::roughly(velocities)?;
+        let mut circle = Self::initial_fit(velocities)?;
         for _ in 0..30 {
-            circle = circle.nearer(velocities)?;
+            circle = circle.refined(velocities)?;
         }
         (circle.radius_m_s.is_finite() && circle.wind_m_s.norm().is_finite()).then_some(circle)
     }
 
     /// Linear least squares of `|v|^2 = 2 w v + k` about the mean.
-    fn roughly(velocities: &[GroundVelocity]) -> Option<Self> {
+    fn initial_fit(velocities: &[GroundVelocity]) -> Option<Self> {
         let mean = velocities.iter().map(|v| v.velocity_m_s).sum::<Vector2<f64>>() / velocities.len() as f64;
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for v in velocities {
@@ -314,19 +315,19 @@ impl VelocityCircle {
     }
 
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
-    fn nearer(self, velocities: &[GroundVelocity]) -> Option<Self> {
+    fn refined(self, velocities: &[GroundVelocity]) -> Option<Self> {
         /// Tukey's constant times the MAD factor; and the least scale, a receiver's noise, m/s.
         const ENDS: f64 = 4.685 * 1.4826;
         const LEAST_M_S: f64 = 0.1;
         let scale = median(velocities.iter().map(|v| self.radial_residual_m_s(v).abs())).max(LEAST_M_S) * ENDS;
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for v in velocities {
-            let off = self.radial_residual_m_s(v);
-            let weight = (1.0 - (off / scale).powi(2)).max(0.0).powi(2);
+            let residual = self.radial_residual_m_s(v);
+            let weight = (1.0 - (residual / scale).powi(2)).max(0.0).powi(2);
             let out = (v.velocity_m_s - self.wind_m_s).normalize();
             let row = Vector3::new(out.x, out.y, 1.0);
             normal += row * row.transpose() * weight;
-            right += row * (off * weight);
+            right += row * (residual * weight);
         }
         let step = normal.cholesky()?.solve(&right);
         Some(Self { wind_m_s: self.wind_m_s + step.xy(), radius_m_s: self.radius_m_s + step.z })
@@ -409,26 +410,26 @@ impl HeadingIntegral {
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.
-    fn follows(&self, flown: &[GroundVelocity], circle: &VelocityCircle) -> bool {
+    fn follows(&self, velocities: &[GroundVelocity], circle: &VelocityCircle) -> bool {
         /// Comparison interval, seconds; least turn, radians; largest fraction that may differ.
         const OVER_S: f64 = 5.0;
         const LEAST_RAD: f64 = 0.35;
         const MAX_OTHERWISE: f64 = 0.3;
         let (mut all, mut otherwise) = (0.0, 0.0);
         let mut first = 0;
-        for (i, v) in flown.iter().enumerate() {
+        for (i, v) in velocities.iter().enumerate() {
             // Restart after a gap, over which whole turns could be missed.
-            if i > 0 && v.t_s - flown[i - 1].t_s > MAX_GAP_S {
+            if i > 0 && v.t_s - velocities[i - 1].t_s > MAX_GAP_S {
                 first = i;
             }
-            if v.t_s - flown[first].t_s < OVER_S {
+            if v.t_s - velocities[first].t_s < OVER_S {
                 continue;
             }
-            let course: f64 = flown[first..=i]
+            let course: f64 = velocities[first..=i]
                 .windows(2)
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
-            let nose = self.at_rad(v.t_s).zip(self.at_rad(flown[first].t_s)).map(|(to, from)| to - from);
+            let nose = self.at_rad(v.t_s).zip(self.at_rad(velocities[first].t_s)).map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };
             let most = course.abs().max(nose.abs());

@@ -78,15 +78,15 @@ pub fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIr
     if usable.len() < 2 * MIN_ROWS {
         return None;
     }
-    let without = StepEstimate::about(&usable, initial);
+    let without = StepEstimate::from_correction(&usable, initial);
     let mut state = without.clone();
     let mut change = None;
     for _ in 0..PASSES {
-        let (before, told) = (state.step_ut, change.map(|(first, _)| first));
-        let (first, sigma) = state.step(&usable, told)?;
-        change = Some((state.parted(&usable).unwrap_or(first), sigma));
+        let (before, previous) = (state.step_ut, change.map(|(first, _)| first));
+        let (first, sigma) = state.step(&usable, previous)?;
+        change = Some((state.first_row_after_step(&usable).unwrap_or(first), sigma));
         let is_settled = (state.step_ut - before).component_div(&sigma).amax() < SETTLED_SIGMAS;
-        if is_settled && change.map(|(first, _)| first) == told {
+        if is_settled && change.map(|(first, _)| first) == previous {
             break;
         }
     }
@@ -112,16 +112,16 @@ struct StepEstimate {
 }
 
 impl StepEstimate {
-    fn about(rows: &[&ReplayRow], iron: &FieldCorrection) -> Self {
-        let of = |row: &&ReplayRow| row.corrected(iron);
+    fn from_correction(rows: &[&ReplayRow], correction: &FieldCorrection) -> Self {
+        let of = |row: &&ReplayRow| row.corrected(correction);
         let strength = median(rows.iter().map(|row| of(row).norm()));
         let down = median(rows.iter().map(|row| down(row).dot(&of(row))));
         Self {
-            matrix: iron.matrix,
-            hard_iron_ut: iron.hard_iron_ut,
+            matrix: correction.matrix,
+            hard_iron_ut: correction.hard_iron_ut,
             strength_ut: strength,
             vertical_ut: down,
-            motor_ut_per_a: iron.motor_ut_per_a,
+            motor_ut_per_a: correction.motor_ut_per_a,
             step_ut: Vector3::zeros(),
         }
     }
@@ -158,11 +158,13 @@ impl StepEstimate {
         let mut squares = 0.0;
         for (i, row) in rows.iter().enumerate().rev() {
             let is_after = given.is_some_and(|first| i >= first);
-            for (residual, by) in self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after)) {
+            for (residual, row_derivatives) in
+                self.residuals(row, is_after).into_iter().zip(self.derivatives(row, is_after))
+            {
                 let clipped = residual.clamp(-CLIP * scale, CLIP * scale);
                 squares += clipped * clipped;
-                matrix.ger(1.0, &by, &by, 1.0);
-                right.axpy(-clipped, &by, 1.0);
+                matrix.ger(1.0, &row_derivatives, &row_derivatives, 1.0);
+                right.axpy(-clipped, &row_derivatives, 1.0);
             }
             let is_tried = given.map_or_else(|| instants.contains(&i), |first| first == i);
             if is_tried && i >= MIN_ROWS && rows.len() - i >= MIN_ROWS {
@@ -172,7 +174,7 @@ impl StepEstimate {
         let best = sums
             .iter()
             .filter_map(|(i, after, after_right)| {
-                let (solved, gain, sigma) = solved(&matrix, &right, after, after_right, &self.scales())?;
+                let (solved, gain, sigma) = solved(&matrix, &right, after, after_right, &self.prior_sigmas())?;
                 Some((*i, solved, gain, sigma))
             })
             .max_by(|(_, _, a, _), (_, _, b, _)| a.total_cmp(b))?;
@@ -182,17 +184,17 @@ impl StepEstimate {
                 self.matrix[(row, column)] += solved[3 * row + column];
             }
         }
-        let of = |from: usize| Vector3::new(solved[from], solved[from + 1], solved[from + 2]);
-        self.hard_iron_ut += of(9);
+        let solved_vector = |from: usize| Vector3::new(solved[from], solved[from + 1], solved[from + 2]);
+        self.hard_iron_ut += solved_vector(9);
         self.strength_ut += solved[12];
         self.vertical_ut += solved[13];
-        self.step_ut += of(COMMON);
+        self.step_ut += solved_vector(COMMON);
         let variance = squares / (2.0 * rows.len() as f64);
         Some((first, sigma * (variance * ALIKE).sqrt()))
     }
 
     /// First row after the step, by least squared residuals of the current estimates.
-    fn parted(&self, rows: &[&ReplayRow]) -> Option<usize> {
+    fn first_row_after_step(&self, rows: &[&ReplayRow]) -> Option<usize> {
         let scale = 1.4826 * self.scatter(rows, None);
         let squares = |row: &ReplayRow, is_after: bool| -> f64 {
             self.residuals(row, is_after)
@@ -218,24 +220,24 @@ impl StepEstimate {
         let raw = self.without_hard_iron(row) - moved;
         let field = self.matrix * raw;
         let directions = [field.normalize(), down(row)];
-        let of = |which: usize| {
-            let direction = directions[which];
-            let mut by = DVector::zeros(COMMON);
+        let rows_of_residual = |residual_index: usize| {
+            let direction = directions[residual_index];
+            let mut jacobian_row = DVector::zeros(COMMON);
             for i in 0..3 {
                 for j in 0..3 {
-                    by[3 * i + j] = direction[i] * raw[j];
+                    jacobian_row[3 * i + j] = direction[i] * raw[j];
                 }
             }
             let by_centre = -(self.matrix.transpose() * direction);
-            by.rows_mut(9, 3).copy_from(&by_centre);
-            by[12 + which] = -1.0;
-            by
+            jacobian_row.rows_mut(9, 3).copy_from(&by_centre);
+            jacobian_row[12 + residual_index] = -1.0;
+            jacobian_row
         };
-        [of(0), of(1)]
+        [rows_of_residual(0), rows_of_residual(1)]
     }
 
     /// Prior standard deviations, for unobservable unknowns. The strength is fixed, since `W` sets the scale.
-    fn scales(&self) -> [f64; ALL] {
+    fn prior_sigmas(&self) -> [f64; ALL] {
         std::array::from_fn(|i| match i {
             0..9 => 0.3,
             12 => 1e-3,
@@ -251,7 +253,7 @@ fn solved(
     right: &DVector<f64>,
     after: &DMatrix<f64>,
     after_right: &DVector<f64>,
-    scales: &[f64; ALL],
+    prior_sigmas: &[f64; ALL],
 ) -> Option<(DVector<f64>, f64, Vector3<f64>)> {
     let mut all = DMatrix::zeros(ALL, ALL);
     all.view_mut((0, 0), (COMMON, COMMON)).copy_from(matrix);
@@ -259,7 +261,7 @@ fn solved(
     all.view_mut((0, COMMON), (COMMON, 3)).copy_from(&step);
     all.view_mut((COMMON, 0), (3, COMMON)).copy_from(&step.transpose());
     all.view_mut((COMMON, COMMON), (3, 3)).copy_from(&after.view((9, 9), (3, 3)));
-    for (i, scale) in scales.iter().enumerate() {
+    for (i, scale) in prior_sigmas.iter().enumerate() {
         all[(i, i)] += scale.powi(-2);
     }
     let mut sides = DVector::zeros(ALL);

@@ -16,7 +16,7 @@ fn rows(moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u
 
 fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3<f32>, seed: u64) -> Vec<ReplayRow> {
     let mut random = Random(seed);
-    let of = |i: u16| {
+    let row_at = |i: u16| {
         let (t_s, is_after) = (f32::from(i) / 10.0, i >= at);
         let attitude = Attitude::from_deg(30.0 * (t_s * 0.31).sin(), 15.0 * (t_s * 0.47).sin());
         let earth = attitude.body(Field::earth(50.0, 60_f32.to_radians(), 0.2 * t_s)).ut;
@@ -35,7 +35,7 @@ fn rows_from(at: u16, moved: Vector3<f32>, noise_ut: f32, by_current_ut: Vector3
             reference_deg: None,
         }
     };
-    (0..1800).map(of).collect()
+    (0..1800).map(row_at).collect()
 }
 
 fn find_simulated(moved: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronStep> {
@@ -44,7 +44,7 @@ fn find_simulated(moved: [f32; 3], noise_ut: f32, seed: u64) -> Option<HardIronS
 
 /// White noise: the standard deviation allows for ten correlated rows, so errors are a third of it.
 #[test]
-fn a_step_is_found_with_its_instant_and_its_sigma() {
+fn a_hard_iron_step_is_found_with_its_time_and_sigma() {
     let mut errors = Vec::new();
     for seed in 0..20 {
         let moved = [4.0, -3.0, 2.0];
@@ -58,7 +58,7 @@ fn a_step_is_found_with_its_instant_and_its_sigma() {
 }
 
 #[test]
-fn what_is_small_or_not_sure_is_no_change() {
+fn small_or_uncertain_hard_iron_steps_are_not_reported() {
     for (moved_ut, noise_ut, is_one) in [(1.3, 0.1, true), (0.8, 0.1, false), (0.0, 0.1, false), (3.0, 5.0, false)] {
         for seed in 0..5 {
             let change = find_simulated([0.0, moved_ut, 0.0], noise_ut, seed);
@@ -68,7 +68,7 @@ fn what_is_small_or_not_sure_is_no_change() {
 }
 
 #[test]
-fn each_axis_has_its_own_sigma() {
+fn each_axis_of_a_hard_iron_step_has_its_own_sigma() {
     let moved = [4.0, -3.0, 2.0];
     let changes: Vec<HardIronStep> = (0..20).map(|seed| find_simulated(moved, 0.5, seed).unwrap()).collect();
     for (axis, expected) in moved.into_iter().map(f64::from).enumerate() {
@@ -80,7 +80,7 @@ fn each_axis_has_its_own_sigma() {
 
 /// One row in twelve: less than eight standard deviations.
 #[test]
-fn few_rows_are_not_sure() {
+fn a_hard_iron_step_needs_enough_rows() {
     for seed in 0..5 {
         let all = rows(Vector3::new(0.0, 3.0, 0.0), 1.0, Vector3::zeros(), seed);
         let few: Vec<ReplayRow> = all.iter().step_by(12).copied().collect();
@@ -93,7 +93,7 @@ fn few_rows_are_not_sure() {
 }
 
 #[test]
-fn what_goes_with_the_current_is_no_change() {
+fn motor_current_interference_is_not_a_hard_iron_step() {
     let by_current_ut = Vector3::new(0.3, -0.2, 0.1);
     let rows = rows(Vector3::zeros(), 0.3, by_current_ut, 1);
     let known = FieldCorrection { motor_ut_per_a: by_current_ut.map(f64::from), ..FieldCorrection::identity() };
@@ -103,14 +103,14 @@ fn what_goes_with_the_current_is_no_change() {
 }
 
 #[test]
-fn rows_that_may_not_be_used_tell_of_no_change() {
+fn unusable_rows_give_no_hard_iron_step() {
     let mut rows = rows(Vector3::new(8.0, 0.0, 0.0), 0.3, Vector3::zeros(), 1);
     rows.iter_mut().skip(usize::from(AT)).for_each(|row| row.usable = false);
     assert_eq!(find_step(&rows, &FieldCorrection::identity()), None);
 }
 
 #[test]
-fn a_change_has_six_seconds_of_rows_on_either_side() {
+fn a_hard_iron_step_needs_six_seconds_of_rows_on_each_side() {
     let all = rows(Vector3::new(8.0, -4.0, 3.0), 0.1, Vector3::zeros(), 1);
     let at = usize::from(AT);
     for (around, is_found) in [(59, false), (61, true)] {
@@ -121,15 +121,15 @@ fn a_change_has_six_seconds_of_rows_on_either_side() {
 
 /// Outliers of 100 uT in one row of 40.
 #[test]
-fn single_rows_that_are_far_off_neither_make_nor_hide_a_change() {
+fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
     for seed in 0..4 {
-        let hit = |moved_ut: f32| {
+        let detected_step = |moved_ut: f32| {
             let mut rows = rows(Vector3::new(moved_ut, 0.0, 0.0), 0.3, Vector3::zeros(), seed);
             rows.iter_mut().skip(300).step_by(40).for_each(|row| row.field.ut.y += 100.0);
             find_step(&rows, &FieldCorrection::identity())
         };
-        assert_eq!(hit(0.0), None, "{seed}");
-        let change = hit(4.0).unwrap();
+        assert_eq!(detected_step(0.0), None, "{seed}");
+        let change = detected_step(4.0).unwrap();
         let off_ut = (Vector3::from(change.step_ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
         // Three standard deviations.
         assert!(off_ut < 0.3, "{seed}: {change:?}");
@@ -138,23 +138,23 @@ fn single_rows_that_are_far_off_neither_make_nor_hide_a_change() {
 
 /// The scatter falls by an eighth only.
 #[test]
-fn what_leaves_the_scatter_as_it_was_is_no_change() {
+fn a_step_that_does_not_reduce_the_scatter_is_not_reported() {
     for seed in 0..3 {
-        let of = |moved_ut: f32| {
+        let detected_step = |moved_ut: f32| {
             let both =
                 [seed, seed + 10].map(|seed| rows(Vector3::new(0.0, moved_ut, 0.0), 1.0, Vector3::zeros(), seed));
             let mut rows = both.concat();
             rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
             find_step(&rows, &FieldCorrection::identity())
         };
-        assert_eq!(of(1.7), None, "{seed}");
-        assert!(of(3.0).is_some(), "{seed}");
+        assert_eq!(detected_step(1.7), None, "{seed}");
+        assert!(detected_step(3.0).is_some(), "{seed}");
     }
 }
 
 /// A tenth of the rows hardly affects the overall median.
 #[test]
-fn a_change_of_few_rows_is_found() {
+fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
     for at in [150, 1650] {
         for (moved_ut, noise_ut, is_found) in [(8.0, 0.5, true), (5.0, 0.5, true), (0.0, 0.5, false), (2.0, 1.5, false)]
         {

@@ -77,9 +77,9 @@ pub fn attitudes_between(flight: &Flight, from_s: f64, to_s: f64) -> Vec<Attitud
     }
     let steps = (pause_s / EVERY_S).round();
     let instants = (1..steps as u32).map(|step| from_s + pause_s * f64::from(step) / steps);
-    let told =
+    let attitude_at_instant =
         |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| AttitudeSample { t_s, attitude, rates_rad_s });
-    instants.filter_map(told).collect()
+    instants.filter_map(attitude_at_instant).collect()
 }
 
 /// Numbers of readings and rows.
@@ -104,7 +104,7 @@ pub struct RowCounts {
 }
 
 impl RowCounts {
-    const fn by_cause(&self) -> [(usize, &'static str); 6] {
+    const fn rejections_by_cause(&self) -> [(usize, &'static str); 6] {
         [
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
@@ -118,12 +118,16 @@ impl RowCounts {
     /// Causes of rejection with their numbers.
     #[must_use]
     pub fn rejection_texts(&self) -> Vec<String> {
-        let by_cause = self.by_cause();
-        by_cause.iter().filter(|(number, _)| *number > 0).map(|(number, why)| format!("{number} {why}")).collect()
+        let rejections_by_cause = self.rejections_by_cause();
+        rejections_by_cause
+            .iter()
+            .filter(|(number, _)| *number > 0)
+            .map(|(number, reason)| format!("{number} {reason}"))
+            .collect()
     }
 
     pub(super) fn main_rejection(&self) -> (usize, &'static str) {
-        self.by_cause().into_iter().max_by_key(|&(number, _)| number).unwrap_or_default()
+        self.rejections_by_cause().into_iter().max_by_key(|&(number, _)| number).unwrap_or_default()
     }
 }
 
@@ -164,13 +168,14 @@ pub fn build_rows(
     }
     let [moved_s, stopped_s] = moving_interval_s(flight);
     for row in &mut rows {
-        let is_kept_out = flight.usable.neighbours(row.t_s + age_s + 1e-6).0.is_some_and(|said| said.values[0] == 0.0);
+        let is_excluded =
+            flight.usable.neighbours(row.t_s + age_s + 1e-6).0.is_some_and(|usability| usability.values[0] == 0.0);
         let is_disarmed = was_armed && flight.is_armed(row.t_s) == Some(false);
         let is_on_the_ground = row.t_s < moved_s || row.t_s > stopped_s;
-        row.usable = !is_kept_out && !is_disarmed && !is_on_the_ground;
-        counted.kept_out += usize::from(is_kept_out);
-        counted.disarmed += usize::from(is_disarmed && !is_kept_out);
-        counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_kept_out);
+        row.usable = !is_excluded && !is_disarmed && !is_on_the_ground;
+        counted.kept_out += usize::from(is_excluded);
+        counted.disarmed += usize::from(is_disarmed && !is_excluded);
+        counted.on_the_ground += usize::from(is_on_the_ground && !is_disarmed && !is_excluded);
     }
     for [from_s, to_s] in frozen_intervals_s(&rows) {
         for row in rows.iter_mut().filter(|row| row.usable && (from_s..=to_s).contains(&row.t_s)) {
@@ -251,8 +256,8 @@ fn current_at(flight: &Flight, t_s: f64) -> Option<f32> {
 impl ReplayRow {
     /// Corrected field, microtesla; an unknown current counts as zero.
     #[must_use]
-    pub fn corrected(&self, iron: &FieldCorrection) -> Vector3<f64> {
-        iron.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
+    pub fn corrected(&self, correction: &FieldCorrection) -> Vector3<f64> {
+        correction.apply(self.field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }
 }
 
@@ -325,8 +330,8 @@ fn attitude_at(flight: &Flight, t_s: f64) -> Option<(Attitude, Option<[f32; 3]>)
         let turned = wrap_pi(after.values[angle] - before.values[angle]);
         let straight = part * turned;
         let bulge = motions.map_or(0.0, |(from, to)| {
-            let of = |motion: &EulerRates| if angle == 0 { motion.roll_rad_s } else { motion.pitch_rad_s };
-            let (rest, left) = (of(&from) * step_s - turned, turned - of(&to) * step_s);
+            let rate_of_angle = |motion: &EulerRates| if angle == 0 { motion.roll_rad_s } else { motion.pitch_rad_s };
+            let (rest, left) = (rate_of_angle(&from) * step_s - turned, turned - rate_of_angle(&to) * step_s);
             part * (1.0 - part) * ((1.0 - part) * rest + part * left)
         });
         before.values[angle] + straight + if bulge.abs() <= MAX_BULGE_RAD { bulge } else { 0.0 }

@@ -31,7 +31,7 @@ fn used(flight: &Flight, compass: &Compass, age_s: f64) -> ([f64; 2], usize) {
 
 /// A log that was never armed is used whole.
 #[test]
-fn rows_while_disarmed_are_left_out_if_it_ever_was_armed() {
+fn disarmed_rows_are_excluded_if_the_log_was_ever_armed() {
     let (mut flight, compass) = (level(30), compass(0, 30));
     for (armed, unused) in [(vec![], 0), (vec![(0.0, false)], 0), (vec![(10.05, true), (20.05, false)], 200)] {
         flight.armed = armed;
@@ -41,7 +41,7 @@ fn rows_while_disarmed_are_left_out_if_it_ever_was_armed() {
 }
 
 #[test]
-fn what_is_kept_out_goes_by_the_time_that_was_logged() {
+fn excluded_rows_are_selected_by_their_logged_time() {
     let (mut flight, compass) = (level(30), compass(1, 21));
     for i in 10..210 {
         flight.usable.push(f64::from(i) / 10.0, [if i < 60 { 0.0 } else { 1.0 }]);
@@ -54,7 +54,7 @@ fn what_is_kept_out_goes_by_the_time_that_was_logged() {
 
 /// A receiver at rest drifts at up to 2 m/s. Movement of less than 20 s is no flight.
 #[test]
-fn rows_before_it_first_moved_and_after_it_last_did_are_left_out() {
+fn rows_before_and_after_the_movement_are_excluded() {
     for (m_s, moves_s, unused) in [(4.0, 25, 750), (2.0, 25, 0), (4.0, 15, 0)] {
         let mut flight = level(100);
         for i in 0..100 {
@@ -70,7 +70,7 @@ fn rows_before_it_first_moved_and_after_it_last_did_are_left_out() {
 }
 
 #[test]
-fn attitudes_are_interpolated_over_one_that_is_lost() {
+fn attitude_is_interpolated_over_one_lost_report() {
     for (gap_s, is_known) in [(0.67, true), (0.8, false)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..20 {
@@ -85,7 +85,7 @@ fn attitudes_are_interpolated_over_one_that_is_lost() {
 /// Roll with amplitude 0.5 rad and 2 rad/s, sampled at 3 Hz: linear interpolation errs by up to 0.028 rad, the cubic by
 /// `A w^4 h^4 / 384` = 0.0003 rad. Rates in a wrong unit are dropped.
 #[test]
-fn between_attitudes_it_moves_as_the_rates_say() {
+fn attitude_is_interpolated_with_the_body_rates() {
     let roll = |t_s: f64| (0.5 * (2.0 * t_s).sin()) as f32;
     for (unit, most_rad) in [(1.0_f64, 0.0006), (180.0 / std::f64::consts::PI, 0.03)] {
         let mut flight = Flight::new(LogFormat::ULog);
@@ -107,14 +107,14 @@ fn between_attitudes_it_moves_as_the_rates_say() {
 /// A jump of 5 deg without rates: 10 s after the start it is alignment, so everything before is dropped; after 100 s
 /// only its window. Noise of 1 deg and turns with matching rates are accepted.
 #[test]
-fn attitudes_that_change_as_no_body_does_are_left_out() {
+fn attitude_jumps_without_rates_are_excluded() {
     let unsettled_by = |jump_s: f64, by_deg: f32, rate_deg_s: f32| {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..2000 {
             let t_s = f64::from(i) / 10.0;
-            let is_then = (t_s - jump_s).abs() < 0.01;
+            let is_jump = (t_s - jump_s).abs() < 0.01;
             flight.attitude.push(t_s, [if t_s > jump_s - 0.01 { by_deg.to_radians() } else { 0.0 }, 0.0, 0.0]);
-            flight.rates.push(t_s, [if is_then { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
+            flight.rates.push(t_s, [if is_jump { rate_deg_s.to_radians() } else { 0.0 }, 0.0, 0.0]);
         }
         build_rows(&flight, &compass(0, 199), 0.0, None).1.unsettled
     };
@@ -127,7 +127,7 @@ fn attitudes_that_change_as_no_body_does_are_left_out() {
 
 /// Limit in a window of 1 s: twice the rates plus 2 deg, so 12 deg/s at gyro rates of 5 deg/s.
 #[test]
-fn a_tilt_may_be_twice_what_the_rates_say() {
+fn tilt_may_change_by_twice_the_rates() {
     for (roll_deg_s, is_flown) in [(11.0_f32, true), (14.0, false)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0_u16..1000 {
@@ -143,7 +143,7 @@ fn a_tilt_may_be_twice_what_the_rates_say() {
 
 /// A jump 18 s after a gap of two seconds in attitude or rates is alignment.
 #[test]
-fn a_filter_aligns_again_after_a_gap() {
+fn a_jump_soon_after_a_gap_is_alignment() {
     for (name, has_attitude, has_rates, expected) in
         [("none", true, true, 10..=25), ("attitude", false, true, 180..=200), ("rates", true, false, 180..=200)]
     {
@@ -165,18 +165,21 @@ fn a_filter_aligns_again_after_a_gap() {
 }
 
 #[test]
-fn attitudes_are_told_between_rows_that_are_far_apart() {
+fn attitudes_between_distant_rows_are_returned() {
     let flight = level(30);
     for (apart_s, number) in [(0.14, 0), (0.2, 1), (1.0, 9), (4.9, 48), (5.2, 0)] {
-        let told = attitudes_between(&flight, 5.0, 5.0 + apart_s);
-        assert_eq!(told.len(), number, "{apart_s} s");
-        assert!(told.iter().all(|told| told.t_s > 5.0 && told.t_s < 5.0 + apart_s - 0.05), "{apart_s} s: {told:?}");
+        let attitudes = attitudes_between(&flight, 5.0, 5.0 + apart_s);
+        assert_eq!(attitudes.len(), number, "{apart_s} s");
+        assert!(
+            attitudes.iter().all(|attitudes| attitudes.t_s > 5.0 && attitudes.t_s < 5.0 + apart_s - 0.05),
+            "{apart_s} s: {attitudes:?}"
+        );
     }
 }
 
 /// Inverted flight across 180 deg.
 #[test]
-fn the_mean_roll_of_a_row_is_the_shorter_way_round() {
+fn the_mean_roll_of_a_row_wraps_at_180_deg() {
     let mut flight = Flight::new(LogFormat::ULog);
     let mut compass = Compass { number: 1, ..Compass::default() };
     for (i, roll_deg) in (0_u8..).zip([179.0_f32, -179.0]) {
@@ -191,7 +194,7 @@ fn the_mean_roll_of_a_row_is_the_shorter_way_round() {
 
 /// Battery status at 1 Hz with two lost is bridged.
 #[test]
-fn a_current_is_known_near_where_it_was_told() {
+fn a_current_is_known_within_three_seconds_of_a_report() {
     let mut flight = level(30);
     for (t_s, amperes) in [(0.0, 10.0), (2.9, 20.0), (12.0, 30.0)] {
         flight.current.push(t_s, [amperes]);
@@ -200,10 +203,10 @@ fn a_current_is_known_near_where_it_was_told() {
         assert_eq!(current_at(&flight, t_s), current_a, "{t_s}");
     }
     let (mut rows, _) = build_rows(&flight, &compass(0, 30), 0.0, None);
-    let iron = FieldCorrection { motor_ut_per_a: Vector3::new(0.5, 0.0, -0.25), ..FieldCorrection::identity() };
+    let correction = FieldCorrection { motor_ut_per_a: Vector3::new(0.5, 0.0, -0.25), ..FieldCorrection::identity() };
     let mut corrected = |current_a| {
         rows[0].current_a = current_a;
-        rows[0].corrected(&iron)
+        rows[0].corrected(&correction)
     };
     assert_eq!(corrected(Some(10.0)), Vector3::new(15.0, 0.0, 42.5));
     assert_eq!(corrected(None), Vector3::new(20.0, 0.0, 40.0));

@@ -14,7 +14,7 @@ fn with_gaps(step_s: f64, every: usize, gap_s: f64) -> Option<f64> {
 
 /// A step up to 1.5 times the median, or up to 0.15 s, is no gap.
 #[test]
-fn rates_are_lost_where_more_than_one_in_25_is() {
+fn a_rate_loss_above_4_percent_is_reported() {
     assert_eq!(with_gaps(0.1, 30, 0.2), None);
     assert!((with_gaps(0.1, 20, 0.2).unwrap() - 0.05).abs() < 1e-6);
     for (step_s, gap_s, is_lost) in [(0.2, 0.28, false), (0.2, 0.32, true), (0.02, 0.14, false), (0.02, 0.16, true)] {
@@ -23,7 +23,7 @@ fn rates_are_lost_where_more_than_one_in_25_is() {
 }
 
 #[test]
-fn attitudes_are_not_interpolated_over_two_that_are_lost() {
+fn attitude_is_not_interpolated_over_two_lost_reports() {
     for (step_s, gap_s) in [(0.04, 0.25), (0.2, 0.5), (0.5, 0.7)] {
         let mut flight = Flight::new(LogFormat::ULog);
         for i in 0..100 {

@@ -2,7 +2,7 @@ use super::*;
 use crate::replay::frozen_field;
 
 #[test]
-fn the_longest_time_that_a_field_stood_still_is_told() {
+fn the_longest_frozen_field_is_reported() {
     for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
         let (flight, mut compass) = flown();
         for (from_s, to_s) in spans {
@@ -21,11 +21,11 @@ fn the_longest_time_that_a_field_stood_still_is_told() {
 
 /// Gaps up to 10 s occur with slow cards.
 #[test]
-fn a_field_that_ends_long_before_the_log_is_told() {
-    for (early_s, is_told) in [(9.0, false), (11.0, true)] {
+fn a_field_ending_over_10_s_before_the_log_is_reported() {
+    for (early_s, is_reported) in [(9.0, false), (11.0, true)] {
         let (flight, mut compass) = flown();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         compass.rows.retain(|row| row.t_s <= end_s - early_s);
-        assert_eq!(frozen_field::sensor_failure(&flight, &compass).is_some(), is_told, "{early_s}");
+        assert_eq!(frozen_field::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }

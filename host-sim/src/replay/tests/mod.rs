@@ -19,8 +19,8 @@ use crate::world::WorldConfig;
 static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
     let recording = FlightRecording { place: None, ..record_turns(&WorldConfig::table1(1), 0.0) };
     let flight = log::read(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
-    let asked = EvaluationOptions { age_s: Some(0.0), ..EvaluationOptions::DEFAULT };
-    let verdict = evaluate_flight(&flight, &asked);
+    let options = EvaluationOptions { age_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    let verdict = evaluate_flight(&flight, &options);
     (flight, verdict)
 });
 

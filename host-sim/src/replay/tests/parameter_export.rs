@@ -4,28 +4,28 @@ use super::*;
 use crate::log::{FieldCorrection, NumberedRotation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat, export_correction, format_parameter_file};
 
-fn shifted(replayed: &ReplayResult, by_ut: f32) -> ReplayResult {
-    let mut shifted = replayed.clone();
-    shifted.solution.as_mut().unwrap().calibration.b_ut[0] += by_ut;
-    shifted
+fn shifted_result(replay_result: &ReplayResult, by_ut: f32) -> ReplayResult {
+    let mut shifted_result = replay_result.clone();
+    shifted_result.solution.as_mut().unwrap().calibration.b_ut[0] += by_ut;
+    shifted_result
 }
 
 /// The module's result has precedence over that of all rows.
 #[test]
-fn what_was_accepted_is_handed_over() {
+fn the_accepted_calibration_is_exported() {
     let (flight, compass) = flown();
     let own_ut = f64::from(compass.module.solution.unwrap().calibration.b_ut[0]);
-    for (by_itself, of_all, off_ut) in [
+    for (by_module, by_all_rows, off_ut) in [
         (Ok(()), Ok(()), Some(0.0)),
         (REFUSED, Ok(()), Some(40.0)),
         (Ok(()), REFUSED, Some(0.0)),
         (REFUSED, REFUSED, None),
     ] {
-        let mut judged = compass.clone();
-        judged.all_rows = ReplayResult { accepted: of_all, ..shifted(&compass.module, 40.0) };
-        judged.module.accepted = by_itself;
-        let handed = export_correction(&flight, &judged, None, ParameterFormat::ArduPilot);
-        let found_ut = handed.map(|handed| handed.correction.hard_iron_ut.x - own_ut);
+        let mut evaluation = compass.clone();
+        evaluation.all_rows = ReplayResult { accepted: by_all_rows, ..shifted_result(&compass.module, 40.0) };
+        evaluation.module.accepted = by_module;
+        let export = export_correction(&flight, &evaluation, None, ParameterFormat::ArduPilot);
+        let found_ut = export.map(|export| export.correction.hard_iron_ut.x - own_ut);
         assert_eq!(found_ut.is_some(), off_ut.is_some(), "{found_ut:?}");
         // The symmetric approximation shifts the hard iron slightly.
         assert!(found_ut.zip(off_ut).is_none_or(|(found, off)| (found - off).abs() < 10.0), "{found_ut:?} {off_ut:?}");
@@ -34,8 +34,8 @@ fn what_was_accepted_is_handed_over() {
 
 /// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
 #[test]
-fn offsets_beyond_ardupilots_limit_are_told() {
-    for (dialect, most, offset_mg, is_told) in [
+fn offsets_beyond_ardupilots_limit_are_reported() {
+    for (dialect, most, offset_mg, expects_warning) in [
         (ParameterFormat::ArduPilot, None, 1780.0, false),
         (ParameterFormat::ArduPilot, None, 1820.0, true),
         (ParameterFormat::ArduPilot, Some(1850.0), 1820.0, false),
@@ -50,17 +50,17 @@ fn offsets_beyond_ardupilots_limit_are_told() {
         let plain = export_correction(&flight, &compass, None, dialect).unwrap();
         let by_ut = (offset_mg / 10.0 - plain.correction.hard_iron_ut.x) as f32;
         compass.rows.iter_mut().for_each(|row| row.field.ut.x += by_ut);
-        compass.module = shifted(&compass.module, by_ut);
-        let handed = export_correction(&flight, &compass, None, dialect).unwrap();
-        assert!((handed.correction.hard_iron_ut.amax() * 10.0 - offset_mg).abs() < 5.0, "{:?}", handed.correction);
-        let told = handed.warnings.iter().any(|warning| warning.contains("COMPASS_OFFS_MAX"));
-        assert_eq!(told, is_told, "{dialect:?} {most:?} {offset_mg}: {:?}", handed.warnings);
+        compass.module = shifted_result(&compass.module, by_ut);
+        let export = export_correction(&flight, &compass, None, dialect).unwrap();
+        assert!((export.correction.hard_iron_ut.amax() * 10.0 - offset_mg).abs() < 5.0, "{:?}", export.correction);
+        let is_warned = export.warnings.iter().any(|warning| warning.contains("COMPASS_OFFS_MAX"));
+        assert_eq!(is_warned, expects_warning, "{dialect:?} {most:?} {offset_mg}: {:?}", export.warnings);
     }
 }
 
 /// A misalignment cannot be expressed by a symmetric matrix; warned from 0.3 deg on.
 #[test]
-fn what_cannot_be_expressed_is_told_where_it_costs() {
+fn an_inexpressible_correction_is_reported_from_0_3_deg_on() {
     let (flight, mut compass) = flown();
     let square = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap().correction;
     let (mut little, mut much) = (0, 0);
@@ -70,17 +70,17 @@ fn what_cannot_be_expressed_is_told_where_it_costs() {
         let w = turn.matrix() * square.matrix;
         calibration.w = std::array::from_fn(|i| std::array::from_fn(|j| w[(i, j)] as f32));
         calibration.b_ut = square.hard_iron_ut.map(|axis| axis as f32).into();
-        let handed = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
-        let is_told = handed.warnings.iter().any(|warning| warning.contains("cannot be expressed costs"));
-        assert_eq!(is_told, handed.heading_loss_deg[0] > 0.3, "{quarters}: {:?}", handed.heading_loss_deg);
-        little += usize::from((0.2..0.3).contains(&handed.heading_loss_deg[0]));
-        much += usize::from((0.3..0.4).contains(&handed.heading_loss_deg[0]));
+        let export = export_correction(&flight, &compass, None, ParameterFormat::ArduPilot).unwrap();
+        let warns_of_loss = export.warnings.iter().any(|warning| warning.contains("cannot be expressed costs"));
+        assert_eq!(warns_of_loss, export.heading_loss_deg[0] > 0.3, "{quarters}: {:?}", export.heading_loss_deg);
+        little += usize::from((0.2..0.3).contains(&export.heading_loss_deg[0]));
+        much += usize::from((0.3..0.4).contains(&export.heading_loss_deg[0]));
     }
     assert!(little > 0 && much > 0, "both sides of the limit are looked at: {little} {much}");
 }
 
 #[test]
-fn inavs_zeros_hold_what_the_mean_current_adds() {
+fn inavs_offsets_include_interference_at_the_mean_current() {
     let (flight, mut compass) = flown();
     let by_current_ut = Vector3::new(0.5_f32, -0.3, 0.0);
     let calibration = &mut compass.module.solution.as_mut().unwrap().calibration;
@@ -89,15 +89,15 @@ fn inavs_zeros_hold_what_the_mean_current_adds() {
         row.current_a = Some(20.0);
         row.field.ut += by_current_ut * 20.0;
     }
-    let of = |dialect| export_correction(&flight, &compass, None, dialect).unwrap();
-    let (inav, ardupilot) = (of(ParameterFormat::Inav), of(ParameterFormat::ArduPilot));
+    let exported = |dialect| export_correction(&flight, &compass, None, dialect).unwrap();
+    let (inav, ardupilot) = (exported(ParameterFormat::Inav), exported(ParameterFormat::ArduPilot));
     let added_ut = inav.correction.hard_iron_ut - ardupilot.correction.hard_iron_ut;
     assert!((added_ut.xy() - Vector3::new(10.0, -6.0, 0.0).xy()).norm() < 1.0, "{added_ut}");
     assert_eq!(inav.correction.motor_ut_per_a, Vector3::zeros());
-    let tells = |handed: &ExportedCorrection| {
-        handed.warnings.iter().any(|warning| warning.contains("motor-current interference"))
+    let warns_of_current = |export: &ExportedCorrection| {
+        export.warnings.iter().any(|warning| warning.contains("motor-current interference"))
     };
-    assert!(tells(&inav) && !tells(&ardupilot), "{:?} {:?}", inav.warnings, ardupilot.warnings);
+    assert!(warns_of_current(&inav) && !warns_of_current(&ardupilot), "{:?} {:?}", inav.warnings, ardupilot.warnings);
 }
 
 fn turned(number: u8, by: f64) -> ExportedCorrection {
@@ -112,14 +112,19 @@ fn turned(number: u8, by: f64) -> ExportedCorrection {
     }
 }
 
-fn lines(parameters: &[(&str, f64)], handed: &[ExportedCorrection], dialect: ParameterFormat, of: &str) -> Vec<String> {
+fn lines(
+    parameters: &[(&str, f64)],
+    export: &[ExportedCorrection],
+    dialect: ParameterFormat,
+    filter_text: &str,
+) -> Vec<String> {
     let mut flight = Flight::new(log::LogFormat::DataFlash);
     for &(name, value) in parameters {
         flight.parameters.set(0.0, name, value);
     }
-    format_parameter_file(&flight, handed, dialect)
+    format_parameter_file(&flight, export, dialect)
         .lines()
-        .filter(|line| line.contains(of))
+        .filter(|line| line.contains(filter_text))
         .map(str::to_owned)
         .collect()
 }
@@ -127,7 +132,7 @@ fn lines(parameters: &[(&str, f64)], handed: &[ExportedCorrection], dialect: Par
 /// Yaw 90 (2) onto yaw 90 is yaw 180 (4). ArduPilot has no number for some rotations, and an internal compass follows
 /// the board.
 #[test]
-fn an_orientation_is_that_of_the_log_turned_on() {
+fn ardupilots_orientation_is_the_logged_one_rotated_further() {
     for (parameters, number, by, line) in [
         (&[("COMPASS_ORIENT", 6.0)][..], 1, 0.0, "COMPASS_ORIENT,6"),
         (&[("COMPASS_ORIENT", 2.0)], 1, 2.0, "COMPASS_ORIENT,4"),
@@ -150,7 +155,7 @@ fn an_orientation_is_that_of_the_log_turned_on() {
 
 /// PX4 has custom angles (100) and the board's rotation (-1).
 #[test]
-fn px4s_orientation_is_that_of_the_log_turned_on() {
+fn px4s_orientation_is_the_logged_one_rotated_further() {
     for (parameters, by, expected) in [
         (&[("CAL_MAG0_ROT", 2.0)][..], 2.0, Some("1\t1\tCAL_MAG0_ROT\t4\t6")),
         (&[("CAL_MAG0_ROT", 2.0)], 0.0, Some("1\t1\tCAL_MAG0_ROT\t2\t6")),
@@ -166,7 +171,7 @@ fn px4s_orientation_is_that_of_the_log_turned_on() {
 }
 
 #[test]
-fn inav_is_given_one_compass() {
+fn only_one_compass_is_exported_to_inav() {
     let mut second = turned(2, 0.0);
     second.correction.hard_iron_ut.x = 30.0;
     let found = lines(&[], &[turned(1, 0.0), second], ParameterFormat::Inav, "magzero_x");

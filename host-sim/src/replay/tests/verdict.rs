@@ -19,7 +19,7 @@ fn of_two(change: impl Fn(&mut CompassEvaluation)) -> String {
 }
 
 #[test]
-fn a_verdict_tells_when_and_how_well_the_worst_does() {
+fn a_verdict_reports_the_worst_compass_s_time_and_accuracy() {
     let at = |ended_s: Option<f64>| of_two(|second| second.module.ended_s = ended_s);
     assert!(at(Some(40.0)).ends_with("each of 2 compasses by itself, 40 s into the flight, expecting 0.9 deg"));
     // Times less than 1.5 s apart are reported as one.
@@ -49,7 +49,7 @@ fn the_time_to_calibrate_begins_with_the_flight() {
 
 /// The limit is 20 readings and 20 usable rows.
 #[test]
-fn a_log_of_nearly_nothing_is_the_cause_of_a_refusal() {
+fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
     let refused = |readings: usize, used: usize| {
         let (_, mut compass) = flown();
         (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
@@ -63,7 +63,7 @@ fn a_log_of_nearly_nothing_is_the_cause_of_a_refusal() {
 }
 
 #[test]
-fn of_several_refusals_the_nearest_is_told() {
+fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
     let of = |number: u8, readings: usize| {
         let (_, mut compass) = flown();
         (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
@@ -95,7 +95,7 @@ fn strength(radius_ut: f64, earth_ut: Option<f32>) -> String {
 
 /// The limits are a factor of 1.35 about the model, or about the Earth's range of 22 to 67 uT.
 #[test]
-fn a_field_of_another_strength_is_told() {
+fn an_implausible_field_strength_is_reported() {
     for (ut, is_told) in [(48.0, false), (64.0, false), (66.0, true), (36.0, false), (35.0, true)] {
         assert_eq!(!strength(ut, Some(48.0)).is_empty(), is_told, "{ut} uT where there are 48");
     }
@@ -107,7 +107,7 @@ fn a_field_of_another_strength_is_told() {
 }
 
 #[test]
-fn parameters_that_are_missing_are_told() {
+fn missing_parameters_are_reported() {
     let found = |names: &[&str]| {
         let (mut flight, compass) = flown();
         flight.parameters = log::ParameterHistory::default();

@@ -41,11 +41,16 @@ fn counts(moment: &ReportSample) -> bool {
     moment.is_usable && moment.level_ut[0].is_some()
 }
 
-fn cells(swung: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()] {
+fn cells(compass_report: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()] {
     let mut cells = [[CoverageCell::default(); SECTORS]; ROWS.len()];
     // A moment lasts until the next, at most 1 s.
-    let nexts = swung.samples.iter().skip(1).map(|next| next.at_s).chain(swung.samples.last().map(|last| last.at_s));
-    for (moment, next_s) in swung.samples.iter().zip(nexts).filter(|(moment, _)| counts(moment)) {
+    let nexts = compass_report
+        .samples
+        .iter()
+        .skip(1)
+        .map(|next| next.at_s)
+        .chain(compass_report.samples.last().map(|last| last.at_s));
+    for (moment, next_s) in compass_report.samples.iter().zip(nexts).filter(|(moment, _)| counts(moment)) {
         let Some(heading_deg) = moment.heading_deg.filter(|deg| deg.is_finite()) else { continue };
         let sector = (heading_deg / 30.0).round().rem_euclid(SECTORS as f64) as usize;
         for (row, (_, belongs)) in cells.iter_mut().zip(ROWS) {
@@ -58,12 +63,12 @@ fn cells(swung: &CompassReport) -> [[CoverageCell; SECTORS]; ROWS.len()] {
     cells
 }
 
-pub fn coverage_picture(swung: &CompassReport) -> Picture {
+pub fn coverage_picture(compass_report: &CompassReport) -> Picture {
     const LEFT: f64 = 142.0;
     const CELL: Point = [40.0, 26.0];
-    let cells = cells(swung);
+    let cells = cells(compass_report);
     let mut svg = Svg::new(LEFT + CELL[0] * SECTORS as f64 + 16.0, 346.0);
-    let knows = swung.has_fitted_marks;
+    let knows = compass_report.has_fitted_marks;
     let number_is = if knows { "collected and fitted, number" } else { "flown, seconds" };
     let mut items = vec![(LegendSample::Area("cell used"), number_is)];
     if knows {
@@ -88,7 +93,7 @@ pub fn coverage_picture(swung: &CompassReport) -> Picture {
         svg.text("tick mid", [LEFT + CELL[0] * (sector as f64 + 0.5), bottom + 16.0], &(30 * sector).to_string());
     }
     svg.text("name mid", [LEFT + CELL[0] * SECTORS as f64 / 2.0, bottom + 34.0], "heading, deg");
-    Picture { svg, title: "What was flown".to_owned(), description: words(swung, &cells), is_wide: true }
+    Picture { svg, title: "What was flown".to_owned(), description: words(compass_report, &cells), is_wide: true }
 }
 
 fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell, knows_fitted: bool) {
@@ -105,7 +110,7 @@ fn draw(svg: &mut Svg, [x, y]: Point, [width, height]: Point, cell: CoverageCell
     }
 }
 
-fn words(swung: &CompassReport, cells: &[[CoverageCell; SECTORS]; ROWS.len()]) -> String {
+fn words(compass_report: &CompassReport, cells: &[[CoverageCell; SECTORS]; ROWS.len()]) -> String {
     let mut words = Vec::new();
     for ((name, _), row) in ROWS.iter().zip(cells) {
         let missing: Vec<String> = row
@@ -120,7 +125,8 @@ fn words(swung: &CompassReport, cells: &[[CoverageCell; SECTORS]; ROWS.len()]) -
             _ => format!("{name}: not flown {}", missing.join(", ")),
         });
     }
-    let advice = swung.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
+    let advice =
+        compass_report.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
     format!("{}. Not every cell is required.{advice}", words.join("; "))
 }
 
@@ -129,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_flown_and_what_was_missing_are_told_apart() {
+    fn flown_and_missing_headings_are_drawn_differently() {
         let moment = |at_s: f64, heading_deg: f64, roll_deg: f64, is_fitted: bool| ReportSample {
             at_s,
             heading_deg: Some(heading_deg),
@@ -141,8 +147,8 @@ mod tests {
         };
         let moments =
             vec![moment(0.0, 350.0, 30.0, true), moment(0.5, 16.0, -12.0, false), moment(60.0, 16.0, 0.0, true)];
-        let swung = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
-        let cells = cells(&swung);
+        let compass_report = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
+        let cells = cells(&compass_report);
         // The first two samples are in different bank cells, the second for at most 1 s; the last has no duration but
         // is fitted.
         assert_eq!(cells[0][0], CoverageCell { flown_s: 0.5, fitted: 1 });
@@ -153,9 +159,9 @@ mod tests {
             5,
             "three, and their pitch"
         );
-        let picture = coverage_picture(&swung);
-        let drawn = picture.svg.to_inline("p", "", "");
-        assert_eq!(drawn.matches(r#"class="missed""#).count(), 8 * 12 - 5 + 1);
+        let picture = coverage_picture(&compass_report);
+        let svg_text = picture.svg.to_inline("p", "", "");
+        assert_eq!(svg_text.matches(r#"class="missed""#).count(), 8 * 12 - 5 + 1);
         assert!(
             picture.description.contains("10 and more up: none flown")
                 && picture.description.contains("wings level: not flown 0, 60"),

@@ -18,12 +18,12 @@ const MOST: f64 = 0.98;
 const BEFORE: [(&str, Shape, &str); 3] =
     [("l l0", Shape::Circle, "p0"), ("l l1", Shape::Triangle, "p1"), ("l l2", Shape::Square, "p2")];
 
-pub fn common_scale_picture(swung: &CompassReport, word: &str) -> Picture {
+pub fn common_scale_picture(compass_report: &CompassReport, word: &str) -> Picture {
     let mut svg = Svg::new(SIZE[0], SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
-    let [before, after] = [&swung.before, &swung.after].map(|lines| max_error_deg(lines));
-    let title = headline(swung).to_owned();
-    let words = match (swung.before.is_empty(), swung.after.is_empty()) {
+    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
+    let [before, after] = [&compass_report.before, &compass_report.after].map(|lines| max_error_deg(lines));
+    let title = headline(compass_report).to_owned();
+    let words = match (compass_report.before.is_empty(), compass_report.after.is_empty()) {
         (false, false) => {
             format!(
                 "The largest {word} by heading is {} deg before, {} after.",
@@ -38,19 +38,21 @@ pub fn common_scale_picture(swung: &CompassReport, word: &str) -> Picture {
 }
 
 /// Draws the errors after calibration; none without data.
-pub fn enlarged_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
-    if swung.after.is_empty() {
+pub fn enlarged_picture(compass_report: &CompassReport, word: &str) -> Option<Picture> {
+    if compass_report.after.is_empty() {
         return None;
     }
     let mut svg = Svg::new(SIZE[0], SIZE[1]);
-    let outside = draw_enlarged(&mut svg, [0.0, 0.0], swung, word);
-    let mut words =
-        vec![format!("The largest {word} by heading is {} deg.", format_number(max_error_deg(&swung.after), 2))];
-    if !swung.sigma_deg.is_empty() {
-        let sigma = max_magnitude(swung.sigma_deg.iter().copied());
+    let outside = draw_enlarged(&mut svg, [0.0, 0.0], compass_report, word);
+    let mut words = vec![format!(
+        "The largest {word} by heading is {} deg.",
+        format_number(max_error_deg(&compass_report.after), 2)
+    )];
+    if !compass_report.sigma_deg.is_empty() {
+        let sigma = max_magnitude(compass_report.sigma_deg.iter().copied());
         words.push(format!(
             "The band is {}, {} deg at the worst heading.",
-            swung.sigma_description,
+            compass_report.sigma_description,
             format_number(sigma, 2)
         ));
     }
@@ -61,12 +63,12 @@ pub fn enlarged_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
 }
 
 /// Draws both frames side by side, for documents with one picture.
-pub fn combined_picture(swung: &CompassReport, word: &str) -> Picture {
+pub fn combined_picture(compass_report: &CompassReport, word: &str) -> Picture {
     let mut svg = Svg::new(2.0 * SIZE[0], SIZE[1]);
-    draw_one_scale(&mut svg, [0.0, 0.0], swung, word);
-    let (first, second) = (common_scale_picture(swung, word), enlarged_picture(swung, word));
+    draw_one_scale(&mut svg, [0.0, 0.0], compass_report, word);
+    let (first, second) = (common_scale_picture(compass_report, word), enlarged_picture(compass_report, word));
     if second.is_some() {
-        draw_enlarged(&mut svg, [SIZE[0], 0.0], swung, word);
+        draw_enlarged(&mut svg, [SIZE[0], 0.0], compass_report, word);
     }
     let words = second
         .map_or_else(|| first.description.clone(), |second| format!("{} {}", first.description, second.description));
@@ -78,8 +80,8 @@ pub fn combined_picture(swung: &CompassReport, word: &str) -> Picture {
     }
 }
 
-fn headline(swung: &CompassReport) -> &'static str {
-    if swung.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
+fn headline(compass_report: &CompassReport) -> &'static str {
+    if compass_report.after.is_empty() { "Before; there is no after" } else { "Before and after, one scale" }
 }
 
 fn max_error_deg(lines: &[DeviationCurve]) -> f64 {
@@ -96,69 +98,71 @@ fn title(svg: &mut Svg, [left, up]: Point, words: &str) -> Point {
     [left + 16.0, up + 30.0]
 }
 
-fn draw_one_scale(svg: &mut Svg, at: Point, swung: &CompassReport, word: &str) {
-    let below = title(svg, at, headline(swung));
-    let names: Vec<String> = swung.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
+fn draw_one_scale(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) {
+    let below = title(svg, at, headline(compass_report));
+    let names: Vec<String> =
+        compass_report.before.iter().map(|line| format!("before{}", name_suffix(&line.name))).collect();
     let mut items: Vec<(LegendSample, &str)> = BEFORE
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
         .collect();
-    let after = match &swung.after[..] {
+    let after = match &compass_report.after[..] {
         [only] => format!("after{}", name_suffix(&only.name)),
         _ => "after, the same banks".to_owned(),
     };
-    if !swung.after.is_empty() {
+    if !compass_report.after.is_empty() {
         items.push((LegendSample::Line("l l3"), &after));
     }
     let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
-    let y = Axis::symmetric_deg(max_error_deg(&swung.before).max(max_error_deg(&swung.after)));
+    let y = Axis::symmetric_deg(max_error_deg(&compass_report.before).max(max_error_deg(&compass_report.after)));
     let frame = frame(top, at, y);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
-    for (line, (class, shape, points)) in swung.before.iter().zip(BEFORE) {
+    for (line, (class, shape, points)) in compass_report.before.iter().zip(BEFORE) {
         draw(svg, &frame, line, class, Some((shape, points)));
     }
-    for line in &swung.after {
+    for line in &compass_report.after {
         draw(svg, &frame, line, "l l3", None);
     }
 }
 
 /// Returns the number of points outside the frame.
-fn draw_enlarged(svg: &mut Svg, at: Point, swung: &CompassReport, word: &str) -> usize {
+fn draw_enlarged(svg: &mut Svg, at: Point, compass_report: &CompassReport, word: &str) -> usize {
     let below = title(svg, at, "After, enlarged");
-    let points: Vec<Point> = swung
+    let points: Vec<Point> = compass_report
         .samples
         .iter()
         .filter(|moment| moment.is_usable)
         .filter_map(|moment| Some([moment.heading_deg?.rem_euclid(360.0), moment.error_deg?]))
         .collect();
-    let names: Vec<String> = swung.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
+    let names: Vec<String> =
+        compass_report.after.iter().map(|line| format!("after{}", name_suffix(&line.name))).collect();
     // A single line looks as in the common frame.
-    let classes = if swung.after.len() > 1 { BEFORE } else { [("l l3", Shape::Circle, "p3"); 3] };
+    let classes = if compass_report.after.len() > 1 { BEFORE } else { [("l l3", Shape::Circle, "p3"); 3] };
     let mut items: Vec<(LegendSample, &str)> = classes
         .iter()
         .zip(&names)
         .map(|(&(line, shape, class), name)| (LegendSample::Both(line, shape, class), &**name))
         .collect();
-    if !swung.sigma_deg.is_empty() {
+    if !compass_report.sigma_deg.is_empty() {
         items.push((LegendSample::Area("band"), "expected, 1 sigma"));
     }
     if !points.is_empty() {
         items.push((LegendSample::Points(Shape::Dot, "dot"), "single headings"));
     }
     let top = draw_legend(svg, below, SIZE[0] - 32.0, &items);
-    let most = max_error_deg(&swung.after)
-        .max(max_magnitude(swung.sigma_deg.iter().copied()))
+    let most = max_error_deg(&compass_report.after)
+        .max(max_magnitude(compass_report.sigma_deg.iter().copied()))
         .max(magnitude_quantile(points.iter().map(|[_, error]| *error), MOST));
     let frame = frame(top, at, Axis::symmetric_deg(most));
-    band(svg, &frame, &swung.sigma_deg);
+    band(svg, &frame, &compass_report.sigma_deg);
     frame.draw(svg, "heading, deg", &format!("{word}, deg"));
-    let drawn: Vec<Option<Point>> = subsample(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
-    svg.points("dot", Shape::Dot, 1.4, drawn.iter().copied().flatten());
-    for (line, (class, shape, points)) in swung.after.iter().zip(classes) {
+    let plotted: Vec<Option<Point>> = subsample(&points, POINTS).map(|&[x, y]| frame.point(x, y)).collect();
+    svg.points("dot", Shape::Dot, 1.4, plotted.iter().copied().flatten());
+    for (line, (class, shape, points)) in compass_report.after.iter().zip(classes) {
         draw(svg, &frame, line, class, Some((shape, points)));
     }
-    drawn.iter().filter(|point| point.is_none()).count()
+    plotted.iter().filter(|point| point.is_none()).count()
 }
 
 fn draw(svg: &mut Svg, frame: &PlotFrame, line: &DeviationCurve, class: &str, points: Option<(Shape, &str)>) {
@@ -196,22 +200,22 @@ mod tests {
     }
 
     #[test]
-    fn before_and_after_share_the_scale_and_after_has_its_own() {
-        let swung = CompassReport {
+    fn the_enlarged_picture_has_its_own_scale() {
+        let compass_report = CompassReport {
             before: vec![line(&[20.0, -18.0, 5.0, 1.0])],
             after: vec![line(&[0.4, -0.2, 0.1, 0.0])],
             sigma_deg: vec![0.5; 4],
             sigma_description: "what is expected",
             ..CompassReport::default()
         };
-        let one = common_scale_picture(&swung, "error");
-        let drawn = one.svg.to_inline("p", &one.title, &one.description);
-        assert!(drawn.contains(">20</text>") && drawn.contains("20.0 deg before, 0.4 after"), "{drawn}");
-        let two = enlarged_picture(&swung, "error").unwrap();
-        let drawn = two.svg.to_inline("p", &two.title, &two.description);
-        assert!(!drawn.contains(">20</text>") && drawn.contains(">0.4</text>"), "{drawn}");
+        let common_scale = common_scale_picture(&compass_report, "error");
+        let svg_text = common_scale.svg.to_inline("p", &common_scale.title, &common_scale.description);
+        assert!(svg_text.contains(">20</text>") && svg_text.contains("20.0 deg before, 0.4 after"), "{svg_text}");
+        let enlarged = enlarged_picture(&compass_report, "error").unwrap();
+        let svg_text = enlarged.svg.to_inline("p", &enlarged.title, &enlarged.description);
+        assert!(!svg_text.contains(">20</text>") && svg_text.contains(">0.4</text>"), "{svg_text}");
         assert_eq!(
-            drawn.matches(r#"class="band""#).count(),
+            svg_text.matches(r#"class="band""#).count(),
             6,
             "four sectors, of which north has two halves, and the key"
         );
@@ -227,7 +231,8 @@ mod tests {
         };
         let mut moments: Vec<_> = (0..200).map(|i| moment(f64::from(i), 0.1)).collect();
         moments.push(moment(10.0, 50.0));
-        let swung = CompassReport { after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
-        assert!(enlarged_picture(&swung, "error").unwrap().description.contains("1 of the points drawn"));
+        let compass_report =
+            CompassReport { after: vec![line(&[0.1, -0.1])], samples: moments, ..CompassReport::default() };
+        assert!(enlarged_picture(&compass_report, "error").unwrap().description.contains("1 of the points drawn"));
     }
 }

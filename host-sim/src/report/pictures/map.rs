@@ -10,9 +10,9 @@ use crate::numbers::format_number;
 const POINTS: usize = 2500;
 
 /// Draws the map; none without positions.
-pub fn map_picture(swung: &CompassReport) -> Option<Picture> {
+pub fn map_picture(compass_report: &CompassReport) -> Option<Picture> {
     const SIDE: f64 = 400.0;
-    let places: Vec<Point> = swung.samples.iter().filter_map(|moment| moment.position_m).collect();
+    let places: Vec<Point> = compass_report.samples.iter().filter_map(|moment| moment.position_m).collect();
     let [east, north] = [0, 1].map(|axis| {
         let all = places.iter().map(move |place| place[axis]).filter(|number| number.is_finite());
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], number| [least.min(number), most.max(number)])
@@ -34,10 +34,10 @@ pub fn map_picture(swung: &CompassReport) -> Option<Picture> {
         }
     };
     let mut svg = Svg::new(SIDE + 90.0, SIDE + 110.0);
-    let kinds = kinds(swung.has_fitted_marks);
+    let kinds = kinds(compass_report.has_fitted_marks);
     let mut items: Vec<(LegendSample, &str)> =
         kinds.iter().map(|kind| (LegendSample::Line(kind.class), kind.name)).collect();
-    if swung.has_fitted_marks {
+    if compass_report.has_fitted_marks {
         items.push((LegendSample::Points(Shape::Circle, "p2"), "collected"));
     }
     items.extend([
@@ -49,19 +49,19 @@ pub fn map_picture(swung: &CompassReport) -> Option<Picture> {
     frame.draw(&mut svg, &format!("east, {unit}"), &format!("north, {unit}"));
     let point = |[x, y]: Point| frame.point(x / per, y / per);
     for kind in &kinds {
-        let track = subsample(&swung.samples, POINTS)
+        let track = subsample(&compass_report.samples, POINTS)
             .map(|moment| moment.position_m.filter(|_| (kind.belongs)(moment)).and_then(point));
         svg.path(kind.class, track);
     }
     let collected =
-        swung.samples.iter().filter(|moment| moment.is_fitted).filter_map(|moment| point(moment.position_m?));
+        compass_report.samples.iter().filter(|moment| moment.is_fitted).filter_map(|moment| point(moment.position_m?));
     svg.points("p2", Shape::Circle, 2.2, collected);
     svg.points("p0", Shape::Triangle, 5.0, places.first().and_then(|place| point(*place)));
     svg.points("p0", Shape::Square, 4.0, places.last().and_then(|place| point(*place)));
     let decimals = usize::from(per > 1.0);
     let [wide, high] = [east, north].map(|[from, to]| format_number((to - from) / per, decimals));
-    let fitted = swung.samples.iter().filter(|moment| moment.is_fitted).count();
-    let collected = if swung.has_fitted_marks {
+    let fitted = compass_report.samples.iter().filter(|moment| moment.is_fitted).count();
+    let collected = if compass_report.has_fitted_marks {
         format!(" {fitted} readings were collected and fitted to.")
     } else {
         String::new()
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_has_one_scale_and_needs_places() {
+    fn a_map_has_one_scale_and_needs_positions() {
         assert!(map_picture(&CompassReport::default()).is_none());
         let at = |east: f64, north: f64| ReportSample {
             position_m: Some([east, north]),
@@ -105,12 +105,12 @@ mod tests {
             ..ReportSample::default()
         };
         let moments = vec![at(0.0, 0.0), at(9000.0, 0.0), at(9000.0, 3000.0)];
-        let swung = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
-        let picture = map_picture(&swung).unwrap();
+        let compass_report = CompassReport { samples: moments, has_fitted_marks: true, ..CompassReport::default() };
+        let picture = map_picture(&compass_report).unwrap();
         assert!(picture.description.contains("9.0 by 3.0 km"), "{}", picture.description);
-        let drawn = picture.svg.to_inline("p", "", "");
-        assert!(drawn.contains("east, km") && !drawn.contains("NaN"));
-        let track = drawn.split("class=\"trace\" d=\"M").nth(1).unwrap().split('"').next().unwrap();
+        let svg_text = picture.svg.to_inline("p", "", "");
+        assert!(svg_text.contains("east, km") && !svg_text.contains("NaN"));
+        let track = svg_text.split("class=\"trace\" d=\"M").nth(1).unwrap().split('"').next().unwrap();
         let numbers: Vec<f64> = track.split(['L', ' ']).map(|number| number.parse().unwrap()).collect();
         assert!(((numbers[2] - numbers[0]) - 3.0 * (numbers[3] - numbers[5])).abs() < 0.3, "{numbers:?}");
         // A single position suffices; NaN is ignored.

@@ -46,9 +46,9 @@ pub fn comparison_picture(methods: &CalibratorComparison, compared: &ReferenceIn
         svg.text("name end", [LEFT - 8.0, y + 4.0], name);
         for (compass, deg) in cells.iter().enumerate().filter_map(|(compass, cell)| Some((compass, (*cell)?))) {
             // Shifted so that equal values do not overlap.
-            let aside = 7.0 * (compass as f64 - (cells.len() - 1) as f64 / 2.0);
+            let offset_y = 7.0 * (compass as f64 - (cells.len() - 1) as f64 / 2.0);
             let class = CLASSES[compass % CLASSES.len()];
-            svg.points(class, Shape::for_series(compass), 4.0, [[across(deg), y + aside.clamp(-11.0, 11.0)]]);
+            svg.points(class, Shape::for_series(compass), 4.0, [[across(deg), y + offset_y.clamp(-11.0, 11.0)]]);
         }
     }
     svg.rect("box", [LEFT, top], [WIDTH, bottom - top]);
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_there_lies_within_the_axis_and_nothing_is_none() {
+    fn the_comparison_axis_covers_all_values_and_none_gives_no_picture() {
         let compared = ReferenceInfo { difference_name: "error", ..ReferenceInfo::default() };
         let rows = |cells: Vec<Option<f64>>| CalibratorComparison {
             compasses: vec!["compass 1".to_owned(), "compass 2".to_owned()],
@@ -79,8 +79,10 @@ mod tests {
         };
         assert!(comparison_picture(&rows(vec![None, Some(f64::NAN)]), &compared).is_none());
         let picture = comparison_picture(&rows(vec![Some(0.64), Some(27.0)]), &compared).unwrap();
-        let drawn = picture.svg.to_inline("p", "", "");
-        assert!(drawn.contains(">0.5</text>") && drawn.contains(">50</text>") && !drawn.contains(">100</text>"));
+        let svg_text = picture.svg.to_inline("p", "", "");
+        assert!(
+            svg_text.contains(">0.5</text>") && svg_text.contains(">50</text>") && !svg_text.contains(">100</text>")
+        );
         assert!(picture.description.contains("0.64 and 27.00"));
     }
 }

@@ -19,7 +19,7 @@ const PANEL: f64 = 104.0;
 
 type Panel<'a> = (&'a str, fn(&ReportSample) -> Option<f64>);
 
-pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
+pub fn residuals_picture(compass_report: &CompassReport, word: &str) -> Option<Picture> {
     let error = format!("{word}, deg");
     let panels: Vec<Panel<'_>> = [
         ("strength, %", (|moment| moment.norm_residual_percent) as fn(&ReportSample) -> Option<f64>),
@@ -27,13 +27,13 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
         (&error, |moment| moment.error_deg),
     ]
     .into_iter()
-    .filter(|(_, of)| swung.samples.iter().any(|moment| of(moment).is_some_and(f64::is_finite)))
+    .filter(|(_, quantity)| compass_report.samples.iter().any(|moment| quantity(moment).is_some_and(f64::is_finite)))
     .collect();
-    let x = Axis::seconds(swung.samples.last()?.at_s);
+    let x = Axis::seconds(compass_report.samples.last()?.at_s);
     if panels.is_empty() {
         return None;
     }
-    let rows = swung.marks.len().min(3) as f64;
+    let rows = compass_report.marks.len().min(3) as f64;
     let mut svg = Svg::new(LEFT + WIDTH + 20.0, 76.0 + 15.0 * rows + (PANEL + 14.0) * panels.len() as f64);
     let items = [
         (LegendSample::Line("l trace"), "as it was"),
@@ -43,49 +43,49 @@ pub fn residuals_picture(swung: &CompassReport, word: &str) -> Option<Picture> {
     ];
     let top = draw_legend(&mut svg, [16.0, 8.0], WIDTH + 60.0, &items) + 15.0 * rows;
     let mut beyond = 0;
-    for (i, (name, of)) in panels.iter().enumerate() {
-        let values = || swung.samples.iter().filter(|moment| moment.is_usable).filter_map(of);
+    for (i, (name, quantity)) in panels.iter().enumerate() {
+        let values = || compass_report.samples.iter().filter(|moment| moment.is_usable).filter_map(quantity);
         let most = (1.5 * magnitude_quantile(values(), 0.98))
             .min(max_magnitude(values()))
             .max(magnitude_quantile(values(), 0.5));
         beyond += values().filter(|value| value.abs() > 1.5 * most).count();
         let at = [LEFT, top + (PANEL + 14.0) * i as f64];
         let frame = PlotFrame { x, y: Axis::symmetric_deg(most), origin: at, size: [WIDTH, PANEL] };
-        shade(&mut svg, &frame, &swung.samples);
+        shade(&mut svg, &frame, &compass_report.samples);
         frame.draw(&mut svg, if i + 1 == panels.len() { "time, s" } else { "" }, name);
-        svg.path("l trace", line(&frame, &swung.samples, of, false));
-        if i + 1 == panels.len() && swung.samples.iter().any(|moment| moment.error_deg.is_some()) {
+        svg.path("l trace", line(&frame, &compass_report.samples, quantity, false));
+        if i + 1 == panels.len() && compass_report.samples.iter().any(|moment| moment.error_deg.is_some()) {
             for side in [1.0, -1.0] {
                 let sigma =
                     |moment: &ReportSample| Some(side * moment.sigma_deg.filter(|_| moment.error_deg.is_some())?);
-                svg.path("edge", line(&frame, &swung.samples, &sigma, true));
+                svg.path("edge", line(&frame, &compass_report.samples, &sigma, true));
             }
         }
-        for mark in &swung.marks {
+        for mark in &compass_report.marks {
             let across = frame.x_position(mark.at_s.clamp(0.0, x.range[1]));
             svg.line("moment", [across, at[1]], [across, frame.bottom()]);
         }
     }
-    for (i, mark) in swung.marks.iter().take(3).enumerate() {
+    for (i, mark) in compass_report.marks.iter().take(3).enumerate() {
         let across = LEFT + WIDTH * (mark.at_s / x.range[1]).clamp(0.0, 1.0);
         let class = if across > LEFT + WIDTH / 2.0 { "name end" } else { "name" };
         let y = top - 6.0 - 15.0 * (rows - 1.0 - i as f64);
         svg.text(class, [across, y], &mark.name);
         svg.line("moment", [across, y + 2.0], [across, top]);
     }
-    Some(Picture { svg, title: "Over time".to_owned(), description: words(swung, beyond), is_wide: true })
+    Some(Picture { svg, title: "Over time".to_owned(), description: words(compass_report, beyond), is_wide: true })
 }
 
-fn words(swung: &CompassReport, beyond: usize) -> String {
+fn words(compass_report: &CompassReport, beyond: usize) -> String {
     const WHAT: &str = "Strength and inclination of the corrected field, less the Earth's: with a correct calibration only \
                         noise about zero remains; a change of hard iron is a step, motor current or iron nearby a bump.";
     let mut words = vec![WHAT.to_owned()];
-    for mark in &swung.marks {
+    for mark in &compass_report.marks {
         words.push(format!("{} s: {}.", format_number(mark.at_s, 0), mark.name));
     }
-    let silent = swung.samples.iter().filter(|moment| moment.is_heading_withheld).count();
+    let silent = compass_report.samples.iter().filter(|moment| moment.is_heading_withheld).count();
     if silent > 0 {
-        let percent = 100.0 * silent as f64 / swung.samples.len().max(1) as f64;
+        let percent = 100.0 * silent as f64 / compass_report.samples.len().max(1) as f64;
         words.push(format!(
             "For {} % of the time the module would not have sent a heading.",
             format_number(percent, if percent < 1.0 { 2 } else { 1 })
@@ -109,13 +109,13 @@ fn column(frame: &PlotFrame, columns: usize, at_s: f64) -> usize {
 fn line(
     frame: &PlotFrame,
     moments: &[ReportSample],
-    of: &dyn Fn(&ReportSample) -> Option<f64>,
+    quantity: &dyn Fn(&ReportSample) -> Option<f64>,
     is_mean: bool,
 ) -> Vec<Option<Point>> {
     let number = columns(moments);
     let mut each: Vec<Vec<[f64; 2]>> = vec![Vec::new(); number];
     for moment in moments {
-        let Some(value) = of(moment).filter(|value| value.is_finite()) else { continue };
+        let Some(value) = quantity(moment).filter(|value| value.is_finite()) else { continue };
         if let Some(cell) = each.get_mut(column(frame, number, moment.at_s)) {
             cell.push([moment.at_s, value]);
         }
@@ -187,16 +187,18 @@ mod tests {
     }
 
     #[test]
-    fn an_hour_is_drawn_as_little_as_a_minute_with_its_extremes() {
-        let drawn = |swung: &CompassReport| residuals_picture(swung, "error").unwrap().svg.to_inline("p", "", "");
+    fn an_hour_is_drawn_in_bounded_size_with_its_extremes() {
+        let svg_text_of = |compass_report: &CompassReport| {
+            residuals_picture(compass_report, "error").unwrap().svg.to_inline("p", "", "")
+        };
         let mut hour = flight(180_000, 0.02);
-        assert!(drawn(&hour).len() < 30_000, "{}", drawn(&hour).len());
-        let before = drawn(&hour);
+        assert!(svg_text_of(&hour).len() < 30_000, "{}", svg_text_of(&hour).len());
+        let before = svg_text_of(&hour);
         // Outliers do not set the scale but are visible on both sides.
         for (at, beyond) in [(90_000, -3.3), (120_000, 3.3)] {
-            let drawn_before = drawn(&hour);
+            let drawn_before = svg_text_of(&hour);
             hour.samples[at].norm_residual_percent = Some(beyond);
-            assert_ne!(drawn_before, drawn(&hour), "{beyond}");
+            assert_ne!(drawn_before, svg_text_of(&hour), "{beyond}");
         }
         assert_eq!(before.matches(r#"class="off""#).count(), 2, "one span, and its key");
         assert_eq!(before.matches(r#"class="bent""#).count(), 2, "one span, and its key");
@@ -204,21 +206,21 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_breaks_the_line_and_nothing_is_none() {
-        let mut swung = flight(400, 0.1);
+    fn a_gap_breaks_the_line_and_no_samples_give_no_picture() {
+        let mut compass_report = flight(400, 0.1);
         let frame =
             PlotFrame { x: Axis::seconds(139.9), y: Axis::symmetric_deg(3.0), origin: [0.0; 2], size: [500.0, 100.0] };
-        let gaps = |swung: &CompassReport| {
-            line(&frame, &swung.samples, &|moment: &ReportSample| moment.norm_residual_percent, false)
+        let gaps = |compass_report: &CompassReport| {
+            line(&frame, &compass_report.samples, &|moment: &ReportSample| moment.norm_residual_percent, false)
                 .iter()
                 .filter(|at| at.is_none())
                 .count()
         };
-        assert_eq!(gaps(&swung), 0);
-        for moment in &mut swung.samples[200..] {
+        assert_eq!(gaps(&compass_report), 0);
+        for moment in &mut compass_report.samples[200..] {
             moment.at_s += 100.0;
         }
-        assert_eq!(gaps(&swung), 1);
+        assert_eq!(gaps(&compass_report), 1);
         assert!(residuals_picture(&CompassReport::default(), "error").is_none());
         let nothing = CompassReport { samples: vec![ReportSample::default(); 5], ..CompassReport::default() };
         assert!(residuals_picture(&nothing, "error").is_none());

@@ -92,27 +92,27 @@ impl Copter {
     }
 
     pub fn step(&mut self, command: VehicleCommand, before: &TrueState) -> Motion {
-        let (wanted_m_s2, turn_rate_rad_s) = self.wanted(command, before);
+        let (wanted_m_s2, turn_rate_rad_s) = self.desired_motion(command, before);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         self.pitch.step((-wanted_m_s2[0] / GRAVITY_M_S2).atan());
         self.roll.step((wanted_m_s2[1] * self.pitch.rad.cos() / GRAVITY_M_S2).atan());
 
-        let stirred = self.turbulence.step();
-        let (roll_rad, pitch_rad) = (self.roll.rad + stirred.bank_rad, self.pitch.rad + stirred.pitch_rad);
+        let disturbance = self.turbulence.step();
+        let (roll_rad, pitch_rad) = (self.roll.rad + disturbance.bank_rad, self.pitch.rad + disturbance.pitch_rad);
         let thrust_m_s2 = [-pitch_rad.tan(), roll_rad.tan() / pitch_rad.cos()].map(|part| GRAVITY_M_S2 * part);
-        let pulled = north_east(self.heading_rad, thrust_m_s2);
-        let gust = north_east(self.heading_rad, [stirred.along_m_s, stirred.across_m_s]);
+        let thrust_north_east_m_s2 = north_east(self.heading_rad, thrust_m_s2);
+        let gust = north_east(self.heading_rad, [disturbance.along_m_s, disturbance.across_m_s]);
         let (wind_north, wind_east) = self.weather.wind_velocity_m_s();
         let air_m_s = [wind_north + gust[0], wind_east + gust[1]];
         let drag_m_s2 = std::array::from_fn(|i| (self.velocity_m_s[i] - air_m_s[i]) / DRAG_TIME_S);
-        let drag_m_s2 = limited(drag_m_s2, self.limits.max_drag_m_s2);
-        let acceleration: [f64; 2] = std::array::from_fn(|i| pulled[i] - drag_m_s2[i]);
+        let drag_m_s2 = clamp_length(drag_m_s2, self.limits.max_drag_m_s2);
+        let acceleration: [f64; 2] = std::array::from_fn(|i| thrust_north_east_m_s2[i] - drag_m_s2[i]);
         for (velocity, acceleration) in self.velocity_m_s.iter_mut().zip(acceleration) {
             *velocity += acceleration * STEP_S;
         }
         let weight = (roll_rad.cos() * pitch_rad.cos()).recip();
-        let thrust = (weight - THRUST_PER_GUST_S_M * stirred.vertical_m_s).max(0.0);
+        let thrust = (weight - THRUST_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
         Motion {
             roll_rad,
             pitch_rad,
@@ -127,7 +127,7 @@ impl Copter {
     }
 
     /// Desired acceleration along the nose and to the right (m/s^2), and turn rate (rad/s).
-    fn wanted(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
+    fn desired_motion(&mut self, command: VehicleCommand, before: &TrueState) -> ([f64; 2], f64) {
         let position_m = [before.north_m, before.east_m];
         let is_at_rest = self.velocity_m_s[0].hypot(self.velocity_m_s[1]) < AT_REST_M_S;
         if !(matches!(command.mode, TranslationMode::OnTheSpot) && is_at_rest) {
@@ -139,7 +139,7 @@ impl Copter {
                 let back = std::array::from_fn(|i| {
                     PER_OFFSET_S2 * (self.spot_m[i] - position_m[i]) - PER_VELOCITY_S * self.velocity_m_s[i]
                 });
-                (limited(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
+                (clamp_length(forward_right(self.heading_rad, back), own_limit_m_s2), command.turn_rate_rad_s)
             }
             TranslationMode::Pushed { toward_rad, tilt_rad } => {
                 let (sin, cos) = toward_rad.sin_cos();
@@ -149,7 +149,7 @@ impl Copter {
             TranslationMode::Onward => {
                 let [forward, right] = forward_right(self.heading_rad, self.velocity_m_s);
                 let errors = [self.config.speed_m_s - forward, -right].map(|error| PER_VELOCITY_S * error);
-                let [ahead, across] = limited(errors, own_limit_m_s2);
+                let [ahead, across] = clamp_length(errors, own_limit_m_s2);
                 let turning_m_s2 = GRAVITY_M_S2 * command.bank_rad.tan();
                 ([ahead, across + turning_m_s2], turning_m_s2 / self.config.speed_m_s)
             }
@@ -158,7 +158,7 @@ impl Copter {
 }
 
 /// The vector, shortened to a length of at most `most`.
-fn limited(vector: [f64; 2], most: f64) -> [f64; 2] {
+fn clamp_length(vector: [f64; 2], most: f64) -> [f64; 2] {
     let share = (most / vector[0].hypot(vector[1])).min(1.0);
     vector.map(|part| part * share)
 }

@@ -29,9 +29,9 @@ impl AttitudeInterpolation {
         let since_us = before.map_or(STEP_US, |before| state.time_us - before.received_us);
         let from = if before.is_some() { state.euler() } else { received };
         let change = Euler {
-            roll_rad: short_way(received.roll_rad - from.roll_rad),
+            roll_rad: wrap_pi_rad(received.roll_rad - from.roll_rad),
             pitch_rad: received.pitch_rad - from.pitch_rad,
-            heading_rad: short_way(received.heading_rad - from.heading_rad),
+            heading_rad: wrap_pi_rad(received.heading_rad - from.heading_rad),
         };
         Self { from, change, received_us: state.time_us, takes_us: since_us.clamp(STEP_US, LONGEST_US) }
     }
@@ -45,7 +45,7 @@ impl AttitudeInterpolation {
         let Self { from, change, .. } = self;
         TrueState {
             time_us,
-            roll_rad: short_way(from.roll_rad + change.roll_rad * share),
+            roll_rad: wrap_pi_rad(from.roll_rad + change.roll_rad * share),
             pitch_rad: from.pitch_rad + change.pitch_rad * share,
             heading_rad: from.heading_rad + change.heading_rad * share,
             roll_rate_rad_s: rate(change.roll_rad),
@@ -58,7 +58,7 @@ impl AttitudeInterpolation {
     }
 }
 
-fn short_way(angle_rad: f64) -> f64 {
+fn wrap_pi_rad(angle_rad: f64) -> f64 {
     (angle_rad + PI).rem_euclid(TAU) - PI
 }
 
@@ -76,7 +76,7 @@ mod tests {
 
     /// At 50 Hz and 20 deg/s of yaw: a lag of 20 ms, no jumps, correct rate.
     #[test]
-    fn what_is_told_is_followed_one_telling_behind() {
+    fn an_external_attitude_is_followed_one_update_later() {
         let mut aircraft = Aircraft::new(VehicleConfig::default(), Weather::default(), 1, 0);
         let mut before = follow_for_steps(&mut aircraft, Euler::from_deg(25.0, 3.0, 0.0), 100);
         assert!((before.roll_rad.to_degrees() - 25.0).abs() < 1e-9, "it is set there: {before:?}");
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn it_goes_the_short_way_round() {
+    fn the_aircraft_turns_the_short_way_round() {
         let mut aircraft = Aircraft::new(VehicleConfig::default(), Weather::default(), 1, 0);
         let before = follow_for_steps(&mut aircraft, Euler::from_deg(170.0, 0.0, 350.0), 100);
         let after = follow_for_steps(&mut aircraft, Euler::from_deg(-170.0, 0.0, 10.0), 100);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn it_rests_where_it_was_told_last() {
+    fn the_aircraft_rests_at_the_last_attitude() {
         let mut aircraft = Aircraft::new(VehicleConfig::default(), Weather::default(), 1, 0);
         let state = follow_for_steps(&mut aircraft, Euler::from_deg(10.0, -5.0, 90.0), 400);
         let rates_rad_s = [state.roll_rate_rad_s, state.pitch_rate_rad_s, state.heading_rate_rad_s];

@@ -149,8 +149,8 @@ impl Aircraft {
     }
 
     /// Replaces the vehicle model by a prescribed motion.
-    pub fn set_motion(&mut self, how: PrescribedMotion) {
-        self.motion_source = MotionSource::Carried(how, self.state.time_us);
+    pub fn set_motion(&mut self, prescribed_motion: PrescribedMotion) {
+        self.motion_source = MotionSource::Carried(prescribed_motion, self.state.time_us);
     }
 
     /// Returns control to the vehicle model, which continues from its own last state.
@@ -168,7 +168,9 @@ impl Aircraft {
     pub fn step(&mut self) {
         match &self.motion_source {
             MotionSource::ByItself => self.fly_on(),
-            MotionSource::Carried(how, since_us) => self.state = self.carried_state(*how, *since_us),
+            MotionSource::Carried(prescribed_motion, since_us) => {
+                self.state = self.carried_state(*prescribed_motion, *since_us);
+            }
             MotionSource::Followed(followed) => self.state = followed.next_state(&self.state),
         }
     }
@@ -205,16 +207,17 @@ impl Aircraft {
         };
     }
 
-    fn carried_state(&self, how: PrescribedMotion, since_us: u64) -> TrueState {
+    fn carried_state(&self, prescribed_motion: PrescribedMotion, since_us: u64) -> TrueState {
         let time_us = self.state.time_us + STEP_US;
         let seconds = (time_us - since_us) as f64 / 1e6;
-        let [roll_rate_rad_s, heading_rate_rad_s] = [how.roll_rate_deg_s, how.heading_rate_deg_s].map(f64::to_radians);
-        let roll_rad = how.roll_deg.to_radians() + roll_rate_rad_s * seconds;
+        let [roll_rate_rad_s, heading_rate_rad_s] =
+            [prescribed_motion.roll_rate_deg_s, prescribed_motion.heading_rate_deg_s].map(f64::to_radians);
+        let roll_rad = prescribed_motion.roll_deg.to_radians() + roll_rate_rad_s * seconds;
         TrueState {
             time_us,
             roll_rad: (roll_rad + PI).rem_euclid(TAU) - PI,
-            pitch_rad: how.pitch_deg.to_radians(),
-            heading_rad: how.heading_deg.to_radians() + heading_rate_rad_s * seconds,
+            pitch_rad: prescribed_motion.pitch_deg.to_radians(),
+            heading_rad: prescribed_motion.heading_deg.to_radians() + heading_rate_rad_s * seconds,
             roll_rate_rad_s,
             heading_rate_rad_s,
             north_m: self.state.north_m,

@@ -44,12 +44,12 @@ impl Plane {
 
     pub fn step(&mut self, command: VehicleCommand) -> Motion {
         self.fly(command);
-        let stirred = self.air.step();
+        let disturbance = self.air.step();
         let airspeed_m_s = self.config.airspeed_m_s;
-        let sideslip_rad = stirred.across_m_s / airspeed_m_s;
-        let upwash_rad = stirred.vertical_m_s / airspeed_m_s;
-        let roll_rad = self.flown.bank + stirred.bank_rad + BANK_PER_SIDESLIP * sideslip_rad;
-        let pitch_rad = self.flown.pitch + stirred.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
+        let sideslip_rad = disturbance.across_m_s / airspeed_m_s;
+        let upwash_rad = disturbance.vertical_m_s / airspeed_m_s;
+        let roll_rad = self.flown.bank + disturbance.bank_rad + BANK_PER_SIDESLIP * sideslip_rad;
+        let pitch_rad = self.flown.pitch + disturbance.pitch_rad + PITCH_PER_UPWASH * upwash_rad;
         // Coordinated turn: the horizontal lift component turns the velocity through the air. The nose points along
         // that velocity less the sideslip.
         self.air_course += GRAVITY_M_S2 * roll_rad.tan() / airspeed_m_s * STEP_S;

@@ -34,11 +34,11 @@ pub(super) struct Disturbances {
 impl Turbulence {
     pub fn new(weather: Weather, seed: u64) -> Self {
         let process = |sigma, time_s, purpose| SecondOrder::new(sigma, time_s, STEP_S, Random::new(seed, purpose));
-        let wander = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
+        let gauss_markov = |sigma_deg: f64, purpose| process(sigma_deg.to_radians(), weather.wander_time_s, purpose);
         let gust = |purpose| process(weather.gust_m_s, GUST_TIME_S, purpose);
         Self {
-            bank: wander(weather.bank_wander_deg, Purpose::Bank),
-            pitch: wander(weather.pitch_wander_deg, Purpose::Pitch),
+            bank: gauss_markov(weather.bank_wander_deg, Purpose::Bank),
+            pitch: gauss_markov(weather.pitch_wander_deg, Purpose::Pitch),
             gust_across_m_s: gust(Purpose::GustAcross),
             gust_vertical_m_s: gust(Purpose::GustVertical),
             gust_along_m_s: gust(Purpose::GustAlong),

@@ -68,13 +68,13 @@ impl Vtol {
                 ..TransitionDifference::default()
             };
         }
-        self.faded(motion)
+        self.with_difference(motion)
     }
 
     /// Adds the remaining difference to a motion, and advances its decay by one step.
-    fn faded(&mut self, motion: Motion) -> Motion {
+    fn with_difference(&mut self, motion: Motion) -> Motion {
         let left = &mut self.difference;
-        let faded = Motion {
+        let with_difference = Motion {
             roll_rad: motion.roll_rad + left.roll_rad,
             pitch_rad: motion.pitch_rad + left.pitch_rad,
             heading_rad: motion.heading_rad + left.heading_rad,
@@ -93,6 +93,6 @@ impl Vtol {
             *acceleration -= (2.0 * *acceleration + *speed / SPEED_TIME_S) / SPEED_TIME_S * STEP_S;
             *speed += *acceleration * STEP_S;
         }
-        faded
+        with_difference
     }
 }

@@ -21,7 +21,7 @@ const EXACT: AttitudeSourceConfig = AttitudeSourceConfig {
 };
 
 /// Bytes received at the module's end of the cable during a turn.
-fn delivered(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (World, Vec<TimedByte>) {
+fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (World, Vec<TimedByte>) {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig { seed, attitude_source: config, ..WorldConfig::table1(seed) });
     world.hold_bank_and_pitch(25.0, 0.0);
@@ -50,7 +50,7 @@ fn messages(stream: &[TimedByte]) -> Vec<(u64, u8, MavMessage)> {
     while let [first, length, ..] = rest {
         assert_eq!(first.byte, 0xFD, "MAVLink 2 begins with FD");
         let frame_length = usize::from(length.byte) + 12;
-        let frame: Vec<u8> = rest[..frame_length].iter().map(|timed| timed.byte).collect();
+        let frame: Vec<u8> = rest[..frame_length].iter().map(|timed_byte| timed_byte.byte).collect();
         let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
         let crc = mavlink::calculate_crc(&frame[1..frame_length - 2], MavMessage::extra_crc(id));
         assert_eq!(frame[frame_length - 2..], crc.to_le_bytes());
@@ -71,7 +71,7 @@ fn attitudes(stream: &[TimedByte]) -> Vec<(u64, ATTITUDE_DATA)> {
 
 #[test]
 fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
-    let (_, stream) = delivered(AttitudeSourceConfig::default(), 1, 10);
+    let (_, stream) = simulate_source(AttitudeSourceConfig::default(), 1, 10);
     let messages = messages(&stream);
     let heartbeats = messages.iter().filter(|(_, _, message)| matches!(message, MavMessage::HEARTBEAT(_))).count();
     assert_eq!((heartbeats, messages.len() - heartbeats), (10, 500));
@@ -82,10 +82,10 @@ fn attitude_comes_at_50_hz_and_a_heartbeat_each_second() {
 
 /// The autopilot starts disarmed.
 #[test]
-fn the_heartbeat_says_whether_the_autopilot_is_armed() {
+fn the_heartbeat_contains_the_armed_state() {
     let world = World::new(WorldConfig::table1(1));
     let mut source = world.attitude_source();
-    let mut said = || {
+    let mut next_heartbeat = || {
         let frame = source.heartbeat_message(world.is_armed());
         let stream: Vec<TimedByte> = frame.into_iter().map(|byte| TimedByte { at_us: 0, byte }).collect();
         match messages(&stream).pop() {
@@ -96,17 +96,17 @@ fn the_heartbeat_says_whether_the_autopilot_is_armed() {
             other => panic!("{other:?}"),
         }
     };
-    let mut heard = vec![said()];
+    let mut armed = vec![next_heartbeat()];
     for is_armed in [true, false] {
         world.set_armed(is_armed);
-        heard.push(said());
+        armed.push(next_heartbeat());
     }
-    assert_eq!(heard, [false, true, false]);
+    assert_eq!(armed, [false, true, false]);
 }
 
 #[test]
-fn an_exact_source_reports_the_truth_late_by_its_latency() {
-    let (world, stream) = delivered(EXACT, 1, 2);
+fn an_exact_source_reports_the_truth_after_its_latency() {
+    let (world, stream) = simulate_source(EXACT, 1, 2);
     // The world stores only the last two seconds.
     for (at_us, data) in attitudes(&stream).into_iter().skip(10) {
         let sent_us = u64::from(data.time_boot_ms) * 1000;
@@ -124,7 +124,7 @@ fn an_exact_source_reports_the_truth_late_by_its_latency() {
 /// 600 s are 1200 correlation times of the noise: sigma is accurate to 2 %, the mean to 0.3 deg / sqrt(600) = 0.012
 /// deg.
 #[test]
-fn errors_are_those_of_the_configuration() {
+fn attitude_errors_have_the_configured_statistics() {
     let config = AttitudeSourceConfig { latency_ms: 0.0, ..AttitudeSourceConfig::default() };
     let mut source = AttitudeSource::new(config, 4);
     let bank_rad = 25_f64.to_radians();
@@ -147,7 +147,7 @@ fn errors_are_those_of_the_configuration() {
 /// 2.6 m/s^2 (15 deg of copter tilt) cause 1.04 deg, 1 sigma. 1200 s are 300 correlation times of 2 s: sigma is
 /// accurate to 5 %.
 #[test]
-fn a_push_is_taken_for_tilt() {
+fn disturbing_acceleration_causes_tilt_error() {
     let config = AttitudeSourceConfig {
         noise_deg: 0.0,
         bias_deg: 0.0,
@@ -157,10 +157,10 @@ fn a_push_is_taken_for_tilt() {
     let mut sigma_deg = |push_m_s2: f64| {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
         let reports: Vec<ReportedAttitude> = (0..60_000).map(|_| source.report(&truth)).collect();
-        let of = |angle: fn(&ReportedAttitude) -> f64| {
+        let mean_angle = |angle: fn(&ReportedAttitude) -> f64| {
             (reports.iter().map(|r| angle(r).to_degrees().powi(2)).sum::<f64>() / reports.len() as f64).sqrt()
         };
-        [of(|r| r.roll_rad), of(|r| r.pitch_rad)]
+        [mean_angle(|r| r.roll_rad), mean_angle(|r| r.pitch_rad)]
     };
     for sigma_deg in sigma_deg(2.6) {
         assert!((sigma_deg - 1.04).abs() < 0.12, "{sigma_deg}");
@@ -171,7 +171,7 @@ fn a_push_is_taken_for_tilt() {
 }
 
 #[test]
-fn what_a_push_makes_lasts_as_long_as_a_push() {
+fn acceleration_tilt_error_has_a_correlation_time_of_2_s() {
     let config =
         AttitudeSourceConfig { noise_deg: 0.0, bias_deg: 0.0, push_error_deg: 1.0, ..AttitudeSourceConfig::default() };
     let mut source = AttitudeSource::new(config, 9);
@@ -179,12 +179,12 @@ fn what_a_push_makes_lasts_as_long_as_a_push() {
     let errors: Vec<f64> = (0..200_000).map(|_| source.report(&truth).roll_rad).collect();
     let covariance =
         |lag: usize| errors.iter().zip(&errors[lag..]).map(|(a, b)| a * b).sum::<f64>() / (errors.len() - lag) as f64;
-    let kept = covariance(100) / covariance(0);
-    assert!((kept - 0.37).abs() < 0.07, "{kept}");
+    let correlation = covariance(100) / covariance(0);
+    assert!((correlation - 0.37).abs() < 0.07, "{correlation}");
 }
 
 #[test]
-fn the_heartbeat_says_what_kind_of_vehicle_it_is() {
+fn the_heartbeat_contains_the_vehicle_kind() {
     for (kind, expected) in [
         (VehicleKind::Plane, MavType::MAV_TYPE_FIXED_WING),
         (VehicleKind::Copter, MavType::MAV_TYPE_QUADROTOR),
@@ -201,23 +201,23 @@ fn the_heartbeat_says_what_kind_of_vehicle_it_is() {
 
 #[test]
 fn yaw_is_never_the_heading() {
-    let (world, stream) = delivered(EXACT, 1, 2);
+    let (world, stream) = simulate_source(EXACT, 1, 2);
     let (_, last) = &attitudes(&stream)[99];
     let truth = world.true_state(1_980_000);
     let error_deg = (f64::from(last.yaw) - truth.heading_rad).to_degrees().rem_euclid(360.0);
     assert!((error_deg - 37.2).abs() < 0.01, "{error_deg}");
-    let (_, stream) = delivered(AttitudeSourceConfig { yaw: Yaw::Absent, ..EXACT }, 1, 1);
+    let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: Yaw::Absent, ..EXACT }, 1, 1);
     assert!(attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_the_same_times() {
-    let run = |seed| delivered(AttitudeSourceConfig::default(), seed, 20).1;
+    let run = |seed| simulate_source(AttitudeSourceConfig::default(), seed, 20).1;
     assert_eq!(run(8), run(8));
     assert_ne!(run(8), run(9));
     // Attitude noise must not change the flight.
-    let (loud, _) = delivered(AttitudeSourceConfig::default(), 8, 20);
-    let (quiet, _) = delivered(EXACT, 8, 20);
+    let (loud, _) = simulate_source(AttitudeSourceConfig::default(), 8, 20);
+    let (quiet, _) = simulate_source(EXACT, 8, 20);
     assert_eq!(loud.true_state(20_000_000), quiet.true_state(20_000_000));
     assert!(loud.true_state(20_000_000).time_us.is_multiple_of(aircraft::STEP_US));
 }

@@ -31,7 +31,7 @@ pub enum MavlinkFirmware {
 }
 
 impl MavlinkFirmware {
-    const fn unasked_hz(self) -> f64 {
+    const fn default_rate_hz(self) -> f64 {
         match self {
             Self::Px4 => 100.0,
             Self::ArduPilot | Self::Streams | Self::Deaf => 1.0,
@@ -125,7 +125,7 @@ impl MavlinkAutopilot {
     pub fn restart(&mut self, now_us: u64) {
         self.started_us = now_us;
         self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_US, due_us: now_us }];
-        self.stream(ATTITUDE_DATA::ID, self.firmware.unasked_hz(), now_us);
+        self.stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
         self.answers.clear();
     }
 
@@ -222,23 +222,24 @@ impl MavlinkAutopilot {
             return;
         }
         if let Ok(MavMessage::COMMAND_LONG(command)) = MavMessage::parse(MavlinkVersion::V2, frame.id, &frame.payload)
-            && self.is_for_it(command.target_system, command.target_component)
+            && self.is_addressed(command.target_system, command.target_component)
         {
-            self.obey(now_us, frame, &command);
+            self.execute_command(now_us, frame, &command);
         }
-        if frame.id == REQUEST_DATA_STREAM && self.is_for_it(frame.byte(2), frame.byte(3)) && frame.byte(4) == EXTRA1 {
+        if frame.id == REQUEST_DATA_STREAM && self.is_addressed(frame.byte(2), frame.byte(3)) && frame.byte(4) == EXTRA1
+        {
             let asked_hz = f64::from(u16::from_le_bytes([frame.byte(0), frame.byte(1)]));
             let most_hz = 1e6 / f64::from(self.firmware.least_interval_us());
             self.stream(ATTITUDE_DATA::ID, asked_hz.min(most_hz), now_us);
         }
     }
 
-    fn is_for_it(&self, system: u8, component: u8) -> bool {
+    fn is_addressed(&self, system: u8, component: u8) -> bool {
         let identity = self.source.identity();
         system == identity.system_id && component == identity.component_id
     }
 
-    fn obey(&mut self, now_us: u64, frame: &Frame, command: &COMMAND_LONG_DATA) {
+    fn execute_command(&mut self, now_us: u64, frame: &Frame, command: &COMMAND_LONG_DATA) {
         if self.firmware == MavlinkFirmware::Streams {
             return;
         }

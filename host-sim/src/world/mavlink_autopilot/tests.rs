@@ -50,7 +50,7 @@ struct Bench {
     module: Mavlink,
     ms: u64,
     silent_until_ms: u64,
-    heard: Vec<(u64, ReceivedMessage)>,
+    received: Vec<(u64, ReceivedMessage)>,
     frames: Vec<(u64, Frame)>,
     seen: AutopilotInputs,
 }
@@ -63,7 +63,7 @@ impl Bench {
             module: Mavlink::new(),
             ms: 0,
             silent_until_ms: 0,
-            heard: vec![],
+            received: vec![],
             frames: vec![],
             seen: AutopilotInputs::default(),
         }
@@ -87,12 +87,12 @@ impl Bench {
     fn deliver(&mut self, bytes: &[u8]) {
         let at = Timestamp::from_us(1000 * self.ms);
         for &byte in bytes {
-            self.heard.extend(self.module.process_byte(at, byte).map(|heard| (self.ms, heard)));
+            self.received.extend(self.module.process_byte(at, byte).map(|received| (self.ms, received)));
         }
     }
 
     fn poll(&mut self) {
-        let facts = Snapshot {
+        let snapshot = Snapshot {
             now: Timestamp::from_us(1000 * self.ms),
             estimate: &Estimate::EMPTY,
             settings: &Settings::DEFAULT,
@@ -100,7 +100,7 @@ impl Bench {
             calibration: None,
         };
         let mut out = TransmitBuffer::new();
-        self.module.poll(&facts, &mut out);
+        self.module.poll(&snapshot, &mut out);
         self.autopilot.receive(1000 * self.ms, out.pending());
         self.frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.ms, frame)));
     }
@@ -109,15 +109,15 @@ impl Bench {
         self.frames.iter().filter_map(|(ms, frame)| Some((*ms, request(frame)?))).collect()
     }
 
-    fn asked(&self) -> Vec<Request> {
+    fn requested(&self) -> Vec<Request> {
         self.requests().into_iter().map(|(_, request)| request).collect()
     }
 
     fn attitudes_in_the_last_second(&self) -> usize {
-        let is_one = |(ms, heard): &&(u64, ReceivedMessage)| {
-            *ms + 1000 >= self.ms && matches!(heard, ReceivedMessage::Attitude(_))
+        let is_one = |(ms, received): &&(u64, ReceivedMessage)| {
+            *ms + 1000 >= self.ms && matches!(received, ReceivedMessage::Attitude(_))
         };
-        self.heard.iter().filter(is_one).count()
+        self.received.iter().filter(is_one).count()
     }
 }
 
@@ -140,13 +140,13 @@ fn assert_paced(bench: &Bench) {
 /// ArduPilot denies 50 Hz to an aeroplane, so the module requests 40 Hz. The module listens for one second and waits
 /// one second per request.
 #[test]
-fn on_ardupilot_40_hz_are_granted_at_once() {
+fn ardupilot_accepts_an_attitude_rate_of_40_hz_at_once() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(2);
     assert!(bench.requests()[0].0 <= 1_100, "{:?}", bench.requests());
     bench.run(60);
-    let asked = [&[attitude(40)][..], &CURRENT_PLACE_AND_TIME].concat();
-    assert_eq!(bench.asked(), asked, "and nothing more");
+    let requested = [&[attitude(40)][..], &CURRENT_PLACE_AND_TIME].concat();
+    assert_eq!(bench.requested(), requested, "and nothing more");
     assert_eq!(bench.autopilot.denied(), 0);
     assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1);
     assert_paced(&bench);
@@ -155,32 +155,32 @@ fn on_ardupilot_40_hz_are_granted_at_once() {
 
 /// The module does not request messages that already arrive often enough.
 #[test]
-fn on_px4_attitude_is_there() {
+fn px4_sends_attitude_without_a_request() {
     let mut bench = Bench::new(MavlinkFirmware::Px4);
     bench.run(60);
-    assert_eq!(bench.asked(), CURRENT_PLACE_AND_TIME);
+    assert_eq!(bench.requested(), CURRENT_PLACE_AND_TIME);
     assert!(bench.attitudes_in_the_last_second().abs_diff(100) <= 1);
 }
 
 #[test]
-fn who_knows_only_streams_is_asked_for_one() {
+fn an_autopilot_with_streams_only_gets_a_stream_request() {
     let mut bench = Bench::new(MavlinkFirmware::Streams);
     bench.run(60);
     let mut expected: Vec<Request> = [40, 25, 20].into_iter().flat_map(|rate| [attitude(rate); 2]).collect();
     expected.push(Request::Stream { rate_hz: 25 });
     // The firmware does not provide these messages; the module requests each twice.
     expected.extend(CURRENT_PLACE_AND_TIME.into_iter().flat_map(|request| [request; 2]));
-    assert_eq!(bench.asked(), expected);
+    assert_eq!(bench.requested(), expected);
     assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
     assert_paced(&bench);
 }
 
 /// The module requests each message twice and then gives up.
 #[test]
-fn who_never_answers_is_left_alone() {
+fn an_autopilot_that_never_answers_gets_each_request_twice() {
     let mut bench = Bench::new(MavlinkFirmware::Deaf);
     bench.run(120);
-    assert_eq!(bench.asked().len(), 2 * 7);
+    assert_eq!(bench.requested().len(), 2 * 7);
     assert!(bench.requests().last().unwrap().0 < 16_000);
     assert_eq!(bench.attitudes_in_the_last_second(), 1);
     assert_paced(&bench);
@@ -188,38 +188,38 @@ fn who_never_answers_is_left_alone() {
 
 /// A restarted autopilot is detected within three seconds, with or without a silent interval.
 #[test]
-fn after_a_restart_or_a_silence_it_is_asked_again() {
+fn messages_are_requested_again_after_a_restart_or_silence() {
     for silence_ms in [0, 1_500, 10_000] {
         let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
         bench.run(20);
-        let before = bench.asked().len();
+        let before = bench.requested().len();
         bench.autopilot.restart(1000 * bench.ms);
         bench.silent_until_ms = bench.ms + silence_ms;
         bench.run(silence_ms / 1000 + 8);
         assert!(bench.attitudes_in_the_last_second().abs_diff(40) <= 1, "{silence_ms}");
-        assert!(bench.asked()[before..].contains(&attitude(40)), "{silence_ms}");
+        assert!(bench.requested()[before..].contains(&attitude(40)), "{silence_ms}");
         assert_paced(&bench);
     }
 }
 
 #[test]
-fn a_short_gap_changes_nothing() {
+fn a_gap_under_2_s_causes_no_new_requests() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(20);
-    let before = bench.asked().len();
+    let before = bench.requested().len();
     bench.silent_until_ms = bench.ms + 1_900;
     bench.run(10);
-    assert_eq!(bench.asked().len(), before);
+    assert_eq!(bench.requested().len(), before);
     bench.silent_until_ms = bench.ms + 2_200;
     bench.run(10);
-    assert!(bench.asked().len() > before);
+    assert!(bench.requested().len() > before);
 }
 
 #[test]
-fn place_and_day_are_the_autopilot_s() {
+fn position_and_date_of_the_autopilot_are_received() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(10);
-    let place = bench.heard.iter().rev().find_map(|(_, heard)| match heard {
+    let place = bench.received.iter().rev().find_map(|(_, received)| match received {
         ReceivedMessage::Position(place) => Some(*place),
         _ => None,
     });
@@ -228,18 +228,19 @@ fn place_and_day_are_the_autopilot_s() {
     assert!((f64::from(place.longitude_deg) - XIAN.longitude_deg).abs() < 1e-5);
     assert!((f64::from(place.height_m) - XIAN.height_m).abs() < 0.1);
     let today = Date::from_unix_s(START_UNIX_US / 1_000_000).unwrap();
-    assert!(bench.heard.iter().any(|(_, heard)| *heard == ReceivedMessage::Date(today)));
+    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::Date(today)));
     bench.autopilot.set_position(None);
-    bench.heard.clear();
+    bench.received.clear();
     bench.run(10);
-    let number = |is_one: fn(&ReceivedMessage) -> bool| bench.heard.iter().filter(|(_, heard)| is_one(heard)).count();
-    assert_eq!(number(|heard| matches!(heard, ReceivedMessage::Position(_))), 0);
-    assert!(number(|heard| matches!(heard, ReceivedMessage::Date(_))).abs_diff(10) <= 1);
+    let number =
+        |is_one: fn(&ReceivedMessage) -> bool| bench.received.iter().filter(|(_, received)| is_one(received)).count();
+    assert_eq!(number(|received| matches!(received, ReceivedMessage::Position(_))), 0);
+    assert!(number(|received| matches!(received, ReceivedMessage::Date(_))).abs_diff(10) <= 1);
 }
 
 /// Frames of another aircraft's autopilot, as a radio may relay them, are counted as foreign and ignored.
 #[test]
-fn a_second_autopilot_is_left_alone() {
+fn a_second_autopilot_is_ignored() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     let foreign = Identity { system_id: 9, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     let source = AttitudeSource::new(AttitudeSourceConfig::default(), 2).with_identity(foreign);
@@ -252,7 +253,7 @@ fn a_second_autopilot_is_left_alone() {
         bench.deliver(&bytes);
     }
     assert!(bench.frames.iter().all(|(_, frame)| (frame.system, frame.component) == (1, 158)));
-    assert!(bench.heard.iter().any(|(_, heard)| *heard == ReceivedMessage::RejectedAttitude));
+    assert!(bench.received.iter().any(|(_, received)| *received == ReceivedMessage::RejectedAttitude));
     assert_eq!(bench.module.is_armed(Timestamp::from_us(1000 * bench.ms)), Some(false));
     assert_eq!(bench.autopilot.rate_hz(ATTITUDE), Some(40.0));
 }
@@ -264,7 +265,7 @@ fn a_ground_station_commands_the_module() {
     let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
     bench.run(5);
     bench.deliver(&command_long(STATION, 1, 42_424, 0, [0.0; 7]));
-    assert_eq!(bench.heard.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
+    assert_eq!(bench.received.last().unwrap().1, ReceivedMessage::Command(Command::CalStart(Procedure::Flight)));
     bench.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
     bench.run(1);
     let ack = bench.frames.iter().find(|(_, frame)| frame.id == 77).map(|(_, frame)| frame).expect("an answer");
@@ -273,7 +274,7 @@ fn a_ground_station_commands_the_module() {
 
 /// World task at a cable of 115,200 baud, for ten seconds.
 #[test]
-fn it_answers_over_a_cable() {
+fn the_autopilot_answers_over_a_serial_cable() {
     let mut simulation = Simulation::new();
     let world = World::new(WorldConfig::table1(1));
     let cable = Cable::new(crate::devices::uart::UartConfig::default());
@@ -286,10 +287,11 @@ fn it_answers_over_a_cable() {
         loop {
             let read = with_timeout(Duration::from_millis(10), rx.read(&mut buffer)).await.map_or(0, Result::unwrap);
             let now = Timestamp::from_us(clock::now_us());
-            let heard = buffer[..read].iter().filter_map(|&byte| module.process_byte(now, byte));
-            log.borrow_mut()
-                .extend(heard.filter(|heard| matches!(heard, ReceivedMessage::Attitude(_))).map(|_| now.as_us()));
-            let facts = Snapshot {
+            let received = buffer[..read].iter().filter_map(|&byte| module.process_byte(now, byte));
+            log.borrow_mut().extend(
+                received.filter(|received| matches!(received, ReceivedMessage::Attitude(_))).map(|_| now.as_us()),
+            );
+            let snapshot = Snapshot {
                 now,
                 estimate: &Estimate::EMPTY,
                 settings: &Settings::DEFAULT,
@@ -297,7 +299,7 @@ fn it_answers_over_a_cable() {
                 calibration: None,
             };
             let mut out = TransmitBuffer::new();
-            module.poll(&facts, &mut out);
+            module.poll(&snapshot, &mut out);
             tx.write_all(out.pending()).await.unwrap();
         }
     });

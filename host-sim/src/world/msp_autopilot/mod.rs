@@ -145,15 +145,15 @@ impl MspAutopilot {
     fn pass_through_trouble(&mut self, answer: &Answer, request: &Request, sent: &mut Vec<u8>) {
         let AnswerFaults { dropped, rejected: refused, truncated: cut, delayed: joined } = self.troubles;
         // A uniform random number selects the fault by cumulative probability.
-        let fate = self.random.uniform(0.0, 1.0);
-        if fate < dropped {
+        let draw = self.random.uniform(0.0, 1.0);
+        if draw < dropped {
             return;
         }
-        let is_refused = fate < dropped + refused;
+        let is_refused = draw < dropped + refused;
         let mut bytes = encode(request.function, if is_refused { &Answer::Error } else { answer });
-        if !is_refused && fate < dropped + refused + cut {
+        if !is_refused && draw < dropped + refused + cut {
             bytes.truncate((self.random.bits() % bytes.len() as u64) as usize);
-        } else if !is_refused && fate < dropped + refused + cut + joined {
+        } else if !is_refused && draw < dropped + refused + cut + joined {
             self.held.append(&mut bytes);
             return;
         }

@@ -22,14 +22,14 @@ const KNOWN: AutopilotState = AutopilotState {
 
 const NONE: AnswerFaults = AnswerFaults { dropped: 0.0, rejected: 0.0, truncated: 0.0, delayed: 0.0 };
 
-fn ask(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
+fn send_request(autopilot: &mut MspAutopilot, at_us: u64, bytes: &[u8]) {
     for &byte in bytes {
         autopilot.receive_byte(at_us, byte);
     }
 }
 
-fn answered(autopilot: &mut MspAutopilot, function: Function, known: &AutopilotState) -> Option<MspReply> {
-    ask(autopilot, 0, &msp::request(function));
+fn request_reply(autopilot: &mut MspAutopilot, function: Function, known: &AutopilotState) -> Option<MspReply> {
+    send_request(autopilot, 0, &msp::request(function));
     let mut receiver = Receiver::new();
     let messages: Vec<_> = autopilot.send(u64::MAX, known).into_iter().filter_map(|byte| receiver.push(byte)).collect();
     assert!(messages.len() <= 1 && receiver.rejected == 0);
@@ -39,69 +39,75 @@ fn answered(autopilot: &mut MspAutopilot, function: Function, known: &AutopilotS
 #[test]
 fn the_library_understands_both_firmwares() {
     assert_eq!(crc_8_dvb_s2(b"123456789"), 0xBC);
-    for (firmware, told) in [(MspFirmware::ArduPilot, Told::ArduPilot), (MspFirmware::Inav, Told::Inav)] {
+    for (firmware, detected) in [(MspFirmware::ArduPilot, Told::ArduPilot), (MspFirmware::Inav, Told::Inav)] {
         let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
-        assert_eq!(answered(&mut autopilot, Function::FcVariant, &KNOWN), Some(MspReply::FcVariant(told)));
+        assert_eq!(request_reply(&mut autopilot, Function::FcVariant, &KNOWN), Some(MspReply::FcVariant(detected)));
         for is_armed in [true, false] {
             let known = AutopilotState { is_armed, ..KNOWN };
-            assert_eq!(answered(&mut autopilot, Function::Status, &known), Some(MspReply::Armed(is_armed)));
+            assert_eq!(request_reply(&mut autopilot, Function::Status, &known), Some(MspReply::Armed(is_armed)));
         }
-        let Some(MspReply::Attitude(angles)) = answered(&mut autopilot, Function::Attitude, &KNOWN) else { panic!() };
-        let attitude = told.attitude_from_angles(angles).unwrap();
+        let Some(MspReply::Attitude(angles)) = request_reply(&mut autopilot, Function::Attitude, &KNOWN) else {
+            panic!()
+        };
+        let attitude = detected.attitude_from_angles(angles).unwrap();
         // Resolution: tenths of a degree.
         assert!((attitude.roll_rad - 0.2).abs() < 0.0018, "{firmware:?} {attitude:?}");
         assert!((attitude.pitch_rad - 0.1).abs() < 0.0018, "{firmware:?} {attitude:?}");
-        let Some(MspReply::RawGps(Some(place))) = answered(&mut autopilot, Function::RawGps, &KNOWN) else { panic!() };
+        let Some(MspReply::RawGps(Some(place))) = request_reply(&mut autopilot, Function::RawGps, &KNOWN) else {
+            panic!()
+        };
         assert!((place.latitude_deg + 33.9).abs() < 1e-5 && (place.longitude_deg - 151.2).abs() < 2e-5);
         assert!((place.height_m - 20.0).abs() < 1e-6);
-        let Some(MspReply::Current(amperes)) = answered(&mut autopilot, Function::Analog, &KNOWN) else { panic!() };
+        let Some(MspReply::Current(amperes)) = request_reply(&mut autopilot, Function::Analog, &KNOWN) else {
+            panic!()
+        };
         assert!((amperes - 12.34).abs() < 1e-5);
         for unix_s in [1_795_348_800, 1_709_164_800, 1_735_689_599, 4_107_542_400_u64] {
             let known = AutopilotState { unix_s: Some(unix_s), ..KNOWN };
-            let Some(MspReply::Rtc(Some(day))) = answered(&mut autopilot, Function::Rtc, &known) else { panic!() };
+            let Some(MspReply::Rtc(Some(day))) = request_reply(&mut autopilot, Function::Rtc, &known) else { panic!() };
             assert_eq!(u64::from(day.days_since_1970()), unix_s / 86_400);
         }
         let lost = AutopilotState { position: None, unix_s: None, ..KNOWN };
-        assert_eq!(answered(&mut autopilot, Function::RawGps, &lost), Some(MspReply::RawGps(None)));
-        assert_eq!(answered(&mut autopilot, Function::Rtc, &lost), Some(MspReply::Rtc(None)));
+        assert_eq!(request_reply(&mut autopilot, Function::RawGps, &lost), Some(MspReply::RawGps(None)));
+        assert_eq!(request_reply(&mut autopilot, Function::Rtc, &lost), Some(MspReply::Rtc(None)));
     }
 }
 
 #[test]
-fn what_is_not_known_is_answered_too() {
+fn unknown_requests_are_answered() {
     // MSP_MOTOR.
     let request = [b'$', b'X', b'<', 0, 104, 0, 0, 0, crc_8_dvb_s2(&[0, 104, 0, 0, 0])];
     for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
         let mut autopilot = MspAutopilot::new(firmware, NONE, 1);
-        ask(&mut autopilot, 0, &request);
+        send_request(&mut autopilot, 0, &request);
         let answer = autopilot.send(u64::MAX, &KNOWN);
         assert_eq!((answer.len(), answer[2], answer[4]), (9, direction, 104));
     }
 }
 
 #[test]
-fn readings_are_taken() {
+fn compass_frames_are_received() {
     let mut autopilot = MspAutopilot::new(MspFirmware::Inav, NONE, 1);
     let mut reading = msp::compass(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
-    ask(&mut autopilot, 7, b"$X noise");
-    ask(&mut autopilot, 7, &reading);
+    send_request(&mut autopilot, 7, b"$X noise");
+    send_request(&mut autopilot, 7, &reading);
     let expected = CompassSample { at_us: 7, instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
     assert_eq!(autopilot.take_compass_samples(), [expected]);
     assert_eq!((autopilot.next_answer_us(), autopilot.crc_error_count()), (None, 0));
     reading[15] ^= 1;
-    ask(&mut autopilot, 8, &reading);
+    send_request(&mut autopilot, 8, &reading);
     assert_eq!((autopilot.take_compass_samples().len(), autopilot.crc_error_count()), (0, 1));
 }
 
 /// Delays of 3.5 to 18 ms, both limits nearly reached in a thousand requests; answers in the order of requests.
 #[test]
-fn answers_take_their_time() {
+fn answers_are_delayed_by_3_5_to_18_ms() {
     let delays = |seed| -> Vec<u64> {
         let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, seed);
         (0..1_000_u64)
             .map(|i| {
                 let at_us = i * 20_000;
-                ask(&mut autopilot, at_us, &msp::request(Function::Attitude));
+                send_request(&mut autopilot, at_us, &msp::request(Function::Attitude));
                 let due_us = autopilot.next_answer_us().unwrap();
                 assert!(autopilot.send(due_us - 1, &KNOWN).is_empty());
                 assert!(!autopilot.send(due_us, &KNOWN).is_empty());
@@ -117,7 +123,7 @@ fn answers_take_their_time() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, NONE, 3);
     let functions = [Function::Attitude, Function::Status, Function::Attitude, Function::Rtc, Function::FcVariant];
     for (us, function) in (0..).zip(functions) {
-        ask(&mut autopilot, us, &msp::request(function));
+        send_request(&mut autopilot, us, &msp::request(function));
     }
     let answers = autopilot.send(u64::MAX, &KNOWN);
     let mut rest = answers.as_slice();
@@ -130,11 +136,11 @@ fn answers_take_their_time() {
 }
 
 /// Messages, bytes and rejected frames from a thousand requests.
-fn with(troubles: AnswerFaults) -> (Vec<MspReply>, usize, u32) {
+fn replies_with_faults(troubles: AnswerFaults) -> (Vec<MspReply>, usize, u32) {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, troubles, 5);
     let mut bytes = Vec::new();
     for i in 0..1_000_u64 {
-        ask(&mut autopilot, i * 20_000, &msp::request(Function::Attitude));
+        send_request(&mut autopilot, i * 20_000, &msp::request(Function::Attitude));
         bytes.extend(autopilot.send((i + 1) * 20_000, &KNOWN));
     }
     let number = bytes.len();
@@ -146,34 +152,34 @@ fn with(troubles: AnswerFaults) -> (Vec<MspReply>, usize, u32) {
 
 /// Probability 0.1 within four sigmas; unaffected answers arrive.
 #[test]
-fn troubles_befall_as_many_as_they_say() {
+fn answer_faults_occur_with_their_probability() {
     let tenth = 62..=138;
     let whole = 15_000;
-    let (messages, number, _) = with(AnswerFaults { dropped: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { dropped: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())) && number == messages.len() * 15);
-    let (messages, number, _) = with(AnswerFaults { rejected: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { rejected: 0.1, ..NONE });
     let refused = messages.iter().filter(|message| matches!(message, MspReply::Refused(Function::Attitude))).count();
     assert!(tenth.contains(&refused) && messages.len() == 1_000 && number == whole - refused * 6);
-    let (messages, number, _) = with(AnswerFaults { truncated: 0.1, ..NONE });
+    let (messages, number, _) = replies_with_faults(AnswerFaults { truncated: 0.1, ..NONE });
     assert!(tenth.contains(&(1_000 - messages.len())), "{} of 1,000", messages.len());
     assert!((14_000..whole).contains(&number));
     // Of joined answers only the last one is missing, because no answer follows it.
-    let (messages, _, rejected) = with(AnswerFaults { delayed: 0.5, ..NONE });
+    let (messages, _, rejected) = replies_with_faults(AnswerFaults { delayed: 0.5, ..NONE });
     assert!(messages.len() >= 990 && rejected == 0, "{}", messages.len());
-    assert_eq!(with(NONE).0.len(), 1_000);
+    assert_eq!(replies_with_faults(NONE).0.len(), 1_000);
 }
 
 #[test]
-fn a_joined_answer_comes_with_the_next() {
+fn a_delayed_answer_is_sent_with_the_next() {
     let mut autopilot = MspAutopilot::new(MspFirmware::ArduPilot, AnswerFaults { delayed: 1.0, ..NONE }, 5);
-    ask(&mut autopilot, 0, &msp::request(Function::Attitude));
+    send_request(&mut autopilot, 0, &msp::request(Function::Attitude));
     assert!(autopilot.send(20_000, &KNOWN).is_empty());
     autopilot.troubles = NONE;
-    ask(&mut autopilot, 20_000, &msp::request(Function::Status));
+    send_request(&mut autopilot, 20_000, &msp::request(Function::Status));
     assert_eq!(autopilot.send(40_000, &KNOWN).len(), 15 + 31);
 }
 
-struct Talk {
+struct Exchange {
     attitudes: usize,
     /// Longest time without attitude after the first second, microseconds.
     gap_us: u64,
@@ -184,24 +190,24 @@ struct Talk {
 }
 
 /// Communication for `seconds`, with a new estimate every 12.5 ms.
-fn talk(firmware: MspFirmware, troubles: AnswerFaults, seconds: u64) -> Talk {
+fn exchange(firmware: MspFirmware, troubles: AnswerFaults, seconds: u64) -> Exchange {
     let (mut port, mut output) = (Msp::new(), TransmitBuffer::new());
     let mut autopilot = MspAutopilot::new(firmware, troubles, 11);
     let settings = Settings::DEFAULT;
-    let mut talk = Talk { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
+    let mut exchange = Exchange { attitudes: 0, gap_us: 0, places: 0, days: 0, is_armed: None, readings: Vec::new() };
     let mut heard_us = 1_000_000;
     for us in (0..seconds * 1_000_000).step_by(500) {
         let now = Timestamp::from_us(us);
         for byte in autopilot.send(us, &KNOWN) {
             match port.process_byte(now, byte) {
                 Some(ReceivedMessage::Attitude(report)) => {
-                    talk.attitudes += 1;
-                    talk.gap_us = talk.gap_us.max(us.saturating_sub(heard_us));
+                    exchange.attitudes += 1;
+                    exchange.gap_us = exchange.gap_us.max(us.saturating_sub(heard_us));
                     heard_us = heard_us.max(us);
                     assert!((report.attitude.pitch_rad - 0.1).abs() < 0.0018, "{report:?}");
                 }
-                Some(ReceivedMessage::Position(_)) => talk.places += 1,
-                Some(ReceivedMessage::Date(_)) => talk.days += 1,
+                Some(ReceivedMessage::Position(_)) => exchange.places += 1,
+                Some(ReceivedMessage::Date(_)) => exchange.days += 1,
                 _ => {}
             }
         }
@@ -218,36 +224,36 @@ fn talk(firmware: MspFirmware, troubles: AnswerFaults, seconds: u64) -> Talk {
                 },
                 &mut output,
             );
-            ask(&mut autopilot, us, output.pending());
+            send_request(&mut autopilot, us, output.pending());
             output.consume(usize::MAX);
         }
     }
-    talk.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));
-    talk.readings = autopilot.take_compass_samples();
-    talk
+    exchange.is_armed = port.is_armed(Timestamp::from_us(seconds * 1_000_000));
+    exchange.readings = autopilot.take_compass_samples();
+    exchange
 }
 
 #[test]
-fn the_port_and_the_autopilot_talk() {
+fn the_module_and_the_autopilot_exchange_messages() {
     for firmware in [MspFirmware::ArduPilot, MspFirmware::Inav] {
-        let talk = talk(firmware, NONE, 60);
-        assert!((2_990..=3_010).contains(&talk.readings.len()), "{}", talk.readings.len());
-        assert!(talk.readings[0].at_us == 0 && talk.readings.iter().all(|r| r.field_mg == [200, -51, 442]));
+        let exchange = exchange(firmware, NONE, 60);
+        assert!((2_990..=3_010).contains(&exchange.readings.len()), "{}", exchange.readings.len());
+        assert!(exchange.readings[0].at_us == 0 && exchange.readings.iter().all(|r| r.field_mg == [200, -51, 442]));
         // Some requests wait for the next estimate, others for a pending answer.
-        assert!((2_300..=3_000).contains(&talk.attitudes), "{}", talk.attitudes);
-        assert!(talk.gap_us < 60_000, "{} us", talk.gap_us);
-        assert!((58..=61).contains(&talk.places) && (58..=61).contains(&talk.days));
-        assert_eq!(talk.is_armed, Some(true));
+        assert!((2_300..=3_000).contains(&exchange.attitudes), "{}", exchange.attitudes);
+        assert!(exchange.gap_us < 60_000, "{} us", exchange.gap_us);
+        assert!((58..=61).contains(&exchange.places) && (58..=61).contains(&exchange.days));
+        assert_eq!(exchange.is_armed, Some(true));
     }
 }
 
 #[test]
-fn trouble_does_not_stop_the_talk() {
+fn answer_faults_do_not_stop_the_exchange() {
     let troubles = AnswerFaults { dropped: 0.1, rejected: 0.1, truncated: 0.1, delayed: 0.1 };
-    let talk = talk(MspFirmware::Inav, troubles, 60);
-    assert!((2_990..=3_010).contains(&talk.readings.len()));
-    assert!((1_000..2_600).contains(&talk.attitudes), "{}", talk.attitudes);
+    let exchange = exchange(MspFirmware::Inav, troubles, 60);
+    assert!((2_990..=3_010).contains(&exchange.readings.len()));
+    assert!((1_000..2_600).contains(&exchange.attitudes), "{}", exchange.attitudes);
     // Six faults in a row, 50 ms each, have a probability of about 0.001.
-    assert!(talk.gap_us < 500_000, "{} us", talk.gap_us);
-    assert!(talk.places > 30 && talk.days > 30 && talk.is_armed == Some(true));
+    assert!(exchange.gap_us < 500_000, "{} us", exchange.gap_us);
+    assert!(exchange.places > 30 && exchange.days > 30 && exchange.is_armed == Some(true));
 }

@@ -9,12 +9,12 @@ use super::*;
 
 type Log = Rc<RefCell<Vec<(u64, &'static str)>>>;
 
-fn note(log: &Log, what: &'static str) {
-    log.borrow_mut().push((clock::now_us(), what));
+fn note(log: &Log, event: &'static str) {
+    log.borrow_mut().push((clock::now_us(), event));
 }
 
 #[test]
-fn timers_fire_at_their_instant_and_in_order() {
+fn timers_fire_at_their_time_and_in_order() {
     let mut simulation = Simulation::new();
     let log = Log::default();
     for (name, delay_us) in [("late", 3_600_000_000), ("second", 500), ("first", 499), ("third", 500)] {
@@ -31,7 +31,7 @@ fn timers_fire_at_their_instant_and_in_order() {
 }
 
 #[test]
-fn more_urgent_levels_go_first_and_equals_take_turns() {
+fn urgent_levels_run_first_and_equal_ones_alternate() {
     let mut simulation = Simulation::new();
     let log = Log::default();
     let tasks = [
@@ -118,7 +118,7 @@ fn power_off_drops_the_module_and_its_timers_but_not_the_world() {
 }
 
 #[test]
-fn a_waker_that_outlives_its_task_wakes_nobody() {
+fn a_waker_of_a_dropped_task_has_no_effect() {
     let mut simulation = Simulation::new();
     let channel = Rc::new(Channel::<CriticalSectionRawMutex, u32, 4>::new());
     let receiver = Rc::clone(&channel);
@@ -134,7 +134,7 @@ fn a_waker_that_outlives_its_task_wakes_nobody() {
 }
 
 #[test]
-fn stop_ends_the_run_at_its_instant() {
+fn stop_ends_the_run_at_its_time() {
     let mut simulation = Simulation::new();
     let stop = simulation.stop();
     simulation.spawn(Level::Thread, "reboot", async move {
@@ -150,7 +150,7 @@ fn stop_ends_the_run_at_its_instant() {
 
 #[test]
 #[should_panic(expected = "task `spinner` is in a busy loop: 100001 polls at 3 us")]
-fn a_busy_loop_is_named() {
+fn a_busy_loop_panics_with_the_task_name() {
     let mut simulation = Simulation::new();
     simulation.spawn(Level::Thread, "spinner", async {
         Timer::after_micros(3).await;

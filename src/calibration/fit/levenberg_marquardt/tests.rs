@@ -74,7 +74,7 @@ fn descend(refinement: &mut Refinement, higher: f32) -> RefinementProgress {
 
 /// Thresholds: a tenth of a sigma at the end, one sigma before. The last step is applied.
 #[test]
-fn it_converges_when_the_promised_gain_is_small() {
+fn a_refinement_converges_when_the_predicted_gain_is_small() {
     for (rounds, sigmas, progress) in [
         (NOISE_ESTIMATES, 0.098, RefinementProgress::Converged),
         (NOISE_ESTIMATES, -0.102, RefinementProgress::Continue),
@@ -92,7 +92,7 @@ fn it_converges_when_the_promised_gain_is_small() {
 }
 
 #[test]
-fn it_ends_after_forty_steps() {
+fn a_refinement_ends_after_forty_steps() {
     for (before, progress) in [(38, RefinementProgress::Continue), (39, RefinementProgress::Converged)] {
         let mut refinement = refinement_off_by(3.0);
         refinement.steps_since_estimate = before;
@@ -101,7 +101,7 @@ fn it_ends_after_forty_steps() {
 }
 
 #[test]
-fn it_ends_when_no_step_helps() {
+fn a_refinement_ends_when_no_step_reduces_the_cost() {
     for (value, progress) in [(2.4e5, RefinementProgress::Continue), (2.6e5, RefinementProgress::Converged)] {
         let mut refinement = refinement_off_by(3000.0);
         refinement.damping.value = value;

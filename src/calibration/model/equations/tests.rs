@@ -18,7 +18,7 @@ fn equation(sigmas: f32) -> ResidualEquation {
 }
 
 #[test]
-fn an_outlier_counts_linearly() {
+fn loss_of_an_outlier_is_linear() {
     for (sigmas, weight, loss) in [
         (0.5, 100.0, 0.125),
         (1.98, 100.0, 1.9602),
@@ -53,7 +53,7 @@ fn clipped_mean_square_of_normal_noise() {
 }
 
 #[test]
-fn without_attitude_there_is_no_dip() {
+fn without_attitude_there_is_no_inclination_equation() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 1.0 };
     let tilt = Attitude::from_deg(20.0, 0.0).tilt();
     let measured = MeasuredSample { x: Vector3::new(0.6, 0.0, 0.8), tilt, heading_rad: None };
@@ -109,7 +109,7 @@ fn corrected_measurements_remove_the_noise_bias() {
 /// derivatives of norm and inclination by the measurement, and `R` the attitude's share. Outliers are limited to
 /// two sigmas.
 #[test]
-fn the_measurement_moves_to_where_it_most_likely_was() {
+fn the_measurement_is_corrected_by_its_expected_sensor_error() {
     let noise_w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
     let noise = NoiseModel::new(0.01, 0.015, noise_w);
     let tilt = Attitude::from_deg(25.0, 5.0).tilt();
@@ -149,7 +149,7 @@ fn the_measurement_moves_to_where_it_most_likely_was() {
 }
 
 #[test]
-fn heading_variance_is_given_plus_measured() {
+fn heading_variance_is_the_sum_of_reference_and_sensor_variance() {
     let parameters = ModelParameters { w: Matrix3::identity(), d: Vector3::zeros(), inclination_rad: 0.9 };
     let tilt = Attitude::from_deg(10.0, 0.0).tilt();
     let x = parameters.expected_field(&tilt, 0.7).unwrap();

@@ -35,7 +35,7 @@ fn stuck_axis_of(axis: usize, number: usize, value_ut: f32) -> Option<Axis> {
 
 /// A fifth of 60 is 12. Varying samples are at least 0.85 uT apart, so one is at each end of the range.
 #[test]
-fn an_axis_is_stuck_when_more_than_a_fifth_lies_at_one_end() {
+fn an_axis_is_stuck_if_over_a_fifth_of_its_samples_are_at_one_end() {
     for (index, axis) in [Axis::X, Axis::Y, Axis::Z].into_iter().enumerate() {
         for end_ut in [50.0, 10.0] {
             assert_eq!(stuck_axis_of(index, 11, end_ut), None, "{axis:?} {end_ut}");
@@ -170,7 +170,7 @@ fn the_better_of_two_results_is_returned() {
 }
 
 #[test]
-fn the_misfit_is_in_microtesla() {
+fn the_misfit_scales_with_the_total_field() {
     let (_, recorded) = flown();
     let solver = Solver::new(Method::MaximumLikelihood, recorded.turns(), &Prior::default()).unwrap();
     let mut solution = found(0.5, 0.0);

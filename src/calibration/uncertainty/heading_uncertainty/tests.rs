@@ -172,7 +172,7 @@ fn every_number_must_be_finite() {
 }
 
 #[test]
-fn a_square_is_added_to_every_element() {
+fn an_outer_product_is_added_to_every_element() {
     let mut random = Random(5);
     let [one, two] = [(); 2].map(|()| Vector12::from_fn(|_, _| random.uniform(-1.0, 1.0)));
     let mut covariance = CoefficientCovariance::ZERO;

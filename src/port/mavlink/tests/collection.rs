@@ -30,7 +30,7 @@ impl MavlinkBench {
     }
 
     /// Successful solve, whose calibration becomes active.
-    fn succeeds(&mut self, found: &(Calibration, HeadingUncertainty)) {
+    fn complete_solve(&mut self, found: &(Calibration, HeadingUncertainty)) {
         self.calibration = Some(*found);
         let verdict = ExpectedAccuracy::new(record(1).quality, &found.0);
         self.module.queue_text(&Notice::Solved(Ok(verdict)));
@@ -38,9 +38,9 @@ impl MavlinkBench {
     }
 
     /// Refused solve, and the module's state after it.
-    fn fails(&mut self, glance: IndicatorState) {
+    fn refuse_solve(&mut self, indicator: IndicatorState) {
         self.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        self.is(glance);
+        self.is(indicator);
     }
 
     fn lines(&mut self) -> Vec<String> {
@@ -54,138 +54,138 @@ impl MavlinkBench {
 }
 
 #[test]
-fn texts_tell_the_begin_each_tenth_and_the_end() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
+fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
     for percent in [0, 9, 10, 19, 17, 35, 34, 29, 40, 100] {
-        bed.is(IndicatorState::Collecting(percent));
+        bench.is(IndicatorState::Collecting(percent));
     }
-    assert_eq!(bed.lines(), [0, 10, 30, 40, 100].map(|percent| format!("collecting: {percent} %")));
-    bed.is(IndicatorState::Calibrated);
-    assert_eq!(bed.lines(), [ENDED]);
-    bed.is(IndicatorState::Collecting(55));
-    bed.is(IndicatorState::Collecting(0));
-    bed.is(IndicatorState::Collecting(0));
-    bed.is(IndicatorState::Collecting(12));
-    bed.is(IndicatorState::Idle);
+    assert_eq!(bench.lines(), [0, 10, 30, 40, 100].map(|percent| format!("collecting: {percent} %")));
+    bench.is(IndicatorState::Calibrated);
+    assert_eq!(bench.lines(), [ENDED]);
+    bench.is(IndicatorState::Collecting(55));
+    bench.is(IndicatorState::Collecting(0));
+    bench.is(IndicatorState::Collecting(0));
+    bench.is(IndicatorState::Collecting(12));
+    bench.is(IndicatorState::Idle);
     let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED];
-    assert_eq!(bed.lines(), expected);
+    assert_eq!(bench.lines(), expected);
 }
 
 /// Twice a second, with the direction of the field in body axes, if known.
 #[test]
-fn progress_is_told_while_it_collects() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.is(IndicatorState::Idle);
-    assert_eq!(bed.take(PROGRESS), []);
-    bed.is(IndicatorState::Collecting(40));
-    let progress = bed.take(PROGRESS);
+fn progress_is_sent_during_a_collection() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.is(IndicatorState::Idle);
+    assert_eq!(bench.take(PROGRESS), []);
+    bench.is(IndicatorState::Collecting(40));
+    let progress = bench.take(PROGRESS);
     assert_eq!(progress.len(), 2);
-    for told in progress {
-        assert_eq!(told.payload[..12], [0; 12]);
-        assert_eq!(told.payload[12..27], [0, 1, 2, 1, 40, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    for message in progress {
+        assert_eq!(message.payload[..12], [0; 12]);
+        assert_eq!(message.payload[12..27], [0, 1, 2, 1, 40, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
     }
-    bed.estimate.body_field = Some(crate::frames::Field::from_ut(30.0, 0.0, -40.0));
-    bed.is(IndicatorState::Collecting(100));
-    let told = &bed.take(PROGRESS)[0];
-    assert!((told.float(0) - 0.6).abs() < 1e-6 && (told.float(8) + 0.8).abs() < 1e-6);
-    assert_eq!(told.payload[14], 3);
-    bed.estimate.body_field = Some(crate::frames::Field::from_ut(0.0, 0.0, 0.0));
-    bed.is(IndicatorState::Collecting(100));
-    assert_eq!(bed.take(PROGRESS)[0].payload[..12], [0; 12]);
-    bed.is(IndicatorState::Calibrated);
-    assert_eq!(bed.take(PROGRESS), []);
+    bench.estimate.body_field = Some(crate::frames::Field::from_ut(30.0, 0.0, -40.0));
+    bench.is(IndicatorState::Collecting(100));
+    let message = &bench.take(PROGRESS)[0];
+    assert!((message.float(0) - 0.6).abs() < 1e-6 && (message.float(8) + 0.8).abs() < 1e-6);
+    assert_eq!(message.payload[14], 3);
+    bench.estimate.body_field = Some(crate::frames::Field::from_ut(0.0, 0.0, 0.0));
+    bench.is(IndicatorState::Collecting(100));
+    assert_eq!(bench.take(PROGRESS)[0].payload[..12], [0; 12]);
+    bench.is(IndicatorState::Calibrated);
+    assert_eq!(bench.take(PROGRESS), []);
 }
 
 #[test]
 fn a_new_calibration_is_reported_once() {
     for old in [None, Some(calibration(12.0))] {
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        bed.calibration = old;
-        bed.is(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
-        bed.is(IndicatorState::Collecting(0));
-        bed.is(IndicatorState::Collecting(100));
-        assert_eq!(bed.reports(), []);
-        bed.succeeds(&calibration(13.0));
-        bed.is(IndicatorState::Calibrated);
-        assert_eq!(bed.reports(), [(SUCCESS, 1)]);
+        let mut bench = MavlinkBench::beside_an_autopilot();
+        bench.calibration = old;
+        bench.is(if old.is_some() { IndicatorState::Calibrated } else { IndicatorState::Idle });
+        bench.is(IndicatorState::Collecting(0));
+        bench.is(IndicatorState::Collecting(100));
+        assert_eq!(bench.reports(), []);
+        bench.complete_solve(&calibration(13.0));
+        bench.is(IndicatorState::Calibrated);
+        assert_eq!(bench.reports(), [(SUCCESS, 1)]);
     }
 }
 
 #[test]
 fn a_refused_solve_is_reported_as_failed() {
     for (before, after) in [(None, IndicatorState::Refused), (Some(calibration(1.0)), IndicatorState::Calibrated)] {
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        bed.calibration = before;
-        bed.is(IndicatorState::Collecting(100));
-        bed.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
-        bed.glance = after;
-        bed.poll();
-        let reports = bed.take(REPORT);
+        let mut bench = MavlinkBench::beside_an_autopilot();
+        bench.calibration = before;
+        bench.is(IndicatorState::Collecting(100));
+        bench.module.queue_text(&Notice::Solved(Err(Refusal::NoSamples)));
+        bench.glance = after;
+        bench.poll();
+        let reports = bench.take(REPORT);
         assert!(reports.iter().all(|report| report.payload[..16] == [0; 16]), "not the numbers of the active one");
         assert_eq!(reports.iter().map(|report| report.payload[42]).collect::<Vec<_>>(), [FAILED]);
-        bed.calibration = Some(calibration(2.0));
-        bed.is(IndicatorState::Calibrated);
-        assert_eq!(bed.reports(), []);
+        bench.calibration = Some(calibration(2.0));
+        bench.is(IndicatorState::Calibrated);
+        assert_eq!(bench.reports(), []);
     }
 }
 
 /// Aborted or stopped. A module that waits for the next flight sends no report.
 #[test]
 fn a_collection_that_ends_without_an_outcome_has_failed() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::beside_an_autopilot();
     for (after, reports) in [
         (IndicatorState::Calibrated, vec![(FAILED, 0)]),
         (IndicatorState::Refused, vec![(FAILED, 0)]),
         (IndicatorState::Idle, vec![]),
     ] {
-        bed.is(IndicatorState::Collecting(50));
-        bed.is(after);
-        assert_eq!(bed.reports(), reports, "{after:?}");
+        bench.is(IndicatorState::Collecting(50));
+        bench.is(after);
+        assert_eq!(bench.reports(), reports, "{after:?}");
     }
 }
 
 #[test]
-fn a_collection_that_goes_on_after_a_refused_solve_is_not_reported() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.is(IndicatorState::Collecting(30));
-    bed.fails(IndicatorState::Collecting(30));
-    assert_eq!(bed.reports(), []);
-    assert_eq!(bed.take(PROGRESS).len(), 4);
-    bed.is(IndicatorState::Idle);
-    assert_eq!(bed.reports(), [], "it rests");
-    bed.is(IndicatorState::Collecting(30));
-    bed.is(IndicatorState::Refused);
-    assert_eq!(bed.reports(), [(FAILED, 0)], "the refused solve was not its end");
-    bed.is(IndicatorState::Collecting(30));
-    bed.succeeds(&calibration(1.0));
-    assert_eq!(bed.reports(), [(SUCCESS, 1)]);
+fn a_refused_solve_is_not_reported_while_the_collection_continues() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.is(IndicatorState::Collecting(30));
+    bench.refuse_solve(IndicatorState::Collecting(30));
+    assert_eq!(bench.reports(), []);
+    assert_eq!(bench.take(PROGRESS).len(), 4);
+    bench.is(IndicatorState::Idle);
+    assert_eq!(bench.reports(), [], "it rests");
+    bench.is(IndicatorState::Collecting(30));
+    bench.is(IndicatorState::Refused);
+    assert_eq!(bench.reports(), [(FAILED, 0)], "the refused solve was not its end");
+    bench.is(IndicatorState::Collecting(30));
+    bench.complete_solve(&calibration(1.0));
+    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
 }
 
 /// `cal solve` after `cal stop`, both between two polls.
 #[test]
 fn a_solve_without_a_collection_is_reported() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.is(IndicatorState::Idle);
-    bed.fails(IndicatorState::Refused);
-    assert_eq!(bed.reports(), [(FAILED, 0)]);
-    bed.succeeds(&calibration(1.0));
-    assert_eq!(bed.reports(), [(SUCCESS, 1)]);
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.is(IndicatorState::Idle);
+    bench.refuse_solve(IndicatorState::Refused);
+    assert_eq!(bench.reports(), [(FAILED, 0)]);
+    bench.complete_solve(&calibration(1.0));
+    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
 }
 
 /// Compared with the calibration's own formula, with and without a mounting.
 #[test]
-fn a_report_has_the_numbers_of_an_autopilot_s_compass() {
+fn a_calibration_report_has_an_autopilot_s_parameters() {
     for orientation in Orientation::all() {
         let mounting = orientation.body_from_sensor();
         let (mut found, uncertainty) = calibration(12.0);
         let symmetric = nalgebra::Matrix3::new(1.1, 0.02, -0.01, 0.02, 0.9, 0.03, -0.01, 0.03, 1.0);
         let w = symmetric * mounting;
         found.w = std::array::from_fn(|row| std::array::from_fn(|column| w[(row, column)]));
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        bed.settings.mount = orientation;
-        bed.is(IndicatorState::Collecting(100));
-        bed.succeeds(&(found, uncertainty));
-        let report = bed.take(REPORT).pop().unwrap();
+        let mut bench = MavlinkBench::beside_an_autopilot();
+        bench.settings.mount = orientation;
+        bench.is(IndicatorState::Collecting(100));
+        bench.complete_solve(&(found, uncertainty));
+        let report = bench.take(REPORT).pop().unwrap();
         let number = |at: usize| report.float(4 * at);
         // 0.4 % of 50 uT, in milligauss.
         assert!((number(0) - 2.0).abs() < 1e-5);
@@ -199,11 +199,11 @@ fn a_report_has_the_numbers_of_an_autopilot_s_compass() {
 }
 
 #[test]
-fn the_matrix_of_a_report_is_the_nearest_symmetric_one() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.is(IndicatorState::Collecting(100));
-    bed.succeeds(&calibration(12.0));
-    let report = bed.take(REPORT).pop().unwrap();
+fn the_matrix_of_a_calibration_report_is_the_nearest_symmetric_one() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.is(IndicatorState::Collecting(100));
+    bench.complete_solve(&calibration(12.0));
+    let report = bench.take(REPORT).pop().unwrap();
     let numbers: [f32; 9] = std::array::from_fn(|at| report.float(4 + 4 * at));
     for (number, expected) in numbers.into_iter().zip([-120.0, 80.0, -200.0, 1.1, 0.9, 1.0, 0.02, 0.0, -0.02]) {
         assert!((number - expected).abs() < 1e-4, "{numbers:?}");
@@ -211,36 +211,36 @@ fn the_matrix_of_a_report_is_the_nearest_symmetric_one() {
 }
 
 #[test]
-fn a_new_calibration_resets_the_pose_and_nothing_else_does() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.settings.sends_vision_yaw = true;
-    bed.settings.declination_deg = Some(1.0);
-    bed.estimate.heading = Ok(heading(10.0, 1.0));
-    bed.estimate.attitude = Some(Attitude::default());
-    let counter = |bed: &mut MavlinkBench| {
-        bed.run(100);
-        bed.take(102).last().unwrap().payload[116]
+fn only_a_new_calibration_resets_the_pose() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.settings.sends_vision_yaw = true;
+    bench.settings.declination_deg = Some(1.0);
+    bench.estimate.heading = Ok(heading(10.0, 1.0));
+    bench.estimate.attitude = Some(Attitude::default());
+    let counter = |bench: &mut MavlinkBench| {
+        bench.run(100);
+        bench.take(102).last().unwrap().payload[116]
     };
-    bed.calibration = Some(calibration(1.0));
-    let first = counter(&mut bed);
-    bed.glance = IndicatorState::Collecting(3);
-    assert_eq!(counter(&mut bed), first);
-    bed.calibration = None;
-    assert_eq!(counter(&mut bed), first);
-    bed.calibration = Some(calibration(1.0));
-    assert_eq!(counter(&mut bed), first);
-    bed.calibration = Some(calibration(2.0));
-    assert_eq!(counter(&mut bed), first + 1);
-    assert_eq!(counter(&mut bed), first + 1);
+    bench.calibration = Some(calibration(1.0));
+    let first = counter(&mut bench);
+    bench.glance = IndicatorState::Collecting(3);
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = None;
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = Some(calibration(1.0));
+    assert_eq!(counter(&mut bench), first);
+    bench.calibration = Some(calibration(2.0));
+    assert_eq!(counter(&mut bench), first + 1);
+    assert_eq!(counter(&mut bench), first + 1);
 }
 
 #[test]
 fn a_report_waits_for_an_autopilot() {
-    let mut bed = MavlinkBench::new();
-    bed.is(IndicatorState::Collecting(100));
-    bed.succeeds(&calibration(1.0));
-    bed.is(IndicatorState::Calibrated);
-    bed.hear(&heartbeat(AUTOPILOT, true, false));
-    bed.poll();
-    assert_eq!(bed.reports(), [(SUCCESS, 1)]);
+    let mut bench = MavlinkBench::new();
+    bench.is(IndicatorState::Collecting(100));
+    bench.complete_solve(&calibration(1.0));
+    bench.is(IndicatorState::Calibrated);
+    bench.hear(&heartbeat(AUTOPILOT, true, false));
+    bench.poll();
+    assert_eq!(bench.reports(), [(SUCCESS, 1)]);
 }

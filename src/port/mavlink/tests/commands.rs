@@ -37,7 +37,7 @@ impl MavlinkBench {
 }
 
 #[test]
-fn the_commands_of_a_calibration_are_passed_on_and_answered() {
+fn calibration_commands_are_executed_and_acknowledged() {
     for (number, order) in
         [(START, Command::CalStart(Procedure::Flight)), (42_425, Command::CalSolve(None)), (42_426, Command::CalAbort)]
     {
@@ -60,7 +60,7 @@ fn the_commands_of_a_calibration_are_passed_on_and_answered() {
 
 /// Component 158 of this system or of all; commands to all components are for the autopilot's own compass.
 #[test]
-fn a_command_is_taken_by_whom_it_is_for() {
+fn only_commands_addressed_to_the_module_are_accepted() {
     for (target, is_taken) in
         [(MODULE, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
@@ -77,7 +77,7 @@ fn a_command_is_taken_by_whom_it_is_for() {
 }
 
 #[test]
-fn other_commands_are_not_supported() {
+fn unknown_commands_are_answered_as_unsupported() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     for number in [511, 400, 42_423, 42_427] {
         assert_eq!(bed.command(number, 0), []);
@@ -86,7 +86,7 @@ fn other_commands_are_not_supported() {
 }
 
 #[test]
-fn a_restart_is_for_the_module_and_for_the_ground() {
+fn a_reboot_command_must_be_for_the_module_and_is_rejected_while_armed() {
     for (parameters, restarts) in [
         ([1.0, 0.0, 0.0, 0.0], true),
         ([0.0, 0.0, 1.0, 158.0], true),
@@ -149,7 +149,7 @@ fn a_repeated_command_is_answered_and_not_carried_out_again() {
 }
 
 #[test]
-fn a_repetition_is_of_the_same_command_by_the_same_sender() {
+fn a_repetition_has_the_same_command_and_sender() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     bed.module.complete_command(Command::CalStart(Procedure::Flight), Ok(()));
@@ -163,7 +163,7 @@ fn a_repetition_is_of_the_same_command_by_the_same_sender() {
 
 /// One order at a time, with a timeout of five seconds, both sides: a missing result must not block later orders.
 #[test]
-fn while_an_order_is_open_others_wait() {
+fn commands_are_rejected_while_another_is_pending() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     bed.ms += 5_000;
@@ -180,7 +180,7 @@ fn while_an_order_is_open_others_wait() {
 
 /// Sent as a warning, for refusals of the module and of the protocol. Unknown and repeated commands have no text.
 #[test]
-fn a_refused_command_gives_a_text_with_the_reason() {
+fn a_rejected_command_sends_a_text_with_the_reason() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.command(START, 0);
     bed.command(42_426, 0);
@@ -205,7 +205,7 @@ fn a_refused_command_gives_a_text_with_the_reason() {
 }
 
 #[test]
-fn answers_wait_for_room_and_are_not_without_bound() {
+fn at_most_four_acknowledgements_wait_for_room() {
     let mut bed = MavlinkBench::beside_an_autopilot();
     bed.room = Some(0);
     for number in 0..6 {

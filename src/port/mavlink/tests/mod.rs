@@ -109,10 +109,10 @@ impl MavlinkBench {
 
     /// With a disarmed autopilot that sends attitude.
     fn beside_an_autopilot() -> Self {
-        let mut bed = Self::new();
-        bed.hear(&heartbeat(AUTOPILOT, true, false));
-        bed.hear(&attitude(AUTOPILOT, 0));
-        bed
+        let mut bench = Self::new();
+        bench.hear(&heartbeat(AUTOPILOT, true, false));
+        bench.hear(&attitude(AUTOPILOT, 0));
+        bench
     }
 
     fn now(&self) -> Timestamp {
@@ -121,8 +121,8 @@ impl MavlinkBench {
 
     fn hear(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
         let now = self.now();
-        let heard = bytes.iter().filter_map(|&byte| self.module.process_byte(now, byte));
-        heard.filter(|heard| *heard != ReceivedMessage::Other).collect()
+        let received = bytes.iter().filter_map(|&byte| self.module.process_byte(now, byte));
+        received.filter(|received| *received != ReceivedMessage::Other).collect()
     }
 
     /// Polls until no message is due.
@@ -131,7 +131,7 @@ impl MavlinkBench {
     }
 
     fn poll_once(&mut self) -> bool {
-        let facts = Snapshot {
+        let snapshot = Snapshot {
             now: self.now(),
             estimate: &self.estimate,
             settings: &self.settings,
@@ -141,7 +141,7 @@ impl MavlinkBench {
         let mut out = TransmitBuffer::new();
         let others = self.room.map_or(0, |room| OUTPUT - room);
         assert!(out.append(&[&vec![0; others]]));
-        self.module.poll(&facts, &mut out);
+        self.module.poll(&snapshot, &mut out);
         let rest = &out.pending()[others..];
         let [0xFD, length, 0, 0, sequence, system, component, id, 0, 0, ..] = *rest else {
             assert!(rest.is_empty());
@@ -165,23 +165,23 @@ impl MavlinkBench {
 
     /// Removes and returns the sent frames of a message.
     fn take(&mut self, id: u8) -> Vec<Sent> {
-        let (these, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
+        let (taken, others) = std::mem::take(&mut self.sent).into_iter().partition(|sent| sent.id == id);
         self.sent = others;
-        these
+        taken
     }
 
     /// Removes and returns the sent texts, joined from their chunks, with severities.
     fn texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
         for sent in self.take(253) {
-            let piece: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();
-            let piece = String::from_utf8(piece).unwrap();
+            let chunk: Vec<u8> = sent.payload[1..51].iter().copied().take_while(|&byte| byte != 0).collect();
+            let chunk = String::from_utf8(chunk).unwrap();
             let number = u16::from_le_bytes([sent.payload[51], sent.payload[52]]);
             match texts.last_mut() {
-                Some((_, last, text)) if number != 0 && *last == number => text.push_str(&piece),
+                Some((_, last, text)) if number != 0 && *last == number => text.push_str(&chunk),
                 _ => {
                     assert_eq!(sent.payload[53], 0, "the first piece");
-                    texts.push((sent.payload[0], number, piece));
+                    texts.push((sent.payload[0], number, chunk));
                 }
             }
         }

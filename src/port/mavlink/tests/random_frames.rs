@@ -30,32 +30,32 @@ fn any_frame(random: &mut Random) -> Vec<u8> {
 /// 100,000 frames: nothing panics, whole frames are sent, requests are a second apart, and no command has more than one
 /// acknowledgement.
 #[test]
-fn whatever_is_said_the_line_is_used_with_measure() {
+fn random_frames_cause_no_panic_and_bounded_output() {
     let mut random = Random(3);
-    let mut bed = MavlinkBench::new();
+    let mut bench = MavlinkBench::new();
     let (mut commands, mut answers, mut requests) = (0, 0, 0);
     let mut last_request_ms = 0;
     for _ in 0..100_000 {
         let bytes = any_frame(&mut random);
         commands += usize::from([75, 76].contains(&bytes[7]));
-        for heard in bed.hear(&bytes) {
-            if let ReceivedMessage::Command(command) = heard
+        for message in bench.hear(&bytes) {
+            if let ReceivedMessage::Command(command) = message
                 && random.byte() < 200
             {
-                bed.module.complete_command(command, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
+                bench.module.complete_command(command, if random.byte() < 128 { Ok(()) } else { Err(&Refusal::Armed) });
             }
         }
-        bed.glance = [
+        bench.glance = [
             IndicatorState::Idle,
             IndicatorState::Collecting(random.byte() % 101),
             IndicatorState::Calibrated,
             IndicatorState::Refused,
         ][usize::from(random.byte()) % 4];
-        bed.settings.sends_vision_yaw = random.byte() < 128;
-        bed.room = (random.byte() < 64).then(|| usize::from(random.byte()));
-        bed.ms += u64::from(random.byte() % 32);
-        bed.poll();
-        for sent in bed.sent.drain(..) {
+        bench.settings.sends_vision_yaw = random.byte() < 128;
+        bench.room = (random.byte() < 64).then(|| usize::from(random.byte()));
+        bench.ms += u64::from(random.byte() % 32);
+        bench.poll();
+        for sent in bench.sent.drain(..) {
             match sent.id {
                 76 | 66 => {
                     assert!(sent.ms >= last_request_ms + 1_000);

@@ -7,7 +7,7 @@ const DENIED: u8 = 2;
 const IN_PROGRESS: u8 = 5;
 
 /// Requests: time, milliseconds, message and rate, Hz. Message 66 is the stream that contains ATTITUDE.
-fn asked(bed: &MavlinkBench) -> Vec<(u64, u32, u32)> {
+fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
     let request = |sent: &Sent| match sent.id {
         76 => {
             assert_eq!(sent.payload[28..33], [0xFF, 1, 1, 1, 0], "511, to the autopilot");
@@ -16,190 +16,190 @@ fn asked(bed: &MavlinkBench) -> Vec<(u64, u32, u32)> {
         66 => Some((sent.ms - 3_600_000, 66, sent.payload[0].into())),
         _ => None,
     };
-    bed.sent.iter().filter_map(request).collect()
+    bench.sent.iter().filter_map(request).collect()
 }
 
-fn answer(bed: &mut MavlinkBench, who: Who, target: Who, command: u16, result: u8) {
+fn answer(bench: &mut MavlinkBench, who: Who, target: Who, command: u16, result: u8) {
     let mut payload = command.to_le_bytes().to_vec();
     payload.extend([result, 0, 0, 0, 0, 0, target[0], target[1]]);
-    bed.hear(&frame(who, 77, 143, &payload));
+    bench.hear(&frame(who, 77, 143, &payload));
 }
 
 /// Sends attitude with this period for this time, milliseconds.
-fn attitudes(bed: &mut MavlinkBench, period_ms: u64, ms: u64) {
+fn attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
     for _ in 0..ms / 10 {
-        if bed.ms.is_multiple_of(period_ms) {
-            let boot_ms = bed.ms as u32;
-            bed.hear(&attitude(AUTOPILOT, boot_ms));
+        if bench.ms.is_multiple_of(period_ms) {
+            let boot_ms = bench.ms as u32;
+            bench.hear(&attitude(AUTOPILOT, boot_ms));
         }
-        bed.run(10);
+        bench.run(10);
     }
 }
 
 #[test]
-fn the_first_second_is_spent_looking() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.run(1_000);
-    assert_eq!(asked(&bed), []);
-    bed.run(10);
-    assert_eq!(asked(&bed), [(1_000, 30, 40)]);
+fn message_rates_are_observed_for_1_s_before_a_request() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.run(1_000);
+    assert_eq!(sent_requests(&bench), []);
+    bench.run(10);
+    assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
 }
 
 /// 32 of 40 reports a second suffice, 31 do not.
 #[test]
-fn four_fifths_of_what_was_asked_for_is_enough() {
+fn four_fifths_of_the_requested_rate_suffice() {
     for (number, enough) in [(32, true), (31, false)] {
-        let mut bed = MavlinkBench::new();
-        bed.hear(&heartbeat(AUTOPILOT, true, false));
-        bed.run(10);
+        let mut bench = MavlinkBench::new();
+        bench.hear(&heartbeat(AUTOPILOT, true, false));
+        bench.run(10);
         for _ in 0..number {
-            bed.hear(&attitude(AUTOPILOT, 0));
+            bench.hear(&attitude(AUTOPILOT, 0));
         }
-        bed.run(1_000);
-        assert_eq!(asked(&bed), [if enough { (1_000, 1, 10) } else { (1_000, 30, 40) }]);
+        bench.run(1_000);
+        assert_eq!(sent_requests(&bench), [if enough { (1_000, 1, 10) } else { (1_000, 30, 40) }]);
     }
 }
 
 /// The next request follows a second after the denied one.
 #[test]
-fn a_denial_counts_from_the_autopilot_and_to_the_module_or_to_all() {
-    let own = [1, 158];
+fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
+    let module_address = [1, 158];
     for (who, target, command, result, counts) in [
-        (AUTOPILOT, own, 511, DENIED, true),
+        (AUTOPILOT, module_address, 511, DENIED, true),
         (AUTOPILOT, [0, 0], 511, DENIED, true),
         (AUTOPILOT, [1, 0], 511, 1, true),
-        (AUTOPILOT, own, 511, 200, true),
-        (AUTOPILOT, own, 511, IN_PROGRESS, false),
-        (AUTOPILOT, own, 512, DENIED, false),
+        (AUTOPILOT, module_address, 511, 200, true),
+        (AUTOPILOT, module_address, 511, IN_PROGRESS, false),
+        (AUTOPILOT, module_address, 512, DENIED, false),
         (AUTOPILOT, [1, 157], 511, DENIED, false),
         (AUTOPILOT, [2, 158], 511, DENIED, false),
-        (GIMBAL, own, 511, DENIED, false),
-        (SECOND, own, 511, DENIED, false),
+        (GIMBAL, module_address, 511, DENIED, false),
+        (SECOND, module_address, 511, DENIED, false),
     ] {
-        let mut bed = MavlinkBench::beside_an_autopilot();
-        bed.run(1_200);
-        answer(&mut bed, who, target, command, result);
-        bed.run(800);
-        assert_eq!(asked(&bed).len(), 1);
-        bed.run(10);
+        let mut bench = MavlinkBench::beside_an_autopilot();
+        bench.run(1_200);
+        answer(&mut bench, who, target, command, result);
+        bench.run(800);
+        assert_eq!(sent_requests(&bench).len(), 1);
+        bench.run(10);
         let next = if counts { (2_000, 30, 25) } else { (2_000, 30, 40) };
-        assert_eq!(asked(&bed)[1..], [next], "{who:?} {target:?} {command} {result}");
+        assert_eq!(sent_requests(&bench)[1..], [next], "{who:?} {target:?} {command} {result}");
     }
 }
 
 /// The messages must arrive within a second of the acceptance; earlier ones do not count.
 #[test]
-fn what_is_granted_has_to_come() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.run(1_010);
-    attitudes(&mut bed, 20, 500);
-    answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    attitudes(&mut bed, 50, 990);
-    assert_eq!(asked(&bed).len(), 1);
-    bed.run(30);
-    assert_eq!(asked(&bed)[1..], [(2_510, 30, 40)], "20 Hz is not 40: once more");
-    answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    attitudes(&mut bed, 20, 1_100);
-    assert_eq!(asked(&bed)[2..], [(3_530, 1, 10)]);
+fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.run(1_010);
+    attitudes(&mut bench, 20, 500);
+    answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    attitudes(&mut bench, 50, 990);
+    assert_eq!(sent_requests(&bench).len(), 1);
+    bench.run(30);
+    assert_eq!(sent_requests(&bench)[1..], [(2_510, 30, 40)], "20 Hz is not 40: once more");
+    answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
+    attitudes(&mut bench, 20, 1_100);
+    assert_eq!(sent_requests(&bench)[2..], [(3_530, 1, 10)]);
 }
 
 /// Each rate twice, then a lower one.
 #[test]
-fn what_is_not_answered_is_asked_for_twice() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.run(5_010);
+fn each_rate_is_requested_twice_without_an_answer() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.run(5_010);
     let expected = [(1_000, 30, 40), (2_000, 30, 40), (3_000, 30, 25), (4_000, 30, 25), (5_000, 30, 20)];
-    assert_eq!(asked(&bed), expected);
+    assert_eq!(sent_requests(&bench), expected);
 }
 
 /// The setting limits the first rate; a change of it repeats all requests.
 #[test]
-fn the_highest_attitude_rate_is_a_setting() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.settings.attitude_rate_hz = 50;
-    bed.run(3_010);
-    assert_eq!(asked(&bed), [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40)]);
-    bed.settings.attitude_rate_hz = 24;
-    bed.run(1_020);
-    assert_eq!(asked(&bed)[3..], [(4_010, 30, 20)]);
+fn the_first_requested_attitude_rate_is_a_setting() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.settings.attitude_rate_hz = 50;
+    bench.run(3_010);
+    assert_eq!(sent_requests(&bench), [(1_000, 30, 50), (2_000, 30, 50), (3_000, 30, 40)]);
+    bench.settings.attitude_rate_hz = 24;
+    bench.run(1_020);
+    assert_eq!(sent_requests(&bench)[3..], [(4_010, 30, 20)]);
 }
 
 #[test]
-fn an_answer_to_no_question_is_no_answer() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.run(500);
-    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
-    bed.run(600);
-    assert_eq!(asked(&bed), [(1_000, 30, 40)]);
-    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
-    answer(&mut bed, AUTOPILOT, [1, 158], 511, DENIED);
-    bed.run(1_000);
-    assert_eq!(asked(&bed)[1..], [(2_000, 30, 25)]);
+fn acknowledgements_without_a_request_are_ignored() {
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.run(500);
+    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    bench.run(600);
+    assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
+    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    answer(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
+    bench.run(1_000);
+    assert_eq!(sent_requests(&bench)[1..], [(2_000, 30, 25)]);
 }
 
 /// Module with granted requests: attitude at 50 Hz and three other messages.
 fn content() -> MavlinkBench {
-    let mut bed = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::beside_an_autopilot();
     for _ in 0..4 {
-        attitudes(&mut bed, 20, 1_050);
-        answer(&mut bed, AUTOPILOT, [1, 158], 511, ACCEPTED);
+        attitudes(&mut bench, 20, 1_050);
+        answer(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
     }
-    assert_eq!(asked(&bed).iter().map(|&(_, id, _)| id).collect::<Vec<_>>(), [1, 33, 2]);
-    bed.sent.clear();
-    bed
+    assert_eq!(sent_requests(&bench).iter().map(|&(_, id, _)| id).collect::<Vec<_>>(), [1, 33, 2]);
+    bench.sent.clear();
+    bench
 }
 
 /// Two seconds, both sides.
 #[test]
-fn after_a_silence_it_asks_again() {
-    let mut bed = content();
-    let last = (bed.ms - 10) / 20 * 20;
-    bed.run(last + 2_010 - bed.ms);
-    assert_eq!(asked(&bed), []);
-    bed.run(10);
-    assert_eq!(asked(&bed), [(last + 2_010 - 3_600_000, 30, 40)]);
+fn attitude_is_requested_again_after_2_s_of_silence() {
+    let mut bench = content();
+    let last = (bench.ms - 10) / 20 * 20;
+    bench.run(last + 2_010 - bench.ms);
+    assert_eq!(sent_requests(&bench), []);
+    bench.run(10);
+    assert_eq!(sent_requests(&bench), [(last + 2_010 - 3_600_000, 30, 40)]);
 }
 
 /// A restart sets the clock back by more than a second; a late report does not.
 #[test]
-fn after_a_restart_it_looks_and_asks_again() {
+fn attitude_is_requested_again_after_an_autopilot_restart() {
     for (back_ms, restarts) in [(1_001, true), (1_000, false)] {
-        let mut bed = content();
-        let clock_ms = ((bed.ms - 10) / 20 * 20) as u32;
-        bed.hear(&attitude(AUTOPILOT, clock_ms - back_ms));
-        bed.run(1_500);
-        assert_eq!(!asked(&bed).is_empty(), restarts, "{back_ms}");
+        let mut bench = content();
+        let clock_ms = ((bench.ms - 10) / 20 * 20) as u32;
+        bench.hear(&attitude(AUTOPILOT, clock_ms - back_ms));
+        bench.run(1_500);
+        assert_eq!(!sent_requests(&bench).is_empty(), restarts, "{back_ms}");
     }
     // A clock that is always zero indicates no restart.
-    let mut bed = MavlinkBench::beside_an_autopilot();
+    let mut bench = MavlinkBench::beside_an_autopilot();
     for _ in 0..500 {
-        bed.hear(&attitude(AUTOPILOT, 0));
-        bed.run(20);
+        bench.hear(&attitude(AUTOPILOT, 0));
+        bench.run(20);
     }
-    assert!(asked(&bed).iter().all(|&(_, id, _)| id != 30), "{:?}", asked(&bed));
+    assert!(sent_requests(&bench).iter().all(|&(_, id, _)| id != 30), "{:?}", sent_requests(&bench));
 }
 
 #[test]
-fn another_autopilot_is_asked_anew_and_not_at_once() {
-    let mut bed = content();
-    bed.ms += 10_001;
+fn another_autopilot_is_requested_after_1_s_of_observation() {
+    let mut bench = content();
+    bench.ms += 10_001;
     // Its clock is equal; only the address differs.
-    let clock_ms = bed.ms as u32;
-    bed.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
-    bed.run(1_000);
-    assert_eq!(bed.sent.iter().filter(|sent| sent.id == 76).count(), 0);
-    bed.run(10);
-    let requests = bed.take(76);
+    let clock_ms = bench.ms as u32;
+    bench.hear(&[heartbeat([9, 1], true, false), attitude([9, 1], clock_ms)].concat());
+    bench.run(1_000);
+    assert_eq!(bench.sent.iter().filter(|sent| sent.id == 76).count(), 0);
+    bench.run(10);
+    let requests = bench.take(76);
     assert_eq!(requests.len(), 1);
     assert_eq!((requests[0].from, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
 }
 
 #[test]
 fn a_request_that_does_not_fit_is_not_counted() {
-    let mut bed = MavlinkBench::beside_an_autopilot();
-    bed.room = Some(0);
-    bed.run(10_000);
-    bed.room = None;
-    bed.run(10);
-    assert_eq!(asked(&bed), [(10_000, 30, 40)]);
+    let mut bench = MavlinkBench::beside_an_autopilot();
+    bench.room = Some(0);
+    bench.run(10_000);
+    bench.room = None;
+    bench.run(10);
+    assert_eq!(sent_requests(&bench), [(10_000, 30, 40)]);
 }

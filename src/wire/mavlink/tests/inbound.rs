@@ -8,7 +8,7 @@ pub fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
 }
 
-fn one(frame: &[u8]) -> InboundMessage {
+fn decode_single(frame: &[u8]) -> InboundMessage {
     let (messages, rejected) = messages(frame);
     assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
     messages[0]
@@ -25,9 +25,9 @@ const PLACE: [&str; 2] = [
 ];
 
 #[test]
-fn a_place_is_in_degrees_and_metres_above_the_sea() {
+fn a_position_is_in_degrees_and_metres_above_sea_level() {
     for frame in PLACE {
-        let InboundMessage::Position(SENDER, Some(place)) = one(&bytes(frame)) else { panic!("{frame}") };
+        let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes(frame)) else { panic!("{frame}") };
         // The resolution of degrees in an f32 is a metre.
         assert!((place.latitude_deg - 47.397_742).abs() < 1e-5, "{place:?}");
         assert!((place.longitude_deg + 8.545_601).abs() < 1e-5, "{place:?}");
@@ -40,18 +40,18 @@ fn a_place_is_in_degrees_and_metres_above_the_sea() {
 fn a_current_is_in_amperes() {
     use ::mavlink::dialects::common::{BATTERY_STATUS_DATA, SYS_STATUS_DATA};
     use ::mavlink::{MavlinkVersion, MessageData};
-    fn sent<M: MessageData>(data: &M) -> InboundMessage {
+    fn encode_and_decode<M: MessageData>(data: &M) -> InboundMessage {
         let mut payload = [0; 255];
         let length = data.ser(MavlinkVersion::V2, &mut payload);
-        one(&frame(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
+        decode_single(&frame(M::ID as u8, M::EXTRA_CRC, &payload[..length]))
     }
     let status = |current_battery| {
-        sent(&SYS_STATUS_DATA { current_battery, voltage_battery: 0x7777, ..SYS_STATUS_DATA::DEFAULT })
+        encode_and_decode(&SYS_STATUS_DATA { current_battery, voltage_battery: 0x7777, ..SYS_STATUS_DATA::DEFAULT })
     };
     let battery = |current_battery, id| {
         let others =
             BATTERY_STATUS_DATA { voltages: [0x5555; 10], battery_remaining: 50, ..BATTERY_STATUS_DATA::DEFAULT };
-        sent(&BATTERY_STATUS_DATA { current_battery, id, ..others })
+        encode_and_decode(&BATTERY_STATUS_DATA { current_battery, id, ..others })
     };
     for (centiamperes, amperes) in [
         (1_234, Some(12.34)),
@@ -73,30 +73,30 @@ fn frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
 
 /// A receiver without a fix sends valid frames: nothing is rejected.
 #[test]
-fn no_place_is_no_broken_frame() {
-    assert_eq!(one(&frame(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
+fn a_position_without_a_fix_is_not_rejected() {
+    assert_eq!(decode_single(&frame(33, 104, &[1, 2, 3, 4])), InboundMessage::Position(SENDER, None));
     let at = |latitude: i32, longitude: i32| {
         let payload = [[0; 4], latitude.to_le_bytes(), longitude.to_le_bytes(), [0; 4]].concat();
-        one(&frame(33, 104, &payload))
+        decode_single(&frame(33, 104, &payload))
     };
     assert_eq!(at(-900_000_000, 1), InboundMessage::Position(SENDER, Position::new(-90.0, 1e-7, 0.0)));
     assert_eq!(at(i32::MIN, i32::MAX), InboundMessage::Position(SENDER, None));
 }
 
 #[test]
-fn a_day_is_of_microseconds_since_1970() {
+fn a_date_is_received_in_microseconds_since_1970() {
     let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
     for hex in frames {
-        assert_eq!(one(&bytes(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
+        assert_eq!(decode_single(&bytes(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
     }
     // An unset clock, and a date out of range.
     for unix_us in [0, 5_000_000, u64::MAX] {
-        assert_eq!(one(&frame(2, 137, &unix_us.to_le_bytes())), InboundMessage::Date(SENDER, None));
+        assert_eq!(decode_single(&frame(2, 137, &unix_us.to_le_bytes())), InboundMessage::Date(SENDER, None));
     }
 }
 
 #[test]
-fn a_command_comes_in_either_message() {
+fn commands_are_decoded_from_command_long_and_command_int() {
     let expected = |command, confirmation| {
         InboundMessage::Command(ReceivedCommand {
             source: SENDER,
@@ -113,14 +113,14 @@ fn a_command_comes_in_either_message() {
         ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
         ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
     ] {
-        assert_eq!(one(&bytes(hex)), expected(command, confirmation), "{hex}");
+        assert_eq!(decode_single(&bytes(hex)), expected(command, confirmation), "{hex}");
     }
 }
 
 #[test]
 fn a_command_int_has_no_confirmation() {
     let payload = [&[0; 28][..], &[1, 0, 1, 158, 3]].concat();
-    let confirmation = |frame: &[u8]| match one(frame) {
+    let confirmation = |frame: &[u8]| match decode_single(frame) {
         InboundMessage::Command(command) => command.confirmation,
         other => panic!("{other:?}"),
     };
@@ -130,28 +130,28 @@ fn a_command_int_has_no_confirmation() {
 
 /// Commands of any dialect, and results of later versions.
 #[test]
-fn numbers_that_are_not_known_are_passed_on() {
+fn unknown_command_and_result_numbers_are_returned() {
     let payload = [&[0; 28][..], &[0xFF, 0xFF, 1, 158, 0]].concat();
-    let InboundMessage::Command(command) = one(&frame(76, 152, &payload)) else { panic!() };
+    let InboundMessage::Command(command) = decode_single(&frame(76, 152, &payload)) else { panic!() };
     assert_eq!(command.command, 0xFFFF);
-    let InboundMessage::Acknowledgement(ack) = one(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
+    let InboundMessage::Acknowledgement(ack) = decode_single(&frame(77, 143, &[0xFF, 0xFF, 200])) else { panic!() };
     assert_eq!((ack.command, ack.result), (0xFFFF, 200));
 }
 
 /// With the extension fields of version 2; without them it is for all.
 #[test]
-fn an_acknowledgement_says_whom_it_is_for_if_it_can() {
+fn an_acknowledgement_has_a_target_in_version_2() {
     let ack = |result, system, component| {
         let target = Address { system, component };
         InboundMessage::Acknowledgement(Acknowledgement { source: SENDER, target, command: 511, result })
     };
-    assert_eq!(one(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
+    assert_eq!(decode_single(&bytes("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
     let v1 = with_crc_of(143, vec![0xFE, 3, 0, 12, 34, 77, 0xFF, 1, 2]);
-    assert_eq!(one(&v1), ack(2, 0, 0));
+    assert_eq!(decode_single(&v1), ack(2, 0, 0));
     for length in 3..=10 {
         let payload = &[0xFF, 1, 2, 7, 1, 1, 1, 1, 12, 158][..length];
         let expected = ack(2, if length > 8 { 12 } else { 0 }, if length > 9 { 158 } else { 0 });
-        assert_eq!(one(&frame(77, 143, payload)), expected, "{length}");
+        assert_eq!(decode_single(&frame(77, 143, payload)), expected, "{length}");
     }
     assert_passed_over(&frame(77, 143, &[1; 11]));
     let v1 = with_crc_of(143, [&[0xFE, 10, 0, 12, 34, 77][..], &[1; 10]].concat());
@@ -160,10 +160,10 @@ fn an_acknowledgement_says_whom_it_is_for_if_it_can() {
 
 /// From one byte to the full length; a longer payload is another message.
 #[test]
-fn each_message_has_its_own_length() {
+fn each_message_has_its_maximum_length() {
     for (id, extra, length) in [(33, 104, 28), (2, 137, 12), (76, 152, 33), (75, 158, 35)] {
         for cut in 1..=length {
-            one(&frame(id, extra, &vec![1; cut]));
+            decode_single(&frame(id, extra, &vec![1; cut]));
         }
         assert_passed_over(&frame(id, extra, &vec![1; length + 1]));
         let v1 = with_crc_of(extra, [&[0xFE, length as u8 - 1, 0, 12, 34, id][..], &vec![1; length - 1]].concat());
@@ -173,15 +173,15 @@ fn each_message_has_its_own_length() {
 
 /// A signed COMMAND_INT fills the buffer.
 #[test]
-fn the_longest_frame_is_taken() {
+fn the_longest_frame_is_decoded() {
     let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];
     let frame = [with_crc_of(154, [&signed[..], &[1; 54]].concat()), vec![0xFD; 13]].concat();
     assert_eq!(frame.len(), MAX_FRAME);
-    one(&frame);
+    decode_single(&frame);
 }
 
 #[test]
-fn an_address_is_a_sender_s_number() {
+fn an_address_round_trips_through_a_sender_id() {
     let address = Address { system: 12, component: 34 };
     assert_eq!((address.sender(), Address::from_sender(SENDER)), (SENDER, address));
 }

@@ -45,7 +45,7 @@ fn receive(bytes: &[u8]) -> (Vec<AttitudeReport>, u32) {
 }
 
 #[test]
-fn both_versions_are_read_and_yaw_is_not_needed() {
+fn attitude_is_decoded_from_both_versions_without_yaw() {
     let bytes = [v1(&data(0.25)), v2(&data(-0.5))].concat();
     let (reports, rejected) = receive(&bytes);
     let rolls: Vec<f32> = reports.iter().map(|r| r.attitude.roll_rad).collect();
@@ -54,7 +54,7 @@ fn both_versions_are_read_and_yaw_is_not_needed() {
 }
 
 #[test]
-fn a_false_start_costs_no_true_frame() {
+fn a_truncated_frame_costs_no_later_frame() {
     // A truncated frame, then a whole one within the length that the first claims.
     let whole = v2(&data(0.3));
     for cut in 0..whole.len() {
@@ -64,7 +64,7 @@ fn a_false_start_costs_no_true_frame() {
 }
 
 #[test]
-fn a_flipped_bit_anywhere_is_never_believed() {
+fn a_frame_with_a_flipped_bit_is_never_accepted() {
     let whole = v2(&data(0.3));
     for bit in 0..whole.len() * 8 {
         let mut broken = whole.clone();
@@ -76,7 +76,7 @@ fn a_flipped_bit_anywhere_is_never_believed() {
 }
 
 #[test]
-fn impossible_angles_are_refused() {
+fn impossible_angles_are_rejected() {
     for roll in [f32::NAN, f32::INFINITY, 4.0] {
         let (reports, rejected) = receive(&v2(&data(roll)));
         assert!(reports.is_empty());
@@ -150,16 +150,16 @@ fn good_frames(roll: f32) -> [Vec<u8>; 2] {
     [frame_v1(30, &payload), frame_v2(0, ID, &payload)]
 }
 
-fn assert_ignored(frame: &[u8], rejected: u32, what: &str) {
-    assert_eq!(receive(frame), (vec![], rejected), "{what}");
+fn assert_ignored(frame: &[u8], rejected: u32, label: &str) {
+    assert_eq!(receive(frame), (vec![], rejected), "{label}");
     for good in good_frames(0.7) {
         let (reports, _) = receive(&[frame, &good[..]].concat());
-        assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{what}");
+        assert_eq!(reports.iter().map(|r| r.attitude.roll_rad).collect::<Vec<_>>(), [0.7], "{label}");
     }
 }
 
 #[test]
-fn every_number_of_the_message_is_where_it_belongs() {
+fn every_field_of_an_attitude_message_is_decoded() {
     let expected = AttitudeReport {
         sender: SenderId::new(0x0101),
         sender_time: WrappingMillis::new(4321),
@@ -173,7 +173,7 @@ fn every_number_of_the_message_is_where_it_belongs() {
 
 /// A signature has 13 bytes of any content; the report is returned with its last byte.
 #[test]
-fn a_report_comes_with_the_last_byte_of_its_frame() {
+fn an_attitude_is_returned_with_the_last_byte_of_its_frame() {
     let signed = [&frame_v2(1, ID, &payload(NUMBERS))[..], &[0xFD; 13]].concat();
     let [v1, v2] = good_frames(0.1);
     for frame in [v1, v2, signed.clone()] {
@@ -189,7 +189,7 @@ fn a_report_comes_with_the_last_byte_of_its_frame() {
 
 /// An unknown flag may change the format (MAVLink guide, incompatibility flags).
 #[test]
-fn unknown_incompatibility_flags_are_refused() {
+fn frames_with_unknown_incompatibility_flags_are_ignored() {
     for flags in [0x02, 0x03, 0x40, 0x80, 0xFE, 0xFF] {
         assert_ignored(&frame_v2(flags, ID, &payload(NUMBERS)), 0, "flags");
     }
@@ -197,7 +197,7 @@ fn unknown_incompatibility_flags_are_refused() {
 
 /// Byte 3 of the header.
 #[test]
-fn compatibility_flags_are_no_matter() {
+fn compatibility_flags_are_ignored() {
     let mut frame = frame_v2(0, ID, &payload(NUMBERS));
     frame.truncate(10 + 28);
     frame[3] = 0xFF;
@@ -205,7 +205,7 @@ fn compatibility_flags_are_no_matter() {
 }
 
 #[test]
-fn other_messages_are_passed_over() {
+fn other_messages_are_skipped() {
     for id in [[31, 0, 0], [29, 0, 0], [30, 1, 0], [30, 0, 1], [0, 0, 30]] {
         assert_ignored(&frame_v2(0, id, &payload(NUMBERS)), 0, "id");
     }
@@ -216,7 +216,7 @@ fn other_messages_are_passed_over() {
 
 /// Version 2 truncates zeros, to one byte at least; shorter and longer payloads are skipped.
 #[test]
-fn version_2_is_trimmed_and_version_1_is_not() {
+fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
     let whole = payload(NUMBERS);
     for length in 1..=28 {
         let mut filled = whole[..length].to_vec();
@@ -235,7 +235,7 @@ fn version_2_is_trimmed_and_version_1_is_not() {
 
 /// With a margin of 0.001 rad for rounding.
 #[test]
-fn roll_and_pitch_end_where_angles_end() {
+fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
     use core::f32::consts::{FRAC_PI_2, PI};
     for sign in [1.0, -1.0] {
         for (roll, pitch, possible) in [
@@ -260,7 +260,7 @@ fn roll_and_pitch_end_where_angles_end() {
 }
 
 #[test]
-fn a_rate_that_is_no_number_is_zero_and_the_others_stay() {
+fn a_non_finite_rate_becomes_zero() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
             let mut numbers = NUMBERS;
@@ -275,7 +275,7 @@ fn a_rate_that_is_no_number_is_zero_and_the_others_stay() {
 
 /// Each bit of the CRC, and the extra byte, which separates ATTITUDE from a message with an equal layout.
 #[test]
-fn a_wrong_crc_is_refused_and_counted() {
+fn a_wrong_crc_is_rejected_and_counted() {
     for frame in good_frames(0.3) {
         for bit in 0..16 {
             let mut broken = frame.clone();
@@ -331,12 +331,12 @@ fn the_frame_after_every_kind_of_garbage_is_found() {
 const SENDER: SenderId = SenderId::new(12 * 256 + 34);
 
 /// Payload of HEARTBEAT: custom mode, kind of vehicle, kind of autopilot, base mode, state, MAVLink's version.
-fn beat(vehicle: u8, autopilot: u8, base_mode: u8) -> [u8; 9] {
+fn heartbeat_payload(vehicle: u8, autopilot: u8, base_mode: u8) -> [u8; 9] {
     [0x78, 0x56, 0x34, 0x12, vehicle, autopilot, base_mode, 4, 3]
 }
 
 /// HEARTBEAT in each version, with CRC extra byte 50.
-fn beats(payload: &[u8]) -> [Vec<u8>; 2] {
+fn heartbeat_frames(payload: &[u8]) -> [Vec<u8>; 2] {
     let length = payload.len() as u8;
     [
         with_crc_of(50, [&[0xFE, length, 0, 12, 34, 0], payload].concat()),
@@ -344,18 +344,18 @@ fn beats(payload: &[u8]) -> [Vec<u8>; 2] {
     ]
 }
 
-fn heard(is_autopilot: bool, is_armed: bool) -> (Vec<InboundMessage>, u32) {
+fn expected_heartbeat(is_autopilot: bool, is_armed: bool) -> (Vec<InboundMessage>, u32) {
     (vec![InboundMessage::Heartbeat(Heartbeat { sender: SENDER, is_autopilot, is_armed })], 0)
 }
 
 /// Every kind but 8 is an autopilot, kinds unknown to this dialect included. Of the base mode only bit 128 counts.
 #[test]
-fn a_heartbeat_says_who_is_an_autopilot_and_armed() {
+fn a_heartbeat_contains_autopilot_kind_and_armed_state() {
     for (autopilot, is_autopilot) in [(0, true), (3, true), (7, true), (8, false), (9, true), (12, true), (255, true)] {
         for (base_mode, is_armed) in [(0, false), (0x7F, false), (0x80, true), (0xFF, true)] {
             for vehicle in [1, 255] {
-                for frame in beats(&beat(vehicle, autopilot, base_mode)) {
-                    assert_eq!(messages(&frame), heard(is_autopilot, is_armed), "{autopilot} {base_mode}");
+                for frame in heartbeat_frames(&heartbeat_payload(vehicle, autopilot, base_mode)) {
+                    assert_eq!(messages(&frame), expected_heartbeat(is_autopilot, is_armed), "{autopilot} {base_mode}");
                 }
             }
         }
@@ -364,7 +364,7 @@ fn a_heartbeat_says_who_is_an_autopilot_and_armed() {
 
 /// Written by the library of the simulated autopilot.
 #[test]
-fn a_library_s_heartbeat_is_read() {
+fn a_heartbeat_of_the_mavlink_library_is_decoded() {
     let data = HEARTBEAT_DATA {
         custom_mode: 0,
         mavtype: mavlink::dialects::common::MavType::MAV_TYPE_GCS,
@@ -378,12 +378,12 @@ fn a_library_s_heartbeat_is_read() {
     v1.serialize_message_data(header, &data);
     v2.serialize_message_data(header, &data);
     for frame in [v1.raw_bytes(), v2.raw_bytes()] {
-        assert_eq!(messages(frame), heard(false, true));
+        assert_eq!(messages(frame), expected_heartbeat(false, true));
     }
 }
 
 #[test]
-fn a_report_is_its_sender_s() {
+fn an_attitude_report_contains_its_sender() {
     let payload = payload(NUMBERS);
     let v1 = with_crc([&[0xFE, 28, 0, 12, 34, 30], &payload[..]].concat());
     let v2 = with_crc([&[0xFD, 28, 0, 0, 0, 12, 34, 30, 0, 0], &payload[..]].concat());
@@ -396,18 +396,18 @@ fn a_report_is_its_sender_s() {
 }
 
 #[test]
-fn a_heartbeat_is_as_long_as_a_heartbeat() {
-    let whole = beat(1, 3, 0x80);
+fn heartbeats_of_wrong_length_are_skipped() {
+    let whole = heartbeat_payload(1, 3, 0x80);
     for length in 1..=9 {
-        let [v1, v2] = beats(&whole[..length]);
+        let [v1, v2] = heartbeat_frames(&whole[..length]);
         if length < 9 {
             assert_ignored(&v1, 0, "version 1 is never cut");
         }
         // Truncated bytes are zero: kind 0 is an autopilot, mode 0 is disarmed.
-        assert_eq!(messages(&v2), heard(true, length > 6), "{length}");
+        assert_eq!(messages(&v2), expected_heartbeat(true, length > 6), "{length}");
     }
     for too_long in [&[&whole[..], &[0]].concat()[..], &[1; 28], &[1; 29]] {
-        for frame in beats(too_long) {
+        for frame in heartbeat_frames(too_long) {
             assert_ignored(&frame, 0, "too long");
         }
     }
@@ -415,8 +415,8 @@ fn a_heartbeat_is_as_long_as_a_heartbeat() {
 }
 
 #[test]
-fn a_heartbeat_s_wrong_crc_is_refused_and_counted() {
-    for frame in beats(&beat(1, 3, 0)) {
+fn a_heartbeat_with_wrong_crc_is_rejected_and_counted() {
+    for frame in heartbeat_frames(&heartbeat_payload(1, 3, 0)) {
         for bit in 0..16 {
             let mut broken = frame.clone();
             let at = broken.len() - 2 + bit / 8;
@@ -430,9 +430,9 @@ fn a_heartbeat_s_wrong_crc_is_refused_and_counted() {
 
 /// A truncated heartbeat, or one with a flipped bit, costs at most itself.
 #[test]
-fn a_broken_heartbeat_costs_no_other_frame() {
-    let good = beat(2, 3, 0x80);
-    for frame in beats(&good) {
+fn a_damaged_heartbeat_costs_no_other_frame() {
+    let good = heartbeat_payload(2, 3, 0x80);
+    for frame in heartbeat_frames(&good) {
         let mut broken: Vec<Vec<u8>> = (0..frame.len()).map(|cut| frame[..cut].to_vec()).collect();
         broken.extend((0..frame.len() * 8).map(|bit| {
             let mut flipped = frame.clone();
@@ -440,7 +440,7 @@ fn a_broken_heartbeat_costs_no_other_frame() {
             flipped
         }));
         for before in broken {
-            for next in beats(&good).into_iter().chain(good_frames(0.7)) {
+            for next in heartbeat_frames(&good).into_iter().chain(good_frames(0.7)) {
                 // Zeros end any pending false frame.
                 let (found, _) = messages(&[&before[..], &next, &[0; MAX_FRAME]].concat());
                 assert_eq!(found, messages(&next).0, "{before:02X?}");

@@ -13,12 +13,12 @@ fn assert_is(message: OutboundMessage, hex: &str) {
 }
 
 #[test]
-fn a_heartbeat_is_an_onboard_controller_s() {
+fn heartbeats_are_sent_as_an_onboard_controller() {
     assert_is(OutboundMessage::heartbeat(MavState::MAV_STATE_ACTIVE), "fd090000c9079e000000000000001208000403d5c9");
 }
 
 #[test]
-fn attitude_is_asked_for_in_both_ways() {
+fn attitude_is_requested_by_message_interval_and_by_stream() {
     assert_is(
         OutboundMessage::set_message_interval(AUTOPILOT, 30, 40),
         "fd200000c9079e4c00000000f0410050c3460000000000000000000000000000000000000000ff01070110d4",
@@ -27,14 +27,14 @@ fn attitude_is_asked_for_in_both_ways() {
 }
 
 #[test]
-fn an_acknowledgement_is_for_who_asked() {
+fn an_acknowledgement_is_addressed_to_the_requester() {
     let to = Address { system: 255, component: 190 };
     let rejected = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
     assert_is(OutboundMessage::acknowledgement(to, 42_424, rejected), "fd0a0000c9079e4d0000b8a5010000000000ffbee40a");
 }
 
 #[test]
-fn a_text_is_one_piece_or_several() {
+fn a_status_text_is_encoded_in_chunks_of_50() {
     let warning = MavSeverity::MAV_SEVERITY_WARNING;
     assert_is(
         OutboundMessage::text(warning, b"autoswing: refused", 0, 0),
@@ -46,7 +46,7 @@ fn a_text_is_one_piece_or_several() {
 }
 
 #[test]
-fn a_value_has_a_name() {
+fn a_named_value_has_a_name_of_up_to_ten_characters() {
     let at = Timestamp::from_us(123_456_000);
     assert_is(
         OutboundMessage::named_value(at, "hdg_sigma", 1.5),
@@ -57,7 +57,7 @@ fn a_value_has_a_name() {
 }
 
 #[test]
-fn progress_is_in_the_first_step_until_all_is_collected() {
+fn progress_has_the_running_state_until_100_percent() {
     let direction = [0.5, -0.25, 0.75];
     assert_is(
         OutboundMessage::mag_cal_progress(40, direction),
@@ -70,7 +70,7 @@ fn progress_is_in_the_first_step_until_all_is_collected() {
 }
 
 #[test]
-fn a_report_tells_the_numbers_of_a_success() {
+fn a_calibration_report_contains_the_parameters_of_a_success() {
     let report = MagCalReport {
         is_success: true,
         fitness_mg: 3.5,
@@ -96,7 +96,7 @@ fn a_report_tells_the_numbers_of_a_success() {
 }
 
 #[test]
-fn a_pose_tells_how_sure_the_heading_is() {
+fn a_pose_contains_the_heading_variance() {
     let pose = Pose {
         at: Timestamp::from_us(123_456_789_012),
         roll_pitch_yaw_rad: [0.1, -0.2, 3.0],
@@ -115,8 +115,8 @@ fn a_pose_tells_how_sure_the_heading_is() {
 /// Required by version 2, to one byte at least.
 #[test]
 fn zeros_at_the_end_are_cut_off() {
-    let nobody = Address { system: 0, component: 0 };
-    let ack = |command| OutboundMessage::acknowledgement(nobody, command, MavResult::MAV_RESULT_ACCEPTED);
+    let zero_address = Address { system: 0, component: 0 };
+    let ack = |command| OutboundMessage::acknowledgement(zero_address, command, MavResult::MAV_RESULT_ACCEPTED);
     assert_is(ack(42_424), "fd020000c9079e4d0000b8a5d472");
     assert_eq!(ack(0).frame(OWN, 0)[..11], [0xFD, 1, 0, 0, 0, 7, 158, 77, 0, 0, 0]);
     assert_eq!(ack(0).frame(OWN, 0).len(), 13);

@@ -18,11 +18,11 @@ fn frame(random: &mut Random) -> Vec<u8> {
 /// 100,000 inputs of valid frames, broken frames and noise: nothing panics, the buffer stays within its capacity, and
 /// after zeros of the longest frame's length, which end any pending frame, a valid frame is received.
 #[test]
-fn any_bytes_are_taken_and_the_frame_after_them_is_found() {
+fn after_random_bytes_the_next_frame_is_decoded() {
     let mut random = Random(7);
     let mut receiver = Receiver::new();
     let good = &good_frames(0.7)[1];
-    let mut taken = 0;
+    let mut received = 0;
     for input in 0..100_000 {
         let mut bytes = frame(&mut random);
         match random.byte() % 4 {
@@ -35,12 +35,12 @@ fn any_bytes_are_taken_and_the_frame_after_them_is_found() {
             _ => {}
         }
         for &byte in bytes.iter().chain(&[0; MAX_FRAME]) {
-            taken += usize::from(receiver.push(byte).is_some());
+            received += usize::from(receiver.push(byte).is_some());
             assert!(receiver.buffer.len() < MAX_FRAME, "{input}");
         }
         let found = good.iter().filter_map(|&byte| receiver.push(byte)).count();
         assert_eq!(found, 1, "{input}: {bytes:02X?}");
     }
     // A quarter is valid; most of them are supported messages, and most of version 2 have an allowed length.
-    assert!((5_000..20_000).contains(&taken), "{taken}");
+    assert!((5_000..20_000).contains(&received), "{received}");
 }

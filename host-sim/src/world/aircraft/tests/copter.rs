@@ -11,7 +11,7 @@ fn wind(wind_m_s: f64, wind_from_deg: f64) -> Weather {
 
 /// The drag of a 4 m/s wind, 0.8 m/s^2, needs a tilt of 4.66 deg into the wind.
 #[test]
-fn it_hovers_over_a_spot_and_leans_into_the_wind() {
+fn a_copter_hovers_in_place_and_tilts_into_the_wind() {
     for (heading_deg, [roll_deg, pitch_deg]) in
         [(250.0, [0.0, -4.66]), (70.0, [0.0, 4.66]), (340.0, [-4.66, 0.0]), (160.0, [4.66, 0.0])]
     {
@@ -28,7 +28,7 @@ fn it_hovers_over_a_spot_and_leans_into_the_wind() {
 }
 
 #[test]
-fn it_turns_flat_either_way() {
+fn a_copter_yaws_level_to_either_side() {
     for side in [1.0, -1.0] {
         let mut copter = copter(Weather::still(), 20.0);
         let states = fly_leg(&mut copter, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 * side });
@@ -44,7 +44,7 @@ fn it_turns_flat_either_way() {
 /// Directions are relative to the nose. A tilt of 18 deg accelerates by 3.19 m/s^2 less drag. Afterwards the copter
 /// brakes to rest.
 #[test]
-fn a_push_tilts_and_moves_it_to_its_side() {
+fn a_tilt_leg_moves_the_copter_to_its_side() {
     for heading_deg in [0.0, 130.0] {
         for (toward_deg, [roll, pitch]) in
             [(0.0, [0.0, -1.0]), (90.0, [1.0, 0.0]), (180.0, [0.0, 1.0]), (270.0, [-1.0, 0.0])]
@@ -74,7 +74,7 @@ fn a_push_tilts_and_moves_it_to_its_side() {
 /// 3 m/s with a drag time constant of 5 s decelerate by 0.6 m/s^2: 3.5 deg of nose-down pitch. A turn at 10 deg of bank
 /// has a rate of g tan(10 deg) / 3 m/s = 33 deg/s.
 #[test]
-fn it_flies_forward_and_banks_into_its_turns() {
+fn a_copter_flies_forward_and_banks_into_its_turns() {
     let mut copter = copter(Weather::still(), 0.0);
     fly_leg(&mut copter, Leg::Straight { heading_deg: 60.0, seconds: 20.0 });
     let now = *copter.state();
@@ -89,7 +89,7 @@ fn it_flies_forward_and_banks_into_its_turns() {
 }
 
 #[test]
-fn gusts_push_it_about() {
+fn gusts_disturb_attitude_and_position() {
     let mut copter = copter(Weather { wind_m_s: 0.0, ..Weather::default() }, 0.0);
     let states = fly(&mut copter, 300.0);
     // Position control partly counteracts the disturbances.

@@ -36,9 +36,9 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
-fn sigma_deg(states: &[TrueState], of: fn(&TrueState) -> f64) -> f64 {
-    let middle = mean(states.iter().map(of));
-    mean(states.iter().map(|s| (of(s) - middle).powi(2))).sqrt().to_degrees()
+fn sigma_deg(states: &[TrueState], quantity: fn(&TrueState) -> f64) -> f64 {
+    let middle = mean(states.iter().map(quantity));
+    mean(states.iter().map(|s| (quantity(s) - middle).powi(2))).sqrt().to_degrees()
 }
 
 fn legs() -> [Leg; 6] {
@@ -65,10 +65,10 @@ fn body_rates_belong_to_the_attitude() {
             let rates =
                 [turned[(1, 2)] - turned[(2, 1)], turned[(2, 0)] - turned[(0, 2)], turned[(0, 1)] - turned[(1, 0)]]
                     .map(|twice| (twice / 2.0 / STEP_S).to_degrees());
-            let told = after.body_rates_rad_s().map(f64::to_degrees);
-            for (rate, told) in rates.iter().zip(told) {
-                fastest_deg_s = fastest_deg_s.max(told.abs());
-                assert!((rate - told).abs() < 0.6, "{kind:?}: {told} deg/s told, {rate} turned, {after:?}");
+            let reported = after.body_rates_rad_s().map(f64::to_degrees);
+            for (rate, reported) in rates.iter().zip(reported) {
+                fastest_deg_s = fastest_deg_s.max(reported.abs());
+                assert!((rate - reported).abs() < 0.6, "{kind:?}: {reported} deg/s told, {rate} turned, {after:?}");
             }
         }
         assert!(fastest_deg_s > 15.0, "{kind:?} has turned");
@@ -77,7 +77,7 @@ fn body_rates_belong_to_the_attitude() {
 
 /// Bounds per step of 5 ms: 1 deg (200 deg/s) and 15 m/s^2, also at the start of legs and at VTOL transitions.
 #[test]
-fn nothing_jumps() {
+fn attitude_and_velocity_change_without_jumps() {
     for kind in VehicleKind::ALL {
         let mut aircraft = vehicle(kind, Weather::default(), 6);
         let mut before = *aircraft.state();

@@ -44,10 +44,11 @@ fn the_roll_rate_is_limited_and_the_bank_does_not_overshoot() {
 /// 1800 s are 1200 correlation times, so the standard deviations are accurate to about 3 %. Gusts of 0.5 m/s cause 1.3
 /// degrees of sideslip; half of it adds to the bank and 0.3 of it to the pitch.
 #[test]
-fn bank_and_pitch_wander_as_set() {
+fn bank_and_pitch_have_the_configured_standard_deviation() {
     let mut aircraft = aircraft(Weather::default(), 2);
     let states = fly(&mut aircraft, 1800.0);
-    let sigma_deg = |of: fn(&TrueState) -> f64| mean(states.iter().map(|s| of(s).powi(2))).sqrt().to_degrees();
+    let sigma_deg =
+        |quantity: fn(&TrueState) -> f64| mean(states.iter().map(|s| quantity(s).powi(2))).sqrt().to_degrees();
     let sideslip_deg = (0.5_f64 / 22.0).to_degrees();
     let bank_deg = 1.5_f64.hypot(0.5 * sideslip_deg);
     let pitch_deg = 1.0_f64.hypot(0.3 * sideslip_deg);
@@ -104,7 +105,7 @@ fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
 }
 
 #[test]
-fn an_aeroplane_flies_the_legs_of_others_to_their_end() {
+fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
     let mut aircraft = aircraft(Weather::still(), 1);
     aircraft.autopilot_mut().fly(Leg::Hover { seconds: 2.0 });
     aircraft.autopilot_mut().fly(Leg::Push { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });

@@ -6,7 +6,7 @@ use crate::world::rotation::Euler;
 
 /// A slope of 1:10 is 5.71 deg. On any slope the down axis, rotated to the level frame, is the slope's normal.
 #[test]
-fn what_lies_on_a_slope_has_its_belly_on_it() {
+fn the_down_axis_on_a_slope_is_its_normal() {
     assert!((roll_pitch_on_slope([0.1, 0.0])[1].to_degrees() - 5.71).abs() < 0.01, "it rises ahead: nose up");
     assert!(
         (roll_pitch_on_slope([0.0, 0.1])[0].to_degrees() + 5.71).abs() < 0.01,
@@ -23,7 +23,7 @@ fn what_lies_on_a_slope_has_its_belly_on_it() {
 }
 
 #[test]
-fn ground_stays_where_it_is() {
+fn ground_slopes_are_constant_in_time() {
     let mut squares = [0.0_f64; 2];
     for seed in 0..40 {
         let ground = Surface::ground(6.0, seed);
@@ -62,7 +62,7 @@ fn waves_travel() {
 }
 
 #[test]
-fn a_rover_lies_as_the_ground_does() {
+fn a_rover_has_the_tilt_of_the_ground() {
     let mut rover = vehicle(VehicleKind::Rover, Weather::default(), 2);
     let right = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: 720.0 });
     let left = fly_leg(&mut rover, Leg::Yaw { rate_deg_s: 18.0, heading_change_deg: -720.0 });
@@ -118,7 +118,7 @@ fn a_boat_meets_more_waves_against_the_wind() {
 }
 
 #[test]
-fn it_begins_as_it_lies() {
+fn rovers_and_boats_start_tilted_by_their_surface() {
     for kind in [VehicleKind::Rover, VehicleKind::Boat] {
         let state = *vehicle(kind, Weather::default(), 2).state();
         assert!(state.roll_rad.hypot(state.pitch_rad).to_degrees() > 1.0, "{kind:?}: {state:?}");
@@ -128,7 +128,7 @@ fn it_begins_as_it_lies() {
 
 /// The turn rate in degrees per second equals the commanded bank in degrees.
 #[test]
-fn what_cannot_bank_holds_a_heading_all_the_same() {
+fn rovers_and_boats_hold_a_heading_without_bank() {
     for kind in [VehicleKind::Rover, VehicleKind::Boat] {
         let mut vehicle = vehicle(kind, Weather::default(), 3);
         fly_leg(&mut vehicle, Leg::Straight { heading_deg: 200.0, seconds: 25.0 });

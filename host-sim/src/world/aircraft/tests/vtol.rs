@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn it_is_a_copter_where_it_stays_and_an_aeroplane_where_it_goes_on() {
+fn a_vtol_hovers_as_a_copter_and_travels_as_an_aeroplane() {
     let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
     let turned = fly_leg(&mut vtol, Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: 360.0 });
     assert!(turned.iter().all(|s| s.roll_rad.abs() < 1e-3 && s.north_m.hypot(s.east_m) < 0.1));
@@ -28,12 +28,12 @@ fn it_is_a_copter_where_it_stays_and_an_aeroplane_where_it_goes_on() {
 
 /// The velocity change per step equals the acceleration that disturbs the attitude source.
 #[test]
-fn what_pushes_it_is_what_accelerates_it() {
+fn the_disturbing_acceleration_equals_the_velocity_change() {
     let mut vtol = vehicle(VehicleKind::Vtol, Weather::still(), 1);
     for leg in [Leg::Straight { heading_deg: 0.0, seconds: 15.0 }, Leg::Hover { seconds: 15.0 }] {
-        let flown = fly_leg(&mut vtol, leg);
+        let states = fly_leg(&mut vtol, leg);
         // Steps at which the other model takes over are excluded.
-        for pair in flown[1..flown.len() - 1].windows(2) {
+        for pair in states[1..states.len() - 1].windows(2) {
             let [dn, de] = [pair[1].north_m_s - pair[0].north_m_s, pair[1].east_m_s - pair[0].east_m_s];
             // Tolerance: the change of the acceleration within a step.
             let off_m_s2 = dn.hypot(de) / STEP_S - pair[1].disturbing_acceleration_m_s2;
