@@ -66,7 +66,7 @@ fn root() -> PathBuf {
 struct Crate {
     modules: BTreeSet<Names>,
     items: BTreeSet<Names>,
-    /// Path of an imported name to the path of what it names.
+    /// Path of an imported name, and the path of its item.
     imports: BTreeMap<Names, Names>,
     /// Modules whose every item a module imports.
     globs: BTreeMap<Names, Vec<Names>>,

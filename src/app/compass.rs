@@ -88,7 +88,7 @@ async fn drive<F: NorFlash>(links: &Links, store: &mut Store<F>, compass: &mut C
         // Before the reply: its reader finds the module in the state that the reply names.
         publish_state(links, compass, message);
         if let (Effect::Reply(reply), Event::Command(command, _), Some(source)) = (effect, event, source) {
-            // The console restarts the module after its reply, whoever commanded it.
+            // The console restarts the module after its reply, for a command from any source.
             if command == Command::Restart && reply.is_ok() {
                 links.restart.signal(());
             }

@@ -96,7 +96,7 @@ impl Session {
         entered
     }
 
-    /// Inserts the common continuation of all matching words, or lists them if there is none.
+    /// Inserts the common continuation of all matching words, or lists the words if they share none.
     fn complete(&mut self) {
         let Self { editor, output, .. } = self;
         let found = parser::complete(editor.before_cursor(), &mut |_| {});

@@ -255,7 +255,7 @@ fn each_port_uses_its_configured_baud_rate() {
     assert_eq!(bauds(), [vec![], vec![Baud::B460800]]);
 }
 
-/// A port that fails, and one that accepts no bytes: errors are counted, and later messages are up to date.
+/// A failing port and a port that accepts no bytes: errors are counted, and later messages are up to date.
 #[test]
 fn errors_of_a_failing_port_are_counted_and_the_port_recovers() {
     let (mut bench, port) = with_sentences();

@@ -228,7 +228,7 @@ fn restart_is_refused_while_the_autopilot_is_armed() {
     assert!(matches!(ask(&mut bench, Command::Restart), Ok(Reply::Done(_))));
 }
 
-/// The state machine decides for every source, and tells the console to restart the module.
+/// The state machine admits the command of any source, and signals the console to restart the module.
 #[test]
 fn a_restart_commanded_on_a_port_needs_a_disarmed_autopilot() {
     let mut bench = with_compass(Flash::new(PAGES));

@@ -88,7 +88,7 @@ fn the_watchdog_does_not_wait_for_ports_that_never_ran() {
     }
 }
 
-/// Boards configure their watchdog by this value.
+/// The boards set the timeout of their watchdog from this value.
 #[test]
 fn the_longest_feed_interval_is_1_4_s() {
     assert_eq!(MAX_FEED_INTERVAL_US, 1_400_000);

@@ -23,8 +23,8 @@ pub(super) struct Attempt {
     pub uses_inclination: bool,
 }
 
-/// All attempts in their order. The next one is the first later one that [may follow](Attempt::may_follow), is needed
-/// and can start; the result of the last counts.
+/// All attempts in order. The next attempt is the first later entry that [may follow](Attempt::may_follow), is needed
+/// and can start. The last attempt gives the result.
 pub(super) static QUEUE: [Attempt; 6] = [
     Attempt { start: Start::ClosedForm, uses_inclination: true },
     Attempt { start: Start::Sphere, uses_inclination: true },

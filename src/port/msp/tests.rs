@@ -48,7 +48,7 @@ fn frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// Decoded messages, without those that only show the protocol in use.
+/// Decoded messages except `Other`, which only identifies the protocol in use.
 fn receive(msp: &mut Msp, us: u64, direction: u8, function: Function, payload: &[u8]) -> Vec<ReceivedMessage> {
     let mut received: Vec<_> =
         frame(direction, function as u16, payload).iter().filter_map(|&byte| msp.process_byte(at(us), byte)).collect();

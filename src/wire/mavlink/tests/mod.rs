@@ -305,7 +305,7 @@ fn the_count_of_rejected_frames_wraps() {
 }
 
 /// Magic bytes, truncated headers, frames of other messages, text. The frame is received no later than the end of the
-/// longest false one that began before it.
+/// longest false frame before it.
 #[test]
 fn the_frame_after_every_kind_of_garbage_is_found() {
     let whole = payload(NUMBERS);
