@@ -63,7 +63,7 @@ use crate::reading::Reading;
 use crate::time::Timestamp;
 use compass_field::CompassField;
 pub use monitor::{HardIronChange, HardIronChangeReporter};
-use monitor::{Monitor, MonitoredCalibration};
+use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
 use pairing::PairingQueue;
 use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
@@ -290,7 +290,7 @@ impl Instrument {
             pairing: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
             rejections: RejectionCounts::NONE,
-            monitor: Monitor::new(monitor::MonitorConfig::DEFAULT),
+            monitor: Monitor::new(),
             pending_sample: None,
             monitored_calibration: None,
             compass_field: CompassField::INITIAL,
@@ -323,7 +323,7 @@ impl Instrument {
     /// Restarts the monitor after a change of calibration or wrong body rates.
     #[inline(never)]
     fn restart_monitor(&mut self) {
-        self.monitor = Monitor::new(monitor::MonitorConfig::DEFAULT);
+        self.monitor = Monitor::new();
         self.pending_sample = None;
         self.monitored_calibration = self.correction.calibration;
         self.is_compass_update_pending = true;
@@ -553,7 +553,7 @@ impl Instrument {
         let mut adjustment = self.monitor.output();
         if self.config.heading.accepts_any_field() && adjustment.validity.is_err() {
             // Limits are disabled: ignore the monitor.
-            (active, adjustment) = (self.correction.calibration.as_ref(), &monitor::MonitorOutput::INITIAL);
+            (active, adjustment) = (self.correction.calibration.as_ref(), &MonitorOutput::INITIAL);
         }
         let (calibration, uncertainty) = active.ok_or(NoHeading::Uncalibrated)?;
         let motion = turning.map_or_else(EulerRates::default, |turning| turning.euler_rates);
@@ -565,7 +565,7 @@ impl Instrument {
         let heading = heading::compute_heading(config, calibration, uncertainty, field, attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
-        if accepts_any_field || adjustment.passes_reading_gate(self.monitor.config(), heading, turning) {
+        if accepts_any_field || adjustment.passes_reading_gate(heading, turning) {
             Ok(heading.rotated_by_deg(self.correction.align_deg))
         } else {
             Err(NoHeading::FieldDisturbed)

@@ -2,6 +2,7 @@
 //! the inclination residual.
 
 use crate::trig::sqrt;
+
 /// Noise variances of an averaged sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SampleNoise {
@@ -11,41 +12,31 @@ pub(super) struct SampleNoise {
     pub tilt_rad2: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub struct AdaptiveNoiseConfig {
-    /// Time constant of the recent noise, seconds.
-    pub recent_time_s: f32,
-    /// Weight of the recent variance; the rest is the calibration's.
-    pub recent_weight: f32,
-    /// Clipping of inclination residuals, in sigmas of the calibration.
-    pub max_tilt_sigmas: f32,
-    /// Clipping of second differences of the strength, in sigmas of the calibration.
-    pub max_strength_sigmas: f32,
-    /// Lower limit of the strength sigma.
-    pub min_strength_sigma: f32,
-    /// Upper limit of the strength sigma; more is a disturbance.
-    pub max_strength_sigma: f32,
-    /// Time constant of the autocorrelation and of the strength residual, seconds.
-    pub autocorrelation_averaging_s: f32,
-    /// Initial lag-1 autocorrelation of the inclination residual.
-    pub initial_autocorrelation: f32,
-    pub autocorrelation_limits: [f32; 2],
-}
+/// Time constant of the recent noise, seconds.
+const RECENT_TIME_S: f32 = 10.0;
 
-impl AdaptiveNoiseConfig {
-    /// Fitted to recorded flights.
-    pub const DEFAULT: Self = Self {
-        recent_time_s: 10.0,
-        recent_weight: 0.75,
-        max_tilt_sigmas: 4.0,
-        max_strength_sigmas: 6.0,
-        min_strength_sigma: 0.003,
-        max_strength_sigma: 0.008,
-        autocorrelation_averaging_s: 30.0,
-        initial_autocorrelation: 0.78,
-        autocorrelation_limits: [0.6, 0.9],
-    };
-}
+/// Weight of the recent variance; the rest is the calibration's. Fitted to recorded flights, as the limits below.
+const RECENT_WEIGHT: f32 = 0.75;
+
+/// Clipping of inclination and strength residuals, in sigmas.
+const MAX_RESIDUAL_SIGMAS: f32 = 4.0;
+
+/// Clipping of second differences of the strength, in sigmas of the calibration.
+const MAX_STRENGTH_SIGMAS: f32 = 6.0;
+
+/// Lower limit of the strength sigma.
+const MIN_STRENGTH_SIGMA: f32 = 0.003;
+
+/// Upper limit of the strength sigma; more is a disturbance.
+const MAX_STRENGTH_SIGMA: f32 = 0.008;
+
+/// Time constant of the autocorrelation and of the strength residual, seconds.
+const AUTOCORRELATION_AVERAGING_S: f32 = 30.0;
+
+/// Initial lag-1 autocorrelation of the inclination residual, and its limits.
+const INITIAL_AUTOCORRELATION: f32 = 0.78;
+const MIN_AUTOCORRELATION: f32 = 0.6;
+const MAX_AUTOCORRELATION: f32 = 0.9;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AdaptiveNoise {
@@ -60,32 +51,30 @@ pub(super) struct AdaptiveNoise {
 }
 
 impl AdaptiveNoise {
-    pub fn new(config: &AdaptiveNoiseConfig, calibration_noise: SampleNoise, strength: f32) -> Self {
+    pub fn new(calibration_noise: SampleNoise, strength: f32) -> Self {
         let dip_squared = calibration_noise.tilt_rad2 + calibration_noise.strength_variance;
         Self {
             recent_noise: calibration_noise,
             last_strengths: [strength; 2],
             last_inclination_residual_rad: 0.0,
             inclination_mean_square_rad2: dip_squared,
-            inclination_lag_1_product_rad2: config.initial_autocorrelation * dip_squared,
-            strength_mean_square: calibration_noise
-                .strength_variance
-                .max(config.min_strength_sigma * config.min_strength_sigma),
+            inclination_lag_1_product_rad2: INITIAL_AUTOCORRELATION * dip_squared,
+            strength_mean_square: calibration_noise.strength_variance.max(MIN_STRENGTH_SIGMA * MIN_STRENGTH_SIGMA),
         }
     }
 
     /// Variance inflation by autocorrelation `rho`: `(1 + rho) / (1 - rho)`.
-    pub fn correlated_noise_factor(&self, config: &AdaptiveNoiseConfig) -> f32 {
-        let [least, most] = config.autocorrelation_limits;
+    pub fn correlated_noise_factor(&self) -> f32 {
         // 0/0 gives NaN, which `max` replaces by the lower limit.
-        let rho = (self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2).max(least).min(most);
+        let rho = (self.inclination_lag_1_product_rad2 / self.inclination_mean_square_rad2)
+            .max(MIN_AUTOCORRELATION)
+            .min(MAX_AUTOCORRELATION);
         (1.0 + rho) / (1.0 - rho)
     }
 
-    pub fn sample_noise(&self, config: &AdaptiveNoiseConfig, calibration_noise: SampleNoise) -> SampleNoise {
-        let mixed = |recent: f32, calibration_noise: f32| {
-            calibration_noise + config.recent_weight * (recent - calibration_noise)
-        };
+    pub fn sample_noise(&self, calibration_noise: SampleNoise) -> SampleNoise {
+        let mixed =
+            |recent: f32, calibration_noise: f32| calibration_noise + RECENT_WEIGHT * (recent - calibration_noise);
         SampleNoise {
             strength_variance: mixed(self.recent_noise.strength_variance, calibration_noise.strength_variance),
             tilt_rad2: mixed(self.recent_noise.tilt_rad2.max(0.0), calibration_noise.tilt_rad2),
@@ -96,56 +85,43 @@ impl AdaptiveNoise {
         self.strength_mean_square
     }
 
-    pub fn update_strength_residual(&mut self, config: &AdaptiveNoiseConfig, residual: f32, step_s: f32) {
-        let least = config.min_strength_sigma * config.min_strength_sigma;
-        let most = config.max_tilt_sigmas * config.max_tilt_sigmas * self.strength_mean_square;
+    pub fn update_strength_residual(&mut self, residual: f32, step_s: f32) {
+        let least = MIN_STRENGTH_SIGMA * MIN_STRENGTH_SIGMA;
+        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * self.strength_mean_square;
         update_moving_average(
             &mut self.strength_mean_square,
             (residual * residual).min(most).max(least),
-            step_s / config.autocorrelation_averaging_s,
+            step_s / AUTOCORRELATION_AVERAGING_S,
         );
-        self.strength_mean_square =
-            self.strength_mean_square.min(config.max_strength_sigma * config.max_strength_sigma);
+        self.strength_mean_square = self.strength_mean_square.min(MAX_STRENGTH_SIGMA * MAX_STRENGTH_SIGMA);
     }
 
     /// Updates the white part of the strength noise with a sample `step_s` after the last. A second difference has six
     /// times the variance of white noise, and slow changes cancel in it.
-    pub fn update_strength_noise(
-        &mut self,
-        config: &AdaptiveNoiseConfig,
-        calibration_noise: SampleNoise,
-        strength: f32,
-        step_s: f32,
-    ) {
+    pub fn update_strength_noise(&mut self, calibration_noise: SampleNoise, strength: f32, step_s: f32) {
         let [before, last] = self.last_strengths;
         self.last_strengths = [last, strength];
         let second = strength - 2.0 * last + before;
-        let most = config.max_strength_sigmas * config.max_strength_sigmas * calibration_noise.strength_variance;
+        let most = MAX_STRENGTH_SIGMAS * MAX_STRENGTH_SIGMAS * calibration_noise.strength_variance;
         update_moving_average(
             &mut self.recent_noise.strength_variance,
             (second * second / 6.0).min(most),
-            step_s / config.recent_time_s,
+            step_s / RECENT_TIME_S,
         );
     }
 
     /// Updates tilt noise and autocorrelation with an inclination residual, radians, `step_s` after the last. The
     /// sensor's noise in it is subtracted.
-    pub fn update_tilt_noise(
-        &mut self,
-        config: &AdaptiveNoiseConfig,
-        calibration_noise: SampleNoise,
-        residual_rad: f32,
-        step_s: f32,
-    ) {
-        let most = config.max_tilt_sigmas * config.max_tilt_sigmas * calibration_noise.tilt_rad2;
+    pub fn update_tilt_noise(&mut self, calibration_noise: SampleNoise, residual_rad: f32, step_s: f32) {
+        let most = MAX_RESIDUAL_SIGMAS * MAX_RESIDUAL_SIGMAS * calibration_noise.tilt_rad2;
         let most_rad = sqrt(most);
         let residual_rad = residual_rad.max(-most_rad).min(most_rad);
         update_moving_average(
             &mut self.recent_noise.tilt_rad2,
             residual_rad * residual_rad - self.recent_noise.strength_variance,
-            step_s / config.recent_time_s,
+            step_s / RECENT_TIME_S,
         );
-        let part = step_s / config.autocorrelation_averaging_s;
+        let part = step_s / AUTOCORRELATION_AVERAGING_S;
         update_moving_average(&mut self.inclination_mean_square_rad2, residual_rad * residual_rad, part);
         update_moving_average(
             &mut self.inclination_lag_1_product_rad2,
@@ -172,19 +148,14 @@ mod tests {
     /// 0.1 % per second.
     fn noise_after(sigmas: f32, seconds: u16) -> SampleNoise {
         let mut random = Random(1);
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for i in 0..10 * seconds {
             let strength = 1.0 + 1e-4 * f32::from(i) + 0.01 * sigmas * random.normal();
-            noise.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, strength, 0.1);
+            noise.update_strength_noise(CALIBRATION_NOISE, strength, 0.1);
             let sensor_noise = 0.01 * sigmas * random.normal();
-            noise.update_tilt_noise(
-                &AdaptiveNoiseConfig::DEFAULT,
-                CALIBRATION_NOISE,
-                0.02 * sigmas * random.normal() + sensor_noise,
-                0.1,
-            );
+            noise.update_tilt_noise(CALIBRATION_NOISE, 0.02 * sigmas * random.normal() + sensor_noise, 0.1);
         }
-        noise.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE)
+        noise.sample_noise(CALIBRATION_NOISE)
     }
 
     /// A quarter of the calibration's variance and three quarters of the actual one.
@@ -205,9 +176,9 @@ mod tests {
 
     #[test]
     fn recent_noise_has_a_time_constant_of_ten_seconds() {
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for _ in 0..100 {
-            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.041_23, 0.1);
+            noise.update_tilt_noise(CALIBRATION_NOISE, 0.041_23, 0.1);
         }
         let recent = noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2;
         assert!((recent - (1.0 + 3.0 * 0.632)).abs() < 0.02, "{recent}");
@@ -216,35 +187,35 @@ mod tests {
     /// Limits: 16 and 36 times the calibration's variance.
     #[test]
     fn noise_estimates_are_clipped() {
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for i in 0..2000_u16 {
-            noise.update_strength_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, f32::from(i % 2), 0.1);
+            noise.update_strength_noise(CALIBRATION_NOISE, f32::from(i % 2), 0.1);
         }
         assert!(
             (noise.recent_noise.strength_variance / CALIBRATION_NOISE.strength_variance - 36.0).abs() < 0.01,
             "{noise:?}"
         );
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for _ in 0..2000 {
-            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0, 0.1);
+            noise.update_tilt_noise(CALIBRATION_NOISE, 1.0, 0.1);
         }
         assert!((noise.recent_noise.tilt_rad2 / CALIBRATION_NOISE.tilt_rad2 - 15.75).abs() < 0.01, "{noise:?}");
     }
 
     #[test]
     fn the_tilt_variance_is_never_negative() {
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
         for _ in 0..2000 {
-            noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.0, 0.1);
+            noise.update_tilt_noise(CALIBRATION_NOISE, 0.0, 0.1);
         }
-        let found = noise.sample_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE);
+        let found = noise.sample_noise(CALIBRATION_NOISE);
         assert!((found.tilt_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
     }
 
     #[test]
     fn a_long_gap_replaces_the_recent_noise() {
-        let mut noise = AdaptiveNoise::new(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 1.0);
-        noise.update_tilt_noise(&AdaptiveNoiseConfig::DEFAULT, CALIBRATION_NOISE, 0.014_142, 1000.0);
+        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
+        noise.update_tilt_noise(CALIBRATION_NOISE, 0.014_142, 1000.0);
         assert!((noise.recent_noise.tilt_rad2 - 1e-4).abs() < 1e-8, "{noise:?}");
     }
 }

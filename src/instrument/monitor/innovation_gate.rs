@@ -32,36 +32,26 @@ pub(super) struct Innovation {
     pub variance: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub struct InnovationGateConfig {
-    /// Wide gate, sigmas.
-    pub wide_gate_sigmas: f32,
-    /// Consecutive innovations beyond the wide gate that detect a change.
-    pub wide_gate_count: u8,
-    /// Narrow gate, sigmas.
-    pub narrow_gate_sigmas: f32,
-    /// Consecutive innovations beyond the narrow gate that detect a change.
-    pub narrow_gate_count: u8,
-    /// Residual of relative strength or inclination (radians) above which a sample is gross.
-    pub gross_residual: f32,
-    /// Consecutive gross samples after which the usual gates apply again.
-    pub max_gross_count: u8,
-    /// Time for which headings are withheld after a detected change, seconds.
-    pub withhold_s: f32,
-}
+/// Wide gate, sigmas.
+const WIDE_GATE_SIGMAS: f32 = 4.0;
 
-impl InnovationGateConfig {
-    /// For 10 samples a second.
-    pub const DEFAULT: Self = Self {
-        wide_gate_sigmas: 4.0,
-        wide_gate_count: 2,
-        narrow_gate_sigmas: 2.0,
-        narrow_gate_count: 6,
-        gross_residual: 0.2,
-        max_gross_count: 13,
-        withhold_s: 4.0,
-    };
-}
+/// Consecutive innovations beyond the wide gate that detect a change: 0.2 s.
+const WIDE_GATE_COUNT: u8 = 2;
+
+/// Narrow gate, sigmas.
+const NARROW_GATE_SIGMAS: f32 = 2.0;
+
+/// Consecutive innovations beyond the narrow gate that detect a change: 0.6 s.
+const NARROW_GATE_COUNT: u8 = 6;
+
+/// Residual of relative strength or inclination (radians) above which a sample is gross.
+const GROSS_RESIDUAL: f32 = 0.2;
+
+/// Consecutive gross samples after which the usual gates apply again: 1.3 s, longer than a sensor restart.
+const MAX_GROSS_COUNT: u8 = 13;
+
+/// Time for which headings are withheld after a detected change, seconds.
+const WITHHOLD_S: f32 = 4.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum GateResult {
@@ -91,33 +81,29 @@ impl InnovationGate {
         Self { beyond_wide_gate: [0; 3], beyond_narrow_gate: [0; 3], gross_count: 0, withhold_left_s: 0.0 };
 
     /// Tests the innovations of a sample `step_s` after the last one; `None` for a kind without a measurement.
-    pub fn test_innovations(
-        &mut self,
-        config: &InnovationGateConfig,
-        deviations: PerKind<Option<Innovation>>,
-        step_s: f32,
-    ) -> GateResult {
+    pub fn test_innovations(&mut self, innovations: PerKind<Option<Innovation>>, step_s: f32) -> GateResult {
         self.withhold_left_s = (self.withhold_left_s - step_s).max(0.0);
-        if self.is_awaiting_gross_end(config, &deviations) {
+        if self.is_awaiting_gross_end(&innovations) {
             return GateResult::Consistent { is_usable: [false; 3] };
         }
         let mut usable = [true; 3];
         let mut sizes = [0.0; 3];
         let mut has_changed = false;
-        for (i, deviation) in deviations.into_iter().enumerate() {
+        for (i, innovation) in innovations.into_iter().enumerate() {
             // A missing measurement leaves the counters unchanged.
-            let Some(Innovation { residual, variance }) = deviation else { continue };
+            let Some(Innovation { residual, variance }) = innovation else { continue };
             let beyond = |sigmas: f32| residual * residual > sigmas * sigmas * variance;
-            let (is_large, is_odd) = (beyond(config.wide_gate_sigmas), beyond(config.narrow_gate_sigmas));
-            self.beyond_wide_gate[i] = if is_large { self.beyond_wide_gate[i].saturating_add(1) } else { 0 };
-            self.beyond_narrow_gate[i] = if is_odd { self.beyond_narrow_gate[i].saturating_add(1) } else { 0 };
-            has_changed |= self.beyond_wide_gate[i] >= config.wide_gate_count
-                || self.beyond_narrow_gate[i] >= config.narrow_gate_count;
-            usable[i] = !is_large;
-            sizes[i] = if is_odd { residual.abs() } else { 0.0 };
+            let (is_beyond_wide, is_beyond_narrow) = (beyond(WIDE_GATE_SIGMAS), beyond(NARROW_GATE_SIGMAS));
+            self.beyond_wide_gate[i] = if is_beyond_wide { self.beyond_wide_gate[i].saturating_add(1) } else { 0 };
+            self.beyond_narrow_gate[i] =
+                if is_beyond_narrow { self.beyond_narrow_gate[i].saturating_add(1) } else { 0 };
+            has_changed |=
+                self.beyond_wide_gate[i] >= WIDE_GATE_COUNT || self.beyond_narrow_gate[i] >= NARROW_GATE_COUNT;
+            usable[i] = !is_beyond_wide;
+            sizes[i] = if is_beyond_narrow { residual.abs() } else { 0.0 };
         }
         if has_changed {
-            self.withhold_left_s = config.withhold_s;
+            self.withhold_left_s = WITHHOLD_S;
             GateResult::ChangeDetected { exceeding_residuals: sizes }
         } else {
             GateResult::Consistent { is_usable: usable }
@@ -125,15 +111,11 @@ impl InnovationGate {
     }
 
     /// Counts gross samples; whether to wait for the end of a short disturbance.
-    fn is_awaiting_gross_end(
-        &mut self,
-        config: &InnovationGateConfig,
-        deviations: &PerKind<Option<Innovation>>,
-    ) -> bool {
-        let [strength, inclination, _] = deviations;
-        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > config.gross_residual);
+    fn is_awaiting_gross_end(&mut self, innovations: &PerKind<Option<Innovation>>) -> bool {
+        let [strength, inclination, _] = innovations;
+        let is_gross = [strength, inclination].into_iter().flatten().any(|d| d.residual.abs() > GROSS_RESIDUAL);
         self.gross_count = if is_gross { self.gross_count.saturating_add(1) } else { 0 };
-        let is_waiting = is_gross && self.gross_count < config.max_gross_count;
+        let is_waiting = is_gross && self.gross_count < MAX_GROSS_COUNT;
         if is_waiting {
             // Averaged samples at its edges are partly disturbed, and must not complete a sequence.
             (self.beyond_wide_gate, self.beyond_narrow_gate) = ([0; 3], [0; 3]);
@@ -150,20 +132,15 @@ impl InnovationGate {
 mod tests {
     use super::*;
 
-    const CONFIG: InnovationGateConfig = InnovationGateConfig::DEFAULT;
-
     /// Innovations in sigmas of 0.01; NaN for a missing one.
     fn innovations_of_sigmas(each: [f32; 3]) -> PerKind<Option<Innovation>> {
         each.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
     }
 
     fn changed_after(each: [f32; 3]) -> Option<usize> {
-        let mut contradiction = InnovationGate::NONE;
+        let mut gate = InnovationGate::NONE;
         (1..=40).find(|_| {
-            matches!(
-                contradiction.test_innovations(&CONFIG, innovations_of_sigmas(each), 0.1),
-                GateResult::ChangeDetected { .. }
-            )
+            matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::ChangeDetected { .. })
         })
     }
 
@@ -177,14 +154,11 @@ mod tests {
             assert_eq!(changed_after(alone(1.9)), None);
         }
         // Alternating kinds do not form a sequence.
-        let mut contradiction = InnovationGate::NONE;
+        let mut gate = InnovationGate::NONE;
         for i in 0..20 {
             let each = if i % 2 == 0 { [5.0, 0.0, 0.0] } else { [0.0, 5.0, 0.0] };
             assert!(
-                matches!(
-                    contradiction.test_innovations(&CONFIG, innovations_of_sigmas(each), 0.1),
-                    GateResult::Consistent { .. }
-                ),
+                matches!(gate.test_innovations(innovations_of_sigmas(each), 0.1), GateResult::Consistent { .. }),
                 "{i}"
             );
         }
@@ -192,18 +166,18 @@ mod tests {
 
     #[test]
     fn the_first_large_innovation_is_not_used() {
-        let mut contradiction = InnovationGate::NONE;
-        let verdict = contradiction.test_innovations(&CONFIG, innovations_of_sigmas([4.1, 3.9, -4.1]), 0.1);
+        let mut gate = InnovationGate::NONE;
+        let verdict = gate.test_innovations(innovations_of_sigmas([4.1, 3.9, -4.1]), 0.1);
         assert_eq!(verdict, GateResult::Consistent { is_usable: [false, true, false] });
-        assert!(!contradiction.is_withholding());
+        assert!(!gate.is_withholding());
     }
 
     #[test]
     fn a_detected_change_has_the_size_of_the_exceeding_residuals() {
-        let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1);
+        let mut gate = InnovationGate::NONE;
+        gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1);
         let GateResult::ChangeDetected { exceeding_residuals: sizes } =
-            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1)
+            gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.9]), 0.1)
         else {
             panic!()
         };
@@ -214,13 +188,13 @@ mod tests {
 
     #[test]
     fn headings_are_withheld_for_4_s_after_the_last_contradiction() {
-        let mut contradiction = InnovationGate::NONE;
+        let mut gate = InnovationGate::NONE;
         for _ in 0..7 {
-            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
+            gate.test_innovations(innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
         }
         let silent = (1..100).take_while(|_| {
-            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0; 3]), 0.1);
-            contradiction.is_withholding()
+            gate.test_innovations(innovations_of_sigmas([0.0; 3]), 0.1);
+            gate.is_withholding()
         });
         // One sample of tolerance: 0.1 is not exact in binary.
         assert!((39..=41).contains(&silent.count()));
@@ -233,50 +207,41 @@ mod tests {
             core::array::from_fn(|k| (k == kind).then_some(Innovation { residual, variance: 1e-4 }))
         };
         for kind in [0, 1] {
-            let mut contradiction = InnovationGate::NONE;
+            let mut gate = InnovationGate::NONE;
             for residual in [0.21, -0.21].into_iter().cycle().take(12) {
-                let verdict = contradiction.test_innovations(&CONFIG, innovations_of(residual, kind), 0.1);
+                let verdict = gate.test_innovations(innovations_of(residual, kind), 0.1);
                 assert_eq!(verdict, GateResult::Consistent { is_usable: [false; 3] });
-                assert!(contradiction.is_withholding());
+                assert!(gate.is_withholding());
             }
-            let mut over = contradiction;
-            assert!(matches!(
-                over.test_innovations(&CONFIG, innovations_of(0.1, kind), 0.1),
-                GateResult::Consistent { .. }
-            ));
+            let mut over = gate;
+            assert!(matches!(over.test_innovations(innovations_of(0.1, kind), 0.1), GateResult::Consistent { .. }));
             assert_eq!(
-                over.test_innovations(&CONFIG, innovations_of(0.0, kind), 0.1),
+                over.test_innovations(innovations_of(0.0, kind), 0.1),
                 GateResult::Consistent { is_usable: [true; 3] }
             );
             assert!(!over.is_withholding());
-            contradiction.test_innovations(&CONFIG, innovations_of(0.21, kind), 0.1);
+            gate.test_innovations(innovations_of(0.21, kind), 0.1);
             assert!(matches!(
-                contradiction.test_innovations(&CONFIG, innovations_of(0.21, kind), 0.1),
+                gate.test_innovations(innovations_of(0.21, kind), 0.1),
                 GateResult::ChangeDetected { .. }
             ));
         }
-        let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, innovations_of(0.19, 0), 0.1);
-        assert!(matches!(
-            contradiction.test_innovations(&CONFIG, innovations_of(0.19, 0), 0.1),
-            GateResult::ChangeDetected { .. }
-        ));
+        let mut gate = InnovationGate::NONE;
+        gate.test_innovations(innovations_of(0.19, 0), 0.1);
+        assert!(matches!(gate.test_innovations(innovations_of(0.19, 0), 0.1), GateResult::ChangeDetected { .. }));
         // The heading has no limit for gross residuals.
-        let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, innovations_of(2.0, 2), 0.1);
-        assert!(matches!(
-            contradiction.test_innovations(&CONFIG, innovations_of(2.0, 2), 0.1),
-            GateResult::ChangeDetected { .. }
-        ));
+        let mut gate = InnovationGate::NONE;
+        gate.test_innovations(innovations_of(2.0, 2), 0.1);
+        assert!(matches!(gate.test_innovations(innovations_of(2.0, 2), 0.1), GateResult::ChangeDetected { .. }));
     }
 
     #[test]
     fn missing_measurements_do_not_affect_the_gate() {
-        let mut contradiction = InnovationGate::NONE;
-        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1);
-        contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, f32::NAN]), 0.1);
+        let mut gate = InnovationGate::NONE;
+        gate.test_innovations(innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1);
+        gate.test_innovations(innovations_of_sigmas([0.0, 0.0, f32::NAN]), 0.1);
         assert!(matches!(
-            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1),
+            gate.test_innovations(innovations_of_sigmas([0.0, 0.0, 5.0]), 0.1),
             GateResult::ChangeDetected { .. }
         ));
         assert_eq!(changed_after([f32::NAN; 3]), None);
@@ -285,10 +250,10 @@ mod tests {
     #[test]
     fn gate_counters_saturate() {
         assert_eq!(changed_after([9.0; 3]), Some(2));
-        let mut contradiction = InnovationGate::NONE;
+        let mut gate = InnovationGate::NONE;
         for _ in 0..1000 {
-            contradiction.test_innovations(&CONFIG, innovations_of_sigmas([9.0; 3]), 0.1);
+            gate.test_innovations(innovations_of_sigmas([9.0; 3]), 0.1);
         }
-        assert!(contradiction.is_withholding());
+        assert!(gate.is_withholding());
     }
 }

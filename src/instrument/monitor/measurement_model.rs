@@ -11,8 +11,11 @@
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
 
+use core::array;
+
 use nalgebra::Vector3;
 
+use super::innovation_gate::PerKind;
 use super::ud_filter::Measurement;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::FieldPrediction;
@@ -31,16 +34,16 @@ pub(super) const ATTITUDE_LATENCY: usize = 10;
 
 pub(super) type StateVector = [f32; STATE_COUNT];
 
-pub(super) fn hard_iron_change(unknowns: &StateVector) -> Vector3<f32> {
-    Vector3::new(unknowns[HARD_IRON_CHANGE], unknowns[HARD_IRON_CHANGE + 1], unknowns[HARD_IRON_CHANGE + 2])
+pub(super) fn hard_iron_change(states: &StateVector) -> Vector3<f32> {
+    Vector3::new(states[HARD_IRON_CHANGE], states[HARD_IRON_CHANGE + 1], states[HARD_IRON_CHANGE + 2])
 }
 
-pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, unknowns: &StateVector) -> Attitude {
+pub(super) fn correct_attitude(reported: Attitude, motion: &EulerRates, states: &StateVector) -> Attitude {
     let Attitude { roll_rad, pitch_rad } = reported;
-    let tau = unknowns[ATTITUDE_LATENCY];
+    let tau = states[ATTITUDE_LATENCY];
     Attitude {
-        roll_rad: roll_rad - unknowns[ROLL_BIAS] - unknowns[BANK_SCALE_ERROR] * roll_rad + tau * motion.roll_rad_s,
-        pitch_rad: pitch_rad - unknowns[PITCH_BIAS] + tau * motion.pitch_rad_s,
+        roll_rad: roll_rad - states[ROLL_BIAS] - states[BANK_SCALE_ERROR] * roll_rad + tau * motion.roll_rad_s,
+        pitch_rad: pitch_rad - states[PITCH_BIAS] + tau * motion.pitch_rad_s,
     }
 }
 
@@ -73,15 +76,15 @@ pub(super) struct PredictedField {
 
 impl PredictedField {
     /// Prediction from the states, the calibrated inclination and the gyro's integral: `psi = integral + c + tau psi'`.
-    pub fn new(unknowns: &StateVector, inclination_rad: f32, turning: Option<&GyroHeading>) -> Self {
+    pub fn new(states: &StateVector, inclination_rad: f32, turning: Option<&GyroHeading>) -> Self {
         let by_gyro = |turning: &GyroHeading| {
             turning.relative_heading_rad
-                + unknowns[GYRO_OFFSET]
-                + unknowns[ATTITUDE_LATENCY] * turning.euler_rates.heading_rad_s
+                + states[GYRO_OFFSET]
+                + states[ATTITUDE_LATENCY] * turning.euler_rates.heading_rad_s
         };
         Self {
-            strength: 1.0 + unknowns[STRENGTH_CHANGE],
-            inclination_rad: inclination_rad + unknowns[INCLINATION_CHANGE],
+            strength: 1.0 + states[STRENGTH_CHANGE],
+            inclination_rad: inclination_rad + states[INCLINATION_CHANGE],
             heading_rad: turning.map(by_gyro),
         }
     }
@@ -103,15 +106,15 @@ impl MeasurementModel {
     /// Evaluates the model. The Jacobian is taken at the predicted field, not at the measured one: noise common to a
     /// residual and its derivative does not average out and would make the hard-iron estimate grow along the field.
     #[inline(never)]
-    pub fn new(seen: &MonitorSample, unknowns: &StateVector, expected: &PredictedField) -> Self {
-        let tilt = correct_attitude(seen.attitude, &seen.motion, unknowns).tilt();
-        let measured = tilt.level(Field::new(seen.field - hard_iron_change(unknowns)));
+    pub fn new(seen: &MonitorSample, states: &StateVector, predicted: &PredictedField) -> Self {
+        let tilt = correct_attitude(seen.attitude, &seen.motion, states).tilt();
+        let measured = tilt.level(Field::new(seen.field - hard_iron_change(states)));
         let heading_rad = measured.heading_rad();
         let level =
-            Field::earth(expected.strength, expected.inclination_rad, expected.heading_rad.unwrap_or(heading_rad));
+            Field::earth(predicted.strength, predicted.inclination_rad, predicted.heading_rad.unwrap_or(heading_rad));
         let earth = tilt.body(level).ut;
         let prediction = FieldPrediction::new(earth, &earth, &tilt);
-        let dip_by_tilt = prediction.inclination_by_attitude(&tilt);
+        let inclination_by_tilt = prediction.inclination_by_attitude(&tilt);
         let heading_by_tilt = prediction.heading_by_attitude(&tilt);
         Self {
             strength: measured.total_ut(),
@@ -119,7 +122,7 @@ impl MeasurementModel {
             heading_rad,
             tan_inclination: prediction.level.z / prediction.horizontal,
             strength_jacobian: jacobian_row(seen, &prediction.direction, [0.0; 2]),
-            inclination_jacobian: jacobian_row(seen, &prediction.inclination_by_field, dip_by_tilt),
+            inclination_jacobian: jacobian_row(seen, &prediction.inclination_by_field, inclination_by_tilt),
             heading_jacobian: jacobian_row(seen, &prediction.heading_by_field(&tilt), heading_by_tilt),
         }
     }
@@ -129,32 +132,31 @@ impl MeasurementModel {
         [self.strength_jacobian, self.inclination_jacobian, self.heading_jacobian].map(|row| -hard_iron_change(&row))
     }
 
-    /// Strength: `|h - beta| = 1 + f`.
-    pub fn strength_measurement(&self, expected: &PredictedField, variance: f32) -> Measurement<STATE_COUNT> {
-        let mut row = self.strength_jacobian.map(|d| -d);
-        row[STRENGTH_CHANGE] += 1.0;
-        Measurement { jacobian: row, residual: self.strength - expected.strength, variance }
-    }
-
-    /// Inclination: `inclination(h - beta) = I + i`.
-    pub fn inclination_measurement(&self, expected: &PredictedField, variance: f32) -> Measurement<STATE_COUNT> {
-        let mut row = self.inclination_jacobian.map(|d| -d);
-        row[INCLINATION_CHANGE] += 1.0;
-        Measurement { jacobian: row, residual: self.inclination_rad - expected.inclination_rad, variance }
-    }
-
-    /// Heading measurement against the gyro, if available: `psi = integral + c + tau psi'`.
-    pub fn heading_measurement(
+    /// The measurements with their noise variances; heading only with a gyro heading.
+    ///
+    /// Strength `|h - beta| = 1 + f`, inclination `inclination(h - beta) = I + i`, heading
+    /// `psi = integral + c + tau psi'`.
+    pub fn measurements(
         &self,
-        expected: &PredictedField,
+        predicted: &PredictedField,
         seen: &MonitorSample,
-        variance: f32,
-    ) -> Option<Measurement<STATE_COUNT>> {
-        let mut row = self.heading_jacobian.map(|d| -d);
-        row[GYRO_OFFSET] += 1.0;
-        row[ATTITUDE_LATENCY] += seen.motion.heading_rad_s;
-        let residual = wrap_pi(self.heading_rad - expected.heading_rad?);
-        Some(Measurement { jacobian: row, residual, variance })
+        variances: PerKind<f32>,
+    ) -> PerKind<Option<Measurement<STATE_COUNT>>> {
+        let residuals = [
+            Some(self.strength - predicted.strength),
+            Some(self.inclination_rad - predicted.inclination_rad),
+            predicted.heading_rad.map(|heading_rad| wrap_pi(self.heading_rad - heading_rad)),
+        ];
+        let mut jacobians =
+            [self.strength_jacobian, self.inclination_jacobian, self.heading_jacobian].map(|row| row.map(|d| -d));
+        jacobians[0][STRENGTH_CHANGE] += 1.0;
+        jacobians[1][INCLINATION_CHANGE] += 1.0;
+        jacobians[2][GYRO_OFFSET] += 1.0;
+        jacobians[2][ATTITUDE_LATENCY] += seen.motion.heading_rad_s;
+        array::from_fn(|kind| {
+            let (jacobian, variance) = (jacobians[kind], variances[kind]);
+            residuals[kind].map(|residual| Measurement { jacobian, residual, variance })
+        })
     }
 }
 
@@ -205,23 +207,19 @@ mod tests {
             };
             let by_gyro_rad = found.heading_rad - at[GYRO_OFFSET] - at[ATTITUDE_LATENCY] * seen.motion.heading_rad_s;
             let turning = GyroHeading { euler_rates: seen.motion, relative_heading_rad: by_gyro_rad, run: 0 };
-            let measured = |unknowns: &StateVector| {
-                let expected =
-                    PredictedField::new(unknowns, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));
-                let predicted = MeasurementModel::new(&seen, unknowns, &expected);
-                [
-                    predicted.strength_measurement(&expected, 1.0),
-                    predicted.inclination_measurement(&expected, 1.0),
-                    predicted.heading_measurement(&expected, &seen, 1.0).unwrap(),
-                ]
+            let measured = |states: &StateVector| {
+                let predicted_field =
+                    PredictedField::new(states, found.inclination_rad - at[INCLINATION_CHANGE], Some(&turning));
+                let model = MeasurementModel::new(&seen, states, &predicted_field);
+                model.measurements(&predicted_field, &seen, [1.0; 3]).map(Option::unwrap)
             };
             let here = measured(&at);
             for (kind, measurement) in here.iter().enumerate() {
                 for i in 0..STATE_COUNT {
                     let moved = |step: f32| {
-                        let mut unknowns = at;
-                        unknowns[i] += step;
-                        wrap_pi(measurement.residual - measured(&unknowns)[kind].residual)
+                        let mut states = at;
+                        states[i] += step;
+                        wrap_pi(measurement.residual - measured(&states)[kind].residual)
                     };
                     assert_derivative(measurement.jacobian[i], moved, &format!("measurement {kind} by unknown {i}"));
                 }
@@ -230,7 +228,7 @@ mod tests {
     }
 
     fn random_states(random: &mut Random, size: f32) -> StateVector {
-        core::array::from_fn(|_| random.uniform(-size, size))
+        array::from_fn(|_| random.uniform(-size, size))
     }
 
     #[test]
@@ -238,11 +236,11 @@ mod tests {
         let attitude = Attitude::from_deg(-30.0, 8.0);
         let body = attitude.body(Field::earth(1.0, 1.1, 2.0)).ut;
         let seen = MonitorSample { field: body, attitude, motion: EulerRates::default() };
-        let expected = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
-        let predicted = MeasurementModel::new(&seen, &[0.0; STATE_COUNT], &expected);
-        assert!((predicted.strength - 1.0).abs() < 1e-6 && (predicted.inclination_rad - 1.1).abs() < 1e-5);
-        assert!((predicted.heading_rad - 2.0).abs() < 1e-5);
-        assert!((predicted.tan_inclination / 1.1_f32.tan() - 1.0).abs() < 1e-4);
+        let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
+        let model = MeasurementModel::new(&seen, &[0.0; STATE_COUNT], &predicted_field);
+        assert!((model.strength - 1.0).abs() < 1e-6 && (model.inclination_rad - 1.1).abs() < 1e-5);
+        assert!((model.heading_rad - 2.0).abs() < 1e-5);
+        assert!((model.tan_inclination / 1.1_f32.tan() - 1.0).abs() < 1e-4);
     }
 
     #[test]
@@ -256,9 +254,9 @@ mod tests {
             (ATTITUDE_LATENCY, 0.1, 0.45, 0.08),
             (GYRO_OFFSET, 1.0, 0.4, 0.1),
         ] {
-            let mut unknowns = [0.0; STATE_COUNT];
-            unknowns[index] = value;
-            let found = correct_attitude(reported, &motion, &unknowns);
+            let mut states = [0.0; STATE_COUNT];
+            states[index] = value;
+            let found = correct_attitude(reported, &motion, &states);
             let error_rad = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
             assert!(error_rad < 1e-6, "{index}: {found:?}");
         }

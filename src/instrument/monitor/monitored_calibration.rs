@@ -1,0 +1,22 @@
+//! The calibration that the monitor checks, with the noise that it states for a sample.
+
+use super::adaptive_noise::SampleNoise;
+use crate::calibration::{Calibration, HeadingUncertainty};
+
+/// The calibration that samples are checked against.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct MonitoredCalibration<'a> {
+    pub calibration: &'a Calibration,
+    pub uncertainty: &'a HeadingUncertainty,
+    pub readings_per_sample: u16,
+}
+
+impl MonitoredCalibration<'_> {
+    pub(super) fn sample_noise(&self) -> SampleNoise {
+        let HeadingUncertainty { sensor_sigma, attitude_sigma_rad, .. } = *self.uncertainty;
+        SampleNoise {
+            strength_variance: sensor_sigma * sensor_sigma / f32::from(self.readings_per_sample.max(1)),
+            tilt_rad2: attitude_sigma_rad * attitude_sigma_rad,
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Output of the monitor: correction of calibration and attitude, heading variance, validity.
+
+use nalgebra::Vector3;
+
+use super::adaptive_noise::SampleNoise;
+use super::hard_iron::HardIronChange;
+use super::measurement_model::{
+    self, ATTITUDE_LATENCY, GYRO_OFFSET, INCLINATION_CHANGE, STATE_COUNT, STRENGTH_CHANGE, StateVector,
+};
+use super::monitored_calibration::MonitoredCalibration;
+use super::parameters::READING_GATE_SIGMAS;
+use crate::attitude::{EulerRates, GyroHeading};
+use crate::calibration::{Calibration, HeadingUncertainty, inverse};
+use crate::frames::{Attitude, wrap_pi};
+use crate::heading::{Heading, NoHeading};
+use crate::trig::sqrt;
+
+/// Estimated states with what headings need of their covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MonitorOutput {
+    pub(super) states: StateVector,
+    /// Heading variance due to the states' covariance, square radians.
+    pub heading_variance_rad2: f32,
+    pub(super) sample_noise: Option<SampleNoise>,
+    /// Gyro integration run, and variance of its heading offset, square radians.
+    pub(super) gyro_offset: Option<(u8, f32)>,
+    /// Reason why headings are withheld.
+    pub validity: Result<(), NoHeading>,
+    /// Change of hard iron, once it is significant.
+    pub hard_iron_change: Option<HardIronChange>,
+}
+
+impl MonitorOutput {
+    pub const INITIAL: Self = Self {
+        states: [0.0; STATE_COUNT],
+        heading_variance_rad2: 0.0,
+        sample_noise: None,
+        gyro_offset: None,
+        validity: Ok(()),
+        hard_iron_change: None,
+    };
+
+    pub fn correct_attitude(&self, reported: Attitude, motion: &EulerRates) -> Attitude {
+        measurement_model::correct_attitude(reported, motion, &self.states)
+    }
+
+    /// Gate of a single reading against the gyro heading; it detects a field step 0.1 s earlier than an averaged
+    /// sample.
+    pub fn passes_reading_gate(&self, heading: Heading, turning: Option<&GyroHeading>) -> bool {
+        let Some((turning, (run, offset_variance_rad2))) = turning.zip(self.gyro_offset) else { return true };
+        let GyroHeading { euler_rates, relative_heading_rad, .. } = turning;
+        let gyro_heading_rad =
+            relative_heading_rad + self.states[GYRO_OFFSET] + self.states[ATTITUDE_LATENCY] * euler_rates.heading_rad_s;
+        let innovation_rad = wrap_pi(heading.magnetic_rad - gyro_heading_rad);
+        let variance_rad2 = heading.sigma_rad * heading.sigma_rad + offset_variance_rad2;
+        turning.run != run
+            || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
+    }
+
+    /// Calibration and noise corrected by the estimated states. The change of hard iron converts to sensor axes: `W (m - b) - beta F = W (m - (b + W^-1 beta F))`.
+    #[inline(never)]
+    pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
+        let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
+        let beta_ut = measurement_model::hard_iron_change(&self.states) * calibration.total_ut;
+        let change_ut = inverse(&calibration.w_matrix()).map_or_else(Vector3::zeros, |inverse| inverse * beta_ut);
+        let corrected = Calibration {
+            b_ut: (calibration.b_vector_ut() + change_ut).into(),
+            inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE],
+            total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE]),
+            ..*calibration
+        };
+        let noise = self.sample_noise.map_or(*uncertainty, |noise| HeadingUncertainty {
+            sensor_sigma: sqrt(noise.strength_variance * f32::from(readings_per_sample)),
+            attitude_sigma_rad: sqrt(noise.tilt_rad2),
+            ..*uncertainty
+        });
+        (corrected, noise)
+    }
+}

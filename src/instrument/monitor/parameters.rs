@@ -1,0 +1,114 @@
+//! Parameters of the monitor: initial covariance, process noise, measurement noise, limits.
+//!
+//! Fields are relative to the calibrated field strength, angles in radians. Where no other reason is given, a value
+//! minimises the number of wrong headings in `host-sim bench integrity` and the heading error on recorded flights.
+//! Gates have theirs in `innovation_gate.rs`, adaptation in `adaptive_noise.rs`.
+
+use super::innovation_gate::PerKind;
+use super::measurement_model::STATE_COUNT;
+
+/// Initial standard deviation of a state, and its process noise: variance per second, added while the variance is
+/// below the initial one; for the gyro heading offset always.
+#[derive(Clone, Copy)]
+pub(super) struct StateNoise {
+    pub initial_sigma: f32,
+    pub process_noise_per_s: f32,
+}
+
+const fn state(initial_sigma: f32, process_noise_per_s: f32) -> StateNoise {
+    StateNoise { initial_sigma, process_noise_per_s }
+}
+
+/// Symbols as in `measurement_model.rs`.
+pub(super) const STATE_NOISE: [StateNoise; STATE_COUNT] = [
+    // beta: 0.3 uT of 50, which a calibration leaves; in a minute 0.1 uT more.
+    state(0.006, 1e-7),
+    state(0.006, 1e-7),
+    state(0.006, 1e-7),
+    // f: half of the 10 % by which the field strength changes over 1000 km.
+    state(0.06, 1e-7),
+    // i: 5.7 deg, as over 1000 km.
+    state(0.1, 1e-7),
+    // c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
+    state(10.0, 1e-6),
+    // g: 0.15 deg/s, what an autopilot leaves of its gyro's offset.
+    state(0.0026, 1e-9),
+    // a_r, a_p: 0.23 deg, an autopilot's level trim; in a minute 0.24 deg more, by centripetal acceleration.
+    state(0.004, 3e-7),
+    state(0.004, 3e-7),
+    // k: 2 % of the bank angle.
+    state(0.02, 1e-7),
+    // tau: 0.1 s, the delay of a telemetry link; it varies with the load of the link.
+    state(0.1, 3e-5),
+];
+
+/// Time after a detected change during which hard iron is less certain, seconds: the change may go on.
+pub(super) const POST_CHANGE_S: f32 = 60.0;
+
+/// Hard-iron noise during that time: in a minute 0.4 uT of 50.
+pub(super) const POST_CHANGE_HARD_IRON: StateNoise = state(0.01, 1e-6);
+
+/// Inflation of the heading variance after a detected change (dimensionless): the states may not model the change.
+pub(super) const POST_CHANGE_INFLATION: f32 = 5.0;
+
+/// Hard-iron norm below which the estimate decays: 1.5 uT of 50. A larger one is a change, and persists.
+pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
+
+/// Time constant of the decay of states that a flight does not observe, seconds.
+pub(super) const DECAY_TIME_S: f32 = 1000.0;
+
+/// Longest interval over which the gyro heading offset is kept, seconds.
+pub(super) const MAX_GAP_S: f32 = 3.0;
+
+/// Assumed interval before the first sample, seconds: the usual one.
+pub(super) const INITIAL_STEP_S: f32 = 0.1;
+
+/// Variance of an unknown angle, square radians: more than pi^2.
+pub(super) const UNKNOWN_ANGLE_VARIANCE_RAD2: f32 = 10.0;
+
+/// Factor on the sample variance of each measurement. Strength: its noise includes slow errors, of which only part is
+/// in the running mean. Heading: part of the tilt noise is common to both sides.
+pub(super) const SAMPLE_VARIANCE_FACTORS: PerKind<f32> = [4.0, 1.0, 0.75];
+
+/// Variance of errors without a model, added to each measurement: 0.3 % of strength, 0.17 deg of inclination, 0.7 deg
+/// of heading.
+pub(super) const VARIANCE_FLOORS: PerKind<f32> = [9e-6, 9e-6, 1.44e-4];
+
+/// Factor on the variance due to coefficient errors, which are constant at one attitude, hence do not average out.
+pub(super) const COEFFICIENT_VARIANCE_FACTOR: f32 = 8.0;
+
+/// Attitude timing jitter, seconds: tilt error per rotation rate. Half a period of 50 Hz.
+pub(super) const ATTITUDE_JITTER_S: f32 = 0.01;
+
+/// Limit of an innovation in the covariance inflation after a change: half the field.
+pub(super) const MAX_INNOVATION: f32 = 0.5;
+
+/// Limit of a tilt error in that inflation, radians: 17 deg.
+pub(super) const MAX_TILT_INNOVATION_RAD: f32 = 0.3;
+
+/// Share of a detected change attributed to the attitude.
+pub(super) const ATTITUDE_SHARE: f32 = 0.5;
+
+/// Lower limit of the sine of the inclination in that share, for the magnetic equator.
+pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;
+
+/// Largest heading sigma by the filter, radians: 8 deg. Beyond it headings are withheld.
+pub(super) const MAX_HEADING_SIGMA_RAD: f32 = 0.14;
+
+/// Largest change of hard iron: beyond it, the sensor's range and the linear model end.
+pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
+
+/// Largest change of field strength: that of 2000 km.
+pub(super) const MAX_STRENGTH_CHANGE: f32 = 0.2;
+
+/// Largest change of inclination, radians: 11 deg, that of 2000 km.
+pub(super) const MAX_INCLINATION_CHANGE_RAD: f32 = 0.2;
+
+/// Largest roll or pitch bias, radians: 9 deg.
+pub(super) const MAX_ATTITUDE_BIAS_RAD: f32 = 0.15;
+
+/// Largest bank-angle scale error.
+pub(super) const MAX_BANK_SCALE_ERROR: f32 = 0.5;
+
+/// Gate of a single reading's heading against the gyro heading, sigmas.
+pub(super) const READING_GATE_SIGMAS: f32 = 4.5;
