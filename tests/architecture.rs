@@ -25,7 +25,6 @@ const TO_MEND: &[(&str, usize, usize)] = &[
     ("src/console", 4, 0),
     ("src/console/report", 2, 0),
     ("src/earth", 2, 0),
-    ("src/instrument", 2, 0),
     ("src/instrument/smoother", 2, 0),
     ("src/magnetometer", 3, 0),
     ("src/messages", 1, 0),

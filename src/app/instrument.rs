@@ -58,9 +58,7 @@ pub async fn run(links: &Links) -> ! {
             if let Some(changed) = correction.try_changed() {
                 instrument.set_correction(changed);
             }
-            if instrument.is_monitor_update_due() {
-                instrument.update_monitor();
-            }
+            instrument.update_monitor();
             if let Some(change) = change_report.update(instrument.hard_iron_change()) {
                 links.announce(&change.map_or(Message::HardIronRestored, Message::HardIronChanged));
             }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::calibration::{Calibration, HeadingUncertainty};
-use crate::frames::{Attitude, Field, Sensor, wrap_two_pi};
+use crate::frames::{Attitude, Body, Field, Sensor, wrap_two_pi};
 use crate::trig;
 use crate::trig::sqrt;
 
@@ -140,17 +140,32 @@ impl HeadingLimits {
 ///
 /// [`NoHeading::FieldDisturbed`] if the corrected field deviates from the calibration's by more than the limits.
 pub fn compute_heading(
-    config: HeadingLimits,
+    limits: HeadingLimits,
     calibration: &Calibration,
     uncertainty: &HeadingUncertainty,
     field: Field<Sensor>,
     attitude: Attitude,
 ) -> Result<Heading, NoHeading> {
+    compute_corrected_heading(limits, calibration, uncertainty, (field, calibration.apply(field)), attitude)
+}
+
+/// The same for a field that is corrected already: the raw field, and the corrected one.
+///
+/// # Errors
+///
+/// As [`compute_heading`].
+pub fn compute_corrected_heading(
+    limits: HeadingLimits,
+    calibration: &Calibration,
+    uncertainty: &HeadingUncertainty,
+    (field, body): (Field<Sensor>, Field<Body>),
+    attitude: Attitude,
+) -> Result<Heading, NoHeading> {
     let tilt = attitude.tilt();
-    let level = tilt.level(calibration.apply(field));
+    let level = tilt.level(body);
     let [x, y, z] = [level.ut.x, level.ut.y, level.ut.z].map(|ut| ut / calibration.total_ut);
     let normalised_field = Vector3::new(x, y, z);
-    if exceeds_limits(config, calibration, &normalised_field) {
+    if exceeds_limits(limits, calibration, &normalised_field) {
         return Err(NoHeading::FieldDisturbed);
     }
     let variance = uncertainty.heading_variance(calibration, field, &tilt, level);
@@ -162,15 +177,15 @@ pub fn compute_heading(
 }
 
 /// Whether the level field, relative to the calibrated strength, violates the limits; NaN and infinity do.
-fn exceeds_limits(config: HeadingLimits, calibration: &Calibration, field: &Vector3<f32>) -> bool {
+fn exceeds_limits(limits: HeadingLimits, calibration: &Calibration, field: &Vector3<f32>) -> bool {
     let horizontal_squared = field.x * field.x + field.y * field.y;
     let total_squared = horizontal_squared + field.z * field.z;
     // Field strength times the cosine of the inclination deviation.
     let (sin, cos) = trig::sin_cos(calibration.inclination_rad);
     let along = cos * sqrt(horizontal_squared) + sin * field.z;
     // Compares signed squares, to avoid a square root.
-    let (least, most) = ((1.0 - config.max_strength_deviation).max(0.0), 1.0 + config.max_strength_deviation);
-    let min_cos = config.min_cos_of_dip_deviation;
+    let (least, most) = ((1.0 - limits.max_strength_deviation).max(0.0), 1.0 + limits.max_strength_deviation);
+    let min_cos = limits.min_cos_of_dip_deviation;
     let as_calibrated = total_squared >= least * least
         && total_squared <= most * most
         && along * along.abs() >= min_cos * min_cos.abs() * total_squared;

@@ -19,8 +19,9 @@ use crate::attitude::AttitudeReport;
 use crate::calibration::{Calibration, HeadingUncertainty};
 use crate::compass::{Command, IndicatorState};
 use crate::earth::{Date, Position};
+use crate::heading::{Heading, NoHeading};
 use crate::instrument::Estimate;
-use crate::settings::Settings;
+use crate::settings::{HeadingKind, Settings};
 use crate::time::Timestamp;
 
 /// Message received on a port, independent of the protocol.
@@ -55,6 +56,17 @@ pub struct Snapshot<'a> {
     pub indicator: IndicatorState,
     /// Active calibration with its heading uncertainty; may be none if it was already reported.
     pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
+}
+
+impl Snapshot<'_> {
+    /// Heading to send, and its kind: the smoothed heading if it is selected and available, otherwise the raw one.
+    #[must_use]
+    pub fn selected_heading(&self) -> (Result<Heading, NoHeading>, HeadingKind) {
+        match (self.settings.stream_heading, self.estimate.smoothed_heading) {
+            (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
+            _ => (self.estimate.heading, HeadingKind::Raw),
+        }
+    }
 }
 
 /// Bytes to write. A message that does not fit is dropped whole.

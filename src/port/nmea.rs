@@ -1,9 +1,7 @@
 //! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
 
 use super::{MessageSchedule, Snapshot, TransmitBuffer};
-use crate::heading::{Heading, NoHeading};
-use crate::instrument::Estimate;
-use crate::settings::HeadingKind;
+use crate::heading::Heading;
 use crate::wire::nmea;
 
 /// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
@@ -26,7 +24,7 @@ impl Nmea {
         if !(settings.stream_on && self.pace.is_due(estimate.at, settings.stream_rate_hz)) {
             return;
         }
-        let (heading, kind) = heading_to_send(estimate, settings.stream_heading);
+        let (heading, kind) = snapshot.selected_heading();
         let heading_deg = heading.as_ref().ok().map(Heading::magnetic_deg);
         let [hdm, hdg, quality] =
             [nmea::hdm(heading_deg), nmea::hdg(heading_deg, settings.declination_deg), nmea::quality(&heading, kind)];
@@ -39,26 +37,20 @@ impl Nmea {
     }
 }
 
-/// Heading to send, and its kind.
-fn heading_to_send(estimate: &Estimate, wanted: HeadingKind) -> (Result<Heading, NoHeading>, HeadingKind) {
-    match (wanted, estimate.smoothed_heading) {
-        (HeadingKind::Smooth, Some(smooth)) => (Ok(smooth), HeadingKind::Smooth),
-        _ => (estimate.heading, HeadingKind::Raw),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::heading::NoHeading;
+    use crate::instrument::Estimate;
     use crate::port::tests::facts;
-    use crate::settings::Settings;
+    use crate::settings::{HeadingKind, Settings};
     use crate::time::Timestamp;
 
     fn text(estimate: &Estimate, settings: &Settings) -> String {
         let mut out = TransmitBuffer::new();
         Nmea::new().poll(&facts(estimate, settings), &mut out);
         assert_eq!(out.messages, u32::from(!out.pending().is_empty()));
-        assert_eq!(out.empty, u32::from(heading_to_send(estimate, settings.stream_heading).0.is_err()));
+        assert_eq!(out.empty, u32::from(facts(estimate, settings).selected_heading().0.is_err()));
         String::from_utf8(out.pending().to_vec()).unwrap()
     }
 

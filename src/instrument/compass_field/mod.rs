@@ -1,19 +1,9 @@
-//! Field for an autopilot's compass.
+//! Field for an autopilot's compass: the corrected field through the output map, with a gradual change in flight.
 //!
-//! An affine map converts a reading to the output: the active calibration, rotated by the alignment, scaled to the true
-//! field strength. In level flight the output field yields the reported heading.
-//!
-//! # The alignment
-//!
-//! Alignment adds `a` to every heading. In level flight `(x, y) = H (cos psi, -sin psi)` (see the [crate docs](crate));
-//! the output must be `H (cos(psi + a), -sin(psi + a))`, which is `(x cos a + y sin a, y cos a - x sin a)`.
-//!
-//! # Change of correction in flight
-//!
-//! The autopilot uses this field for steering, so in flight the change to a new correction is gradual: the output moves
-//! linearly from the old map to the new one, slowly enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A
-//! further correction starts from the blended map of that moment. On the ground, and if there was no output before, a
-//! correction applies at once.
+//! In level flight the output field yields the reported heading. The autopilot uses this field for steering, so in
+//! flight the change to a new correction is gradual: the output moves linearly from the old map to the new one, slowly
+//! enough that its heading turns by at most [`MAX_TURN_DEG_S`]. A further correction starts from the blended map of that
+//! moment. On the ground, and if there was no output before, a correction applies at once.
 
 #[cfg(test)]
 mod tests;
@@ -22,11 +12,11 @@ use core::f32::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Correction;
-use crate::calibration::{Calibration, HeadingUncertainty, inverse};
+use super::active_calibration::ActiveCalibration;
+use super::output_map::OutputMap;
+use crate::calibration::{Calibration, inverse};
 use crate::frames::{Attitude, Body, Field, Level, Sensor, wrap_pi};
 use crate::time::Timestamp;
-use crate::trig;
 
 /// Largest heading rate caused by a new correction, degrees per second.
 const MAX_TURN_DEG_S: f32 = 1.0;
@@ -42,9 +32,6 @@ const MAX_BLEND_S: f32 = 300.0;
 /// Inclination assumed if unknown, radians: 70 deg, where iron has a large effect on the heading.
 const DEFAULT_INCLINATION_RAD: f32 = 1.22;
 
-/// Largest accepted ratio of true to measured field strength.
-const MAX_STRENGTH_RATIO: f32 = 2.0;
-
 /// Attitude change below which the aircraft is at rest, radians: 0.3 deg, above the noise of a source with 0.1 deg
 /// resolution.
 const AT_REST_RAD: f32 = 0.005;
@@ -55,18 +42,21 @@ const AT_REST_US: u64 = 2_000_000;
 /// Longest gap between attitude reports during rest, microseconds.
 const MAX_GAP_US: u64 = 500_000;
 
-/// Affine map from sensor to body field: `w m + c`, one row per body axis.
+/// Affine map from sensor field to compass field: `w m + c`, one row per body axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct FieldMap([[f32; 4]; 3]);
 
 impl FieldMap {
-    /// Map of a calibration, rotated by the alignment and scaled to the true strength.
-    fn new(calibration: &Calibration, correction: &Correction) -> Self {
-        let (sin, cos) = trig::sin_cos(correction.align_deg.to_radians());
-        let scale = strength_ratio(calibration, correction);
-        let [x, y, z] = calibration.w.map(|row| Vector3::from(row) * scale);
-        let b_ut = calibration.b_vector_ut();
-        Self([x * cos + y * sin, y * cos - x * sin, z].map(|row| [row.x, row.y, row.z, -row.dot(&b_ut)]))
+    fn new(calibration: &Calibration, output: &OutputMap) -> Self {
+        let map = |ut: Vector3<f32>| output.apply(Field::new(ut)).ut;
+        let w = calibration.w_matrix();
+        let [x, y, z, c] = [
+            map(w.column(0).into()),
+            map(w.column(1).into()),
+            map(w.column(2).into()),
+            map(-(w * calibration.b_vector_ut())),
+        ];
+        Self([0, 1, 2].map(|row| [x[row], y[row], z[row], c[row]]))
     }
 
     fn apply(&self, field: Field<Sensor>) -> Field<Body> {
@@ -92,22 +82,16 @@ impl FieldMap {
     }
 }
 
-/// True over measured field strength; 1 if unknown or implausible.
-fn strength_ratio(calibration: &Calibration, correction: &Correction) -> f32 {
-    let scale = correction.total_ut.map_or(1.0, |total_ut| total_ut / calibration.total_ut);
-    if (MAX_STRENGTH_RATIO.recip()..=MAX_STRENGTH_RATIO).contains(&scale) { scale } else { 1.0 }
-}
-
 /// Duration of a blend at [`MAX_TURN_DEG_S`], seconds, in level flight.
-fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, correction: &Correction) -> f32 {
-    let Some(read) = to.inverse() else { return 0.0 };
+fn blend_duration_s(from: &FieldMap, to: &FieldMap, calibration: &Calibration, active: &ActiveCalibration) -> f32 {
+    let Some(sensor_field) = to.inverse() else { return 0.0 };
     let inclination_rad =
-        if correction.has_valid_inclination { calibration.inclination_rad } else { DEFAULT_INCLINATION_RAD };
-    let total_ut = calibration.total_ut * strength_ratio(calibration, correction);
+        if active.base.has_valid_inclination { calibration.inclination_rad } else { DEFAULT_INCLINATION_RAD };
+    let total_ut = calibration.total_ut * active.output_map.strength_ratio;
     let turn_rad = |heading: u8| {
         let heading_rad = TAU / f32::from(EVALUATED_HEADINGS) * f32::from(heading);
         let after = Attitude::default().body(Field::<Level>::earth(total_ut, inclination_rad, heading_rad));
-        max_turn_rad_per_weight(from.apply(read(after)), after)
+        max_turn_rad_per_weight(from.apply(sensor_field(after)), after)
     };
     let worst_rad = (0..EVALUATED_HEADINGS).map(turn_rad).fold(0.0, f32::max);
     (worst_rad.to_degrees() * SAMPLING_MARGIN / MAX_TURN_DEG_S).min(MAX_BLEND_S)
@@ -164,7 +148,6 @@ impl MapBlend {
 /// Output state. 0.1 KB.
 #[derive(Debug)]
 pub(super) struct CompassField {
-    target_map: Option<FieldMap>,
     blend: Option<MapBlend>,
     had_calibration: bool,
     rest_detector: RestDetector,
@@ -173,7 +156,6 @@ pub(super) struct CompassField {
 
 impl CompassField {
     pub const INITIAL: Self = Self {
-        target_map: None,
         blend: None,
         had_calibration: false,
         rest_detector: RestDetector { rest_start: None, last: Timestamp::START },
@@ -184,42 +166,38 @@ impl CompassField {
         self.rest_detector.update(at, attitude);
     }
 
-    /// Applies a correction, possibly the same one, with the calibration as stored.
+    /// Begins the blend from one active calibration to the next; none if the output is the same.
     #[inline(never)]
-    pub fn set_correction(&mut self, correction: &Correction, active: Option<&(Calibration, HeadingUncertainty)>) {
-        self.had_calibration |= active.is_some();
-        let before = self.target_map;
-        let now = self.last;
-        let from = before.map(|to| self.effective_map_at(now, &to));
-        self.apply_adjustment(correction, active);
-        if self.target_map == before {
+    pub fn change_calibration(&mut self, before: &ActiveCalibration, after: &ActiveCalibration) {
+        let map_before = self.map(before);
+        self.had_calibration |= after.adjusted.is_some();
+        let map_after = self.map(after);
+        if map_after == map_before {
             return;
         }
-        let is_in_air = correction.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
-        self.blend = match (from, self.target_map, active) {
-            (Some(from), Some(to), Some((calibration, _))) if is_in_air => Some(MapBlend {
-                from,
-                started_at: now,
-                duration_s: blend_duration_s(&from, &to, calibration, correction),
-            }),
+        let now = self.last;
+        let is_in_air = after.base.is_armed.unwrap_or_else(|| !self.rest_detector.is_at_rest(now));
+        self.blend = match (map_before, map_after, &after.adjusted) {
+            (Some(before), Some(to), Some((calibration, _))) if is_in_air => {
+                let from = self.blended_map(now, before);
+                let duration_s = blend_duration_s(&from, &to, calibration, after);
+                Some(MapBlend { from, started_at: now, duration_s })
+            }
             _ => None,
         };
     }
 
-    /// Applies the monitor's small adjustments, without a blend.
-    pub fn apply_adjustment(&mut self, correction: &Correction, active: Option<&(Calibration, HeadingUncertainty)>) {
-        self.target_map = match active {
-            Some((calibration, _)) => Some(FieldMap::new(calibration, correction)),
-            // After a corrected field the raw field must never be output.
-            None if self.had_calibration => None,
-            None => correction.mount.map(|mount| FieldMap::new(&Calibration::uncalibrated(mount), correction)),
-        };
-    }
-
-    /// Output for a reading.
-    pub fn output_field(&mut self, at: Timestamp, field: Field<Sensor>) -> Option<Field<Body>> {
+    /// Output for a reading; `body` is its corrected field.
+    pub fn output_field(
+        &mut self,
+        at: Timestamp,
+        active: &ActiveCalibration,
+        field: Field<Sensor>,
+        body: Option<Field<Body>>,
+    ) -> Option<Field<Body>> {
         self.last = at;
-        let after = self.target_map.as_ref()?.apply(field);
+        let after = body.or_else(|| Some(self.output_calibration(active)?.apply(field)))?;
+        let after = active.output_map.apply(after);
         let Some((blend, weight)) = self.blend.as_ref().and_then(|blend| Some((blend, blend.weight(at)?))) else {
             self.blend = None;
             return Some(after);
@@ -228,8 +206,17 @@ impl CompassField {
         Some(Field::new(before.ut + (after.ut - before.ut) * weight))
     }
 
-    fn effective_map_at(&self, now: Timestamp, to: &FieldMap) -> FieldMap {
-        let on_the_way = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(to, blend.weight(now)?)));
-        on_the_way.unwrap_or(*to)
+    /// After a corrected field the raw field must never be output.
+    fn output_calibration(&self, active: &ActiveCalibration) -> Option<Calibration> {
+        active.calibration().filter(|_| active.adjusted.is_some() || !self.had_calibration)
+    }
+
+    fn map(&self, active: &ActiveCalibration) -> Option<FieldMap> {
+        self.output_calibration(active).map(|calibration| FieldMap::new(&calibration, &active.output_map))
+    }
+
+    fn blended_map(&self, now: Timestamp, to: FieldMap) -> FieldMap {
+        let blended = self.blend.as_ref().and_then(|blend| Some(blend.from.interpolate(&to, blend.weight(now)?)));
+        blended.unwrap_or(to)
     }
 }

@@ -1,17 +1,12 @@
 use super::super::*;
 use super::*;
-use crate::attitude::SenderId;
+use crate::attitude::{AttitudeConfig, SenderId};
+use crate::calibration::{HeadingUncertainty, Orientation};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
 const BEGIN_US: u64 = 1_000_000;
-
-fn correct(instrument: &mut Instrument, correction: Correction) {
-    instrument.set_correction(correction);
-    assert!(instrument.is_monitor_update_due());
-    instrument.update_monitor();
-}
 
 fn at(us: u64) -> Timestamp {
     Timestamp::from_us(BEGIN_US + us)
@@ -37,7 +32,7 @@ fn armed(is_armed: bool, correction: &Correction) -> Correction {
 
 fn with(correction: Correction) -> Instrument {
     let mut instrument = Instrument::new(InstrumentConfig::new(PERIOD_US as u32));
-    correct(&mut instrument, correction);
+    instrument.set_correction(correction);
     instrument
 }
 
@@ -51,7 +46,7 @@ fn read(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Estimate 
 
 fn report(instrument: &mut Instrument, us: u64, attitude: Attitude) {
     let (source, sender_time) = (SenderId::default(), WrappingMillis::default());
-    let arrival = at(us).plus_signed_us(attitude::AttitudeConfig::DEFAULT.latency_us);
+    let arrival = at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us);
     instrument.on_attitude(arrival, AttitudeReport { sender: source, sender_time, attitude, rates_rad_s: [0.0; 3] });
 }
 
@@ -116,7 +111,7 @@ fn an_uncalibrated_module_sends_the_raw_field() {
     let mut instrument = with(Correction::NONE);
     assert_eq!(read(&mut instrument, 0, SOME).compass_field, None);
     let mount = Orientation::from_name("yaw90");
-    correct(&mut instrument, Correction { mount, ..Correction::NONE });
+    instrument.set_correction(Correction { mount, ..Correction::NONE });
     let estimate = read(&mut instrument, PERIOD_US, SOME);
     assert_eq!(estimate.heading, Err(NoHeading::Uncalibrated));
     // A chip rotated to the right has its y axis towards the tail.
@@ -131,9 +126,9 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
     let mount = Some(Orientation::NONE);
     let mut instrument = with(Correction { mount, ..corrected(calibration()) });
     assert!(read(&mut instrument, 0, SOME).compass_field.is_some());
-    correct(&mut instrument, Correction { mount, ..Correction::NONE });
+    instrument.set_correction(Correction { mount, ..Correction::NONE });
     assert_eq!(read(&mut instrument, PERIOD_US, SOME).compass_field, None);
-    correct(&mut instrument, Correction { mount, ..corrected(other_calibration()) });
+    instrument.set_correction(Correction { mount, ..corrected(other_calibration()) });
     assert!(
         is_near(read(&mut instrument, 2 * PERIOD_US, SOME).compass_field, other_calibration().apply(SOME)),
         "at once"
@@ -181,8 +176,7 @@ fn without_attitude_only_the_field_strength_is_checked() {
 fn with_verdict(verdict: Result<(), NoHeading>) -> Instrument {
     let mut instrument = with(corrected(calibration()));
     report(&mut instrument, 0, Attitude::default());
-    instrument.monitor.set_validity(verdict);
-    instrument.monitored_at = at(0);
+    (instrument.active.adjustment.validity, instrument.active.adjusted_at) = (verdict, at(0));
     instrument
 }
 
@@ -226,10 +220,9 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
 fn the_compass_field_uses_the_monitored_calibration() {
     let mut instrument = with(corrected(calibration()));
     let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..calibration() };
-    instrument.monitored_calibration = Some((monitored, HeadingUncertainty::NONE));
-    instrument.compass_field.apply_adjustment(&instrument.correction, instrument.monitored_calibration.as_ref());
+    instrument.active.adjusted = Some((monitored, HeadingUncertainty::NONE));
     assert!(is_near(read(&mut instrument, 0, SOME).compass_field, monitored.apply(SOME)));
-    correct(&mut instrument, armed(true, &corrected(calibration())));
+    instrument.set_correction(armed(true, &corrected(calibration())));
     assert!(is_near(read(&mut instrument, PERIOD_US, SOME).compass_field, monitored.apply(SOME)));
 }
 
@@ -248,7 +241,7 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
             let roll_rad = 5_f32.to_radians();
             let rates_rad_s = [0.0, roll_rad.sin(), roll_rad.cos()].map(|part| 20_f32.to_radians() * part);
             let report = AttitudeReport { sender: source, sender_time, attitude, rates_rad_s };
-            instrument.on_attitude(at(us).plus_signed_us(attitude::AttitudeConfig::DEFAULT.latency_us), report);
+            instrument.on_attitude(at(us).plus_signed_us(AttitudeConfig::DEFAULT.latency_us), report);
         }
         let noise = Vector3::from_fn(|_, _| 0.1 * random.normal());
         let hard_iron_change_ut = Vector3::new(2.0, 0.0, 0.0);
@@ -258,14 +251,18 @@ fn added_hard_iron_is_compensated_in_the_compass_field() {
         instrument.update_monitor();
         last = estimate.compass_field.map(|output| (output.ut - noise - truth).norm());
     }
-    assert!(instrument.monitored_at > at(119_000_000), "the last sample");
+    assert!(instrument.active.adjusted_at > at(119_000_000), "the last sample");
     assert!(last.is_some_and(|off_ut| off_ut < 0.7), "{last:?} of 2 uT is left");
 }
 
+/// Compass field of a reading, without its plausibility checks.
+fn output_at(instrument: &mut Instrument, us: u64, field: Field<Sensor>) -> Option<Field<Body>> {
+    let Instrument { active, compass_field, .. } = instrument;
+    compass_field.output_field(at(us), active, field, active.apply(field))
+}
+
 fn output(instrument: &mut Instrument, from_us: u64, seconds: u64, field: Field<Sensor>) -> Vec<Field<Body>> {
-    (0..seconds * 100)
-        .map(|i| instrument.compass_field.output_field(at(from_us + i * 10_000), field).unwrap())
-        .collect()
+    (0..seconds * 100).map(|i| output_at(instrument, from_us + i * 10_000, field).unwrap()).collect()
 }
 
 fn fastest_deg_s(output: &[Field<Body>]) -> f32 {
@@ -282,8 +279,8 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
             + other_calibration().b_vector_ut();
         let field = Field::new(read_ut);
         let mut instrument = with(armed(true, &corrected(calibration())));
-        let before = instrument.compass_field.output_field(at(0), field).unwrap();
-        correct(&mut instrument, armed(true, &corrected(other_calibration())));
+        let before = output_at(&mut instrument, 0, field).unwrap();
+        instrument.set_correction(armed(true, &corrected(other_calibration())));
         let output = output(&mut instrument, 0, 40, field);
         assert_eq!(output[0], before);
         assert!(is_near(output.last().copied(), other_calibration().apply(field)));
@@ -300,8 +297,8 @@ fn while_armed_a_new_calibration_turns_the_heading_by_1_deg_s() {
 fn a_change_of_100_deg_also_turns_at_1_deg_s() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
-    instrument.compass_field.output_field(at(0), field);
-    correct(&mut instrument, Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
+    output_at(&mut instrument, 0, field);
+    instrument.set_correction(Correction { align_deg: 100.0, ..armed(true, &corrected(calibration())) });
     let output = output(&mut instrument, 0, 200, field);
     let fastest_deg_s = fastest_deg_s(&output);
     assert!((0.9..1.01).contains(&fastest_deg_s), "{fastest_deg_s}");
@@ -314,14 +311,14 @@ fn a_further_change_starts_from_the_present_blend() {
     let mount = Some(Orientation::NONE);
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &Correction { mount, ..Correction::NONE }));
-    instrument.compass_field.output_field(at(0), field);
+    output_at(&mut instrument, 0, field);
     let aligned = |align_deg| armed(true, &Correction { align_deg, mount, ..corrected(calibration()) });
-    correct(&mut instrument, aligned(10.0));
+    instrument.set_correction(aligned(10.0));
     let mut all = output(&mut instrument, 0, 5, field);
-    correct(&mut instrument, aligned(-10.0));
+    instrument.set_correction(aligned(-10.0));
     all.extend(output(&mut instrument, 5_000_000, 5, field));
     // Repeating a correction does not restart the blend.
-    correct(&mut instrument, aligned(-10.0));
+    instrument.set_correction(aligned(-10.0));
     all.extend(output(&mut instrument, 10_000_000, 20, field));
     assert!(fastest_deg_s(&all) < 1.01, "{}", fastest_deg_s(&all));
     let turned = |i: usize| turned_deg(all[0], all[i]);
@@ -335,20 +332,20 @@ fn a_further_change_starts_from_the_present_blend() {
 fn a_blend_continues_after_disarming() {
     let field = sensed(0.3, Attitude::default());
     let mut instrument = with(armed(true, &corrected(calibration())));
-    instrument.compass_field.output_field(at(0), field);
+    output_at(&mut instrument, 0, field);
     let changed = Correction { align_deg: 10.0, ..corrected(calibration()) };
-    correct(&mut instrument, armed(true, &changed));
+    instrument.set_correction(armed(true, &changed));
     let before = output(&mut instrument, 0, 5, field);
-    correct(&mut instrument, armed(false, &changed));
+    instrument.set_correction(armed(false, &changed));
     let after = output(&mut instrument, 5_000_000, 1, field);
     assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
 }
 
 fn is_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> bool {
     let field = sensed(0.3, Attitude::default());
-    instrument.compass_field.output_field(at(us), field);
-    correct(instrument, correction);
-    is_near(instrument.compass_field.output_field(at(us + 1), field), other_calibration().apply(field))
+    output_at(instrument, us, field);
+    instrument.set_correction(correction);
+    is_near(output_at(instrument, us + 1, field), other_calibration().apply(field))
 }
 
 #[test]
@@ -368,7 +365,7 @@ fn while_disarmed_a_new_calibration_applies_at_once() {
 /// Without an armed state, two seconds of constant attitude mean on the ground.
 #[test]
 fn two_seconds_of_constant_attitude_are_rest() {
-    let latency_us = attitude::AttitudeConfig::DEFAULT.latency_us.unsigned_abs();
+    let latency_us = AttitudeConfig::DEFAULT.latency_us.unsigned_abs();
     let rests = |step_us: u64, seconds: f32, moves_deg: (f32, f32), asked_after_us: u64| {
         let mut instrument = with(corrected(calibration()));
         let steps = (seconds * 1e6) as u64 / step_us;
@@ -411,25 +408,24 @@ fn every_blend_ends() {
             Calibration { w, b_ut: [(); 3].map(|()| 30.0 * number()), ..calibration() }
         };
         let (from, to) = (any(), any());
-        let correction = corrected(to);
-        let seconds =
-            blend_duration_s(&FieldMap::new(&from, &correction), &FieldMap::new(&to, &correction), &to, &correction);
+        let active = ActiveCalibration::new(corrected(to));
+        let [before, after] = [from, to].map(|calibration| FieldMap::new(&calibration, &active.output_map));
+        let seconds = blend_duration_s(&before, &after, &to, &active);
         assert!((0.0..=MAX_BLEND_S).contains(&seconds), "{seconds}");
     }
     let flat = Calibration { w: [[0.0; 3]; 3], ..calibration() };
-    let map = FieldMap::new(&flat, &corrected(flat));
-    assert!(
-        blend_duration_s(&map, &map, &flat, &corrected(flat)).abs() < 1e-9,
-        "what cannot be turned round is taken at once"
-    );
+    let active = ActiveCalibration::new(corrected(flat));
+    let map = FieldMap::new(&flat, &active.output_map);
+    assert!(blend_duration_s(&map, &map, &flat, &active).abs() < 1e-9, "a singular map applies at once");
 }
 
 #[test]
 fn a_blend_with_unknown_inclination_takes_longer() {
     let seconds = |knows_inclination| {
         let correction = Correction { has_valid_inclination: knows_inclination, ..corrected(calibration()) };
-        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &correction);
-        blend_duration_s(&from, &FieldMap::new(&calibration(), &correction), &calibration(), &correction)
+        let active = ActiveCalibration::new(correction);
+        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..calibration() }, &active.output_map);
+        blend_duration_s(&from, &FieldMap::new(&calibration(), &active.output_map), &calibration(), &active)
     };
     assert!(seconds(false) > 1.3 * seconds(true), "{} {}", seconds(false), seconds(true));
 }

@@ -102,11 +102,6 @@ impl Monitor {
         &self.output
     }
 
-    #[cfg(test)]
-    pub fn set_validity(&mut self, validity: Result<(), NoHeading>) {
-        self.output.validity = validity;
-    }
-
     /// Processes a sample whose last reading was at `at`, with the gyro turn at the sample's own time.
     #[inline(never)]
     pub fn update(

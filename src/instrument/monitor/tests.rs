@@ -6,7 +6,7 @@ use testkit::random::Random;
 
 use super::*;
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
-use crate::frames::{Attitude, Field, Level};
+use crate::frames::{Attitude, Field};
 use crate::heading::Heading;
 use crate::time::WrappingMillis;
 
@@ -336,7 +336,7 @@ fn attitude_latency_and_gyro_drift_are_distinguished() {
     }
 }
 
-/// Five times the filter's variance, which the heading's derivatives in level flight northwards project.
+/// Five times the filter's variance of the heading at the attitude of that moment.
 #[test]
 fn heading_variance_is_inflated_after_a_detected_change() {
     let mut flight = Flight::new(5);
@@ -344,14 +344,13 @@ fn heading_variance_is_inflated_after_a_detected_change() {
     assert!(flight.monitor.output().heading_variance_rad2 <= 0.0, "nothing has changed");
     flight.wrong.iron_ut = [0.0, 5.0, 0.0];
     flight.fly(15);
-    let level = MonitorSample {
-        field: Field::<Level>::earth(1.0, INCLINATION_RAD, 0.0).ut,
-        attitude: Attitude::default(),
-        motion: EulerRates::default(),
-    };
+    let (attitude, motion, heading_rad) = moment(flight.now_s());
+    let seen =
+        MonitorSample { field: attitude.body(Field::earth(1.0, INCLINATION_RAD, heading_rad)).ut, attitude, motion };
     let states = *flight.monitor.filter.mean();
-    let predicted = PredictedField::new(&states, INCLINATION_RAD, None);
-    let jacobian = MeasurementModel::new(&level, &states, &predicted).heading_jacobian;
+    let predicted =
+        PredictedField { heading_rad: Some(heading_rad), ..PredictedField::new(&states, INCLINATION_RAD, None) };
+    let jacobian = MeasurementModel::new(&seen, &states, &predicted).heading_jacobian;
     let inflation = flight.monitor.output().heading_variance_rad2 / flight.monitor.filter.projected_variance(&jacobian);
     assert!((4.0..=6.0).contains(&inflation), "{inflation}");
     flight.wrong.iron_ut = [0.0; 3];

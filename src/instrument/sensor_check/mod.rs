@@ -1,6 +1,6 @@
 //! Plausibility checks of readings: saturated, clipped, stuck, spike.
 
-use super::InstrumentConfig;
+use super::config::InstrumentConfig;
 use crate::frames::{Field, Sensor};
 use crate::heading::NoHeading;
 use crate::reading::Reading;

@@ -3,14 +3,14 @@
 mod current;
 
 use super::*;
-use crate::attitude::SenderId;
-use crate::calibration::{Orientation, Rates};
+use crate::attitude::{AttitudeConfig, RejectedReports, SenderId};
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation, Rates};
 use crate::frames::{Sensor, wrap_pi};
 use crate::time::WrappingMillis;
 use testkit::random::Random;
 
 const PERIOD_US: u64 = 12_500;
-const LATENCY_US: u64 = attitude::AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
+const LATENCY_US: u64 = AttitudeConfig::DEFAULT.latency_us.unsigned_abs() as u64;
 /// Offset so that no time is negative.
 const BEGIN_US: u64 = 1_000_000;
 
@@ -146,7 +146,7 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 #[test]
 fn alignment_is_added_to_the_heading_alone() {
     let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
+    let correction = Correction { align_deg: -30.0, ..instrument.active.base.clone() };
     instrument.set_correction(correction);
     report(&mut instrument, 0, Attitude::default());
     let estimate = instrument.on_reading(at(0), reading(sensed(0.3, Attitude::default())));
@@ -338,7 +338,7 @@ fn a_sample_mixes_no_readings_with_and_without_attitude() {
 /// Each row has field and attitude of one time, and becomes a sample.
 #[test]
 fn a_recording_at_10_hz_passes_unchanged() {
-    let attitude = attitude::AttitudeConfig { latency_us: 0, ..attitude::AttitudeConfig::DEFAULT };
+    let attitude = AttitudeConfig { latency_us: 0, ..AttitudeConfig::DEFAULT };
     let mut instrument = Instrument::new(InstrumentConfig { attitude, ..InstrumentConfig::new(100_000) });
     for row in 0..50_u16 {
         let us = u64::from(row) * 100_000;
@@ -551,7 +551,7 @@ fn a_coarse_source_is_frozen_when_the_field_turns() {
 fn with_unknown_inclination_any_inclination_is_accepted() {
     for (knows_inclination, heading) in [(true, false), (false, true)] {
         let mut instrument = calibrated();
-        let correction = Correction { has_valid_inclination: knows_inclination, ..instrument.correction.clone() };
+        let correction = Correction { has_valid_inclination: knows_inclination, ..instrument.active.base.clone() };
         instrument.set_correction(correction);
         report(&mut instrument, 0, Attitude::default());
         let steep = Field::new(Attitude::default().body(Field::earth(50.0, 1.4, 0.5)).ut);
@@ -588,7 +588,7 @@ fn turning(instrument: &mut Instrument, from_s: f32, seconds: f32, rate_scale: f
 #[test]
 fn a_source_with_rates_gives_a_smooth_heading() {
     let mut instrument = calibrated();
-    let correction = Correction { align_deg: -30.0, ..instrument.correction.clone() };
+    let correction = Correction { align_deg: -30.0, ..instrument.active.base.clone() };
     instrument.set_correction(correction.clone());
     let first = turning(&mut instrument, 0.0, 2.0, 1.0);
     assert!(first.iter().all(|(_, estimate)| estimate.smoothed_heading.is_none() && estimate.heading.is_ok()));

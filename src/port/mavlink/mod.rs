@@ -27,7 +27,6 @@ use crate::calibration::Calibration;
 use crate::compass::{Command, IndicatorState};
 use crate::frames::wrap_pi;
 use crate::messages::{Message as Notice, Refusal};
-use crate::settings::HeadingKind;
 use crate::time::Timestamp;
 use crate::wire::mavlink::{Address, InboundMessage, OutboundMessage, Pose, Receiver};
 use collection::CollectionReporter;
@@ -159,17 +158,14 @@ impl Mavlink {
     }
 
     fn send_heading(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        let Snapshot { now, estimate, settings, .. } = *snapshot;
-        let smooth = estimate.smoothed_heading.filter(|_| settings.stream_heading == HeadingKind::Smooth);
-        let heading = smooth.or(estimate.heading.ok()).filter(|_| settings.stream_on);
-        let Some(heading) = heading else { return false };
-        if !self.heading.is_due(now, HEADING_HZ) {
+        let (Ok(heading), _) = snapshot.selected_heading() else { return false };
+        if !snapshot.settings.stream_on || !self.heading.is_due(snapshot.now, HEADING_HZ) {
             return false;
         }
         let (name, value) =
             if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
         self.is_sigma_next = !self.is_sigma_next;
-        line.send(OutboundMessage::named_value(now, name, value))
+        line.send(OutboundMessage::named_value(snapshot.now, name, value))
     }
 
     fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::*;
 use crate::instrument::HardIronChange;
+use crate::settings::HeadingKind;
 use crate::settings::OutOfRange;
 
 /// Prefix of a text whose end a test selects.

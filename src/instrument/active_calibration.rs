@@ -1,0 +1,70 @@
+//! The active calibration: all that a reading is corrected with, replaced as a whole.
+
+use super::correction::Correction;
+use super::monitor::{MonitorOutput, MonitoredCalibration};
+use super::output_map::OutputMap;
+use crate::calibration::{Calibration, HeadingUncertainty};
+use crate::frames::{Body, Field, Sensor};
+use crate::time::Timestamp;
+
+#[derive(Clone, Debug)]
+pub(super) struct ActiveCalibration {
+    /// Correction as set, with the calibration as stored.
+    pub base: Correction,
+    /// The monitor's adjustment of `base`.
+    pub adjustment: MonitorOutput,
+    /// Time of the adjustment.
+    pub adjusted_at: Timestamp,
+    /// Calibration of `base` with the adjustment.
+    pub adjusted: Option<(Calibration, HeadingUncertainty)>,
+    /// Corrected field to compass field.
+    pub output_map: OutputMap,
+}
+
+impl ActiveCalibration {
+    /// A correction without an adjustment.
+    pub fn new(base: Correction) -> Self {
+        Self {
+            adjustment: MonitorOutput::INITIAL,
+            adjusted_at: Timestamp::START,
+            adjusted: base.calibration,
+            output_map: OutputMap::new(&base, measured_ut(base.calibration.as_ref())),
+            base,
+        }
+    }
+
+    /// Another correction with the same calibration, hence the same adjustment.
+    pub fn with_base(self, base: Correction) -> Self {
+        let output_map = OutputMap::new(&base, measured_ut(self.adjusted.as_ref()));
+        Self { base, output_map, ..self }
+    }
+
+    /// Adjusts the calibration to the monitor's states.
+    pub fn adjust(&mut self, at: Timestamp, adjustment: MonitorOutput, readings_per_sample: u16) {
+        let Some((calibration, uncertainty)) = &self.base.calibration else { return };
+        let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
+        self.adjusted = Some(adjustment.correct_calibration(&monitored));
+        self.output_map = OutputMap::new(&self.base, measured_ut(self.adjusted.as_ref()));
+        (self.adjustment, self.adjusted_at) = (adjustment, at);
+    }
+
+    /// The calibration of readings; before the first one, the mounting alone.
+    pub fn calibration(&self) -> Option<Calibration> {
+        let adjusted = self.adjusted.as_ref().map(|(calibration, _)| *calibration);
+        adjusted.or_else(|| self.base.mount.map(Calibration::uncalibrated))
+    }
+
+    /// A reading without motor-current interference.
+    pub fn remove_motor_current(&self, field: Field<Sensor>, current_a: Option<f32>) -> Field<Sensor> {
+        self.adjusted.as_ref().map_or(field, |(calibration, _)| calibration.remove_motor_current(field, current_a))
+    }
+
+    /// The corrected field of a reading; `None` without a calibration.
+    pub fn apply(&self, field: Field<Sensor>) -> Option<Field<Body>> {
+        self.adjusted.as_ref().map(|(calibration, _)| calibration.apply(field))
+    }
+}
+
+fn measured_ut(calibration: Option<&(Calibration, HeadingUncertainty)>) -> Option<f32> {
+    calibration.map(|(calibration, _)| calibration.total_ut)
+}

@@ -1,0 +1,52 @@
+//! Correction of readings, as the state machine sets it.
+
+use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
+
+/// Corrections to apply, replaced as a whole so that a heading never mixes two calibrations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Correction {
+    /// Active calibration and its uncertainty.
+    pub calibration: Option<(Calibration, HeadingUncertainty)>,
+    /// Whether the calibration's inclination is valid; without it inclination is not monitored.
+    pub has_valid_inclination: bool,
+    /// Heading offset, degrees.
+    pub align_deg: f32,
+    /// Source of the samples' attitude.
+    pub sample_attitude: SampleAttitude,
+    /// Mounting rotation, once the chip is known. Before the first calibration the compass field is the rotated raw
+    /// field.
+    pub mount: Option<Orientation>,
+    /// Strength of the Earth's field, microtesla, if known.
+    pub total_ut: Option<f32>,
+    /// Whether the autopilot is armed, if reported.
+    pub is_armed: Option<bool>,
+}
+
+impl Correction {
+    /// No calibration.
+    pub const NONE: Self = Self {
+        calibration: None,
+        has_valid_inclination: true,
+        align_deg: 0.0,
+        sample_attitude: SampleAttitude::Interpolated,
+        mount: None,
+        total_ut: None,
+        is_armed: None,
+    };
+
+    /// Whether both produce the same headings.
+    pub(super) fn gives_same_headings(&self, other: &Self) -> bool {
+        self.calibration == other.calibration
+            && self.has_valid_inclination == other.has_valid_inclination
+            && self.align_deg.to_bits() == other.align_deg.to_bits()
+    }
+}
+
+/// Source of the samples' attitude.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleAttitude {
+    /// Attitude reports, interpolated to the time of each reading.
+    Interpolated,
+    /// None: samples contain the field only, with level attitude.
+    Unknown,
+}

@@ -1,0 +1,69 @@
+//! Results of the instrument at one time, and counters of rejected inputs.
+
+use super::monitor::HardIronChange;
+use crate::attitude::RejectedReports;
+use crate::frames::{Attitude, Body, Field};
+use crate::heading::{Heading, NoHeading};
+use crate::time::Timestamp;
+
+/// Results at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Time of the reading, or of the silence.
+    pub at: Timestamp,
+    /// Corrected field in body axes, in the sensor's microtesla, without alignment. `None` without a calibration, and
+    /// if the sensor is silent or faulty. Needs no attitude.
+    pub body_field: Option<Field<Body>>,
+    /// Field for an autopilot's compass, body axes, microtesla: corrected by calibration and monitor, with alignment,
+    /// scaled to the true field strength if known. `None` while not trusted. Needs no attitude. Before the first
+    /// calibration it is the raw field.
+    pub compass_field: Option<Field<Body>>,
+    /// Heading with alignment, or the reason for its absence.
+    pub heading: Result<Heading, NoHeading>,
+    /// Heading smoothed with the body rates; `None` without a heading, and while the rates are missing, new or
+    /// inconsistent with it.
+    pub smoothed_heading: Option<Heading>,
+    /// Attitude at that time, if reports are recent.
+    pub attitude: Option<Attitude>,
+    /// Change of hard iron since the calibration, once significant.
+    pub hard_iron_change: Option<HardIronChange>,
+    /// Motor current, amperes, if reported recently.
+    pub current_a: Option<f32>,
+}
+
+impl Estimate {
+    /// State before the first reading.
+    pub const EMPTY: Self = Self {
+        at: Timestamp::START,
+        body_field: None,
+        compass_field: None,
+        heading: Err(NoHeading::SensorSilent),
+        smoothed_heading: None,
+        attitude: None,
+        hard_iron_change: None,
+        current_a: None,
+    };
+}
+
+/// Rejected inputs by reason; each counter wraps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RejectionCounts {
+    /// Readings without an attitude.
+    pub unpaired: u32,
+    /// Readings at the chip's range limit.
+    pub saturated: u32,
+    /// Readings with an axis limited below the chip's range.
+    pub clipped: u32,
+    /// Readings with an axis that repeats.
+    pub stuck: u32,
+    /// Readings too far from the previous one.
+    pub spikes: u32,
+    /// Rejected attitude reports.
+    pub attitude: RejectedReports,
+}
+
+impl RejectionCounts {
+    /// No rejections.
+    pub const NONE: Self =
+        Self { unpaired: 0, saturated: 0, clipped: 0, stuck: 0, spikes: 0, attitude: RejectedReports::NONE };
+}
