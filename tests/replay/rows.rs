@@ -6,15 +6,15 @@ use autoswing::acceptance::Rejection;
 use autoswing::calibration::SolveError;
 use autoswing::collection::CollectionProblem;
 use autoswing::frames::Attitude;
-use host_sim::log::{FieldCorrection, Flight};
-use host_sim::replay::{
+use log_analysis::log::{FieldCorrection, Flight};
+use log_analysis::replay::{
     HeadingScore, ReferenceHeading, ReplayOptions, ReplayRefusal, ReplayRow, RowSelection, build_rows, hard_iron_step,
     replay,
 };
-use host_sim::score::HeadingErrors;
-use host_sim::world::autopilot::Leg;
-use host_sim::world::{World, WorldConfig};
 use nalgebra::Vector3;
+use simulator::heading_errors::HeadingErrors;
+use simulator::world::autopilot::Leg;
+use simulator::world::{World, WorldConfig};
 
 use crate::read;
 
