@@ -186,6 +186,16 @@ impl<'a> Compass<'a> {
         &self.collector
     }
 
+    /// Solution that the next [`Event::Advance`] verifies, for replay on a host.
+    #[cfg(not(target_os = "none"))]
+    #[must_use]
+    pub const fn candidate(&self) -> Option<&Solution> {
+        match &self.activity {
+            Activity::Solving(Solve { stage: SolveStage::Verifying(solution), .. }) => Some(solution),
+            _ => None,
+        }
+    }
+
     /// Whether [`Event::Advance`] is needed.
     #[must_use]
     pub fn is_busy(&self) -> bool {

@@ -2,12 +2,12 @@
 
 pub mod baseline_fits;
 mod data_loss;
-pub mod device_collection;
 pub mod evaluation;
 pub mod field_latency;
 mod frozen_field;
 pub mod gps_course;
 pub mod hard_iron_step;
+pub mod module_run;
 pub mod note;
 pub mod parameter_export;
 mod reference;
@@ -19,7 +19,6 @@ pub use rows::{AttitudeSample, ReplayRow, RowCounts, attitudes_between, build_ro
 
 use crate::log::Flight;
 
-use autoswing::acceptance::Rejection;
 use autoswing::attitude::{self, AttitudeReport, EulerRates, SenderId};
 use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
 use autoswing::calibration::{
@@ -37,6 +36,7 @@ use autoswing::time::{Timestamp, WrappingMillis};
 
 use crate::numbers::mean_angle_deg;
 use crate::score::{accepted_by_uncalibrated, within_percent, wrap_180};
+use module_run::ModuleRun;
 
 /// Rows used for the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,15 +78,6 @@ impl ReplayOptions {
         };
         self.inclination_deg.map(|deg| deg as f32).or_else(by_model).map(f32::to_radians)
     }
-}
-
-/// Reason why the module would not have calibrated.
-#[derive(Clone, Debug, PartialEq)]
-pub enum ReplayRefusal {
-    /// The solver failed.
-    Solve(SolveError),
-    /// An uncalibrated module would reject the solution.
-    Rejected(Rejection),
 }
 
 /// Heading of a row.
@@ -136,10 +127,8 @@ pub struct HeadingScore {
 pub struct ReplayResult {
     /// The solution, if any.
     pub solution: Option<Solution>,
-    /// Whether the module would have accepted the solution.
-    pub accepted: Result<(), ReplayRefusal>,
-    /// What the flight lacked, if the collector reports it.
-    pub missing: Option<CollectionProblem>,
+    /// Whether the module would have accepted the solution; otherwise its reason, with what the flight lacked.
+    pub accepted: Result<(), Refusal>,
     /// Number of samples fitted.
     pub samples: usize,
     /// Times of the fitted samples, seconds after the first row, unordered.
@@ -155,18 +144,6 @@ pub struct ReplayResult {
 }
 
 impl ReplayResult {
-    /// The module's reason for a refusal, with what the flight lacked or the most useful manoeuvre.
-    #[must_use]
-    pub fn refusal(&self) -> Option<Refusal> {
-        let refusal = match self.accepted.as_ref().err()? {
-            ReplayRefusal::Solve(error) => Refusal::Solve(*error),
-            ReplayRefusal::Rejected(rejection) => Refusal::Rejected(*rejection),
-        };
-        let advice = || self.solution.as_ref()?.advice.filter(Advice::is_worthwhile);
-        let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
-        Some(refusal.with_cause(self.missing.or_else(missing)))
-    }
-
     /// Expected error of the solution, degrees RMS.
     fn expected_rms_deg(&self) -> Option<f64> {
         self.solution.as_ref().map(|solution| f64::from(solution.quality.expected_rms_deg))
@@ -183,29 +160,18 @@ pub fn replay(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
 #[must_use]
 pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &ReplayOptions) -> ReplayResult {
     let config = instrument_config(rows);
-    let known = SolverPrior {
-        prior: Prior {
-            mount: Orientation::NONE,
-            inclination_rad: options.inclination_rad(),
-            readings_per_sample: config.readings_per_sample(),
-        },
-        is_inclination_configured: options.inclination_deg.is_some(),
-    };
     let usable = fitted(rows, options, config);
-    let mut retained = RetainedSamples::EMPTY;
-    let ((result, fitted_s, lack), ended) = match options.selected {
-        RowSelection::All => (from_all(&usable, &known), None),
-        RowSelection::Turns => (from_turns(&usable, &known), None),
+    let run = match options.selected {
+        RowSelection::All => from_all(&usable, &SolverPrior::new(options, config)),
+        RowSelection::Turns => from_turns(&usable, &SolverPrior::new(options, config)),
         RowSelection::Flight => {
-            let (compass, ended) = device_collection::collect_on_device(&usable, options, &mut retained);
-            (from_collected(compass.collector(), &known), ended)
+            let mut retained = RetainedSamples::EMPTY;
+            let mut module = ModuleRun::new(options, config.readings_per_sample(), &mut retained);
+            module.collect(&usable);
+            module.into_outcome()
         }
     };
-    let ended_s = ended.and_then(|samples| usable[..samples].last()).map(sample_time_s);
-    let (solution, accepted) = match result {
-        Ok((solution, accepted)) => (Some(solution), accepted),
-        Err(error) => (None, Err(ReplayRefusal::Solve(error))),
-    };
+    let RunOutcome { solution, accepted, fitted_s, ended_s } = run;
     let shown = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut each = shown.iter().map(heading);
@@ -214,17 +180,7 @@ pub fn replay_with(rows: &[ReplayRow], flight: Option<&Flight>, options: &Replay
     let (raw, smooth) =
         (scored_headings(|shown| [shown.heading_deg, shown.sigma_deg]), scored_headings(HeadingRow::sent_deg));
     let samples = fitted_s.len();
-    ReplayResult {
-        solution,
-        accepted,
-        missing: lack,
-        samples,
-        fitted_s,
-        ended_s,
-        headings: shown,
-        score: raw,
-        smoothed_score: smooth,
-    }
+    ReplayResult { solution, accepted, samples, fitted_s, ended_s, headings: shown, score: raw, smoothed_score: smooth }
 }
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
@@ -277,10 +233,37 @@ fn fitted(rows: &[ReplayRow], options: &ReplayOptions, config: InstrumentConfig)
         .collect()
 }
 
-type SolveResult = Result<(Solution, Result<(), ReplayRefusal>), SolveError>;
+/// Result of a run: the solution, whether the module accepts it, the times of the fitted samples in seconds, and the
+/// time of the automatic end.
+struct RunOutcome {
+    solution: Option<Solution>,
+    accepted: Result<(), Refusal>,
+    fitted_s: Vec<f64>,
+    ended_s: Option<f64>,
+}
 
-/// Solution, times of the fitted samples in seconds, and what the flight lacked.
-type FitOutcome = (SolveResult, Vec<f64>, Option<CollectionProblem>);
+impl RunOutcome {
+    /// Outcome of a solve of samples that were selected without the module.
+    fn new(
+        solved: Result<Solution, SolveError>,
+        [fit, held_back]: [Samples<'_>; 2],
+        lack: Option<CollectionProblem>,
+    ) -> Self {
+        let accepted = match &solved {
+            Ok(solution) => accepted_by_uncalibrated(solution, fit, held_back).map_err(Refusal::Rejected),
+            Err(error) => Err(Refusal::Solve(*error)),
+        };
+        let solution = solved.ok();
+        let advice = || solution.as_ref()?.advice.filter(Advice::is_worthwhile);
+        let missing = || advice().map(|advice| CollectionProblem::MissingManoeuvre(advice.manoeuvre));
+        Self {
+            accepted: accepted.map_err(|refusal| refusal.with_cause(lack.or_else(missing))),
+            solution,
+            fitted_s: fit.all().map(sample_time_s).collect(),
+            ended_s: None,
+        }
+    }
+}
 
 struct SolverPrior {
     prior: Prior,
@@ -289,6 +272,15 @@ struct SolverPrior {
 }
 
 impl SolverPrior {
+    fn new(options: &ReplayOptions, config: InstrumentConfig) -> Self {
+        let prior = Prior {
+            mount: Orientation::NONE,
+            inclination_rad: options.inclination_rad(),
+            readings_per_sample: config.readings_per_sample(),
+        };
+        Self { prior, is_inclination_configured: options.inclination_deg.is_some() }
+    }
+
     /// Solves as the module does, which drops a contradicted modelled inclination.
     fn solve(&self, method: Method, samples: Samples<'_>) -> Result<Solution, SolveError> {
         match solve(method, samples, &self.prior) {
@@ -302,41 +294,27 @@ impl SolverPrior {
 
 fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
     let config = instrument_config(rows);
-    let prior = Prior { readings_per_sample: config.readings_per_sample(), ..Prior::default() };
-    let samples = fitted(rows, &ReplayOptions::with_selection(RowSelection::All), config);
-    let (solved, _, _) = from_all(&samples, &SolverPrior { prior, is_inclination_configured: false });
-    solved.ok().map(|(solution, _)| solution)
+    let options = ReplayOptions::with_selection(RowSelection::All);
+    from_all(&fitted(rows, &options, config), &SolverPrior::new(&options, config)).solution
 }
 
-fn from_turns(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
+/// Solves all samples that the procedure of turns retains, with the device's choice of method.
+fn from_turns(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
     collector.begin(Procedure::Turns);
     for &sample in samples {
         collector.push(sample);
     }
-    from_collected(&collector, known)
-}
-
-/// Solves with the device's choice of method and its held-back samples.
-fn from_collected(collector: &Collector<'_>, known: &SolverPrior) -> FitOutcome {
-    let procedure = collector.procedure();
-    let selection = SelectedParts::new(collector.fit(), procedure);
-    let fit = selection.select(collector.fit());
-    let solved = method_selection::select_method(collector.fit(), procedure)
-        .and_then(|method| known.solve(method, fit))
-        .map(|solution| {
-            (
-                solution,
-                accepted_by_uncalibrated(&solution, fit, selection.select(collector.held_back()))
-                    .map_err(ReplayRefusal::Rejected),
-            )
-        });
-    (solved, fit.all().map(sample_time_s).collect(), collector.problem())
+    let selection = SelectedParts::new(collector.fit(), Procedure::Turns);
+    let parts = [collector.fit(), collector.held_back()].map(|samples| selection.select(samples));
+    let solved = method_selection::select_method(collector.fit(), Procedure::Turns)
+        .and_then(|method| known.solve(method, parts[0]));
+    RunOutcome::new(solved, parts, collector.problem())
 }
 
 /// Solves evenly thinned samples; those halfway between are held back.
-fn from_all(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
+fn from_all(samples: &[Sample], known: &SolverPrior) -> RunOutcome {
     let number = samples.len().min(2 * FIT_CAPACITY);
     let thinned = |phase: f64| -> Vec<Sample> {
         (0..number)
@@ -345,13 +323,8 @@ fn from_all(samples: &[Sample], known: &SolverPrior) -> FitOutcome {
             .collect()
     };
     let (fit, held_back) = (SamplesByBank::from_samples(&thinned(0.0)), SamplesByBank::from_samples(&thinned(0.5)));
-    let solved = known.solve(Method::MaximumLikelihood, fit.samples()).map(|solution| {
-        (
-            solution,
-            accepted_by_uncalibrated(&solution, fit.samples(), held_back.samples()).map_err(ReplayRefusal::Rejected),
-        )
-    });
-    (solved, fit.samples().all().map(sample_time_s).collect(), None)
+    let solved = known.solve(Method::MaximumLikelihood, fit.samples());
+    RunOutcome::new(solved, [fit.samples(), held_back.samples()], None)
 }
 
 /// Time of a sample, seconds after the first row.

@@ -176,9 +176,9 @@ impl<'a> Verdict<'a> {
         if let Some(without_deg) = compass.rms_without_current_deg {
             add("without the current", format!("{} deg RMS", format_number(without_deg, 2)));
         }
-        match (&compass.module.accepted, compass.all_rows.refusal()) {
-            (Ok(()), Some(refusal)) => add("all rows, thinned", format!("would have been refused: {refusal}")),
-            (Err(_), None) => add("all rows, thinned", "would have been accepted".to_owned()),
+        match (&compass.module.accepted, &compass.all_rows.accepted) {
+            (Ok(()), Err(refusal)) => add("all rows, thinned", format!("would have been refused: {refusal}")),
+            (Err(_), Ok(())) => add("all rows, thinned", "would have been accepted".to_owned()),
             _ => {}
         }
         let source = compass.latency.sigma_s.map_or_else(
@@ -348,8 +348,8 @@ impl FlightRefusal {
     /// Too few usable rows, else the module's reason.
     fn new(compass: &CompassEvaluation) -> Self {
         let RowCounts { readings, used, .. } = compass.counts;
-        match compass.module.refusal() {
-            Some(refusal) if used >= NO_FLIGHT => Self::Module(refusal),
+        match &compass.module.accepted {
+            Err(refusal) if used >= NO_FLIGHT => Self::Module(refusal.clone()),
             _ if readings < NO_FLIGHT => Self::FewReadings(readings),
             _ => Self::FewRows { readings, used, rejected: compass.counts.main_rejection() },
         }
@@ -358,10 +358,10 @@ impl FlightRefusal {
 
 impl CompassOutcome {
     fn new(compass: &CompassEvaluation) -> Self {
-        match (compass.module.refusal(), compass.calibrated_s()) {
-            (Some(refusal), _) => Self::Refused(refusal),
-            (None, Some(after_s)) => Self::Automatic(after_s),
-            (None, None) => Self::Commanded,
+        match (&compass.module.accepted, compass.calibrated_s()) {
+            (Err(refusal), _) => Self::Refused(refusal.clone()),
+            (Ok(()), Some(after_s)) => Self::Automatic(after_s),
+            (Ok(()), None) => Self::Commanded,
         }
     }
 }
@@ -499,7 +499,7 @@ fn result_json(result: &ReplayResult) -> Value {
     let current = solution.map(|s| s.calibration.motor_current).filter(|current| current.current_sigma_a > 0.0);
     json!({
         "accepted": result.accepted.is_ok(),
-        "refusal": result.refusal().map(|r| json!({ "code": r.code(), "words": r.to_string() })),
+        "refusal": result.accepted.as_ref().err().map(|r| json!({ "code": r.code(), "words": r.to_string() })),
         "method": solution.map(|s| s.quality.method.name()),
         "coefficients": solution.map(|s| coefficients_json(&s.calibration)),
         "inclination_deg": solution.map(|s| rounded(s.calibration.inclination_rad.to_degrees(), 2)),

@@ -272,6 +272,7 @@ mod tests {
 
     use autoswing::calibration::SolveError;
     use autoswing::earth::{Date, EarthField, Position};
+    use autoswing::messages::Refusal;
 
     use super::*;
     use crate::log::csv::FieldUnit;
@@ -280,7 +281,7 @@ mod tests {
     use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
     use crate::replay::hard_iron_step::HardIronStep;
     use crate::replay::parameter_export::ParameterFormat;
-    use crate::replay::{ReferenceHeading, ReplayRefusal, RowSelection};
+    use crate::replay::{ReferenceHeading, RowSelection};
     use crate::test_flight::record_turns;
 
     static FLOWN: LazyLock<(Flight, FlightEvaluation)> = LazyLock::new(|| {
@@ -304,7 +305,7 @@ mod tests {
         )
     }
 
-    const REFUSED: Result<(), ReplayRefusal> = Err(ReplayRefusal::Solve(SolveError::NotConverged));
+    const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));
 
     fn fact(report: &Report, name_wanted: &str) -> Option<String> {
         report.compasses[0].facts.iter().find(|[name, _]| name == name_wanted).map(|[_, words]| words.clone())

@@ -36,7 +36,7 @@ mod tests {
     use autoswing::calibration::{Rates, Samples};
     use autoswing::frames::{Attitude, Field};
     use autoswing::time::WrappingMillis;
-    use log_analysis::replay::device_collection::collect_on_device;
+    use log_analysis::replay::module_run::ModuleRun;
     use log_analysis::replay::{ReplayOptions, RowSelection};
     use testkit::random::Random;
 
@@ -81,9 +81,10 @@ mod tests {
         let samples = samples();
         let options = ReplayOptions::with_selection(RowSelection::Flight);
         let mut retained = RetainedSamples::EMPTY;
-        let (compass, ended) = collect_on_device(&samples, &options, &mut retained);
-        let collected = sorted(compass.collector().fit());
-        assert_eq!(ended, None);
+        let mut module = ModuleRun::new(&options, 1, &mut retained);
+        module.collect(&samples);
+        let collected = sorted(module.collector().fit());
+        assert_eq!(module.ended_s(), None);
         assert_eq!(collected, sorted(retain_samples(&samples).samples()));
         assert_ne!(collected, retained_without_trial_solves(&samples));
     }

@@ -35,4 +35,4 @@ fn verdict(compasses: Vec<CompassEvaluation>) -> FlightEvaluation {
     FlightEvaluation { compasses, ..FLOWN.1.clone() }
 }
 
-const REFUSED: Result<(), ReplayRefusal> = Err(ReplayRefusal::Solve(SolveError::NotConverged));
+const REFUSED: Result<(), Refusal> = Err(Refusal::Solve(SolveError::NotConverged));

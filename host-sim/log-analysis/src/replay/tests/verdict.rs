@@ -54,7 +54,7 @@ fn a_log_with_under_20_usable_rows_is_the_cause_of_a_refusal() {
         let (_, mut compass) = flown();
         (compass.module.accepted, compass.module.ended_s) = (REFUSED, None);
         compass.counts = RowCounts { readings, used, disarmed: readings - used, ..RowCounts::default() };
-        let own = compass.module.refusal().unwrap().to_string();
+        let own = compass.module.accepted.as_ref().unwrap_err().to_string();
         FlightOutcome::new(&verdict(vec![compass])).to_string().replace(&own, "its own")
     };
     assert!(refused(19, 19).ends_with("the log has 19 readings of the field, too few for a flight"));
@@ -70,7 +70,7 @@ fn the_refusal_of_the_compass_closest_to_acceptance_is_reported() {
         compass.counts = RowCounts { readings, used: readings, ..RowCounts::default() };
         CompassEvaluation { number, ..compass }
     };
-    let why = of(1, 900).module.refusal().unwrap();
+    let why = of(1, 900).module.accepted.unwrap_err();
     for (readings, told) in [
         (900, format!("the module would have refused each of 2 compasses: {why}")),
         (10, format!("the module would have refused each of 2 compasses; number 2 came nearest: {why}")),
