@@ -46,7 +46,7 @@ pub(super) fn collect_on_device<'a>(
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::{Rates, Samples};
+    use autoswing::calibration::{Part, Rates, Samples};
     use autoswing::collection::Collector;
     use autoswing::frames::{Attitude, Field};
     use testkit::random::Random;
@@ -67,7 +67,13 @@ mod tests {
                 body.y - 10.0 + 0.3 * random.normal(),
                 body.z + 0.3 * random.normal(),
             );
-            Sample { field, attitude, rates: Rates::NONE, time: WrappingMillis::new(u32::from(i) * 100) }
+            Sample {
+                field,
+                attitude,
+                rates: Rates::NONE,
+                time: WrappingMillis::new(u32::from(i) * 100),
+                part: Part::FREE,
+            }
         };
         (0..2400).map(sample_at).collect()
     }
